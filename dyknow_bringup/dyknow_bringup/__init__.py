@@ -1,0 +1,1 @@
+"""Everything to start DyKnow: a UAV fleet simulation, configuration and the demonstration."""

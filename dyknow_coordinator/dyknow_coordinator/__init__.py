@@ -1,0 +1,1 @@
+"""Grounding formulas, running their evaluations and answering."""

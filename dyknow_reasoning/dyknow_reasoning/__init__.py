@@ -1,0 +1,1 @@
+"""Metric temporal logic over streams, evaluated by progression."""

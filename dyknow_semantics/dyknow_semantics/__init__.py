@@ -1,0 +1,1 @@
+"""Semantic grounding: ontologies, annotations of streams (SSL) and matching."""
