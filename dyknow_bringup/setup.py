@@ -1,0 +1,40 @@
+from pathlib import Path
+
+from setuptools import find_packages, setup
+
+PACKAGE = 'dyknow_bringup'
+DATA = ('launch', 'ontology', 'scenarios', 'formulas', 'recordings')
+
+
+def data_files():
+    """Every file of the data folders, installed under share/ in the same folders."""
+    found = [path for folder in DATA for path in Path(folder).rglob('*') if path.is_file()]
+    return [(f'share/{PACKAGE}/{path.parent.as_posix()}', [path.as_posix()]) for path in found]
+
+
+setup(
+    name=PACKAGE,
+    version='0.1.0',
+    packages=find_packages(exclude=['test']),
+    package_data={PACKAGE: ['py.typed']},
+    data_files=[
+        ('share/ament_index/resource_index/packages', [f'resource/{PACKAGE}']),
+        (f'share/{PACKAGE}', ['package.xml']),
+        *data_files(),
+    ],
+    install_requires=['setuptools'],
+    extras_require={'test': ['pytest']},
+    zip_safe=False,
+    maintainer='The DyKnow developers',
+    maintainer_email='maintainers@dyknow.org',
+    description='Launch files, configuration, a UAV fleet simulation and the demonstration of DyKnow.',
+    license='Apache-2.0',
+    entry_points={
+        'console_scripts': [
+            'dyknow = dyknow_bringup.ros.dyknow:main',
+            'replay = dyknow_bringup.ros.replay:main',
+            'uav_demo = dyknow_bringup.ros.uav_demo:main',
+            'uav_simulation = dyknow_bringup.ros.uav_simulation:main',
+        ],
+    },
+)
