@@ -1,0 +1,9 @@
+"""What can go wrong when a formula is evaluated."""
+
+from __future__ import annotations
+
+from dyknow_stream_processing import DyKnowError
+
+
+class ReasoningError(DyKnowError):
+    """A formula that cannot be evaluated, or a state that it cannot be evaluated over."""
