@@ -1,1 +1,43 @@
 """Everything to start DyKnow: a UAV fleet simulation, configuration and the demonstration."""
+
+from dyknow_bringup.bag import Bag, QualityOfService, RecordedMessage, RecordedTopic
+from dyknow_bringup.errors import BringupError
+from dyknow_bringup.fleet import FleetStream, fleet_ontology, fleet_streams, vehicle_names
+from dyknow_bringup.formulas import NamedFormula, load_formulas
+from dyknow_bringup.messages import MESSAGE_TYPES, ros_message
+from dyknow_bringup.recording import STORAGES, record
+from dyknow_bringup.replay import Replay, Schedule
+from dyknow_bringup.scenario import OUTCOMES, Expectation, Scenario, load_scenario
+from dyknow_bringup.simulation import Simulation
+from dyknow_bringup.telemetry import TRANSPORT, Battery, Channel, Odometry, Telemetry, topic
+
+__all__ = [
+    'MESSAGE_TYPES',
+    'OUTCOMES',
+    'STORAGES',
+    'TRANSPORT',
+    'Bag',
+    'Battery',
+    'BringupError',
+    'Channel',
+    'Expectation',
+    'FleetStream',
+    'NamedFormula',
+    'Odometry',
+    'QualityOfService',
+    'RecordedMessage',
+    'RecordedTopic',
+    'Replay',
+    'Scenario',
+    'Schedule',
+    'Simulation',
+    'Telemetry',
+    'fleet_ontology',
+    'fleet_streams',
+    'load_formulas',
+    'load_scenario',
+    'record',
+    'ros_message',
+    'topic',
+    'vehicle_names',
+]

@@ -1,0 +1,9 @@
+"""What can go wrong with the data of the demonstration."""
+
+from __future__ import annotations
+
+from dyknow_stream_processing import DyKnowError
+
+
+class BringupError(DyKnowError):
+    """A scenario, a formula file, a fleet or a recording that cannot be used."""
