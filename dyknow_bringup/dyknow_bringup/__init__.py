@@ -2,7 +2,12 @@
 
 from dyknow_bringup.bag import Bag, QualityOfService, RecordedMessage, RecordedTopic
 from dyknow_bringup.errors import BringupError
-from dyknow_bringup.fleet import FleetStream, fleet_ontology, fleet_streams, vehicle_names
+from dyknow_bringup.fleet import (
+    fleet_annotations,
+    fleet_ontology,
+    fleet_specification,
+    vehicle_names,
+)
 from dyknow_bringup.formulas import NamedFormula, load_formulas
 from dyknow_bringup.messages import MESSAGE_TYPES, ros_message
 from dyknow_bringup.recording import STORAGES, record
@@ -21,7 +26,6 @@ __all__ = [
     'BringupError',
     'Channel',
     'Expectation',
-    'FleetStream',
     'NamedFormula',
     'Odometry',
     'QualityOfService',
@@ -32,8 +36,9 @@ __all__ = [
     'Schedule',
     'Simulation',
     'Telemetry',
+    'fleet_annotations',
     'fleet_ontology',
-    'fleet_streams',
+    'fleet_specification',
     'load_formulas',
     'load_scenario',
     'record',

@@ -115,8 +115,10 @@ class Entry:
         Raises:
             BringupError: for what is no duration with a unit, or a negative one.
         """
+        if not isinstance(self.value, str):
+            raise self.error(f'write a duration, such as 20 s, instead of {self.value!r}')
         try:
-            duration = parse_duration(self.text())
+            duration = parse_duration(self.value)
         except ValueError as error:
             raise self.error(str(error)) from None
         if duration < 0:
@@ -164,9 +166,15 @@ def read_document(path: Path) -> Entry:
         raise _not_found(path) from None
     except (OSError, UnicodeDecodeError) as error:
         raise BringupError(f'{path}: cannot be read: {error}') from None
+    except yaml.MarkedYAMLError as error:
+        raise BringupError(f'{path}{_place(error)}: not YAML: {error.problem}') from None
     except yaml.YAMLError as error:
-        reason = ' '.join(str(error).split())
-        raise BringupError(f'{path}: not a YAML file: {reason}') from None
+        raise BringupError(f'{path}: not YAML: {error}') from None
+
+
+def _place(error: yaml.MarkedYAMLError) -> str:
+    mark = error.problem_mark
+    return f':{mark.line + 1}:{mark.column + 1}' if mark else ''
 
 
 def _not_found(path: Path) -> BringupError:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass
 from itertools import combinations
 from typing import TYPE_CHECKING, Final
 
@@ -19,31 +18,18 @@ UAV_ONTOLOGY: Final = 'http://www.dyknow.org/uav'
 FLEET_ONTOLOGY: Final = 'http://www.dyknow.org/fleet'
 """The ontology that holds the vehicles of a fleet."""
 
+_UNITS = """\
+compunit power: float electrical_power((voltage: float, current: float));
+compunit speed: float magnitude((x: float, y: float, z: float));
+compunit distance: float distance((x: float, y: float), (x: float, y: float));
+"""
+
 _CONSTRAINTS = {
-    Channel.ODOMETRY: (
-        'max_delay = 300 ms, sample_period = 50 ms, sample_period_deviation = 20 ms'
-    ),
-    Channel.BATTERY: (
-        'max_delay = 500 ms, sample_period = 200 ms, sample_period_deviation = 50 ms'
-    ),
+    Channel.ODOMETRY: 'max_delay = 300 ms, sample_period = 50 ms, sample_period_deviation = 20 ms',
+    Channel.BATTERY: 'max_delay = 500 ms, sample_period = 200 ms, sample_period_deviation = 50 ms',
 }
 
 _NAME = re.compile(r'[A-Za-z_][A-Za-z0-9_]*')
-
-
-@dataclass(frozen=True, slots=True)
-class FleetStream:
-    """A stream that DyKnow makes of telemetry.
-
-    Args:
-        name: of the stream.
-        specification: how it is made, in the stream language.
-        annotation: what it means, in SSL.
-    """
-
-    name: str
-    specification: str
-    annotation: str
 
 
 def vehicle_names(count: int) -> tuple[str, ...]:
@@ -57,18 +43,31 @@ def vehicle_names(count: int) -> tuple[str, ...]:
     return tuple(f'uav{number}' for number in range(1, count + 1))
 
 
-def fleet_streams(vehicles: Sequence[str]) -> tuple[FleetStream, ...]:
-    """Power, altitude and speed of every vehicle, and the distance of every two.
+def fleet_specification(vehicles: Sequence[str]) -> str:
+    """The streams of a fleet in the stream language, with a sink for each that has a meaning.
+
+    They are the power, the altitude and the speed of every vehicle, and the distance between
+    every two.
 
     Raises:
         BringupError: for a name that cannot stand in a formula, or stands twice.
     """
     _check_names(vehicles)
-    streams: list[FleetStream] = []
+    parts = [_UNITS]
     for vehicle in vehicles:
-        streams += [_power(vehicle), _altitude(vehicle), _speed(vehicle)]
-    streams += [_distance(one, other) for one, other in combinations(vehicles, 2)]
-    return tuple(streams)
+        parts += [_power(vehicle), _altitude(vehicle), _speed(vehicle), _position(vehicle)]
+    parts += [_distance(one, other) for one, other in combinations(vehicles, 2)]
+    return '\n'.join(parts)
+
+
+def fleet_annotations(vehicles: Sequence[str]) -> str:
+    """What the streams of a fleet mean, in SSL.
+
+    Raises:
+        BringupError: for a name that cannot stand in a formula, or stands twice.
+    """
+    _check_names(vehicles)
+    return ''.join(f'{statement};\n' for statement in _annotations(vehicles))
 
 
 def fleet_ontology(vehicles: Sequence[str]) -> str:
@@ -81,53 +80,39 @@ def fleet_ontology(vehicles: Sequence[str]) -> str:
     return ''.join(f'{triple} .\n' for triple in _triples(vehicles))
 
 
-def _power(vehicle: str) -> FleetStream:
-    name = f'{vehicle}_power'
-    return FleetStream(
-        name,
-        f'compunit power: float electrical_power((voltage: float, current: float));\n'
-        f'{_select(f"{vehicle}_battery", "voltage, current", vehicle, Channel.BATTERY)}'
-        f'stream {name} = electrical_power({vehicle}_battery);\n',
-        f'stream {name} contains Power[{vehicle}] = power;',
+def _power(vehicle: str) -> str:
+    return (
+        _select(f'{vehicle}_battery', 'voltage, current', vehicle, Channel.BATTERY)
+        + f'stream {vehicle}_power = electrical_power({vehicle}_battery);\n'
+        + f'sink {vehicle}_power;\n'
     )
 
 
-def _altitude(vehicle: str) -> FleetStream:
-    name = f'{vehicle}_altitude'
-    return FleetStream(
-        name,
-        _select(name, 'pose.pose.position.z as altitude', vehicle, Channel.ODOMETRY),
-        f'stream {name} contains Altitude[{vehicle}] = altitude;',
+def _altitude(vehicle: str) -> str:
+    fields = 'pose.pose.position.z as altitude'
+    return (
+        _select(f'{vehicle}_altitude', fields, vehicle, Channel.ODOMETRY)
+        + f'sink {vehicle}_altitude;\n'
     )
 
 
-def _speed(vehicle: str) -> FleetStream:
-    name = f'{vehicle}_speed'
+def _speed(vehicle: str) -> str:
     fields = ', '.join(f'twist.twist.linear.{axis} as {axis}' for axis in 'xyz')
-    return FleetStream(
-        name,
-        f'compunit speed: float magnitude((x: float, y: float, z: float));\n'
-        f'{_select(f"{vehicle}_velocity", fields, vehicle, Channel.ODOMETRY)}'
-        f'stream {name} = magnitude({vehicle}_velocity);\n',
-        f'stream {name} contains Speed[{vehicle}] = speed;',
-    )
-
-
-def _distance(one: str, other: str) -> FleetStream:
-    name = f'{one}_{other}_distance'
-    return FleetStream(
-        name,
-        f'compunit distance: float distance((x: float, y: float), (x: float, y: float));\n'
-        f'{_position(one)}{_position(other)}'
-        f'stream {name} = distance({one}_position, {other}_position);\n',
-        f'stream {name} contains '
-        f'XYDist[{one}, {other}] = distance, XYDist[{other}, {one}] = distance;',
+    return (
+        _select(f'{vehicle}_velocity', fields, vehicle, Channel.ODOMETRY)
+        + f'stream {vehicle}_speed = magnitude({vehicle}_velocity);\n'
+        + f'sink {vehicle}_speed;\n'
     )
 
 
 def _position(vehicle: str) -> str:
     fields = ', '.join(f'pose.pose.position.{axis} as {axis}' for axis in 'xy')
     return _select(f'{vehicle}_position', fields, vehicle, Channel.ODOMETRY)
+
+
+def _distance(one: str, other: str) -> str:
+    name = f'{one}_{other}_distance'
+    return f'stream {name} = distance({one}_position, {other}_position);\nsink {name};\n'
 
 
 def _select(stream: str, fields: str, vehicle: str, channel: Channel) -> str:
@@ -137,6 +122,16 @@ def _select(stream: str, fields: str, vehicle: str, channel: Channel) -> str:
         f'with {_CONSTRAINTS[channel]};\n',
     )
     return '\n  '.join(clauses)
+
+
+def _annotations(vehicles: Sequence[str]) -> Iterator[str]:
+    for vehicle in vehicles:
+        for feature in ('power', 'altitude', 'speed'):
+            ground_feature = f'{feature.capitalize()}[{vehicle}]'
+            yield f'stream {vehicle}_{feature} contains {ground_feature} = {feature}'
+    for one, other in combinations(vehicles, 2):
+        there, back = f'XYDist[{one}, {other}]', f'XYDist[{other}, {one}]'
+        yield f'stream {one}_{other}_distance contains {there} = distance, {back} = distance'
 
 
 def _triples(vehicles: Sequence[str]) -> Iterator[str]:

@@ -203,7 +203,7 @@ def _waypoint(entry: Entry) -> Waypoint:
     entries = entry.record(('to', 'speed'))
     speed = entries['speed'].number()
     if speed <= 0:
-        raise entries['speed'].error(f'write a speed above 0 m/s instead of {speed}')
+        raise entries['speed'].error(f'write a speed above 0 m/s instead of {speed:g}')
     return Waypoint(entries['to'].point(), speed)
 
 

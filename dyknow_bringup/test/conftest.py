@@ -1,0 +1,24 @@
+from pathlib import Path
+
+import pytest
+
+from dyknow_bringup import NamedFormula, Scenario, load_formulas, load_scenario
+
+SHARE = Path(__file__).parent.parent
+
+
+@pytest.fixture
+def share() -> Path:
+    """The folder whose data folders are installed."""
+    return SHARE
+
+
+@pytest.fixture(scope='session')
+def scenarios() -> dict[str, Scenario]:
+    paths = sorted((SHARE / 'scenarios').glob('*.yaml'))
+    return {path.stem: load_scenario(path) for path in paths}
+
+
+@pytest.fixture(scope='session')
+def formulas() -> dict[str, NamedFormula]:
+    return {formula.name: formula for formula in load_formulas(SHARE / 'formulas' / 'uav.yaml')}
