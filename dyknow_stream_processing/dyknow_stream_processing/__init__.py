@@ -1,5 +1,6 @@
 """Streams: samples, the stream language, operators, and what all languages and nodes share."""
 
+from dyknow_stream_processing.constraints import NO_CONSTRAINTS, StreamConstraints
 from dyknow_stream_processing.durations import (
     DURATION_PATTERN,
     NANOSECONDS,
@@ -9,22 +10,63 @@ from dyknow_stream_processing.durations import (
 )
 from dyknow_stream_processing.errors import DyKnowError, ExitCode, StreamError
 from dyknow_stream_processing.language import NOWHERE, Language, LanguageError, Place
+from dyknow_stream_processing.parsing import parse_specification
 from dyknow_stream_processing.sample import Sample, Value, ValueType
+from dyknow_stream_processing.specification import (
+    Call,
+    Condition,
+    Declaration,
+    Merge,
+    Reference,
+    Select,
+    Selection,
+    SinkDeclaration,
+    SourceDeclaration,
+    Specification,
+    StreamDeclaration,
+    Sync,
+    Term,
+    TypedField,
+    UnitDeclaration,
+    made,
+)
+from dyknow_stream_processing.violation import Broken, Violation
 
 __all__ = [
     'DURATION_PATTERN',
     'NANOSECONDS',
     'NOWHERE',
+    'NO_CONSTRAINTS',
+    'Broken',
+    'Call',
+    'Condition',
+    'Declaration',
     'DyKnowError',
     'ExitCode',
     'Language',
     'LanguageError',
+    'Merge',
     'Place',
+    'Reference',
     'Sample',
+    'Select',
+    'Selection',
+    'SinkDeclaration',
+    'SourceDeclaration',
+    'Specification',
+    'StreamConstraints',
+    'StreamDeclaration',
     'StreamError',
+    'Sync',
+    'Term',
+    'TypedField',
+    'UnitDeclaration',
     'Value',
     'ValueType',
+    'Violation',
     'format_duration',
     'format_time',
+    'made',
     'parse_duration',
+    'parse_specification',
 ]

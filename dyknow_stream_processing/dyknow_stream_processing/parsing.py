@@ -1,0 +1,213 @@
+"""From the text of a stream specification to its abstract syntax."""
+
+from __future__ import annotations
+
+import json
+import math
+from dataclasses import dataclass, replace
+from typing import Any, Final
+
+from lark import Token, Transformer, v_args
+
+from dyknow_stream_processing.constraints import NO_CONSTRAINTS, StreamConstraints
+from dyknow_stream_processing.durations import parse_duration
+from dyknow_stream_processing.errors import StreamError
+from dyknow_stream_processing.language import NOWHERE, Language, Place
+from dyknow_stream_processing.sample import Value, ValueType
+from dyknow_stream_processing.specification import (
+    LANGUAGE,
+    Call,
+    Condition,
+    Declaration,
+    Merge,
+    Reference,
+    Select,
+    Selection,
+    SinkDeclaration,
+    SourceDeclaration,
+    Specification,
+    StreamDeclaration,
+    Sync,
+    Term,
+    TypedField,
+    UnitDeclaration,
+)
+
+_SPELLINGS: Final = {
+    'NAME': 'a name',
+    'FIELD': 'a field',
+    'QUOTED': 'a quoted text',
+    'NUMBER': 'a number',
+    'TRUTH': 'true or false',
+    'DURATION': 'a duration',
+    'TYPE': 'a type (int, float, string, boolean)',
+    'COMPARISON': 'a comparison (= != < <= > >=)',
+    'CONSTRAINT': (
+        'a constraint (start_time, end_time, max_delay, sample_period, sample_period_deviation)'
+    ),
+    'RENAMING': 'a new name',
+    '_ANOTHER': "','",
+}
+
+
+def parse_specification(text: str) -> Specification:
+    """The abstract syntax of a stream specification.
+
+    A text that is one bare stream, such as `select a from b`, stands for a sink of that stream.
+
+    Raises:
+        LanguageError: with the place and what was expected there.
+    """
+    return Specification(_STREAMS.parse(text), text=text)
+
+
+@v_args(inline=True)
+class _Builder(Transformer[Any]):
+    """Makes the abstract syntax; one method for each rule of the grammar."""
+
+    def start(self, *declarations: Declaration) -> tuple[Declaration, ...]:
+        return declarations
+
+    def anonymous(self, stream: Term) -> tuple[Declaration, ...]:
+        return (SinkDeclaration(stream, place=stream.place),)
+
+    def source(self, fields: tuple[TypedField, ...], name: Token) -> SourceDeclaration:
+        return SourceDeclaration(_name(name), fields, place=Place.of(name))
+
+    def sink(self, stream: Term) -> SinkDeclaration:
+        return SinkDeclaration(stream, place=stream.place)
+
+    def unit(
+        self, output: TypedField, name: Token, *parameters: tuple[TypedField, ...]
+    ) -> UnitDeclaration:
+        return UnitDeclaration(str(name), output, parameters, place=Place.of(name))
+
+    def named(self, name: Token, stream: Term) -> StreamDeclaration:
+        return StreamDeclaration(str(name), stream, place=Place.of(name))
+
+    def fields(self, *fields: TypedField) -> tuple[TypedField, ...]:
+        for field in fields:
+            if sum(field.name == other.name for other in fields) > 1:
+                raise ValueError(f"field '{field.name}' is declared twice", field.place)
+        return fields
+
+    def typed(self, name: Token, value_type: Token) -> TypedField:
+        return TypedField(_name(name), ValueType(value_type), place=Place.of(name))
+
+    def constrained(self, stream: Term, *constraints: _Constraints) -> Term:
+        return constraints[0].on(stream) if constraints else stream
+
+    def reference(self, name: Token) -> Reference:
+        return Reference(_name(name), name.type == 'QUOTED', place=Place.of(name))
+
+    def call(self, unit: Token, *inputs: Term) -> Call:
+        return Call(str(unit), inputs, place=Place.of(unit))
+
+    @v_args(inline=False, meta=True)
+    def merge(self, meta: Any, inputs: list[Term]) -> Merge:
+        return Merge(tuple(inputs), place=_start(meta))
+
+    @v_args(inline=False, meta=True)
+    def sync(self, meta: Any, inputs: list[Term]) -> Sync:
+        return Sync(tuple(inputs), place=_start(meta))
+
+    @v_args(inline=False, meta=True)
+    def select(self, meta: Any, parts: list[Any]) -> Term:
+        selections, source, *rest = parts
+        conditions: tuple[Condition, ...] = ()
+        constraints = _Constraints()
+        for part in rest:
+            # Constraints that something follows are the source's own.
+            source, constraints = constraints.on(source), _Constraints()
+            if isinstance(part, _Constraints):
+                constraints = part
+            else:
+                conditions = part
+        return constraints.on(Select(selections, source, conditions, place=_start(meta)))
+
+    def selections(self, *selections: Selection) -> tuple[Selection, ...]:
+        return selections
+
+    def selection(self, field: Token, renaming: Token | None = None) -> Selection:
+        if renaming is None:
+            return Selection(_name(field), place=Place.of(field))
+        return Selection(_name(field), _renaming(renaming), place=Place.of(field))
+
+    def where(self, *conditions: Condition) -> tuple[Condition, ...]:
+        return conditions
+
+    def condition(self, field: Token, comparison: Token, value: Token) -> Condition:
+        return Condition(_name(field), str(comparison), _value(value), place=Place.of(field))
+
+    def constraints(self, *constraints: tuple[Token, int]) -> _Constraints:
+        values: dict[str, int] = {}
+        for name, value in constraints:
+            if name in values:
+                raise ValueError(f'{name} is given twice', Place.of(name))
+            values[name] = value
+        return _Constraints(StreamConstraints(**values), Place.of(constraints[0][0]))
+
+    def constraint(self, name: Token, duration: Token) -> tuple[Token, int]:
+        try:
+            return name, parse_duration(duration)
+        except ValueError as error:
+            raise ValueError(str(error), Place.of(duration)) from None
+
+
+@dataclass(frozen=True, slots=True)
+class _Constraints:
+    """Constraints before they are given to a stream."""
+
+    values: StreamConstraints = NO_CONSTRAINTS
+    place: Place = NOWHERE
+
+    def on(self, stream: Term) -> Term:
+        """The stream with these constraints added."""
+        try:
+            merged = stream.constraints.merged(self.values)
+        except StreamError as error:
+            raise ValueError(error.message, self.place) from None
+        return replace(stream, constraints=merged)
+
+
+def _start(meta: Any) -> Place:
+    return Place(meta.line, meta.column)
+
+
+def _name(token: Token) -> str:
+    if token.type != 'QUOTED':
+        return str(token)
+    name: str = json.loads(token)
+    if not name:
+        raise ValueError('a name must not be empty', Place.of(token))
+    return name
+
+
+def _renaming(token: Token) -> str:
+    name = _name(token)
+    parts = name.split('%')
+    if len(parts) % 2 == 0 or not all(parts[1::2]):
+        raise ValueError(
+            f"'{name}' has a % without its pair; a field's value is embedded as %field%",
+            Place.of(token),
+        )
+    return name
+
+
+def _value(token: Token) -> Value:
+    if token.type == 'QUOTED':
+        text: str = json.loads(token)
+        return text
+    if token.type == 'TRUTH':
+        return token.startswith('t')
+    if not set(token) & set('.eE'):
+        return int(token)
+    number = float(token)
+    if math.isinf(number):
+        raise ValueError(f'{token} is too large for a float', Place.of(token))
+    return number
+
+
+_STREAMS: Final[Language[tuple[Declaration, ...]]] = Language(
+    LANGUAGE, __package__, 'stream.lark', _Builder(), _SPELLINGS
+)
