@@ -1,4 +1,5 @@
 import pytest
+from dyknow_stream_processing.parsing import parse_specification
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -91,6 +92,12 @@ def test_annotations() -> None:
 
 def test_the_ontology() -> None:
     assert fleet_ontology(['uav1']) == ONTOLOGY
+
+
+@given(st.integers(1, 4))
+def test_the_streams_are_in_the_language(count: int) -> None:
+    specification = parse_specification(fleet_specification(vehicle_names(count)))
+    assert parse_specification(str(specification)) == specification
 
 
 @given(st.integers(1, 12))

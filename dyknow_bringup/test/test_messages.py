@@ -19,7 +19,9 @@ from dyknow_bringup import (
 )
 
 STORE = get_typestore(Stores.ROS2_JAZZY)
-NORTH_WEST = Odometry('uav1', 3_000_000_007, 3_020_000_000, (1, 2, 3), (-2, 2, 0.5), 0.75 * math.pi)
+NORTH_WEST = Odometry(
+    'uav1', 3_000_000_007, 3_020_000_000, (1.0, 2.0, 3.0), (-2.0, 2.0, 0.5), 0.75 * math.pi
+)
 BATTERY = Battery('uav1', 2_200_000_000, 2_230_000_000, 16.0, -7.5, 0.75)
 
 
