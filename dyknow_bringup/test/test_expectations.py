@@ -1,7 +1,8 @@
-"""Every scenario ends as it says: its telemetry, judged by hand, formula by formula.
+"""Every scenario ends as it says: its telemetry, judged by hand and by progression.
 
 The features are computed from the telemetry as a receiver has it, and each formula is evaluated
-by code written for it alone, so that nothing of DyKnow is needed to see what is right.
+by code written for it alone, so that nothing of DyKnow is needed to see what is right. Progression
+must then come to the same verdict at the same state.
 """
 
 from collections import defaultdict
@@ -11,15 +12,18 @@ from itertools import pairwise
 from math import dist, inf
 
 import pytest
+
 from dyknow_bringup import (
     Battery,
     Channel,
+    NamedFormula,
     Odometry,
     Scenario,
     Simulation,
     Telemetry,
     vehicle_names,
 )
+from dyknow_reasoning import FormulaGroup
 from dyknow_stream_processing import NANOSECONDS
 
 MS = NANOSECONDS['ms']
@@ -158,6 +162,19 @@ def assert_as_expected(scenario: Scenario, found: dict[str, Ending]) -> None:
             assert earliest <= found[name].time <= latest - LATENCY, name
 
 
+SURGES: dict[str, tuple[list[int], float]] = {
+    # Watts for each second, and when the verdict is false.
+    'calm': ([120] * 12, inf),
+    'short surge': ([120, 170, 170, 120, 120, 120, 120, 120], inf),
+    'at the last moment': ([160, 160, 160, 160, 160, 150, 150, 150, 150, 160, 120, 120], inf),
+    'too long': ([160, 160, 160, 160, 160, 160, 120, 120, 120, 120], 5),
+    'calm broken': ([160, 160, 120, 120, 160, 160, 160, 120, 120, 120, 120], 5),
+    'calm broken late': ([160, 160, 160, 160, 160, 120, 120, 160, 120, 120, 120, 120], 7),
+    'too strong': ([120, 160, 210, 120, 120, 120, 120, 120], 2),
+    'strong at first only': ([120, 210, 120, 120, 120, 120, 120], inf),
+    'strong twice': ([210, 210, 120, 120, 120, 120, 120], 1),
+}
+
 NAMES = ['geofence', 'near_miss', 'nominal', 'power_surge', 'telemetry_loss']
 
 
@@ -172,25 +189,69 @@ def test_a_scenario_ends_as_it_says(
         assert_as_expected(scenario, endings(messages, scenario.duration))
 
 
+def progressed(formula: str, messages: list[Telemetry]) -> Ending:
+    """What progression makes of a formula."""
+    vehicles = sorted({message.vehicle for message in messages})
+    group = FormulaGroup()
+    group.add_formula('formula', formula)
+    group.begin({'UAV': vehicles})
+    for time, state in states(formula, features(messages)):
+        for result in group.progress(time, state):
+            assert result.decided_at == time
+            return Ending(result.verdict.name.lower(), time)
+    return UNDECIDED
+
+
+def states(formula: str, values: dict[str, Ground]) -> list[tuple[int, dict[str, float]]]:
+    """A field for each ground feature of a formula, at the times when all have a value."""
+    by_time: dict[int, dict[str, float]] = defaultdict(dict)
+    for feature, ground in values.items():
+        if f'{feature}[' in formula:
+            for vehicle, series in ground.items():
+                other = ', uav1' if feature == 'XYDist' else ''
+                for time, value in series:
+                    by_time[time][f'{feature}[{vehicle}{other}]'] = value
+    width = max(map(len, by_time.values()))
+    return [(time, state) for time, state in sorted(by_time.items()) if len(state) == width]
+
+
+@pytest.mark.parametrize('name', NAMES)
+@pytest.mark.parametrize(('count', 'asked'), [(3, 0), (5, 2_500 * MS)])
+def test_progression_says_the_same(
+    scenarios: dict[str, Scenario],
+    formulas: dict[str, NamedFormula],
+    name: str,
+    count: int,
+    asked: int,
+) -> None:
+    scenario = scenarios[name]
+    messages = flight(scenario, count, asked)
+    for formula, ending in endings(messages, scenario.duration).items():
+        verdict = UNDECIDED if ending.outcome == 'CONSTRAINT_VIOLATION' else ending
+        assert progressed(formulas[formula].formula, messages) == verdict
+
+
+@pytest.mark.parametrize('name', SURGES)
+def test_progression_of_the_power_formula_says_the_same(
+    formulas: dict[str, NamedFormula], name: str
+) -> None:
+    watts, false_at = SURGES[name]
+    group = FormulaGroup()
+    group.add_formula('power', formulas['power'].formula)
+    group.begin({'UAV': ['uav1']})
+    found = [
+        result.decided_at
+        for second, value in enumerate(watts)
+        for result in group.progress(second * SECOND, {'Power[uav1]': float(value)})
+    ]
+    assert found == ([] if false_at == inf else [false_at * SECOND])
+
+
 @pytest.mark.parametrize('name', ['geofence', 'near_miss', 'power_surge', 'telemetry_loss'])
 def test_the_check_can_fail(scenarios: dict[str, Scenario], name: str) -> None:
     scenario = replace(scenarios[name], plans={}, gusts=(), telemetry_losses=())
     with pytest.raises(AssertionError):
         assert_as_expected(scenario, endings(flight(scenario, 3, 0), scenario.duration))
-
-
-SURGES: dict[str, tuple[list[int], float]] = {
-    # Watts for each second, and when the verdict is false.
-    'calm': ([120] * 12, inf),
-    'short surge': ([120, 170, 170, 120, 120, 120, 120, 120], inf),
-    'at the last moment': ([160, 160, 160, 160, 160, 150, 150, 150, 150, 160, 120, 120], inf),
-    'too long': ([160, 160, 160, 160, 160, 160, 120, 120, 120, 120], 5),
-    'calm broken': ([160, 160, 120, 120, 160, 160, 160, 120, 120, 120, 120], 5),
-    'calm broken late': ([160, 160, 160, 160, 160, 120, 120, 160, 120, 120, 120, 120], 7),
-    'too strong': ([120, 160, 210, 120, 120, 120, 120, 120], 2),
-    'strong at first only': ([120, 210, 120, 120, 120, 120, 120], inf),
-    'strong twice': ([210, 210, 120, 120, 120, 120, 120], 1),
-}
 
 
 @pytest.mark.parametrize('name', SURGES)
