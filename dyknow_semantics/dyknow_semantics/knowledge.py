@@ -1,0 +1,204 @@
+"""What an ontology says of objects, sorts and features.
+
+An ontology arrives here as RDF triples, from wherever it is kept: the ontology manager reads them
+from its store, the semantic matching engine asks the ontology manager for them with `ALL_TRIPLES`.
+"""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from typing import TYPE_CHECKING, Final
+
+from dyknow_semantics.errors import SemanticsError
+from dyknow_semantics.features import Feature, SignatureReader
+from dyknow_semantics.names import Names
+from dyknow_semantics.taxonomy import Taxonomy
+from dyknow_semantics.vocabulary import (
+    CLASS,
+    DISJOINT_UNION_OF,
+    EQUIVALENT_CLASS,
+    FEATURE,
+    FIRST,
+    INTERSECTION_OF,
+    NAMED_INDIVIDUAL,
+    NIL,
+    NULLARY_FEATURE,
+    ONE_OF,
+    REST,
+    SUBCLASS_OF,
+    TYPE,
+    UNION_OF,
+)
+from dyknow_stream_processing import ExitCode
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Iterator
+
+Triple = tuple[str, str, str]
+"""Subject, predicate and object, each an IRI, a literal's text or, for a blank node, a number < 0."""
+
+ALL_TRIPLES: Final = """
+    SELECT (COALESCE(STR(?s), STORID(?s)) AS ?subject)
+           (STR(?p) AS ?predicate)
+           (COALESCE(STR(?o), STORID(?o)) AS ?object)
+    WHERE { ?s ?p ?o . }
+"""
+"""The SPARQL query, in the dialect of owlready2, whose rows are the triples of an ontology."""
+
+
+class Knowledge:
+    """The concepts, instances and features of an ontology, and what follows from their order.
+
+    Concepts are ordered by subclasses, equivalent classes, the parts of intersections and the
+    parts of unions. That is all: for what follows from restrictions, run a reasoner where the
+    ontology is written and save what it infers.
+
+    Names are short, prefixed or full; those given back are as short as they are unambiguous, and
+    sorted unless the method says otherwise.
+
+    Args:
+        triples: the whole ontology, with all that it imports.
+
+    Raises:
+        SemanticsError: if a feature is not as the upper ontology wants it.
+    """
+
+    def __init__(self, triples: Iterable[Triple]) -> None:
+        statements = _Statements(triples)
+        self._concepts = {
+            iri for iri, kind in statements.pairs(TYPE) if kind == CLASS and _is_named(iri)
+        }
+        self._taxonomy = Taxonomy(statements.order())
+        self._types = statements.types_of_instances(self._concepts)
+        self.concept_names = Names('concept', self._concepts)
+        self.instance_names = Names('instance', self._types)
+        reader = SignatureReader(self._taxonomy, statements.of, self.concept_names)
+        below = self._taxonomy.below(FEATURE) & self._concepts
+        self._features = reader.read(below - {FEATURE, NULLARY_FEATURE})
+
+    @property
+    def features(self) -> tuple[Feature, ...]:
+        """All features."""
+        return tuple(sorted(self._features.values(), key=lambda feature: feature.name))
+
+    @property
+    def sorts(self) -> tuple[str, ...]:
+        """All concepts that are no features."""
+        return self._named(self._concepts - self._taxonomy.below(FEATURE))
+
+    def feature(self, name: str) -> Feature:
+        """The feature of a name.
+
+        Raises:
+            SemanticsError: if no feature bears the name.
+        """
+        iri = self.concept_names.iri(name)
+        if iri not in self._features:
+            raise SemanticsError(
+                f"the concept '{name}' is no feature; the features lie below Feature",
+                ExitCode.NOT_FOUND,
+            )
+        return self._features[iri]
+
+    def subconcepts(self, concept: str) -> tuple[str, ...]:
+        """A concept, those equivalent to it, and all below it.
+
+        Raises:
+            SemanticsError: if there is no such concept.
+        """
+        return self._named(self._taxonomy.below(self.concept_names.iri(concept)))
+
+    def superconcepts(self, concept: str) -> tuple[str, ...]:
+        """A concept, those equivalent to it, and all above it.
+
+        Raises:
+            SemanticsError: if there is no such concept.
+        """
+        return self._named(self._taxonomy.above(self.concept_names.iri(concept)))
+
+    def instances(self, concept: str) -> tuple[str, ...]:
+        """The instances of a concept and of all concepts below it.
+
+        Raises:
+            SemanticsError: if there is no such concept.
+        """
+        below = self._taxonomy.below(self.concept_names.iri(concept))
+        found = (iri for iri, types in self._types.items() if types & below)
+        return tuple(sorted(map(self.instance_names.name, found)))
+
+    def concepts(self, instance: str) -> tuple[str, ...]:
+        """The concepts of an instance, each before all that lie above it, else by name.
+
+        Raises:
+            SemanticsError: if there is no such instance.
+        """
+        types = self._types[self.instance_names.iri(instance)]
+        above = {node for kind in types for node in self._taxonomy.above(kind)}
+        found = self._taxonomy.specific_first(above & self._concepts)
+        return tuple(map(self.concept_names.name, found))
+
+    def name(self, iri: str) -> str:
+        """The shortest name of a concept or an instance; the IRI of anything else."""
+        for things, names in (
+            (self._concepts, self.concept_names),
+            (self._types, self.instance_names),
+        ):
+            if iri in things:
+                return names.name(iri)
+        return iri
+
+    def _named(self, concepts: set[str]) -> tuple[str, ...]:
+        return tuple(sorted(map(self.concept_names.name, concepts & self._concepts)))
+
+
+class _Statements:
+    """Triples, indexed by subject and by predicate."""
+
+    def __init__(self, triples: Iterable[Triple]) -> None:
+        self.of: dict[str, dict[str, list[str]]] = defaultdict(lambda: defaultdict(list))
+        self._pairs: dict[str, list[tuple[str, str]]] = defaultdict(list)
+        for subject, predicate, value in triples:
+            self.of[subject][predicate].append(value)
+            self._pairs[predicate].append((subject, value))
+
+    def pairs(self, predicate: str) -> list[tuple[str, str]]:
+        """The subjects and objects of a predicate."""
+        return self._pairs.get(predicate, [])
+
+    def order(self) -> Iterator[tuple[str, str]]:
+        """Each class, named or not, with those stated to lie above it."""
+        yield from self.pairs(SUBCLASS_OF)
+        for one, other in self.pairs(EQUIVALENT_CLASS):
+            yield one, other
+            yield other, one
+        for whole, part in self._parts(INTERSECTION_OF):
+            yield whole, part
+        for predicate in (UNION_OF, DISJOINT_UNION_OF):
+            for whole, part in self._parts(predicate):
+                yield part, whole
+
+    def types_of_instances(self, concepts: set[str]) -> dict[str, set[str]]:
+        """Each instance with the classes, named or not, that it is stated to belong to."""
+        types: dict[str, set[str]] = defaultdict(set)
+        for subject, kind in self.pairs(TYPE):
+            is_class = kind in concepts or kind == NAMED_INDIVIDUAL or not _is_named(kind)
+            if is_class and _is_named(subject):
+                types[subject].add(kind)
+        for enumeration, member in self._parts(ONE_OF):
+            # What is enumerated may also be a value: only instances are known already.
+            if member in types:
+                types[member].add(enumeration)
+        return dict(types)
+
+    def _parts(self, predicate: str) -> Iterator[tuple[str, str]]:
+        for whole, parts in self.pairs(predicate):
+            seen: set[str] = set()
+            while parts in self.of and parts not in seen:
+                seen.add(parts)
+                for part in self.of[parts].get(FIRST, []):
+                    yield whole, part
+                parts = next(iter(self.of[parts].get(REST, [])), NIL)  # noqa: PLW2901
+
+
+def _is_named(node: str) -> bool:
+    return not node.startswith('-')

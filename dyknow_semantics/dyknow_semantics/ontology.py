@@ -1,0 +1,236 @@
+"""The ontology that a system shares: read, changed as a whole, and kept."""
+
+from __future__ import annotations
+
+import re
+from contextlib import ExitStack
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import TYPE_CHECKING, cast
+
+from dyknow_semantics.errors import SemanticsError
+from dyknow_semantics.knowledge import ALL_TRIPLES, Knowledge
+from dyknow_semantics.names import prefix_of, split_iri, suggestion
+from dyknow_semantics.sources import read_import, read_source, same_ontology, upper_ontology
+from dyknow_semantics.store import RUNTIME_ONTOLOGY, Store, read_document
+from dyknow_semantics.vocabulary import UPPER_ONTOLOGY
+from dyknow_stream_processing import ExitCode
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterable, Iterator
+    from types import TracebackType
+    from typing import Self
+
+    from dyknow_semantics.features import Feature
+    from dyknow_semantics.knowledge import Triple
+    from dyknow_semantics.sources import Source
+    from dyknow_semantics.store import Row
+
+
+class Ontology:
+    """The concepts, instances and features that a system shares.
+
+    A change is made as a whole: it is checked against the upper ontology and stored before the
+    method returns, or refused and nothing has changed. Loading an ontology again replaces what was
+    loaded of it before and leaves alone what was created at run time.
+
+    Names are short (`Altitude`), prefixed (`uav:Altitude`, with the last part of the ontology's
+    IRI) or IRIs; those given back are as short as they are unambiguous.
+
+    Args:
+        store: the file that keeps the ontology from one run to the next; none to forget it.
+
+    Raises:
+        SemanticsError: if the store cannot be opened.
+    """
+
+    def __init__(self, store: str | Path | None = None) -> None:
+        with ExitStack() as resources:
+            # Even a store to be forgotten is a file: to undo a change is to open it again.
+            folder = resources.enter_context(TemporaryDirectory(prefix='dyknow_'))
+            self._store = Store(Path(store or Path(folder, 'store')))
+            resources.callback(self._store.close)
+            self._load(upper_ontology())
+            self._resources = resources.pop_all()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Lets go of the store."""
+        self._resources.close()
+
+    @property
+    def knowledge(self) -> Knowledge:
+        """All that the ontology says at this moment."""
+        return self._knowledge
+
+    def load(self, path_or_iri: str | Path) -> None:
+        """Adds an ontology, and all that it imports and that is not loaded yet.
+
+        Imports are looked for beside the file that imports them, under the last part of their
+        IRI (`uav.owl` for `http://www.dyknow.org/uav`), and then on the web.
+
+        Raises:
+            SemanticsError: if something cannot be read or is not as the upper ontology wants it.
+        """
+        self._load(read_source(str(path_or_iri)))
+
+    def create_concept(self, name: str, parents: Iterable[str] = ()) -> None:
+        """Adds a concept below others.
+
+        Raises:
+            SemanticsError: if the name is taken, a parent is unknown, or the concept is a feature
+                that takes no signature from those above it.
+        """
+        above = tuple(map(self._knowledge.concept_names.iri, parents))
+        iri = self._new_iri(name)
+        self._change(lambda: self._store.add_class(iri, above))
+
+    def destroy_concept(self, name: str) -> None:
+        """Removes a concept that nothing rests on.
+
+        Raises:
+            SemanticsError: if it is unknown, has subconcepts or instances, is the sort of an
+                argument, or belongs to the upper ontology.
+        """
+        iri = self._knowledge.concept_names.iri(name)
+        obstacles = '; '.join(self._obstacles(iri))
+        if obstacles:
+            raise SemanticsError(f"the concept '{name}' cannot be destroyed: {obstacles}")
+        self._change(lambda: self._store.remove(iri))
+
+    def create_instance(self, name: str, concepts: Iterable[str]) -> None:
+        """Adds an instance of one or more concepts.
+
+        Raises:
+            SemanticsError: if the name is taken, a concept is unknown or a feature, or there is
+                none.
+        """
+        kinds = tuple(map(self._sort, concepts))
+        if not kinds:
+            raise SemanticsError(f"the instance '{name}' needs a concept to be an instance of")
+        iri = self._new_iri(name)
+        self._change(lambda: self._store.add_individual(iri, kinds))
+
+    def destroy_instance(self, name: str) -> None:
+        """Removes an instance.
+
+        Raises:
+            SemanticsError: if it is unknown.
+        """
+        iri = self._knowledge.instance_names.iri(name)
+        self._change(lambda: self._store.remove(iri))
+
+    def instances(self, concept: str) -> tuple[str, ...]:
+        """See `Knowledge.instances`."""
+        return self._knowledge.instances(concept)
+
+    def concepts(self, instance: str) -> tuple[str, ...]:
+        """See `Knowledge.concepts`."""
+        return self._knowledge.concepts(instance)
+
+    def subconcepts(self, concept: str) -> tuple[str, ...]:
+        """See `Knowledge.subconcepts`."""
+        return self._knowledge.subconcepts(concept)
+
+    def superconcepts(self, concept: str) -> tuple[str, ...]:
+        """See `Knowledge.superconcepts`."""
+        return self._knowledge.superconcepts(concept)
+
+    def feature(self, name: str) -> Feature:
+        """See `Knowledge.feature`."""
+        return self._knowledge.feature(name)
+
+    def query(self, sparql: str) -> tuple[tuple[str, ...], tuple[Row, ...]]:
+        """The variables and the solutions of a SPARQL SELECT query, in the dialect of owlready2.
+
+        Concepts and instances are given back by name and other resources by IRI; a blank node is a
+        negative number, an unbound variable empty.
+
+        Raises:
+            SemanticsError: if the query is malformed, would change something or does not end.
+        """
+        return self._store.select(sparql, self._knowledge.name)
+
+    def _load(self, source: Source) -> None:
+        self._change(lambda: self._put(source, read_document(source).iri))
+        # owlready2 may have cached what the text says otherwise now.
+        self._store.reopen()
+
+    def _put(self, source: Source, expected: str) -> None:
+        document = read_document(source)
+        if not same_ontology(document.iri, expected):
+            raise SemanticsError(
+                f'{source.place} holds the ontology <{document.iri}> instead of <{expected}>'
+            )
+        self._store.put(document.iri, source)
+        for imported in document.imports:
+            if not any(same_ontology(imported, known) for known in self._store.ontologies):
+                self._put(read_import(imported, source), imported)
+
+    def _change(self, change: Callable[[], None]) -> None:
+        """Makes a change and keeps it if what comes of it makes sense."""
+        try:
+            change()
+            _, rows = self._store.select(ALL_TRIPLES, str)
+            knowledge = Knowledge(cast('Iterable[Triple]', rows))
+        except Exception:
+            self._store.reopen()
+            raise
+        self._store.commit()
+        self._knowledge = knowledge
+
+    def _obstacles(self, iri: str) -> Iterator[str]:
+        """What rests on a concept."""
+        knowledge = self._knowledge
+        name = knowledge.name(iri)
+        below = [other for other in knowledge.subconcepts(name) if other != name]
+        features = [each.name for each in knowledge.features if name in each.argument_sorts]
+        if iri.startswith(UPPER_ONTOLOGY):
+            yield 'it belongs to the upper ontology'
+        for kind, names in (
+            ('subconcepts', below),
+            ('instances', knowledge.instances(name)),
+            ('features that take it as an argument', features),
+        ):
+            if names:
+                yield f'it has the {kind} {", ".join(names)}'
+
+    def _sort(self, name: str) -> str:
+        iri = self._knowledge.concept_names.iri(name)
+        if self._knowledge.name(iri) not in self._knowledge.sorts:
+            raise SemanticsError(f"the concept '{name}' is a feature; features have no instances")
+        return iri
+
+    def _new_iri(self, name: str) -> str:
+        """The IRI of what is to be created under a name."""
+        knowledge = self._knowledge
+        if name in knowledge.concept_names or name in knowledge.instance_names:
+            raise SemanticsError(f"there is already a '{name}'", ExitCode.ALREADY_EXISTS)
+        namespace, local = split_iri(name) if '/' in name else self._split(name)
+        if not re.fullmatch(r'[A-Za-z_][\w.-]*', local):
+            raise SemanticsError(
+                f"'{name}' is no name; it needs a letter first, then letters, digits, _ . or -"
+            )
+        return namespace + local
+
+    def _split(self, name: str) -> tuple[str, str]:
+        prefix, colon, local = name.rpartition(':')
+        if not colon:
+            return RUNTIME_ONTOLOGY, local
+        prefixes = {prefix_of(iri): iri for iri in sorted(self._store.ontologies)}
+        if prefix not in prefixes:
+            hint = suggestion(prefix, prefixes)
+            raise SemanticsError(
+                f"no ontology with the prefix '{prefix}' is loaded{hint}", ExitCode.NOT_FOUND
+            )
+        return prefixes[prefix], local

@@ -1,0 +1,108 @@
+"""Where the text of an ontology comes from: a file, this package, or the web."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from importlib.resources import files
+from pathlib import Path
+from typing import Final
+from urllib.error import URLError
+from urllib.parse import unquote, urlsplit
+from urllib.request import Request, urlopen
+
+from dyknow_semantics.errors import SemanticsError
+from dyknow_semantics.names import prefix_of
+from dyknow_semantics.vocabulary import UPPER_ONTOLOGY
+from dyknow_stream_processing import ExitCode
+
+_ENDINGS: Final = ('.owl', '.rdf', '.xml', '.nt', '.ntriples')
+_ACCEPTED: Final = 'application/rdf+xml, application/n-triples, application/owl+xml'
+_WEB_TIMEOUT: Final = 10.0
+"""How long a server may stay silent, in seconds."""
+
+
+@dataclass(frozen=True, slots=True)
+class Source:
+    """The text of an ontology.
+
+    Args:
+        place: where it was found, for messages.
+        text: in RDF/XML, OWL/XML or N-Triples.
+        folder: where to look for what it imports; none if it came from the web.
+    """
+
+    place: str
+    text: bytes
+    folder: Path | None = None
+
+
+def same_ontology(one: str, other: str) -> bool:
+    """Whether two IRIs mean the same ontology; `#` or `/` at the end makes no difference."""
+    return one.rstrip('#/') == other.rstrip('#/')
+
+
+def read_source(path_or_iri: str) -> Source:
+    """The ontology at a path, at a `file:` IRI or at an address on the web.
+
+    Raises:
+        SemanticsError: if it cannot be read.
+    """
+    if same_ontology(path_or_iri, UPPER_ONTOLOGY):
+        return upper_ontology()
+    parts = urlsplit(path_or_iri)
+    if parts.scheme in {'http', 'https'}:
+        return _download(path_or_iri)
+    return _read(Path(unquote(parts.path) if parts.scheme == 'file' else path_or_iri))
+
+
+def read_import(iri: str, importer: Source) -> Source:
+    """The ontology that another one imports: from beside it, or else from the web.
+
+    Raises:
+        SemanticsError: if it is in neither place.
+    """
+    beside = (
+        [
+            path
+            for path in (importer.folder / (prefix_of(iri) + ending) for ending in _ENDINGS)
+            if path.is_file()
+        ]
+        if importer.folder
+        else []
+    )
+    if beside:
+        return _read(beside[0])
+    try:
+        return read_source(iri)
+    except SemanticsError as error:
+        raise SemanticsError(
+            f'{importer.place} imports <{iri}>, which cannot be read ({error}); '
+            f'load it first, or put it beside as {prefix_of(iri)}.owl',
+            error.code,
+        ) from None
+
+
+def upper_ontology() -> Source:
+    """The upper ontology that this package ships."""
+    resource = files('dyknow_semantics').joinpath('ontology', 'dyknow.owl')
+    return Source(UPPER_ONTOLOGY, resource.read_bytes())
+
+
+def _read(path: Path) -> Source:
+    try:
+        return Source(str(path), path.read_bytes(), path.parent)
+    except OSError as error:
+        reason = error.strerror or str(error)
+        raise SemanticsError(
+            f"cannot read the ontology '{path}': {reason}", ExitCode.NOT_FOUND
+        ) from None
+
+
+def _download(iri: str) -> Source:
+    request = Request(iri, headers={'Accept': _ACCEPTED})  # noqa: S310 - http and https only
+    try:
+        with urlopen(request, timeout=_WEB_TIMEOUT) as answer:  # noqa: S310
+            return Source(iri, answer.read())
+    except (URLError, OSError) as error:
+        reason = getattr(error, 'reason', error)
+        raise SemanticsError(f'cannot download <{iri}>: {reason}', ExitCode.UNAVAILABLE) from None

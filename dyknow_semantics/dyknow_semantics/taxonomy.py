@@ -1,0 +1,46 @@
+"""An order of concepts: which lies below which."""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Mapping
+
+
+class Taxonomy:
+    """The reflexive and transitive closure of a relation; what lies below each other is equivalent.
+
+    Args:
+        pairs: each a concept and one that lies above it.
+    """
+
+    def __init__(self, pairs: Iterable[tuple[str, str]]) -> None:
+        self._parents: dict[str, set[str]] = defaultdict(set)
+        self._children: dict[str, set[str]] = defaultdict(set)
+        for child, parent in pairs:
+            self._parents[child].add(parent)
+            self._children[parent].add(child)
+
+    def above(self, concept: str) -> set[str]:
+        """A concept and all that lie above it."""
+        return _reachable(concept, self._parents)
+
+    def below(self, concept: str) -> set[str]:
+        """A concept and all that lie below it."""
+        return _reachable(concept, self._children)
+
+    def specific_first(self, concepts: Iterable[str]) -> list[str]:
+        """Concepts such that each comes before all that lie strictly above it; else by name."""
+        return sorted(concepts, key=lambda concept: (-len(self.above(concept)), concept))
+
+
+def _reachable(start: str, edges: Mapping[str, set[str]]) -> set[str]:
+    reached = {start}
+    frontier = [start]
+    while frontier:
+        new = edges.get(frontier.pop(), set()) - reached
+        reached |= new
+        frontier.extend(new)
+    return reached
