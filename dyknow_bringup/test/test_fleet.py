@@ -1,5 +1,4 @@
 import pytest
-from dyknow_stream_processing.parsing import parse_specification
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -10,6 +9,7 @@ from dyknow_bringup import (
     fleet_specification,
     vehicle_names,
 )
+from dyknow_stream_processing.parsing import parse_specification
 
 SPECIFICATION = """\
 compunit power: float electrical_power((voltage: float, current: float));

@@ -2,6 +2,9 @@ import math
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
 from dyknow_bringup.vehicle import (
     ACCELERATION_LIMIT,
     CLIMB_LIMIT,
@@ -14,8 +17,6 @@ from dyknow_bringup.vehicle import (
     battery_load,
     flight_power,
 )
-from hypothesis import given
-from hypothesis import strategies as st
 
 STEP = 0.025
 CALM = np.zeros(3)

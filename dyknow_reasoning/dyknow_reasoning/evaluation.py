@@ -28,21 +28,6 @@ _WHATEVER = {
 
 
 @dataclass(frozen=True, slots=True)
-class State:
-    """One state, as a formula sees it.
-
-    Args:
-        valid_time: in nanoseconds.
-        elapsed: the nanoseconds since the state before; 0 at the first.
-        values: of the ground features.
-    """
-
-    valid_time: int
-    elapsed: int
-    values: Values
-
-
-@dataclass(frozen=True, slots=True)
 class Decision:
     """A verdict and its explanation."""
 
@@ -90,29 +75,36 @@ class Evaluation:
         verdict = Verdict.FALSE if self._false else Verdict.TRUE
         return Decision(verdict, _WHATEVER[verdict])
 
-    def progress(self, state: State, progression: Progression) -> Decision | None:
+    def progress(
+        self, valid_time: int, elapsed: int, values: Values, progression: Progression
+    ) -> Decision | None:
         """Progresses the formula over a state; returns the decision that this state brings.
+
+        Args:
+            valid_time: of the state, in nanoseconds.
+            elapsed: the nanoseconds since the state before; 0 at the first.
+            values: of the ground features.
+            progression: knows the nodes of the instances.
 
         Raises:
             ReasoningError: when the state lacks what the formula needs, or the formula grows too
                 large.
         """
         # All values are read first, so that a bad one is an error whatever the others say.
-        symbols = [running.symbol(state.values) for running in self._running]
-        finished = []
+        symbols = [running.symbol(values) for running in self._running]
+        finished: list[tuple[_Running, Moment]] = []
         for running, symbol in zip(self._running, symbols, strict=True):
             before = running.node
-            node = progression.progress(before, symbol, state.elapsed)
-            if node is before and state.elapsed:
-                continue
+            node = progression.progress(before, symbol, elapsed)
             if type(node) is Constant:
-                finished.append((running, symbol))
-                if node is FALSE:
+                finished.append((running, running.moment(symbol, elapsed, valid_time, values)))
+                self._false = node is FALSE
+                if self._false:
                     break
-            else:
-                running.advance(node, state.valid_time)
+            elif node is not before or not elapsed:
+                running.advance(node, valid_time)
                 self._grow(node.size - before.size)
-        return self._finish(finished, state, progression) if finished else None
+        return self._finish(finished, progression) if finished else None
 
     def _grow(self, nodes: int) -> None:
         self._size += nodes
@@ -124,27 +116,16 @@ class Evaluation:
             )
 
     def _finish(
-        self, finished: list[tuple[_Running, int]], state: State, progression: Progression
+        self, finished: Sequence[tuple[_Running, Moment]], progression: Progression
     ) -> Decision | None:
         """Takes out decided instances; the formula is decided if one is false or all are true."""
-        last, symbol = finished[-1]
-        moment = Moment(
-            last.instance,
-            last.node,
-            symbol,
-            state.elapsed,
-            state.valid_time,
-            state.values,
-            last.opened,
-        )
-        if progression.progress(last.node, symbol, state.elapsed) is FALSE:
-            self._false = True
-            return Decision(Verdict.FALSE, explain(moment, progression))
         gone = {id(running) for running, _ in finished}
         self._running = [running for running in self._running if id(running) not in gone]
-        if self._running:
+        if self._running and not self._false:
             return None
-        return Decision(Verdict.TRUE, explain(moment, progression))
+        _, moment = finished[-1]
+        verdict = Verdict.FALSE if self._false else Verdict.TRUE
+        return Decision(verdict, explain(moment, progression))
 
 
 class _Running:
@@ -172,6 +153,10 @@ class _Running:
             if holds(values):
                 symbol |= bit
         return symbol
+
+    def moment(self, symbol: int, elapsed: int, valid_time: int, values: Values) -> Moment:
+        """What is known of a state, for explaining what it decides."""
+        return Moment(self.instance, self.node, symbol, elapsed, valid_time, values, self.opened)
 
     def advance(self, node: Node, valid_time: int) -> None:
         """Takes what remains after the state of that valid time."""

@@ -95,7 +95,7 @@ class _Explainer:
         return self._progression.progress(node, self._moment.symbol, elapsed)
 
     def _reasons(self, node: Node, elapsed: int) -> list[str]:
-        """Why the state decides a node; empty for one that was decided before."""
+        """Why the state decides a node."""
         match node:
             case Literal():
                 return [self._fact(node)]
@@ -104,7 +104,7 @@ class _Explainer:
             case Window():
                 return self._reasons_of_window(node, elapsed)
             case Constant():
-                return []
+                return [f'there is a state at {format_time(self._moment.valid_time)}']
 
     def _reasons_of_junction(self, node: Junction, elapsed: int) -> list[str]:
         verdict = self._progressed(node, elapsed)

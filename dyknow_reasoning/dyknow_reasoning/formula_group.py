@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from dyknow_reasoning.errors import ReasoningError
-from dyknow_reasoning.evaluation import Decision, Evaluation, State
+from dyknow_reasoning.evaluation import Decision, Evaluation
 from dyknow_reasoning.grounding import ground
 from dyknow_reasoning.nodes import NodeStore
 from dyknow_reasoning.parsing import parse_formula
@@ -147,16 +147,18 @@ class FormulaGroup:
             results += self._decide_at_once(valid_time)
         elif valid_time <= self._latest:
             return self.fail(_not_later(valid_time, self._latest), valid_time)
-        state = State(valid_time, 0 if self._latest is None else valid_time - self._latest, values)
+        elapsed = 0 if self._latest is None else valid_time - self._latest
         self._latest = valid_time
-        for formula_id, evaluation in list(self._undecided.items()):
+        for formula_id, evaluation in self._undecided.items():
             try:
-                decision = evaluation.progress(state, self._progression)
+                decision = evaluation.progress(valid_time, elapsed, values, self._progression)
             except ReasoningError as error:
                 results.append(self._failed(formula_id, error, valid_time))
             else:
                 if decision:
                     results.append(self._decided(formula_id, decision, valid_time))
+        if results:
+            self._drop(results)
         if self._progression.is_full:
             self._progression.forget(
                 root for evaluation in self._undecided.values() for root in evaluation.roots
@@ -195,7 +197,8 @@ class FormulaGroup:
             error: what is wrong with the state.
             valid_time: of that state, in nanoseconds.
         """
-        return [self._failed(each, error, valid_time) for each in list(self._undecided)]
+        results = [self._failed(each, error, valid_time) for each in self._undecided]
+        return self._drop(results)
 
     def residual(self, formula_id: int) -> str:
         """The canonical text of what remains of a formula.
@@ -218,18 +221,27 @@ class FormulaGroup:
             raise ReasoningError('the formula group has not begun; give it the domains first')
 
     def _decide_at_once(self, valid_time: int | None) -> list[FormulaResult]:
-        decisions = [(each, self._undecided[each].decide_at_once()) for each in self._undecided]
-        return [self._decided(each, found, valid_time) for each, found in decisions if found]
+        return self._drop(
+            [
+                self._decided(formula_id, decision, valid_time)
+                for formula_id, evaluation in self._undecided.items()
+                if (decision := evaluation.decide_at_once())
+            ]
+        )
+
+    def _drop(self, results: list[FormulaResult]) -> list[FormulaResult]:
+        """Goes on without the formulas that have a result."""
+        for result in results:
+            del self._undecided[result.formula_id]
+        return results
 
     def _decided(
         self, formula_id: int, decision: Decision, valid_time: int | None
     ) -> FormulaResult:
-        del self._undecided[formula_id]
         name = self._formulas[formula_id].name
         return FormulaResult(formula_id, name, decision.verdict, valid_time, decision.explanation)
 
     def _failed(self, formula_id: int, error: ReasoningError, valid_time: int) -> FormulaResult:
-        del self._undecided[formula_id]
         name = self._formulas[formula_id].name
         located = ReasoningError(f'at {format_time(valid_time)}: {error}', error.code)
         return FormulaResult(formula_id, name, Verdict.UNDECIDED, None, '', located)

@@ -1,0 +1,1 @@
+"""The executables: the demonstration, its simulation, replay, and the dyknow command."""

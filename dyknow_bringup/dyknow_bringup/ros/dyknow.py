@@ -1,0 +1,175 @@
+"""The dyknow command: starts DyKnow for one's own robot, and asks it formulas."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import signal
+import sys
+import tempfile
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import rclpy
+from dyknow_interfaces.srv import EvaluateFormula
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.utilities import remove_ros_args
+
+from dyknow_bringup.errors import BringupError
+from dyknow_bringup.launcher import Launcher
+from dyknow_bringup.processes import Configuration, dyknow_processes
+from dyknow_stream_processing import DyKnowError, ExitCode, format_time, parse_duration
+from dyknow_stream_processing.ros import (
+    DyKnowNode,
+    Peer,
+    nanoseconds_to_duration,
+    time_to_nanoseconds,
+)
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+GROUNDINGS = {'auto': 0, 'syntactic': 1, 'semantic': 2}
+VERDICTS = ('undecided', 'true', 'false')
+CHECK_PERIOD = 0.5
+GRACE = 5.0
+"""Seconds beyond the timeout of a formula that its answer may take."""
+
+
+def up(chosen: argparse.Namespace) -> int:
+    """Runs the seven nodes until SIGINT or SIGTERM, or until one of them ends."""
+    for path in (*chosen.ontology, *chosen.annotations, *chosen.streams):
+        if not path.is_file():
+            raise BringupError(f'there is no file {path}', ExitCode.NOT_FOUND)
+    configuration = Configuration(
+        tuple(path.resolve() for path in chosen.ontology),
+        tuple(path.resolve() for path in chosen.annotations),
+        tuple(path.resolve() for path in chosen.streams),
+    )
+    logs = chosen.logs or Path(tempfile.mkdtemp(prefix='dyknow_'))
+    logs.mkdir(parents=True, exist_ok=True)
+    signals = {signal.SIGINT, signal.SIGTERM}
+    # Blocked here, unblocked in no child: Popen's children get their own sessions and handlers.
+    with Launcher(
+        logs,
+        namespace=chosen.namespace,
+        use_sim_time=chosen.use_sim_time,
+        log_level=chosen.log_level,
+    ) as launcher:
+        launcher.start_all(dyknow_processes(configuration))
+        signal.pthread_sigmask(signal.SIG_BLOCK, signals)
+        _say(f'DyKnow runs; logs are in {logs}; stop it with Ctrl-C')
+        while signal.sigtimedwait(signals, CHECK_PERIOD) is None:
+            for executable, code in launcher.ended().items():
+                text = launcher.log(executable).read_text(errors='replace').strip()
+                raise BringupError(
+                    f'{executable} ended with exit code {code}:\n{text}', ExitCode.UNAVAILABLE
+                )
+    return 0
+
+
+def evaluate(chosen: argparse.Namespace) -> int:
+    """Asks one formula; the exit code is 0 for true, 1 for false and 2 for no verdict."""
+    response = _ask(chosen)
+    status = response.exit_status
+    if chosen.json:
+        _say(json.dumps(_answer(response)))
+    elif status.code == ExitCode.SUCCESS:
+        decided_at = format_time(time_to_nanoseconds(response.decided_at))
+        _say(f'{VERDICTS[response.verdict]} at {decided_at}: {response.explanation}')
+    else:
+        print(f'{ExitCode(status.code).name}: {status.message}', file=sys.stderr)  # noqa: T201
+    return {1: 0, 2: 1}.get(response.verdict, 2)
+
+
+def _ask(chosen: argparse.Namespace) -> Any:
+    seconds = chosen.timeout / 1e9
+    rclpy.init(args=sys.argv)
+    node = DyKnowNode('dyknow_evaluate')
+    executor = SingleThreadedExecutor()
+    executor.add_node(node)
+    try:
+        coordinator = Peer(node, chosen.coordinator, timeout=seconds + GRACE)
+        asking = executor.create_task(
+            lambda: coordinator.ask(
+                EvaluateFormula,
+                formula=chosen.formula,
+                grounding=GROUNDINGS[chosen.grounding],
+                timeout=nanoseconds_to_duration(chosen.timeout),
+            )
+        )
+        executor.spin_until_future_complete(asking)
+        return asking.result()
+    finally:
+        executor.shutdown()
+        node.destroy_node()
+        rclpy.try_shutdown()
+
+
+def _answer(response: Any) -> dict[str, Any]:
+    decided = response.exit_status.code == ExitCode.SUCCESS
+    return {
+        'formula': response.canonical_formula,
+        'verdict': VERDICTS[response.verdict],
+        'decided_at_ns': time_to_nanoseconds(response.decided_at) if decided else None,
+        'explanation': response.explanation,
+        'exit_status': ExitCode(response.exit_status.code).name,
+        'message': response.exit_status.message,
+    }
+
+
+def _say(text: str) -> None:
+    print(text, flush=True)  # noqa: T201 - this is a command
+
+
+def _duration(text: str) -> int:
+    try:
+        return parse_duration(text)
+    except ValueError as error:
+        raise argparse.ArgumentTypeError(str(error)) from None
+
+
+def options(arguments: Sequence[str]) -> argparse.Namespace:
+    """The options on the command line."""
+    parser = argparse.ArgumentParser(prog='dyknow', description=__doc__)
+    commands = parser.add_subparsers(required=True, metavar='COMMAND')
+
+    starting = commands.add_parser('up', help='start the seven nodes')
+    starting.set_defaults(command=up)
+    for name, what in (
+        ('ontology', 'OWL files'),
+        ('annotations', 'files in SSL'),
+        ('streams', 'files in the stream language'),
+    ):
+        starting.add_argument(
+            f'--{name}', nargs='*', type=Path, default=[], metavar='FILE', help=what
+        )
+    starting.add_argument('--namespace', default='', help='of all nodes (default: none)')
+    starting.add_argument('--use-sim-time', action='store_true', help='take time from /clock')
+    starting.add_argument('--log-level', default='info', help='of all nodes (default: info)')
+    starting.add_argument('--logs', type=Path, help='folder for the logs')
+
+    asking = commands.add_parser(
+        'evaluate', help='ask a formula; exit code 0: true, 1: false, 2: no verdict'
+    )
+    asking.set_defaults(command=evaluate)
+    asking.add_argument('formula', help="such as: 'forall u in UAV: always Altitude[u] < 30'")
+    asking.add_argument(
+        '--timeout', type=_duration, default='60 s', help="such as '500 ms' (default: 60 s)"
+    )
+    asking.add_argument('--grounding', choices=GROUNDINGS, default='auto')
+    asking.add_argument('--coordinator', default='stream_reasoning_coordinator', metavar='NODE')
+    asking.add_argument('--json', action='store_true', help='print a line of JSON')
+    return parser.parse_args(arguments)
+
+
+def main() -> int:
+    """The executable dyknow."""
+    chosen = options(remove_ros_args(sys.argv)[1:])
+    try:
+        return int(chosen.command(chosen))
+    except DyKnowError as error:
+        print(f'dyknow: {error}', file=sys.stderr)  # noqa: T201 - this is a command
+        return 2
+    except KeyboardInterrupt:
+        return 130

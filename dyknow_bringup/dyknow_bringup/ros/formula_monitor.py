@@ -1,0 +1,109 @@
+"""Asks the stream reasoning coordinator about the formulas of a file, all at once."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from dyknow_interfaces.action import MonitorFormula
+from rclpy.action import ActionClient
+
+from dyknow_bringup.formulas import load_formulas
+from dyknow_bringup.monitoring import MonitoredFormula
+from dyknow_bringup.resources import formulas_path
+from dyknow_stream_processing import ExitCode, format_time
+from dyknow_stream_processing.ros import (
+    DyKnowNode,
+    nanoseconds_to_duration,
+    run,
+)
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+VERDICTS = ('undecided', 'true', 'false')
+
+
+class FormulaMonitor(DyKnowNode):
+    """Keeps a MonitorFormula action going for each formula, and what is known of it.
+
+    Args:
+        on_change: is told of every formula that has an outcome now.
+    """
+
+    def __init__(self, on_change: Callable[[MonitoredFormula], None] | None = None) -> None:
+        super().__init__('formula_monitor')
+        path = self.parameter('formulas', str(formulas_path()), 'YAML file with the formulas.')
+        self._timeout = self.parameter(
+            'timeout', 86_400.0, 'Seconds after which a formula is given up.', (0.1, 1e9)
+        )
+        coordinator = self.parameter(
+            'coordinator', 'stream_reasoning_coordinator', 'Name of the coordinator node.'
+        )
+        self.formulas = [MonitoredFormula(formula) for formula in load_formulas(Path(path))]
+        self._on_change = on_change or self._log
+        self._client = ActionClient(self, MonitorFormula, f'{coordinator}/monitor_formula')
+        self._goals: list[Any] = []
+        self._starter = self.create_timer(0.1, self._start_when_ready)
+
+    @property
+    def is_running(self) -> bool:
+        """Whether the coordinator has taken all formulas."""
+        return len(self._goals) == len(self.formulas)
+
+    def cancel_all(self) -> None:
+        """Lets the coordinator forget the formulas."""
+        for goal in self._goals:
+            goal.cancel_goal_async()
+
+    def destroy_node(self) -> None:
+        """Frees the action client too."""
+        self._client.destroy()
+        super().destroy_node()
+
+    def _start_when_ready(self) -> None:
+        if not self._client.server_is_ready():
+            return
+        self.destroy_timer(self._starter)
+        for monitored in self.formulas:
+            self._send(monitored)
+
+    def _send(self, monitored: MonitoredFormula) -> None:
+        goal = MonitorFormula.Goal(
+            formula=monitored.formula.formula,
+            timeout=nanoseconds_to_duration(round(self._timeout * 1e9)),
+        )
+
+        def feedback(message: Any) -> None:
+            monitored.states = message.feedback.states_progressed
+
+        def accepted(future: Any) -> None:
+            self._goals.append(future.result())
+            result = future.result().get_result_async()
+            result.add_done_callback(lambda done: self._conclude(monitored, done.result().result))
+
+        self._client.send_goal_async(goal, feedback).add_done_callback(accepted)
+
+    def _conclude(self, monitored: MonitoredFormula, result: Any) -> None:
+        code = ExitCode(result.exit_status.code)
+        if code is ExitCode.CANCELLED:
+            return
+        if code is ExitCode.SUCCESS:
+            monitored.outcome = VERDICTS[result.verdict]
+            monitored.explanation = result.explanation
+        else:
+            monitored.outcome = code.name
+            monitored.explanation = result.exit_status.message
+        monitored.known_at = self.now()
+        self._on_change(monitored)
+
+    def _log(self, monitored: MonitoredFormula) -> None:
+        self.get_logger().info(
+            f'{monitored.formula.name}: {monitored.outcome} '
+            f'at {format_time(monitored.known_at or 0)}: {monitored.explanation}'
+        )
+
+
+def main() -> int:
+    """The executable formula_monitor."""
+    return run(FormulaMonitor)

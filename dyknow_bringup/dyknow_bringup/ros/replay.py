@@ -1,0 +1,112 @@
+"""Plays a rosbag2 recording onto its topics, at a chosen rate and with /clock when asked."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from rclpy.clock import Clock, ClockType
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.utilities import remove_ros_args
+from rosgraph_msgs.msg import Clock as ClockMessage
+
+from dyknow_bringup.bag import Bag, QualityOfService, RecordedTopic
+from dyknow_bringup.replay import Replay, Schedule
+from dyknow_stream_processing import DyKnowError
+from dyknow_stream_processing.ros import DyKnowNode, message_class, nanoseconds_to_time, run
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+TICK = 0.005
+"""Seconds of the wall clock between two looks for due messages."""
+
+LINGER = 1_000_000_000
+"""Nanoseconds that the node stays after the last message, for it to arrive."""
+
+
+class ReplayNode(DyKnowNode):
+    """Publishes the messages of a bag, as they were serialised, when they are due."""
+
+    def __init__(self, options: argparse.Namespace) -> None:
+        super().__init__('replay')
+        self._bag = Bag(options.bag)
+        self._wall = Clock(clock_type=ClockType.STEADY_TIME)
+        wanted = [topic for topic in self._bag.topics if _is_wanted(topic, options.topics)]
+        messages = self._bag.messages(options.topics)
+        self._publishers = {topic.name: self._publisher(topic) for topic in wanted}
+        self._clock_publisher = (
+            self.create_publisher(ClockMessage, '/clock', 10) if options.clock else None
+        )
+        start = self._wall.now().nanoseconds + round(options.delay * 1e9)
+        self._schedule = Schedule.at_rate(self._bag.start_time, start, options.rate)
+        self._replay = Replay(messages, self._schedule)
+        self._end = self._schedule.due(self._bag.end_time) + LINGER
+        self.create_timer(TICK, self._send_due, clock=self._wall)
+
+    def _publisher(self, topic: RecordedTopic) -> Any:
+        return self.create_publisher(
+            message_class(topic.message_type), topic.name, _qos(topic.quality_of_service)
+        )
+
+    def _send_due(self) -> None:
+        now = self._wall.now().nanoseconds
+        if self._clock_publisher is not None:
+            time = nanoseconds_to_time(max(self._schedule.log_time(now), 1))
+            self._clock_publisher.publish(ClockMessage(clock=time))
+        for message in self._replay.due(now):
+            self._publishers[message.topic].publish(message.data)
+        if now > self._end:
+            self.get_logger().info('the recording has been replayed')
+            self.context.try_shutdown()
+
+
+def _is_wanted(topic: RecordedTopic, names: Sequence[str]) -> bool:
+    return not names or topic.name in names
+
+
+def _qos(offered: QualityOfService | None) -> QoSProfile:
+    if offered is None:
+        return QoSProfile(depth=10)
+    return QoSProfile(
+        depth=max(offered.depth, 10),
+        reliability=ReliabilityPolicy.RELIABLE
+        if offered.reliable
+        else ReliabilityPolicy.BEST_EFFORT,
+        durability=DurabilityPolicy.TRANSIENT_LOCAL
+        if offered.transient_local
+        else DurabilityPolicy.VOLATILE,
+    )
+
+
+def options(arguments: Sequence[str]) -> argparse.Namespace:
+    """The options on the command line."""
+    parser = argparse.ArgumentParser(prog='replay', description=__doc__)
+    parser.add_argument(
+        'bag', type=Path, help='a folder with metadata.yaml, or a .mcap or .db3 file'
+    )
+    parser.add_argument(
+        '--rate', type=float, default=1.0, help='times faster than recorded (default: 1.0)'
+    )
+    parser.add_argument(
+        '--delay', type=float, default=1.0, help='seconds to wait for receivers (default: 1.0)'
+    )
+    parser.add_argument(
+        '--clock', action='store_true', help='publish /clock, for nodes with use_sim_time'
+    )
+    parser.add_argument(
+        '--topics', nargs='*', default=[], metavar='TOPIC', help='only these topics (default: all)'
+    )
+    return parser.parse_args(arguments)
+
+
+def main() -> int:
+    """The executable replay."""
+    chosen = options(remove_ros_args(sys.argv)[1:])
+    try:
+        return run(lambda: ReplayNode(chosen))
+    except DyKnowError as error:
+        print(error, file=sys.stderr)  # noqa: T201 - the bag broke off while it was read
+        return 1

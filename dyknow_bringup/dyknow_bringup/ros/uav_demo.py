@@ -1,0 +1,203 @@
+"""The demonstration: a simulated UAV fleet, all nodes of DyKnow, and a live table of verdicts.
+
+Ends by itself; the exit code is 0 only when every verdict is what the scenario says.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import tempfile
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import rclpy
+from diagnostic_msgs.msg import DiagnosticStatus
+from dyknow_interfaces.srv import ListStreams
+from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
+from rclpy.utilities import remove_ros_args
+from rich.console import Console
+from rich.live import Live
+
+from dyknow_bringup.errors import BringupError
+from dyknow_bringup.fleet import fleet_specification, vehicle_names
+from dyknow_bringup.launcher import Launcher
+from dyknow_bringup.monitoring import MonitoredFormula, unexpected
+from dyknow_bringup.processes import dyknow_processes, uav_simulation, write_fleet_configuration
+from dyknow_bringup.resources import scenario_names, scenario_path, uav_ontology_path
+from dyknow_bringup.ros.formula_monitor import FormulaMonitor
+from dyknow_bringup.scenario import load_scenario
+from dyknow_bringup.table import formula_table, summary
+from dyknow_stream_processing import (
+    DyKnowError,
+    ExitCode,
+    parse_specification,
+    specifications_by_sink,
+)
+from dyknow_stream_processing.ros import LATCHED, Peer
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+
+    from dyknow_bringup.scenario import Scenario
+
+START_LIMIT = 30.0
+"""Seconds that the nodes may take to start."""
+
+SETTLING = 1_000_000_000
+"""Nanoseconds after the end of the scenario in which verdicts may still come."""
+
+LOG_LINES = 15
+
+
+class Demonstration:
+    """One run of a scenario.
+
+    Args:
+        launcher: starts the processes.
+        folder: for the configuration of the fleet.
+    """
+
+    def __init__(
+        self,
+        scenario: Scenario,
+        scenario_file: Path,
+        vehicles: int,
+        launcher: Launcher,
+        folder: Path,
+    ) -> None:
+        self._scenario = scenario
+        self._vehicles = vehicle_names(vehicles)
+        scenario.check_fleet(self._vehicles)
+        self._fleet_streams = specifications_by_sink(
+            parse_specification(fleet_specification(self._vehicles))
+        )
+        self._simulation = uav_simulation(scenario_file, vehicles)
+        self._launcher = launcher
+        self._configuration = write_fleet_configuration(self._vehicles, uav_ontology_path(), folder)
+        self._console = Console()
+        self._start: int | None = None
+
+    def run(self) -> bool:
+        """Whether every verdict is what the scenario says."""
+        self._launcher.start_all(dyknow_processes(self._configuration))
+        self._node = FormulaMonitor(on_change=lambda _: None)
+        self._executor = SingleThreadedExecutor()
+        self._executor.add_node(self._node)
+        try:
+            self._start_up()
+            self._fly()
+            return self._report()
+        finally:
+            self._executor.shutdown()
+            self._node.destroy_node()
+
+    def _start_up(self) -> None:
+        self._console.print(f'[bold]{self._scenario.name}[/]: {self._scenario.description}')
+        with self._console.status('starting the nodes of DyKnow'):
+            self._wait_for(self._streams_made, 'the streams of the fleet')
+            self._wait_for(lambda: self._node.is_running, 'the coordinator')
+        self._node.create_subscription(
+            DiagnosticStatus, 'uav_simulation/status', self._note_start, LATCHED
+        )
+        self._launcher.start(self._simulation)
+        with self._console.status('starting the simulation'):
+            self._wait_for(lambda: self._start is not None, 'the simulation')
+
+    def _streams_made(self) -> bool:
+        manager = Peer(self._node, 'stream_manager', patience=START_LIMIT)
+        listing = self._executor.create_task(manager.call, ListStreams)
+        self._wait_for(listing.done, 'the stream manager')
+        manager.destroy()
+        names = set(listing.result().stream_names)
+        return names >= set(self._fleet_streams)
+
+    def _note_start(self, status: DiagnosticStatus) -> None:
+        for entry in status.values:
+            if entry.key == 'start_time':
+                self._start = int(entry.value)
+
+    def _fly(self) -> None:
+        end = (self._start or 0) + self._scenario.duration + SETTLING
+        with Live(console=self._console, refresh_per_second=4) as live:
+            while self._node.now() < end:
+                self._spin()
+                live.update(self._table())
+        self._node.cancel_all()
+        self._spin()
+
+    def _table(self) -> object:
+        elapsed = self._node.now() - (self._start or 0)
+        return formula_table(self._node.formulas, self._start or 0, elapsed)
+
+    def _report(self) -> bool:
+        problems = {
+            monitored.formula.name: problem
+            for monitored in self._node.formulas
+            if (problem := self._unexpected(monitored)) is not None
+        }
+        self._console.print(summary(self._scenario.name, problems))
+        return not problems
+
+    def _unexpected(self, monitored: MonitoredFormula) -> str | None:
+        expectation = self._scenario.expected.get(monitored.formula.name)
+        return unexpected(monitored, expectation, self._start or 0)
+
+    def _wait_for(self, condition: Callable[[], bool], what: str) -> None:
+        end = self._node.get_clock().now().nanoseconds + round(START_LIMIT * 1e9)
+        while not condition():
+            self._spin()
+            if self._node.get_clock().now().nanoseconds > end:
+                raise BringupError(
+                    f'{what} did not come up within {START_LIMIT:g} s', ExitCode.TIMEOUT
+                )
+
+    def _spin(self) -> None:
+        self._executor.spin_once(timeout_sec=0.05)
+        for executable, code in self._launcher.ended().items():
+            text = self._launcher.log(executable).read_text(errors='replace')
+            tail = '\n'.join(text.splitlines()[-LOG_LINES:])
+            raise BringupError(
+                f'{executable} ended with exit code {code}:\n{tail}', ExitCode.UNAVAILABLE
+            )
+
+
+def options(arguments: Sequence[str]) -> argparse.Namespace:
+    """The options on the command line."""
+    parser = argparse.ArgumentParser(
+        prog='uav_demo', description='Monitors a simulated UAV fleet with DyKnow.'
+    )
+    parser.add_argument(
+        '--scenario',
+        default='power_surge',
+        help=f'{", ".join(scenario_names())}, or a YAML file (default: power_surge)',
+    )
+    parser.add_argument('--uavs', type=int, default=3, help='number of vehicles (default: 3)')
+    parser.add_argument('--log-level', default='info', help='of the nodes (default: info)')
+    parser.add_argument(
+        '--logs', type=Path, help='folder for the logs of the nodes (default: a temporary one)'
+    )
+    return parser.parse_args(arguments)
+
+
+def main() -> int:
+    """The executable uav_demo."""
+    chosen = options(remove_ros_args(sys.argv)[1:])
+    with tempfile.TemporaryDirectory(prefix='uav_demo_') as temporary:
+        folder = Path(temporary)
+        logs = chosen.logs or folder
+        logs.mkdir(parents=True, exist_ok=True)
+        try:
+            path = scenario_path(chosen.scenario)
+            scenario = load_scenario(path)
+            rclpy.init()
+            with Launcher(logs, log_level=chosen.log_level) as launcher:
+                demonstration = Demonstration(scenario, path, chosen.uavs, launcher, folder)
+                return 0 if demonstration.run() else 1
+        except DyKnowError as error:
+            print(f'uav_demo: {error}', file=sys.stderr)  # noqa: T201 - there is no node yet
+            return 1
+        except (KeyboardInterrupt, ExternalShutdownException):
+            return 130
+        finally:
+            rclpy.try_shutdown()

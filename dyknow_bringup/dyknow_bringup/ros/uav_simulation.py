@@ -1,0 +1,66 @@
+"""The simulated fleet: publishes what real vehicles do, `uavN/odometry` and `uavN/battery`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from dyknow_bringup.fleet import vehicle_names
+from dyknow_bringup.messages import MESSAGE_TYPES, ros_message
+from dyknow_bringup.resources import scenario_path
+from dyknow_bringup.scenario import load_scenario
+from dyknow_bringup.simulation import Simulation
+from dyknow_bringup.telemetry import Channel, topic
+from dyknow_stream_processing.ros import NO_PUBLISHER_EVENTS, DyKnowNode, message_class, run
+
+DEPTH = 10
+"""How many messages a publisher keeps for slow receivers."""
+
+
+class UavSimulation(DyKnowNode):
+    """Flies a scenario in real time, by the ROS clock."""
+
+    def __init__(self) -> None:
+        super().__init__('uav_simulation')
+        scenario = self.parameter(
+            'scenario', 'nominal', 'Name of a shipped scenario, or path of a YAML file.'
+        )
+        vehicles = self.parameter('uavs', 3, 'Number of vehicles: uav1, uav2, ...', (1, 100))
+        rate = self.parameter(
+            'update_rate', 200.0, 'How often a second due messages are sent.', (10.0, 1000.0)
+        )
+        self._vehicles = vehicle_names(vehicles)
+        self._scenario = load_scenario(Path(scenario_path(scenario)))
+        self._scenario.check_fleet(self._vehicles)
+        self._publishers = {
+            (vehicle, channel): self.create_publisher(
+                message_class(MESSAGE_TYPES[channel]),
+                topic(vehicle, channel),
+                DEPTH,
+                event_callbacks=NO_PUBLISHER_EVENTS,
+            )
+            for vehicle in self._vehicles
+            for channel in Channel
+        }
+        self._simulation: Simulation | None = None
+        self.create_timer(1.0 / rate, self._send_due)
+
+    def _send_due(self) -> None:
+        now = self.now()
+        if now == 0:
+            return  # Simulated time has not begun.
+        if self._simulation is None:
+            self._simulation = self._begin(now)
+        for message in self._simulation.until(now):
+            publisher: Any = self._publishers[message.vehicle, message.channel]
+            publisher.publish(ros_message(message, message_class))
+
+    def _begin(self, now: int) -> Simulation:
+        self.set_status('flying', {'scenario': self._scenario.name, 'start_time': str(now)})
+        self.get_logger().info(f'{self._scenario.name}: {self._scenario.description}')
+        return Simulation(self._scenario, self._vehicles, now)
+
+
+def main() -> int:
+    """The executable uav_simulation."""
+    return run(UavSimulation)

@@ -1,0 +1,64 @@
+"""How the demonstration looks on a terminal."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from rich.panel import Panel
+from rich.table import Table
+from rich.text import Text
+
+from dyknow_stream_processing import format_time
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from dyknow_bringup.monitoring import MonitoredFormula
+
+_STYLES = {'true': 'bold green', 'false': 'bold red', 'undecided': 'dim'}
+_FAILED = 'bold magenta'
+
+
+def formula_table(monitored: Sequence[MonitoredFormula], start: int, elapsed: int) -> Table:
+    """Formula, verdict, since when and why.
+
+    Args:
+        start: of the scenario, in nanoseconds.
+        elapsed: nanoseconds since then.
+    """
+    table = Table(title=f'{format_time(elapsed // 100_000_000 * 100_000_000)}', expand=True)
+    table.add_column('formula', no_wrap=True)
+    table.add_column('verdict', no_wrap=True)
+    table.add_column('since', justify='right', no_wrap=True)
+    table.add_column('why', ratio=1)
+    for row in monitored:
+        table.add_row(row.formula.name, _verdict(row), _since(row, start), _why(row))
+    return table
+
+
+def summary(scenario: str, problems: Mapping[str, str]) -> Panel:
+    """Whether all went as the scenario says.
+
+    Args:
+        problems: what is wrong, by the name of the formula.
+    """
+    if not problems:
+        text = Text('every verdict is what the scenario says', 'green')
+    else:
+        lines = [f'{name}: {problem}' for name, problem in problems.items()]
+        text = Text('\n'.join(lines), 'red')
+    return Panel(text, title=scenario)
+
+
+def _verdict(row: MonitoredFormula) -> Text:
+    return Text(row.outcome, _STYLES.get(row.outcome, _FAILED))
+
+
+def _since(row: MonitoredFormula, start: int) -> str:
+    return '' if row.known_at is None else format_time((row.known_at - start) // 1000000 * 1000000)
+
+
+def _why(row: MonitoredFormula) -> Text:
+    if row.is_decided:
+        return Text(row.explanation)
+    return Text(row.formula.description, 'dim')

@@ -1,0 +1,121 @@
+"""The services that the coordinator calls, as awaitable functions on plain data."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from dyknow_interfaces.msg import Domain, StreamSpec
+from dyknow_interfaces.srv import (
+    ConceptGetInstances,
+    FindAllMatchingStreams,
+    FormulaGroupAddFormula,
+    FormulaGroupCreate,
+    FormulaGroupDestroy,
+    FormulaGroupEvaluate,
+    FormulaGroupExtractSymbols,
+    StreamCreateFromSpec,
+    StreamDestroy,
+)
+
+from dyknow_coordinator.grounding import Symbol, SymbolKind
+from dyknow_stream_processing.ros import Peer, constraints_to_message
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from dyknow_stream_processing import StreamConstraints
+    from dyknow_stream_processing.ros import DyKnowNode
+
+
+class Clients:
+    """The four nodes that the coordinator orchestrates."""
+
+    def __init__(self, node: DyKnowNode) -> None:
+        names = {
+            role: node.parameter(role, role, f'Name of the {role.replace("_", " ")} node.')
+            for role in (
+                'stream_manager',
+                'ontology_manager',
+                'semantic_matching_engine',
+                'stream_reasoning_engine',
+            )
+        }
+        self.stream_manager = Peer(node, names['stream_manager'])
+        self.ontology_manager = Peer(node, names['ontology_manager'])
+        self.semantic_matching_engine = Peer(node, names['semantic_matching_engine'])
+        self.stream_reasoning_engine = Peer(node, names['stream_reasoning_engine'])
+
+    async def create_group(self, name: str) -> int:
+        """The id of a new formula group."""
+        response = await self.stream_reasoning_engine.call(
+            FormulaGroupCreate, formula_group_name=name
+        )
+        return int(response.formula_group_id)
+
+    async def add_formula(self, group_id: int, name: str, formula: str) -> tuple[int, str]:
+        """The id and the canonical text of a formula that is now in the group."""
+        response = await self.stream_reasoning_engine.call(
+            FormulaGroupAddFormula,
+            formula_group_id=group_id,
+            formula_name=name,
+            formula=formula,
+        )
+        return int(response.formula_id), str(response.canonical_formula)
+
+    async def symbols(self, group_id: int) -> tuple[Symbol, ...]:
+        """The symbols of a group; ground features once its evaluation has begun."""
+        response = await self.stream_reasoning_engine.call(
+            FormulaGroupExtractSymbols, formula_group_id=group_id
+        )
+        return tuple(
+            Symbol(SymbolKind(symbol.kind), symbol.name, tuple(symbol.arguments))
+            for symbol in response.symbols
+        )
+
+    async def instances(self, sort: str) -> tuple[str, ...]:
+        """The objects of a sort."""
+        response = await self.ontology_manager.call(ConceptGetInstances, concept_name=sort)
+        return tuple(response.instances)
+
+    async def matching_streams(self, concept: str) -> tuple[str, ...]:
+        """Stream specifications for a concept, best first."""
+        response = await self.semantic_matching_engine.call(FindAllMatchingStreams, concept=concept)
+        return tuple(response.stream_specifications)
+
+    async def evaluate_group(
+        self,
+        group_id: int,
+        domains: Mapping[str, Sequence[str]],
+        state_stream: str,
+        result_topic: str,
+    ) -> None:
+        """Lets the reasoning engine listen to the states."""
+        await self.stream_reasoning_engine.call(
+            FormulaGroupEvaluate,
+            formula_group_id=group_id,
+            domains=[Domain(sort=sort, objects=list(found)) for sort, found in domains.items()],
+            state_stream=state_stream,
+            result_topic=result_topic,
+        )
+
+    async def create_stream(
+        self, name: str, specification: str, constraints: StreamConstraints
+    ) -> tuple[str, str]:
+        """The topics of a new stream and of its violations."""
+        response = await self.stream_manager.call(
+            StreamCreateFromSpec,
+            spec=StreamSpec(
+                name=name,
+                specification=specification,
+                constraints=constraints_to_message(constraints),
+            ),
+        )
+        return str(response.stream_topic), str(response.stream_constraint_violation_topic)
+
+    async def destroy_stream(self, name: str) -> None:
+        """Ends a stream."""
+        await self.stream_manager.call(StreamDestroy, stream_name=name)
+
+    async def destroy_group(self, group_id: int) -> None:
+        """Ends a formula group."""
+        await self.stream_reasoning_engine.call(FormulaGroupDestroy, formula_group_id=group_id)

@@ -1,0 +1,110 @@
+"""From symbols to the specification of a state stream."""
+
+import pytest
+
+from dyknow_coordinator import (
+    CoordinationError,
+    Grounding,
+    Source,
+    Symbol,
+    SymbolKind,
+    check_grounding,
+    choose,
+    concept_of,
+    features,
+    referenced,
+    sorts,
+    sources,
+    state_specification,
+)
+from dyknow_stream_processing import ExitCode, Reference, SinkDeclaration, Sync, parse_specification
+
+POWER = Symbol(SymbolKind.FEATURE, 'Power', ('UAV',))
+DISTANCE = Symbol(SymbolKind.FEATURE, 'XYDist', ('UAV', 'uav1'))
+VOLTAGE = Symbol(SymbolKind.FEATURE, '"/uav1/battery".voltage')
+UAV = Symbol(SymbolKind.SORT, 'UAV')
+UAV1 = Symbol(SymbolKind.OBJECT, 'uav1')
+
+
+def source(feature: str, stream: str) -> Source:
+    return Source(feature, stream, f'stream {stream} = select v as "{feature}" from {stream}_raw')
+
+
+def test_features_and_sorts_are_told_apart() -> None:
+    symbols = (POWER, UAV, UAV1, DISTANCE)
+    assert features(symbols) == (POWER, DISTANCE)
+    assert sorts(symbols) == ('UAV',)
+
+
+@pytest.mark.parametrize(
+    ('symbol', 'concept'),
+    [
+        (POWER, 'Power[object1] for every object1 in UAV'),
+        (DISTANCE, 'XYDist[object1, uav1] for every object1 in UAV'),
+        (Symbol(SymbolKind.FEATURE, 'Power', ('uav1',)), 'Power[uav1]'),
+        (Symbol(SymbolKind.FEATURE, 'Wind'), 'Wind'),
+        (
+            Symbol(SymbolKind.FEATURE, 'XYDist', ('UAV', 'UAV')),
+            'XYDist[object1, object2] for every object1 in UAV, object2 in UAV',
+        ),
+    ],
+)
+def test_a_feature_is_asked_for_as_a_concept(symbol: Symbol, concept: str) -> None:
+    assert concept_of(symbol, ('UAV',)) == concept
+
+
+def test_syntactic_grounding_refuses_a_feature_of_the_ontology() -> None:
+    with pytest.raises(CoordinationError, match=r"'Power\[UAV\]' names no stream"):
+        check_grounding((POWER,), Grounding.SYNTACTIC)
+
+
+def test_semantic_grounding_refuses_the_name_of_a_stream() -> None:
+    with pytest.raises(CoordinationError, match='names a stream'):
+        check_grounding((VOLTAGE,), Grounding.SEMANTIC)
+
+
+def test_auto_takes_both() -> None:
+    check_grounding((POWER, VOLTAGE), Grounding.AUTO)
+
+
+def test_matches_say_which_ground_feature_they_deliver() -> None:
+    text = '# exact match\nstream a = select power as "Power[uav1]" from uav1_power'
+    (found,) = sources([text])
+    assert (found.feature, found.stream) == ('Power[uav1]', 'a')
+
+
+@pytest.mark.parametrize(
+    ('name', 'field', 'stream', 'is_topic'),
+    [
+        ('"/uav1/battery".voltage', 'voltage', '/uav1/battery', True),
+        ('"/uav1/odom".pose.pose.position.z', 'pose.pose.position.z', '/uav1/odom', True),
+        ('uav1_power.power', 'power', 'uav1_power', False),
+    ],
+)
+def test_a_reference_selects_its_field(name: str, field: str, stream: str, is_topic: bool) -> None:
+    made = referenced(Symbol(SymbolKind.FEATURE, name), 3)
+    assert made.feature == name
+    (declaration,) = parse_specification(made.declaration).declarations
+    select = declaration.stream
+    assert [each.field for each in select.selections] == [field]
+    assert [each.name for each in select.selections] == [name]
+    assert select.source == Reference(stream, is_topic)
+
+
+def test_the_first_source_found_is_the_best() -> None:
+    found = [source('Power[uav1]', 'a'), source('Power[uav1]', 'b'), source('Power[uav2]', 'c')]
+    assert choose(['Power[uav2]', 'Power[uav1]'], found) == (found[2], found[0])
+
+
+def test_every_missing_ground_feature_is_named() -> None:
+    with pytest.raises(CoordinationError) as caught:
+        choose(['Power[uav1]', 'Power[uav2]', 'Speed[uav1]'], [source('Power[uav1]', 'a')])
+    assert caught.value.code is ExitCode.NOT_FOUND
+    assert 'Power[uav2], Speed[uav1] (there are streams for Power[uav1])' in str(caught.value)
+
+
+def test_the_state_stream_synchronises_all_sources() -> None:
+    text = state_specification([source('Power[uav1]', 'a'), source('Power[uav2]', 'b')])
+    *streams, sink = parse_specification(text).declarations
+    assert [stream.name for stream in streams] == ['a', 'b']
+    assert sink == SinkDeclaration(Sync((Reference('a'), Reference('b'))))

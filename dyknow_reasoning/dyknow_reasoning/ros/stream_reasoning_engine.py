@@ -1,0 +1,199 @@
+"""The stream reasoning engine: evaluates groups of formulas over streams of states (VI-A.6)."""
+
+from __future__ import annotations
+
+from itertools import count
+from typing import TYPE_CHECKING, Any
+
+from dyknow_interfaces.msg import FormulaProgress, Sample, Symbol
+from dyknow_interfaces.msg import FormulaResult as FormulaResultMessage
+from dyknow_interfaces.srv import (
+    FormulaGroupAddFormula,
+    FormulaGroupCreate,
+    FormulaGroupDestroy,
+    FormulaGroupEvaluate,
+    FormulaGroupExtractSymbols,
+)
+
+from dyknow_reasoning import FormulaGroup, FormulaResult, ReasoningError
+from dyknow_stream_processing import DyKnowError, ExitCode
+from dyknow_stream_processing.ros import (
+    LATCHED_HISTORY,
+    NO_PUBLISHER_EVENTS,
+    NO_SUBSCRIPTION_EVENTS,
+    STREAM,
+    DyKnowNode,
+    fill_exit_status,
+    nanoseconds_to_time,
+    run,
+    sample_fields,
+    time_to_nanoseconds,
+)
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+
+class StreamReasoningEngine(DyKnowNode):
+    """Serves the formula groups; evaluates them as their states come."""
+
+    def __init__(self) -> None:
+        super().__init__('stream_reasoning_engine')
+        self._node_limit = self.parameter(
+            'node_limit',
+            100_000,
+            'Most nodes that a formula may grow to by progression before it is given up.',
+            (100, 100_000_000),
+        )
+        period = self.parameter(
+            'progress_period',
+            1.0,
+            'Seconds between two reports on ~/progress, where somebody listens.',
+            (0.05, 60.0),
+        )
+        self._groups: dict[int, Evaluation] = {}
+        self._ids = count(1)
+        self._progress = self.create_publisher(
+            FormulaProgress, '~/progress', 100, event_callbacks=NO_PUBLISHER_EVENTS
+        )
+        self.create_timer(period, self._report_progress)
+        self.serve(FormulaGroupCreate, self._create)
+        self.serve(FormulaGroupAddFormula, self._add_formula)
+        self.serve(FormulaGroupExtractSymbols, self._extract_symbols)
+        self.serve(FormulaGroupEvaluate, self._evaluate)
+        self.serve(FormulaGroupDestroy, self._destroy)
+
+    def _create(self, request: Any, response: Any) -> None:
+        group_id = next(self._ids)
+        group = FormulaGroup(node_limit=self._node_limit)
+        self._groups[group_id] = Evaluation(self, group_id, request.formula_group_name, group)
+        response.formula_group_id = group_id
+
+    def _add_formula(self, request: Any, response: Any) -> None:
+        evaluation = self._find(request.formula_group_id)
+        response.formula_id = evaluation.group.add_formula(request.formula_name, request.formula)
+
+    def _extract_symbols(self, request: Any, response: Any) -> None:
+        symbols = self._find(request.formula_group_id).group.symbols()
+        response.symbols = [
+            Symbol(kind=int(symbol.kind), name=symbol.name, arguments=list(symbol.arguments))
+            for symbol in symbols
+        ]
+
+    def _evaluate(self, request: Any, _response: Any) -> None:
+        evaluation = self._find(request.formula_group_id)
+        domains = {domain.sort: list(domain.objects) for domain in request.domains}
+        evaluation.begin(domains, request.state_stream, request.result_topic)
+
+    def _destroy(self, request: Any, _response: Any) -> None:
+        self._find(request.formula_group_id).end()
+        del self._groups[request.formula_group_id]
+
+    def _find(self, group_id: int) -> Evaluation:
+        if group_id not in self._groups:
+            known = ', '.join(str(known) for known in self._groups) or 'none'
+            raise ReasoningError(
+                f'there is no formula group {group_id} (there are: {known})', ExitCode.NOT_FOUND
+            )
+        return self._groups[group_id]
+
+    def _report_progress(self) -> None:
+        if self._progress.get_subscription_count() > 0:
+            for evaluation in self._groups.values():
+                for report in evaluation.progress_reports():
+                    self._progress.publish(report)
+
+
+class Evaluation:
+    """One formula group and the stream of states that it is progressed over."""
+
+    def __init__(self, node: DyKnowNode, group_id: int, name: str, group: FormulaGroup) -> None:
+        self.group = group
+        self._node = node
+        self._id = group_id
+        self._name = name
+        self._states = 0
+        self._latest = 0
+        self._undecided: set[int] = set()
+        self._subscription: Any = None
+        self._results: Any = None
+
+    def begin(self, domains: dict[str, list[str]], state_stream: str, result_topic: str) -> None:
+        """Fixes the domains and listens to the states.
+
+        Raises:
+            ReasoningError: when a topic has no name, a sort no domain, or the group has begun before.
+        """
+        for name, topic in (('state_stream', state_stream), ('result_topic', result_topic)):
+            if not topic:
+                raise ReasoningError(f'{name} is empty; give the name of a topic')
+        self.group.begin(domains)
+        self._results = self._node.create_publisher(
+            FormulaResultMessage,
+            result_topic,
+            LATCHED_HISTORY,
+            event_callbacks=NO_PUBLISHER_EVENTS,
+        )
+        self._undecided = set(self.group.formulas)
+        self._publish(self.group.decided_at_once())
+        self._subscription = self._node.create_subscription(
+            Sample, state_stream, self._progress, STREAM, event_callbacks=NO_SUBSCRIPTION_EVENTS
+        )
+
+    def end(self) -> None:
+        """Frees what listens and publishes."""
+        if self._subscription is not None:
+            self._node.destroy_subscription(self._subscription)
+            self._node.destroy_publisher(self._results)
+
+    def progress_reports(self) -> Iterable[Any]:
+        """How far each undecided formula has come."""
+        for formula_id in self._undecided:
+            yield FormulaProgress(
+                formula_group_id=self._id,
+                formula_id=formula_id,
+                states_progressed=self._states,
+                latest_valid_time=nanoseconds_to_time(self._latest),
+                residual_formula=self.group.residual(formula_id),
+            )
+
+    def _progress(self, message: Any) -> None:
+        if not self._undecided:
+            return
+        self._states += 1
+        self._latest = time_to_nanoseconds(message.valid_time)
+        try:
+            fields = sample_fields(message)
+        except DyKnowError as error:
+            self._fail_all(error)
+            return
+        self._publish(self.group.progress(self._latest, fields))
+
+    def _fail_all(self, error: DyKnowError) -> None:
+        failure = ReasoningError(error.message, error.code)
+        self._publish(self.group.fail(failure, self._latest))
+
+    def _publish(self, results: Iterable[FormulaResult]) -> None:
+        for result in results:
+            self._undecided.discard(result.formula_id)
+            self._results.publish(self._message(result))
+
+    def _message(self, result: FormulaResult) -> Any:
+        message = FormulaResultMessage(
+            formula_group_id=self._id,
+            formula_id=result.formula_id,
+            formula_name=result.name,
+            verdict=int(result.verdict),
+            explanation=result.explanation,
+        )
+        message.header.stamp = self._node.get_clock().now().to_msg()
+        if result.decided_at is not None:
+            message.decided_at = nanoseconds_to_time(result.decided_at)
+        if result.error is not None:
+            fill_exit_status(message.exit_status, result.error)
+        return message
+
+
+def main() -> int:
+    """The executable stream_reasoning_engine."""
+    return run(StreamReasoningEngine)

@@ -1,0 +1,75 @@
+"""What the semantic nodes know of each other: copies that are fetched anew when they are stale."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Generic, TypeVar
+
+from dyknow_interfaces.srv import ListSemanticSpecifications, OntologyQuery
+
+from dyknow_semantics import ALL_TRIPLES, Annotation, Knowledge, parse_annotations
+from dyknow_stream_processing.ros import Peer
+
+if TYPE_CHECKING:
+    from collections.abc import Awaitable, Callable
+
+    from dyknow_stream_processing.ros import DyKnowNode
+
+Content = TypeVar('Content')
+
+
+class Mirror(Generic[Content]):
+    """A copy of what another node holds.
+
+    The other node tells a new version on its status topic before it answers whoever changed it.
+
+    Args:
+        peer: the other node.
+        fetch: asks it for all that it holds.
+    """
+
+    def __init__(self, peer: Peer, fetch: Callable[[Peer], Awaitable[Content]]) -> None:
+        self.peer = peer
+        self._fetch = fetch
+        self._status: dict[str, str] = {}
+        self._content: Content | None = None
+
+    async def content(self) -> Content:
+        """The copy, fetched anew if it is stale.
+
+        Raises:
+            DyKnowError: UNAVAILABLE, when the other node is not there.
+        """
+        status = dict(self.peer.status)
+        if self._content is None or status != self._status or not self.peer.alive:
+            self._content = await self._fetch(self.peer)
+            self._status = status
+        return self._content
+
+
+def mirror_ontology(node: DyKnowNode) -> Mirror[Knowledge]:
+    """The knowledge of the ontology manager that a parameter of the node names."""
+    name = node.parameter('ontology_manager', 'ontology_manager', 'Name of the ontology manager.')
+    return Mirror(Peer(node, name), _fetch_knowledge)
+
+
+def mirror_annotations(node: DyKnowNode) -> Mirror[tuple[Annotation, ...]]:
+    """The annotations of the stream semantics manager that a parameter of the node names."""
+    name = node.parameter(
+        'stream_semantics_manager',
+        'stream_semantics_manager',
+        'Name of the stream semantics manager.',
+    )
+    return Mirror(Peer(node, name), _fetch_annotations)
+
+
+async def _fetch_knowledge(peer: Peer) -> Knowledge:
+    response = await peer.call(OntologyQuery, sparql=ALL_TRIPLES)
+    values = list(response.values)
+    return Knowledge(zip(values[0::3], values[1::3], values[2::3], strict=True))
+
+
+async def _fetch_annotations(peer: Peer) -> tuple[Annotation, ...]:
+    response = await peer.call(ListSemanticSpecifications)
+    return tuple(
+        annotation for text in response.ssl_statements for annotation in parse_annotations(text)
+    )

@@ -1,0 +1,114 @@
+"""The stream semantics manager: keeps what streams mean (paper, VI-A.4)."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from diagnostic_msgs.msg import DiagnosticStatus
+from dyknow_interfaces.srv import (
+    AddSemanticSpecification,
+    ListSemanticSpecifications,
+    RemoveSemanticSpecification,
+)
+
+from dyknow_semantics import Annotation, SemanticsError, check_annotation, parse_annotations
+from dyknow_semantics.ros.mirrors import mirror_ontology
+from dyknow_stream_processing import DyKnowError, ExitCode
+from dyknow_stream_processing.ros import DyKnowNode, run
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+    from dyknow_semantics import Knowledge
+
+
+class StreamSemanticsManager(DyKnowNode):
+    """Serves the annotations of streams; each is checked against the ontology when it is added."""
+
+    def __init__(self) -> None:
+        super().__init__('stream_semantics_manager')
+        files = self.parameter('annotations', [''], 'Files in SSL to load at the start.')
+        self._ontology = mirror_ontology(self)
+        self._annotations: dict[str, Annotation] = {}
+        self._version = 0
+        for path in filter(None, files):
+            self._add(_read(Path(path)))
+        self._report_change()
+        self.serve(AddSemanticSpecification, self._add_specification)
+        self.serve(RemoveSemanticSpecification, self._remove_specification)
+        self.serve(ListSemanticSpecifications, self._list)
+        if self._annotations:
+            self._ontology.peer.on_found.append(self._check_later)
+
+    async def _add_specification(self, request: Any, _response: Any) -> None:
+        annotations = parse_annotations(request.ssl_statement)
+        knowledge = await self._ontology.content()
+        for annotation in annotations:
+            check_annotation(annotation, knowledge)
+        self._add(annotations)
+        self._report_change()
+
+    def _remove_specification(self, request: Any, _response: Any) -> None:
+        stream = request.stream_name
+        kept = {text: each for text, each in self._annotations.items() if each.stream != stream}
+        if len(kept) == len(self._annotations):
+            streams = sorted({each.stream for each in kept.values()})
+            raise SemanticsError(
+                f"stream '{stream}' has no annotation (there are: {', '.join(streams) or 'none'})",
+                ExitCode.NOT_FOUND,
+            )
+        self._annotations = kept
+        self._report_change()
+
+    def _list(self, _request: Any, response: Any) -> None:
+        response.ssl_statements = list(self._annotations)
+
+    def _add(self, annotations: Iterable[Annotation]) -> None:
+        self._annotations |= {str(annotation): annotation for annotation in annotations}
+
+    def _report_change(self) -> None:
+        """Tells those who mirror the annotations, before the one who changed them is answered."""
+        self._version += 1
+        self.set_status('running', {'version': str(self._version)})
+
+    def _check_later(self) -> None:
+        self.executor.create_task(self._check_all)
+
+    async def _check_all(self) -> None:
+        """Checks what was loaded from files before the ontology was there."""
+        try:
+            knowledge = await self._ontology.content()
+        except DyKnowError as error:
+            self.get_logger().warning(f'annotations are not checked: {error}')
+            return
+        faults = list(_faults(self._annotations.values(), knowledge))
+        for fault in faults:
+            self.get_logger().error(fault)
+        if faults:
+            self.set_status(
+                faults[0], {'version': str(self._version)}, level=DiagnosticStatus.ERROR
+            )
+
+
+def _read(path: Path) -> tuple[Annotation, ...]:
+    try:
+        text = path.read_text(encoding='utf-8')
+    except OSError as error:
+        raise SemanticsError(
+            f'cannot read the annotations in {path}: {error.strerror}', ExitCode.NOT_FOUND
+        ) from None
+    return parse_annotations(text)
+
+
+def _faults(annotations: Iterable[Annotation], knowledge: Knowledge) -> Iterable[str]:
+    for annotation in annotations:
+        try:
+            check_annotation(annotation, knowledge)
+        except DyKnowError as error:
+            yield error.message
+
+
+def main() -> int:
+    """The executable stream_semantics_manager."""
+    return run(StreamSemanticsManager)

@@ -1,0 +1,47 @@
+"""What touches ROS: the parts that every node shares, StreamProxy, and the nodes of streams."""
+
+from dyknow_stream_processing.ros.conversion import (
+    constraints_from_message,
+    constraints_to_message,
+    message_class,
+    nanoseconds_to_duration,
+    nanoseconds_to_time,
+    sample_fields,
+    sample_to_message,
+    time_to_nanoseconds,
+)
+from dyknow_stream_processing.ros.peer import Peer
+from dyknow_stream_processing.ros.runtime import (
+    LATCHED,
+    LATCHED_HISTORY,
+    NO_PUBLISHER_EVENTS,
+    NO_SUBSCRIPTION_EVENTS,
+    STREAM,
+    VIOLATIONS,
+    DyKnowNode,
+    fill_exit_status,
+    run,
+)
+from dyknow_stream_processing.ros.stream_proxy import StreamProxy
+
+__all__ = [
+    'LATCHED',
+    'LATCHED_HISTORY',
+    'NO_PUBLISHER_EVENTS',
+    'NO_SUBSCRIPTION_EVENTS',
+    'STREAM',
+    'VIOLATIONS',
+    'DyKnowNode',
+    'Peer',
+    'StreamProxy',
+    'constraints_from_message',
+    'constraints_to_message',
+    'fill_exit_status',
+    'message_class',
+    'nanoseconds_to_duration',
+    'nanoseconds_to_time',
+    'run',
+    'sample_fields',
+    'sample_to_message',
+    'time_to_nanoseconds',
+]

@@ -1,0 +1,166 @@
+"""Other nodes of DyKnow: whether they live, and calls to their services that always end."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from diagnostic_msgs.msg import DiagnosticStatus
+from rclpy.event_handler import SubscriptionEventCallbacks
+from rclpy.task import Future
+
+from dyknow_stream_processing.errors import DyKnowError, ExitCode
+from dyknow_stream_processing.ros.runtime import BORN, SERVICE, STATUS, snake_case
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping
+
+    from dyknow_stream_processing.ros.runtime import DyKnowNode
+
+POLL = 0.02
+"""Seconds between two looks for a service that discovery has not found yet."""
+
+
+class Peer:
+    """Another node, known by its name.
+
+    Services of a killed node look ready for another 20 s, so its life is read off the liveliness
+    lease of its status topic.
+
+    Args:
+        node: the node that asks.
+        name: the other node's name, absolute or relative to the namespace of `node`.
+        patience: seconds to wait for the other node to be there before a call is given up.
+        timeout: seconds that a call may take.
+    """
+
+    def __init__(
+        self, node: DyKnowNode, name: str, patience: float = 2.0, timeout: float = 5.0
+    ) -> None:
+        self.name = name
+        self.on_found: list[Callable[[], None]] = []
+        self.on_lost: list[Callable[[], None]] = []
+        self._node = node
+        self._patience = patience
+        self._timeout = timeout
+        self._clients: dict[Any, Any] = {}
+        self._calls: set[Future] = set()
+        self._alive = False
+        self._status: dict[str, str] = {}
+        self._subscription = node.create_subscription(
+            DiagnosticStatus,
+            f'{name}/status',
+            self._heard,
+            STATUS,
+            callback_group=node.reentrant,
+            event_callbacks=SubscriptionEventCallbacks(
+                liveliness=self._liveliness_changed, use_default_callbacks=False
+            ),
+        )
+
+    @property
+    def alive(self) -> bool:
+        """Whether the node was heard of within the lease."""
+        return self._alive
+
+    @property
+    def status(self) -> Mapping[str, str]:
+        """The values that the node published last on its status topic."""
+        return self._status
+
+    async def call(self, service_type: Any, **fields: Any) -> Any:
+        """The response of a service of the node, whose exit status is SUCCESS.
+
+        Raises:
+            DyKnowError: with the exit status of the response; UNAVAILABLE when the node is not there
+                or dies meanwhile; TIMEOUT when it takes too long.
+        """
+        response = await self.ask(service_type, **fields)
+        status = response.exit_status
+        if status.code != ExitCode.SUCCESS:
+            raise DyKnowError(status.message, ExitCode(status.code))
+        return response
+
+    async def ask(self, service_type: Any, **fields: Any) -> Any:
+        """The response of a service of the node, whatever its exit status.
+
+        Raises:
+            DyKnowError: UNAVAILABLE when the node is not there or dies meanwhile; TIMEOUT when it
+                takes too long.
+        """
+        client = self._client(service_type)
+        await self._found(client)
+        answer: Future = Future()
+        call = client.call_async(service_type.Request(**fields))
+        call.add_done_callback(lambda done: _pass_on(done, answer))
+        self._calls.add(answer)
+        what = f'{self.name} has not answered {service_type.__name__} within {self._timeout:g} s'
+        self._node.deadlines.fail(answer, self._timeout, DyKnowError(what, ExitCode.TIMEOUT))
+        try:
+            return await answer
+        finally:
+            self._calls.discard(answer)
+            client.remove_pending_request(call)
+
+    def destroy(self) -> None:
+        """Frees what listens to the node."""
+        self._node.destroy_subscription(self._subscription)
+        for client in self._clients.values():
+            self._node.destroy_client(client)
+
+    def _client(self, service_type: Any) -> Any:
+        if service_type not in self._clients:
+            self._clients[service_type] = self._node.create_client(
+                service_type,
+                f'{self.name}/{snake_case(service_type.__name__)}',
+                qos_profile=SERVICE,
+                callback_group=self._node.reentrant,
+            )
+        return self._clients[service_type]
+
+    async def _found(self, client: Any) -> None:
+        waited = 0.0
+        while not (self._alive and client.service_is_ready()):
+            if waited >= self._patience:
+                raise self._unavailable('is not running')
+            await self._node.deadlines.after(POLL)
+            waited += POLL
+
+    def _heard(self, message: Any) -> None:
+        status = {value.key: value.value for value in message.values}
+        replaced = self._status.get(BORN) not in (None, status.get(BORN))
+        self._status = status
+        if replaced and self._alive:
+            # It died and came back before its lease was over.
+            self._die()
+        if not self._alive:
+            self._alive = True
+            _notify(self.on_found)
+
+    def _liveliness_changed(self, event: Any) -> None:
+        if event.alive_count == 0 and self._alive:
+            self._die()
+
+    def _die(self) -> None:
+        self._alive = False
+        for call in list(self._calls):
+            if not call.done():
+                call.set_exception(self._unavailable('has died'))
+        _notify(self.on_lost)
+
+    def _unavailable(self, what: str) -> DyKnowError:
+        return DyKnowError(f'node {self.name} {what}', ExitCode.UNAVAILABLE)
+
+
+def _notify(callbacks: list[Callable[[], None]]) -> None:
+    for callback in list(callbacks):
+        callback()
+
+
+def _pass_on(done: Future, answer: Future) -> None:
+    if answer.done() or done.cancelled():
+        return
+    error = done.exception()
+    if error is None:
+        answer.set_result(done.result())
+    else:
+        answer.set_exception(error)

@@ -1,0 +1,256 @@
+"""What every node of DyKnow shares: parameters, guarded services, waits that end, status, shutdown."""
+
+from __future__ import annotations
+
+import re
+import sys
+import traceback
+from inspect import isawaitable
+from typing import TYPE_CHECKING, Any
+
+import rclpy
+from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
+from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
+from rclpy.callback_groups import ReentrantCallbackGroup
+from rclpy.clock import Clock, ClockType
+from rclpy.duration import Duration
+from rclpy.event_handler import PublisherEventCallbacks, SubscriptionEventCallbacks
+from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
+from rclpy.node import Node
+from rclpy.qos import (
+    DurabilityPolicy,
+    LivelinessPolicy,
+    QoSProfile,
+    ReliabilityPolicy,
+    qos_profile_services_default,
+)
+from rclpy.task import Future
+
+from dyknow_stream_processing.errors import DyKnowError, ExitCode
+
+if TYPE_CHECKING:
+    from collections.abc import Awaitable, Callable, Mapping, Sequence
+
+LATCHED = QoSProfile(
+    depth=1, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL
+)
+"""The state of something, for those who come later too."""
+
+LATCHED_HISTORY = QoSProfile(
+    depth=1000, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL
+)
+"""Events that those who come a little later must not miss."""
+
+STREAM = QoSProfile(depth=1000, reliability=ReliabilityPolicy.RELIABLE)
+"""Samples: none is lost between two nodes."""
+
+BORN = 'born'
+"""The key in a node's status that tells it from one that had its name before."""
+
+LEASE = Duration(seconds=1)
+"""A node that has not been heard of for this long is taken for dead."""
+
+STATUS = QoSProfile(
+    depth=1,
+    reliability=ReliabilityPolicy.RELIABLE,
+    durability=DurabilityPolicy.TRANSIENT_LOCAL,
+    liveliness=LivelinessPolicy.AUTOMATIC,
+    liveliness_lease_duration=LEASE,
+)
+
+VIOLATIONS = QoSProfile(
+    depth=LATCHED_HISTORY.depth,
+    reliability=LATCHED_HISTORY.reliability,
+    durability=LATCHED_HISTORY.durability,
+    liveliness=LivelinessPolicy.AUTOMATIC,
+    liveliness_lease_duration=LEASE,
+)
+"""Violations of a stream; by the lease those who use the stream learn that its engine is gone."""
+
+# The default depth of 10 drops requests without a word when many come at once.
+SERVICE = QoSProfile(
+    history=qos_profile_services_default.history,
+    reliability=qos_profile_services_default.reliability,
+    durability=qos_profile_services_default.durability,
+    depth=1000,
+)
+
+# Event handlers cost time at each message, and rclpy makes one for every publisher and subscription.
+NO_PUBLISHER_EVENTS = PublisherEventCallbacks(use_default_callbacks=False)
+NO_SUBSCRIPTION_EVENTS = SubscriptionEventCallbacks(use_default_callbacks=False)
+
+
+class DyKnowNode(Node):
+    """A node whose services answer whatever happens, and of which others know whether it lives."""
+
+    def __init__(self, name: str) -> None:
+        super().__init__(name)
+        self.reentrant = ReentrantCallbackGroup()
+        self.deadlines = Deadlines(self)
+        self._born = str(Clock(clock_type=ClockType.SYSTEM_TIME).now().nanoseconds)
+        self._status = self.create_publisher(
+            DiagnosticStatus, '~/status', STATUS, event_callbacks=NO_PUBLISHER_EVENTS
+        )
+        self.set_status('running')
+
+    def set_status(
+        self, message: str, values: Mapping[str, str] | None = None, *, level: bytes | None = None
+    ) -> None:
+        """Says on `~/status` how the node is, and when it was born."""
+        status = DiagnosticStatus(
+            level=DiagnosticStatus.OK if level is None else level,
+            name=self.get_fully_qualified_name(),
+            message=message,
+            values=[
+                KeyValue(key=key, value=value)
+                for key, value in {BORN: self._born, **(values or {})}.items()
+            ],
+        )
+        self._status.publish(status)
+
+    def parameter(
+        self,
+        name: str,
+        default: Any,
+        description: str,
+        bounds: tuple[float, float] | None = None,
+    ) -> Any:
+        """Declares a parameter that is read at the start, and returns its value."""
+        descriptor = ParameterDescriptor(description=description, read_only=True)
+        if bounds is not None and isinstance(default, float):
+            low, high = bounds
+            descriptor.floating_point_range = [FloatingPointRange(from_value=low, to_value=high)]
+        elif bounds is not None:
+            low, high = (int(bound) for bound in bounds)
+            descriptor.integer_range = [IntegerRange(from_value=low, to_value=high)]
+        return self.declare_parameter(name, default, descriptor).value
+
+    def serve(
+        self, service_type: Any, handler: Callable[[Any, Any], Awaitable[None] | None]
+    ) -> None:
+        """Offers a service under the private name that its type gives it.
+
+        Args:
+            service_type: `StreamCreateFromSpec` is served as `~/stream_create_from_spec`.
+            handler: fills in the response, given request and response. What it raises is told to
+                the caller in the exit status.
+        """
+
+        async def answer(request: Any, response: Any) -> Any:
+            try:
+                outcome = handler(request, response)
+                if isawaitable(outcome):
+                    await outcome
+            except Exception as error:  # noqa: BLE001 - the caller must get an answer
+                fill_exit_status(response.exit_status, error)
+                self._log_fault(service_type, error)
+            return response
+
+        self.create_service(
+            service_type,
+            f'~/{snake_case(service_type.__name__)}',
+            answer,
+            qos_profile=SERVICE,
+            callback_group=self.reentrant,
+        )
+
+    def _log_fault(self, service_type: Any, error: Exception) -> None:
+        if isinstance(error, DyKnowError):
+            self.get_logger().info(f'{service_type.__name__}: {error}')
+        else:
+            text = ''.join(traceback.format_exception(error))
+            self.get_logger().error(f'fault in {service_type.__name__}:\n{text}')
+
+    def now(self) -> int:
+        """The time of the node's ROS clock in nanoseconds."""
+        return int(self.get_clock().now().nanoseconds)
+
+
+def fill_exit_status(exit_status: Any, error: Exception) -> None:
+    """Tells a caller of an error: the one place where errors become exit statuses."""
+    if isinstance(error, DyKnowError):
+        exit_status.code, exit_status.message = int(error.code), error.message
+    else:
+        exit_status.code = int(ExitCode.INTERNAL_ERROR)
+        exit_status.message = f'fault in DyKnow: {type(error).__name__}: {error}'
+
+
+def snake_case(name: str) -> str:
+    """`StreamGetTopic` -> `stream_get_topic`."""
+    return re.sub(r'(?<!^)(?=[A-Z])', '_', name).lower()
+
+
+class Deadlines:
+    """Ends waits: one timer of the wall clock for all that a node waits for."""
+
+    def __init__(self, node: Node) -> None:
+        self._clock = Clock(clock_type=ClockType.STEADY_TIME)
+        self._due: dict[Future, tuple[int, DyKnowError | None]] = {}
+        self._timer = node.create_timer(
+            1.0, self._expire, clock=self._clock, callback_group=ReentrantCallbackGroup()
+        )
+        self._timer.cancel()
+
+    def fail(self, future: Future, seconds: float, error: DyKnowError) -> None:
+        """Gives a future an error after a time, unless it is done before."""
+        self._add(future, seconds, error)
+
+    def after(self, seconds: float) -> Future:
+        """A future that is done after a time; whoever does not need it any more cancels it."""
+        future: Future = Future()
+        self._add(future, seconds, None)
+        return future
+
+    def _add(self, future: Future, seconds: float, error: DyKnowError | None) -> None:
+        self._due[future] = (self._clock.now().nanoseconds + round(seconds * 1e9), error)
+        future.add_done_callback(lambda done: self._due.pop(done, None))
+        self._arm()
+
+    def _arm(self) -> None:
+        if not self._due:
+            self._timer.cancel()
+            return
+        wait = min(due for due, _ in self._due.values()) - self._clock.now().nanoseconds
+        self._timer.timer_period_ns = max(wait, 1)
+        self._timer.reset()
+
+    def _expire(self) -> None:
+        now = self._clock.now().nanoseconds
+        for future, (due, error) in list(self._due.items()):
+            if due > now or future.done():
+                continue
+            if error is None:
+                future.set_result(None)
+            else:
+                future.set_exception(error)
+        self._arm()
+
+
+def run(make_node: Callable[[], Node], arguments: Sequence[str] | None = None) -> int:
+    """Runs a node until SIGINT or SIGTERM; the main function of every executable.
+
+    Returns:
+        The exit code: 0 after a clean stop, 1 when the node cannot start.
+    """
+    rclpy.init(args=None if arguments is None else list(arguments))
+    node: Node | None = None
+    executor = SingleThreadedExecutor()
+    try:
+        node = make_node()
+        executor.add_node(node)
+        executor.spin()
+    except (KeyboardInterrupt, ExternalShutdownException):
+        pass
+    except DyKnowError as error:
+        print(error, file=sys.stderr)  # noqa: T201 - there is no node to log with
+        return 1
+    except Exception:
+        # A stop in the middle of the start leaves half a node: whatever it then trips over is no fault.
+        if rclpy.ok():
+            raise
+    finally:
+        executor.shutdown()
+        if node is not None:
+            node.destroy_node()
+        rclpy.try_shutdown()
+    return 0

@@ -1,0 +1,117 @@
+"""The stream processing engine: makes streams from specifications (paper, VI-A.1)."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+from dyknow_interfaces.msg import ConstraintViolation, Sample
+from dyknow_interfaces.srv import ListStreams, StreamCreateFromSpec, StreamDestroy
+
+from dyknow_stream_processing.computational_units import find_units
+from dyknow_stream_processing.dataflow import Dataflow
+from dyknow_stream_processing.errors import StreamError
+from dyknow_stream_processing.parsing import parse_specification
+from dyknow_stream_processing.ros.conversion import (
+    constraints_from_message,
+    nanoseconds_to_duration,
+    nanoseconds_to_time,
+    sample_to_message,
+)
+from dyknow_stream_processing.ros.runtime import (
+    NO_PUBLISHER_EVENTS,
+    STREAM,
+    VIOLATIONS,
+    DyKnowNode,
+    run,
+)
+from dyknow_stream_processing.ros.topic_sources import TopicSources, source_type
+
+if TYPE_CHECKING:
+    from dyknow_stream_processing.violation import Violation
+
+_NAME = re.compile(r'[A-Za-z][A-Za-z0-9_]*')
+
+
+@dataclass(frozen=True, slots=True)
+class _Publishers:
+    samples: Any
+    violations: Any
+
+
+class StreamProcessingEngine(DyKnowNode):
+    """Publishes the streams that it is asked to make."""
+
+    def __init__(self) -> None:
+        super().__init__('stream_processing_engine')
+        self._prefix = self.parameter(
+            'stream_prefix', 'dyknow/streams', 'Topics of streams are named <stream_prefix>/<name>.'
+        )
+        self._dataflow = Dataflow(find_units(), lambda topic: source_type(self, topic))
+        self._sources = TopicSources(self, self._dataflow)
+        self._publishers: dict[str, _Publishers] = {}
+        self.serve(StreamCreateFromSpec, self._create)
+        self.serve(StreamDestroy, self._destroy)
+        self.serve(ListStreams, self._list)
+
+    def _create(self, request: Any, response: Any) -> None:
+        spec = request.spec
+        if not _NAME.fullmatch(spec.name):
+            raise StreamError(
+                f"'{spec.name}' cannot be the name of a stream; use letters, digits and _, "
+                f'beginning with a letter'
+            )
+        specification = parse_specification(spec.specification)
+        constraints = constraints_from_message(spec.constraints)
+        self._dataflow.create(
+            spec.name,
+            specification,
+            constraints,
+            lambda sample: self._publishers[spec.name].samples.publish(sample_to_message(sample)),
+            lambda violation: self._publish_violation(spec.name, violation),
+        )
+        topic = f'{self._prefix}/{spec.name}'
+        self._publishers[spec.name] = _Publishers(
+            samples=self.create_publisher(
+                Sample, topic, STREAM, event_callbacks=NO_PUBLISHER_EVENTS
+            ),
+            violations=self.create_publisher(
+                ConstraintViolation,
+                f'{topic}/violations',
+                VIOLATIONS,
+                event_callbacks=NO_PUBLISHER_EVENTS,
+            ),
+        )
+        self._sources.refresh()
+        response.stream_topic = self.resolve_topic_name(topic)
+        response.stream_constraint_violation_topic = f'{response.stream_topic}/violations'
+
+    def _destroy(self, request: Any, _response: Any) -> None:
+        self._dataflow.destroy(request.stream_name)
+        publishers = self._publishers.pop(request.stream_name)
+        self.destroy_publisher(publishers.samples)
+        self.destroy_publisher(publishers.violations)
+        self._sources.refresh()
+
+    def _list(self, _request: Any, response: Any) -> None:
+        response.stream_names = sorted(self._dataflow.names())
+
+    def _publish_violation(self, name: str, violation: Violation) -> None:
+        message = ConstraintViolation(
+            stream_name=violation.stream_name,
+            constraint=str(violation.constraint),
+            valid_time=nanoseconds_to_time(violation.valid_time),
+            available_time=nanoseconds_to_time(violation.available_time),
+            observed=nanoseconds_to_duration(violation.observed),
+            allowed=nanoseconds_to_duration(violation.allowed),
+            message=violation.message,
+        )
+        message.header.stamp = self.get_clock().now().to_msg()
+        self._publishers[name].violations.publish(message)
+        self.get_logger().warning(f'{name}: {violation.message}', throttle_duration_sec=1.0)
+
+
+def main() -> int:
+    """The executable stream_processing_engine."""
+    return run(StreamProcessingEngine)

@@ -1,0 +1,109 @@
+"""The operator of `select ... from ... where ...`."""
+
+from __future__ import annotations
+
+import operator
+from typing import TYPE_CHECKING, Final
+
+from dyknow_stream_processing.operators import Operator
+from dyknow_stream_processing.sample import ValueType
+from dyknow_stream_processing.specification import value_text
+from dyknow_stream_processing.violation import Broken
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping
+
+    from dyknow_stream_processing.agenda import Agenda
+    from dyknow_stream_processing.sample import Value
+    from dyknow_stream_processing.specification import Condition, Select, Selection
+
+_COMPARISONS: Final[Mapping[str, Callable[[Value, Value], bool]]] = {
+    '=': operator.eq,
+    '!=': operator.ne,
+    '<': operator.lt,
+    '<=': operator.le,
+    '>': operator.gt,
+    '>=': operator.ge,
+}
+_NUMBERS: Final = frozenset({ValueType.INT, ValueType.FLOAT})
+
+
+def comparable_types(condition: Condition) -> frozenset[ValueType]:
+    """The types that a field may have to be compared with the value of a condition."""
+    value_type = ValueType.of(condition.value)
+    return _NUMBERS if value_type in _NUMBERS else frozenset({value_type})
+
+
+class SelectOperator(Operator):
+    """Some fields of those samples of its source that satisfy all conditions."""
+
+    def __init__(self, agenda: Agenda, label: str, source: Operator, select: Select) -> None:
+        super().__init__(agenda, label, [source], lag=source.lag, in_order=source.in_order)
+        self.watermark = source.watermark
+        self._tests = [(_test(condition), condition) for condition in select.conditions]
+        self._selections = [(_namer(each), each.field) for each in select.selections]
+        self._plain: Mapping[str, str] | None = None
+        if not any(each.embedded_fields for each in select.selections):
+            self._plain = {each.name: each.field for each in select.selections}
+
+    def receive(self, port: int, valid_time: int, fields: Mapping[str, Value], now: int) -> None:  # noqa: ARG002
+        """Pass on what is selected."""
+        try:
+            for test, condition in self._tests:
+                if not test(fields[condition.field]):
+                    return
+            selected = self._select(fields)
+        except KeyError as error:
+            known = ', '.join(fields) or 'nothing'
+            message = f"no field '{error.args[0]}' in the sample (it has: {known})"
+            self._reject(Broken.FIELDS, valid_time, message)
+        except _UnfitError as error:
+            self._reject(Broken.FIELDS, valid_time, str(error))
+        else:
+            self._emit(valid_time, selected, now)
+
+    def _select(self, fields: Mapping[str, Value]) -> Mapping[str, Value]:
+        if self._plain is not None:
+            return {name: fields[field] for name, field in self._plain.items()}
+        selected: dict[str, Value] = {}
+        for name, field in self._selections:
+            key = name(fields)
+            if key in selected:
+                raise _UnfitError(f"two selected fields are both named '{key}'; rename one")
+            selected[key] = fields[field]
+        return selected
+
+
+class _UnfitError(Exception):
+    """A sample that does not fit the specification."""
+
+
+def _test(condition: Condition) -> Callable[[Value], bool]:
+    compare, expected = _COMPARISONS[condition.operator], condition.value
+    types = comparable_types(condition)
+
+    def test(value: Value) -> bool:
+        if ValueType.of(value) not in types:
+            raise _UnfitError(
+                f"field '{condition.field}' is {value_text(value)} ({ValueType.of(value)}), "
+                f'which cannot be compared with {value_text(expected)}'
+            )
+        return compare(value, expected)
+
+    return test
+
+
+def _namer(selection: Selection) -> Callable[[Mapping[str, Value]], str]:
+    literals, embedded = selection.name.split('%')[::2], selection.embedded_fields
+    if not embedded:
+        return lambda fields: selection.name  # noqa: ARG005
+
+    def name(fields: Mapping[str, Value]) -> str:
+        values = [*(_bare_text(fields[field]) for field in embedded), '']
+        return ''.join(map(str.__add__, literals, values))
+
+    return name
+
+
+def _bare_text(value: Value) -> str:
+    return value if isinstance(value, str) else value_text(value)

@@ -1,0 +1,201 @@
+"""Operators that keep streams to their constraints."""
+
+from __future__ import annotations
+
+from heapq import heappop, heappush
+from itertools import count
+from typing import TYPE_CHECKING
+
+from dyknow_stream_processing.agenda import BEGINNING
+from dyknow_stream_processing.durations import format_duration, format_time
+from dyknow_stream_processing.operators import Operator
+from dyknow_stream_processing.violation import Broken
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from dyknow_stream_processing.agenda import Agenda
+    from dyknow_stream_processing.constraints import StreamConstraints
+    from dyknow_stream_processing.sample import Value
+
+
+class OrderOperator(Operator):
+    """Drops each sample that is older than its predecessor."""
+
+    def __init__(self, agenda: Agenda, source: Operator) -> None:
+        super().__init__(agenda, source.label, [source], lag=source.lag, in_order=True)
+
+    def receive(self, port: int, valid_time: int, fields: Mapping[str, Value], now: int) -> None:  # noqa: ARG002
+        """Pass a sample on unless a later one has been passed on."""
+        if valid_time < self.watermark:
+            self._reject(*_out_of_order(valid_time, self.watermark))
+            return
+        self._emit(valid_time, fields, now)
+        self._raise_watermark(valid_time, now)
+
+
+class ReorderOperator(Operator):
+    """Holds samples until no earlier one can come, and emits them in the order of valid times.
+
+    Args:
+        max_delay: after which a sample is no longer waited for and is dropped if it comes,
+            nanoseconds; `None` waits for what the watermark of the source promises.
+        shortest_period: the least distance of two samples, nanoseconds. Where there is no room for
+            another sample between two, the later one need not wait.
+    """
+
+    def __init__(
+        self,
+        agenda: Agenda,
+        source: Operator,
+        max_delay: int | None = None,
+        shortest_period: int | None = None,
+    ) -> None:
+        lags = [lag for lag in (max_delay, source.lag) if lag is not None]
+        super().__init__(agenda, source.label, [source], lag=min(lags, default=None), in_order=True)
+        self._max_delay = max_delay
+        self._room = 2 * (shortest_period or 0)
+        self._held: list[tuple[int, int, Mapping[str, Value]]] = []
+        self._serial = count()
+        self._promised = source.watermark
+        self._released = BEGINNING
+
+    def receive(self, port: int, valid_time: int, fields: Mapping[str, Value], now: int) -> None:  # noqa: ARG002
+        """Hold a sample, unless it comes too late."""
+        if self._max_delay is not None and now - valid_time > self._max_delay:
+            self._reject(*_late(valid_time, now - valid_time, self._max_delay))
+        elif valid_time < self._released:
+            self._reject(*_out_of_order(valid_time, self._released))
+        else:
+            heappush(self._held, (valid_time, next(self._serial), fields))
+            self._release(self._promised, now)
+
+    def promise(self, port: int, watermark: int, now: int) -> None:  # noqa: ARG002
+        """Release what the promise covers."""
+        self._promised = watermark
+        self._release(watermark, now)
+        self._raise_watermark(watermark, now)
+
+    def deadline(self) -> int | None:
+        """When the first sample held must have been overtaken by all earlier ones."""
+        return self._held[0][0] + self.lag if self._held and self.lag is not None else None
+
+    def wake(self, now: int) -> None:
+        """Release what no earlier sample can precede any more."""
+        if self.lag is not None:
+            self._release(now - self.lag, now)
+
+    def _release(self, until: int, now: int) -> None:
+        while self._held and (
+            self._held[0][0] <= until or self._held[0][0] < self._released + self._room
+        ):
+            self._released, _, fields = heappop(self._held)
+            self._emit(self._released, fields, now)
+        self._raise_watermark(self._released, now)
+        if (due := self.deadline()) is not None:
+            self._agenda.wake_at(self, due)
+
+
+class BoundsOperator(Operator):
+    """Drops what is not valid between the start time and the end time."""
+
+    def __init__(
+        self, agenda: Agenda, source: Operator, start: int | None, end: int | None
+    ) -> None:
+        super().__init__(agenda, source.label, [source], lag=source.lag, in_order=source.in_order)
+        self.watermark = source.watermark
+        self._start = start
+        self._end = end
+
+    def receive(self, port: int, valid_time: int, fields: Mapping[str, Value], now: int) -> None:  # noqa: ARG002
+        """Pass on what is valid within the bounds."""
+        if self._start is not None and valid_time < self._start:
+            self._drop('start_time')
+        elif self._end is not None and valid_time > self._end:
+            self._drop('end_time')
+        else:
+            self._emit(valid_time, fields, now)
+
+
+class PeriodOperator(Operator):
+    """Sees to it that samples follow each other at the sample period.
+
+    A sample that follows too early is dropped. A gap is reported once, when it is certain: as soon
+    as the clock rules out a punctual sample, or by the sample that ends it. The clock counts from the
+    valid time of the last sample where a lag bounds the delay of the next one; else from the time
+    at which the last one came, as if the next one took as long to come.
+    """
+
+    def __init__(self, agenda: Agenda, source: Operator, constraints: StreamConstraints) -> None:
+        super().__init__(agenda, source.label, [source], lag=source.lag, in_order=True)
+        self.watermark = source.watermark
+        self._shortest = constraints.shortest_period or 0
+        self._longest = constraints.longest_period or 0
+        self._end = constraints.end_time
+        self._demand = _period_text(constraints)
+        self._last: int | None = None
+        self._due: int | None = None
+
+    def receive(self, port: int, valid_time: int, fields: Mapping[str, Value], now: int) -> None:  # noqa: ARG002
+        """Pass a sample on unless it is too early."""
+        if self._last is not None:
+            distance = valid_time - self._last
+            if distance < self._shortest:
+                self._reject(*self._broken(valid_time, distance, self._shortest))
+                return
+            if distance > self._longest and self._due is not None:
+                self._violate(*self._broken(valid_time, distance, self._longest))
+        self._expect_next(valid_time, now)
+        self._emit(valid_time, fields, now)
+
+    def deadline(self) -> int | None:
+        """When it is certain that the next sample is not in time."""
+        return self._due
+
+    def wake(self, now: int) -> None:
+        """Report the gap."""
+        if self._last is not None and self._due is not None:
+            self._due = None
+            missing = self._last + self._longest
+            message = f'no sample after the one valid at {format_time(self._last)}; {self._demand}'
+            self._violate(Broken.SAMPLE_PERIOD, missing, message, now - self._last, self._longest)
+
+    def _expect_next(self, valid_time: int, now: int) -> None:
+        self._last = valid_time
+        latest = valid_time + self._longest
+        if self._end is not None and latest > self._end:
+            self._due = None
+            return
+        self._due = (now + self._longest if self.lag is None else latest + self.lag) + 1
+        self._agenda.wake_at(self, self._due)
+
+    def _broken(
+        self, valid_time: int, observed: int, allowed: int
+    ) -> tuple[str, int, str, int, int]:
+        message = (
+            f'the sample valid at {format_time(valid_time)} comes {format_duration(observed)} '
+            f'after its predecessor; {self._demand}'
+        )
+        return Broken.SAMPLE_PERIOD, valid_time, message, observed, allowed
+
+
+def _out_of_order(valid_time: int, predecessor: int) -> tuple[str, int, str, int, int]:
+    message = (
+        f'the sample valid at {format_time(valid_time)} came after the one valid at '
+        f'{format_time(predecessor)}; give the stream a max_delay to have samples put in order'
+    )
+    return Broken.VALID_TIME_ORDER, valid_time, message, predecessor - valid_time, 0
+
+
+def _late(valid_time: int, delay: int, allowed: int) -> tuple[str, int, str, int, int]:
+    message = (
+        f'the sample valid at {format_time(valid_time)} came {format_duration(delay)} late; '
+        f'max_delay is {format_duration(allowed)}'
+    )
+    return Broken.MAX_DELAY, valid_time, message, delay, allowed
+
+
+def _period_text(constraints: StreamConstraints) -> str:
+    period = format_duration(constraints.sample_period or 0)
+    deviation = format_duration(constraints.sample_period_deviation or 0)
+    return f'sample_period is {period}, give or take {deviation}'

@@ -1,0 +1,37 @@
+"""Fixtures of the system tests."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import pytest
+
+sys.path.insert(0, str(Path(__file__).parent))
+
+from system import Batteries, Client, System, private_environment
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+
+@pytest.fixture(scope='module')
+def system(tmp_path_factory: pytest.TempPathFactory) -> Iterator[System]:
+    """DyKnow for two vehicles, shared by the tests of a module."""
+    with System(tmp_path_factory.mktemp('system')) as running:
+        yield running
+
+
+@pytest.fixture(scope='module')
+def batteries(system: System) -> Batteries:
+    """The telemetry of the vehicles."""
+    return Batteries(system.client, system.vehicles)
+
+
+@pytest.fixture
+def client() -> Iterator[Client]:
+    """A node in a private domain of its own."""
+    alone = Client(private_environment())
+    yield alone
+    alone.close()

@@ -1,0 +1,184 @@
+"""A running DyKnow for tests: real nodes in processes of their own, in a private ROS domain."""
+
+from __future__ import annotations
+
+import itertools
+import os
+import time
+from typing import TYPE_CHECKING, Any, Self
+
+import rclpy
+from dyknow_interfaces.srv import EvaluateFormula, ListStreams
+from rclpy.context import Context
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+from sensor_msgs.msg import BatteryState
+
+from dyknow_bringup.fleet import fleet_specification, vehicle_names
+from dyknow_bringup.launcher import Launcher
+from dyknow_bringup.processes import (
+    Configuration,
+    Process,
+    dyknow_processes,
+    write_fleet_configuration,
+)
+from dyknow_bringup.resources import uav_ontology_path
+from dyknow_stream_processing import parse_specification, specifications_by_sink
+from dyknow_stream_processing.ros import nanoseconds_to_duration, nanoseconds_to_time
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+    from pathlib import Path
+
+_domains = itertools.count(os.getpid())
+
+LIMIT = 20.0
+"""Seconds after which a wait has failed."""
+
+
+def private_environment() -> dict[str, str]:
+    """Variables for processes that nobody else on this machine or network shall hear."""
+    return {
+        'ROS_DOMAIN_ID': str(1 + next(_domains) % 100),
+        'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST',
+    }
+
+
+class Client:
+    """A node in the test's own process."""
+
+    def __init__(self, environment: dict[str, str]) -> None:
+        os.environ.update(environment)
+        self.context = Context()
+        rclpy.init(context=self.context, domain_id=int(environment['ROS_DOMAIN_ID']))
+        self.node = Node('test_client', context=self.context)
+        self.executor = SingleThreadedExecutor(context=self.context)
+        self.executor.add_node(self.node)
+        self._clients: dict[str, Any] = {}
+
+    def close(self) -> None:
+        """Leaves the ROS graph."""
+        self.executor.shutdown()
+        self.node.destroy_node()
+        self.context.try_shutdown()
+
+    def spin_until(self, condition: Callable[[], bool], what: str, limit: float = LIMIT) -> None:
+        """Runs callbacks until a condition holds; fails the test when it does not come to hold."""
+        end = time.monotonic() + limit
+        while not condition():
+            assert time.monotonic() < end, f'not within {limit} s: {what}'
+            self.executor.spin_once(timeout_sec=0.05)
+
+    def request(self, service_type: Any, service: str, **fields: Any) -> Any:
+        """Sends a request and returns the future of its response."""
+        if service not in self._clients:
+            self._clients[service] = self.node.create_client(service_type, service)
+        client = self._clients[service]
+        self.spin_until(client.service_is_ready, f'service {service}')
+        return client.call_async(service_type.Request(**fields))
+
+    def call(self, service_type: Any, service: str, limit: float = LIMIT, **fields: Any) -> Any:
+        """The response of a service."""
+        future = self.request(service_type, service, **fields)
+        self.spin_until(future.done, f'answer of {service}', limit)
+        return future.result()
+
+
+class System:
+    """All seven nodes of DyKnow, configured for a fleet, and a client.
+
+    Args:
+        folder: for configuration and logs.
+        vehicles: how many.
+    """
+
+    def __init__(self, folder: Path, vehicles: int = 2) -> None:
+        self.environment = private_environment()
+        self.vehicles = vehicle_names(vehicles)
+        self.configuration = write_fleet_configuration(self.vehicles, uav_ontology_path(), folder)
+        self.launcher = Launcher(folder, environment=self.environment)
+        self.client = Client(self.environment)
+
+    def __enter__(self) -> Self:
+        self.launcher.start_all(self.processes.values())
+        self.wait_for_streams()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.client.close()
+        codes = self.launcher.stop_all()
+        assert set(codes.values()) <= {0}, f'exit codes of the nodes: {codes}'
+
+    @property
+    def processes(self) -> dict[str, Process]:
+        """The nodes by name."""
+        return {process.executable: process for process in dyknow_processes(self.configuration)}
+
+    def restart(self, executable: str) -> None:
+        """Starts a node that was killed."""
+        self.launcher.start(self.processes[executable])
+
+    def streams(self) -> set[str]:
+        """The streams that flow."""
+        return set(self.client.call(ListStreams, 'stream_manager/list_streams').stream_names)
+
+    def wait_for_streams(self) -> None:
+        """Waits until the streams of the fleet, and no others, are made."""
+        self.client.spin_until(
+            lambda: self.streams() == self.fleet_streams, 'just the streams of the fleet'
+        )
+
+    @property
+    def fleet_streams(self) -> set[str]:
+        """The streams that the configuration asks for."""
+        return set(specifications_by_sink(parse_specification(fleet_specification(self.vehicles))))
+
+    def evaluate(self, formula: str, timeout: float = 10.0, **fields: Any) -> Any:
+        """The coordinator's answer to a formula."""
+        future = self.ask(formula, timeout, **fields)
+        self.client.spin_until(future.done, f'answer to {formula}', timeout + LIMIT)
+        return future.result()
+
+    def ask(self, formula: str, timeout: float = 10.0, **fields: Any) -> Any:
+        """The future of the coordinator's answer to a formula."""
+        return self.client.request(
+            EvaluateFormula,
+            'stream_reasoning_coordinator/evaluate_formula',
+            formula=formula,
+            timeout=nanoseconds_to_duration(round(timeout * 1e9)),
+            **fields,
+        )
+
+
+class Batteries:
+    """Publishes the batteries of a fleet, five times a second, with the power that a test sets."""
+
+    PERIOD = 200_000_000
+    VOLTAGE = 10.0
+
+    def __init__(self, client: Client, vehicles: tuple[str, ...]) -> None:
+        self.power = dict.fromkeys(vehicles, 100.0)
+        self.silent: set[str] = set()
+        self._node = client.node
+        self._publishers = {
+            vehicle: client.node.create_publisher(BatteryState, f'{vehicle}/battery', 10)
+            for vehicle in vehicles
+        }
+        self._stamp = client.node.get_clock().now().nanoseconds // self.PERIOD * self.PERIOD
+        self._timer = client.node.create_timer(0.02, self._publish_due)
+
+    def _publish_due(self) -> None:
+        now = self._node.get_clock().now().nanoseconds
+        while self._stamp + self.PERIOD <= now:
+            self._stamp += self.PERIOD
+            for vehicle, publisher in self._publishers.items():
+                if vehicle not in self.silent:
+                    publisher.publish(self._battery(vehicle))
+
+    def _battery(self, vehicle: str) -> BatteryState:
+        message = BatteryState(voltage=self.VOLTAGE, current=-self.power[vehicle] / self.VOLTAGE)
+        message.header.stamp = nanoseconds_to_time(self._stamp)
+        return message
+
+
+__all__ = ['Batteries', 'Client', 'Configuration', 'System', 'private_environment']

@@ -1,0 +1,150 @@
+"""EvaluateFormula, asked by another node, over telemetry that the test controls."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import pytest
+from dyknow_interfaces.msg import ExitStatus, FormulaResult
+from dyknow_interfaces.srv import EvaluateFormula, StreamDestroy
+
+if TYPE_CHECKING:
+    from system import Batteries, System
+
+SYNTACTIC = EvaluateFormula.Request.SYNTACTIC
+
+
+@pytest.fixture(autouse=True)
+def calm(system: System, batteries: Batteries) -> None:
+    """Every test begins with every vehicle at 100 W, and with no evaluation left."""
+    batteries.silent.clear()
+    for vehicle in system.vehicles:
+        batteries.power[vehicle] = 100.0
+    system.wait_for_streams()
+
+
+def test_a_true_formula(system: System) -> None:
+    answer = system.evaluate('forall u in UAV: always[0 s, 1 s] Power[u] < 150')
+    assert answer.exit_status.code == ExitStatus.SUCCESS, answer.exit_status.message
+    assert answer.verdict == FormulaResult.TRUE
+    assert answer.canonical_formula == '(forall u in UAV: (always[0 s, 1 s] (Power[u] < 150)))'
+    assert answer.decided_at.sec > 0
+
+
+def test_a_false_formula_says_which_vehicle_and_why(system: System, batteries: Batteries) -> None:
+    future = system.ask('forall u in UAV: always Power[u] < 150')
+    system.client.spin_until(lambda: system.streams() > system.fleet_streams, 'the state stream')
+    batteries.power['uav2'] = 240.0
+    system.client.spin_until(future.done, 'the answer')
+    answer = future.result()
+    assert answer.exit_status.code == ExitStatus.SUCCESS, answer.exit_status.message
+    assert answer.verdict == FormulaResult.FALSE
+    assert 'Power[uav2] = 24' in answer.explanation
+    assert 'uav1' not in answer.explanation
+
+
+def test_a_timeout_is_no_verdict(system: System) -> None:
+    answer = system.evaluate('forall u in UAV: always Power[u] < 150', timeout=1.0)
+    assert answer.exit_status.code == ExitStatus.TIMEOUT
+    assert answer.verdict == FormulaResult.UNDECIDED
+    assert '1 s' in answer.exit_status.message
+
+
+def test_a_syntax_error_has_its_place(system: System) -> None:
+    answer = system.evaluate('always Power[uav1] <')
+    assert answer.exit_status.code == ExitStatus.INVALID_ARGUMENT
+    assert '1:21' in answer.exit_status.message
+    assert answer.exit_status.message.endswith('^')
+
+
+def test_a_type_error_has_its_place(system: System) -> None:
+    answer = system.evaluate('Power[uav1] and true')
+    assert answer.exit_status.code == ExitStatus.INVALID_ARGUMENT, answer
+
+
+def test_an_unknown_feature(system: System) -> None:
+    answer = system.evaluate('always Powr[uav1] < 150')
+    assert answer.exit_status.code == ExitStatus.NOT_FOUND
+    assert 'Powr' in answer.exit_status.message
+
+
+def test_an_unknown_sort(system: System) -> None:
+    answer = system.evaluate('forall b in Boat: always Power[b] < 150')
+    assert answer.exit_status.code == ExitStatus.NOT_FOUND
+    assert 'Boat' in answer.exit_status.message
+
+
+def test_a_feature_that_no_stream_carries(system: System) -> None:
+    answer = system.evaluate('always Power[uav9] < 150')
+    assert answer.exit_status.code == ExitStatus.NOT_FOUND
+    assert 'Power[uav9]' in answer.exit_status.message
+
+
+def test_an_empty_formula(system: System) -> None:
+    answer = system.evaluate('  ')
+    assert answer.exit_status.code == ExitStatus.INVALID_ARGUMENT
+    assert 'empty' in answer.exit_status.message
+
+
+def test_a_formula_over_no_feature_needs_no_stream(system: System) -> None:
+    answer = system.evaluate('forall u in UAV: u = u')
+    assert answer.exit_status.code == ExitStatus.SUCCESS, answer.exit_status.message
+    assert answer.verdict == FormulaResult.TRUE
+
+
+def test_a_ground_feature_that_drops_out_needs_no_stream(system: System) -> None:
+    # No stream carries XYDist[uav1, uav1]; the formula does not ask for it.
+    answer = system.evaluate('forall x in UAV: x != uav1 -> always XYDist[x, uav1] > 10', 1.0)
+    assert answer.exit_status.code == ExitStatus.TIMEOUT, answer.exit_status.message
+
+
+def test_syntactic_grounding_of_a_topic(system: System) -> None:
+    answer = system.evaluate('eventually "/uav1/battery".voltage > 9', grounding=SYNTACTIC)
+    assert answer.exit_status.code == ExitStatus.SUCCESS, answer.exit_status.message
+    assert answer.verdict == FormulaResult.TRUE
+
+
+def test_syntactic_grounding_of_a_stream(system: System) -> None:
+    answer = system.evaluate('eventually uav1_power.power > 99', grounding=SYNTACTIC)
+    assert answer.exit_status.code == ExitStatus.SUCCESS, answer.exit_status.message
+    assert answer.verdict == FormulaResult.TRUE
+
+
+def test_an_unknown_stream(system: System) -> None:
+    answer = system.evaluate('eventually uav7_power.power > 99', grounding=SYNTACTIC)
+    assert answer.exit_status.code == ExitStatus.NOT_FOUND
+    assert 'uav7_power' in answer.exit_status.message
+    assert 'uav1_power' in answer.exit_status.message
+
+
+def test_telemetry_that_stops_is_a_violation(system: System, batteries: Batteries) -> None:
+    future = system.ask('forall u in UAV: always Power[u] < 150')
+    system.client.spin_until(lambda: system.streams() > system.fleet_streams, 'the state stream')
+    batteries.silent.add('uav1')
+    system.client.spin_until(future.done, 'the answer')
+    answer = future.result()
+    assert answer.exit_status.code == ExitStatus.CONSTRAINT_VIOLATION
+    assert answer.verdict == FormulaResult.UNDECIDED
+    assert 'uav1' in answer.exit_status.message
+
+
+def test_many_calls_at_once(system: System) -> None:
+    futures = [
+        system.ask(f'forall u in UAV: always[0 s, 500 ms] Power[u] < {limit}')
+        for limit in range(50, 150, 5)
+    ]
+    system.client.spin_until(lambda: all(future.done() for future in futures), 'all answers')
+    verdicts = [future.result().verdict for future in futures]
+    messages = {future.result().exit_status.message for future in futures}
+    assert messages == {''}
+    # Noise is nil: 100 W is not below 50, 55, ..., 100, and is below 105 and more.
+    assert verdicts == [FormulaResult.FALSE] * 11 + [FormulaResult.TRUE] * 9
+
+
+def test_a_stream_that_is_destroyed_meanwhile_does_not_hang_the_caller(system: System) -> None:
+    future = system.ask('forall u in UAV: always Power[u] < 150')
+    system.client.spin_until(lambda: system.streams() > system.fleet_streams, 'the state stream')
+    (states,) = system.streams() - system.fleet_streams
+    system.client.call(StreamDestroy, 'stream_manager/stream_destroy', stream_name=states)
+    system.client.spin_until(future.done, 'the answer', 5.0)
+    assert future.result().exit_status.code == ExitStatus.UNAVAILABLE
