@@ -78,9 +78,9 @@ class Junction:
 class Window:
     """`left until[start, end] right`, or if universal the dual of that.
 
-    The dual: `right` holds at each state of the interval, until at a state strictly before it `left`
-    did. Times are in nanoseconds from the state at which the formula is evaluated, or from the
-    latest state once that is past; an end of None is infinite.
+    The dual: `right` holds at each state of the interval, up to the first one that comes after a
+    state at which `left` held. Times are in nanoseconds from the state at which the formula is
+    evaluated, or from the latest state once that is past; an end of None is infinite.
     """
 
     universal: bool

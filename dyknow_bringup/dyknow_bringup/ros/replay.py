@@ -36,7 +36,7 @@ class ReplayNode(DyKnowNode):
         self._wall = Clock(clock_type=ClockType.STEADY_TIME)
         wanted = [topic for topic in self._bag.topics if _is_wanted(topic, options.topics)]
         messages = self._bag.messages(options.topics)
-        self._publishers = {topic.name: self._publisher(topic) for topic in wanted}
+        self._outputs = {topic.name: self._publisher(topic) for topic in wanted}
         self._clock_publisher = (
             self.create_publisher(ClockMessage, '/clock', 10) if options.clock else None
         )
@@ -57,7 +57,7 @@ class ReplayNode(DyKnowNode):
             time = nanoseconds_to_time(max(self._schedule.log_time(now), 1))
             self._clock_publisher.publish(ClockMessage(clock=time))
         for message in self._replay.due(now):
-            self._publishers[message.topic].publish(message.data)
+            self._outputs[message.topic].publish(message.data)
         if now > self._end:
             self.get_logger().info('the recording has been replayed')
             self.context.try_shutdown()

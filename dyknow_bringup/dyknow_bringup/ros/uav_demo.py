@@ -18,6 +18,7 @@ from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.utilities import remove_ros_args
 from rich.console import Console
 from rich.live import Live
+from rich.table import Table
 
 from dyknow_bringup.errors import BringupError
 from dyknow_bringup.fleet import fleet_specification, vehicle_names
@@ -126,7 +127,7 @@ class Demonstration:
         self._node.cancel_all()
         self._spin()
 
-    def _table(self) -> object:
+    def _table(self) -> Table:
         elapsed = self._node.now() - (self._start or 0)
         return formula_table(self._node.formulas, self._start or 0, elapsed)
 

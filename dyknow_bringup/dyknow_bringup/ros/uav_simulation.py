@@ -32,7 +32,7 @@ class UavSimulation(DyKnowNode):
         self._vehicles = vehicle_names(vehicles)
         self._scenario = load_scenario(Path(scenario_path(scenario)))
         self._scenario.check_fleet(self._vehicles)
-        self._publishers = {
+        self._outputs = {
             (vehicle, channel): self.create_publisher(
                 message_class(MESSAGE_TYPES[channel]),
                 topic(vehicle, channel),
@@ -52,7 +52,7 @@ class UavSimulation(DyKnowNode):
         if self._simulation is None:
             self._simulation = self._begin(now)
         for message in self._simulation.until(now):
-            publisher: Any = self._publishers[message.vehicle, message.channel]
+            publisher: Any = self._outputs[message.vehicle, message.channel]
             publisher.publish(ros_message(message, message_class))
 
     def _begin(self, now: int) -> Simulation:

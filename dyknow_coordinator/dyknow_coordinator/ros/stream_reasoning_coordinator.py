@@ -40,7 +40,7 @@ class StreamReasoningCoordinator(DyKnowNode):
             'Seconds that a formula is evaluated for when the caller names no timeout.',
             (0.1, 1e9),
         )
-        self._clients = Clients(self)
+        self._peers = Clients(self)
         self._results = f'{self.get_fully_qualified_name()}/results'
         self._evaluations: list[FormulaEvaluation] = []
         self._monitors: dict[bytes, FormulaEvaluation] = {}
@@ -96,10 +96,10 @@ class StreamReasoningCoordinator(DyKnowNode):
     def _start(self, goal: Any) -> FormulaEvaluation:
         question = self._question(goal)
         evaluation = FormulaEvaluation(
-            self, self._clients, next(self._names), question, self._results
+            self, self._peers, next(self._names), question, self._results
         )
         self._evaluations.append(evaluation)
-        self.executor.create_task(self._live, evaluation)
+        self.spawn(self._live, evaluation)
         return evaluation
 
     async def _live(self, evaluation: FormulaEvaluation) -> None:
@@ -140,7 +140,7 @@ class StreamReasoningCoordinator(DyKnowNode):
 
         return self.create_subscription(
             FormulaProgress,
-            f'{self._clients.stream_reasoning_engine.name}/progress',
+            f'{self._peers.stream_reasoning_engine.name}/progress',
             report,
             100,
             callback_group=self.reentrant,

@@ -70,8 +70,9 @@ class StreamReasoningEngine(DyKnowNode):
         response.formula_group_id = group_id
 
     def _add_formula(self, request: Any, response: Any) -> None:
-        evaluation = self._find(request.formula_group_id)
-        response.formula_id = evaluation.group.add_formula(request.formula_name, request.formula)
+        group = self._find(request.formula_group_id).group
+        response.formula_id = group.add_formula(request.formula_name, request.formula)
+        response.canonical_formula = str(group.formulas[response.formula_id])
 
     def _extract_symbols(self, request: Any, response: Any) -> None:
         symbols = self._find(request.formula_group_id).group.symbols()

@@ -73,7 +73,7 @@ class StreamSemanticsManager(DyKnowNode):
         self.set_status('running', {'version': str(self._version)})
 
     def _check_later(self) -> None:
-        self.executor.create_task(self._check_all)
+        self.spawn(self._check_all)
 
     async def _check_all(self) -> None:
         """Checks what was loaded from files before the ontology was there."""

@@ -154,6 +154,20 @@ class DyKnowNode(Node):
             callback_group=self.reentrant,
         )
 
+    def spawn(self, work: Callable[..., Awaitable[None]], *arguments: Any) -> None:
+        """Runs a coroutine beside the callbacks; what it raises is logged."""
+
+        async def guarded() -> None:
+            try:
+                await work(*arguments)
+            except Exception as error:  # noqa: BLE001 - it would end the executor
+                text = ''.join(traceback.format_exception(error))
+                self.get_logger().error(f'fault in {work.__qualname__}:\n{text}')
+
+        if self.executor is None:
+            raise RuntimeError('a node spawns work only once it runs')
+        self.executor.create_task(guarded)
+
     def _log_fault(self, service_type: Any, error: Exception) -> None:
         if isinstance(error, DyKnowError):
             self.get_logger().info(f'{service_type.__name__}: {error}')

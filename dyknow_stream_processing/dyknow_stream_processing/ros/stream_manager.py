@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -136,7 +137,7 @@ class StreamManager(DyKnowNode):
             if name not in self._engines:
                 peer = Peer(self, name)
                 peer.on_found.append(self._settle)
-                peer.on_lost.append(lambda lost=name: self._engine_lost(lost))
+                peer.on_lost.append(partial(self._engine_lost, name))
                 self._engines[name] = peer
         if self._registry.waiting() and any(peer.alive for peer in self._engines.values()):
             self._settle()
@@ -156,7 +157,7 @@ class StreamManager(DyKnowNode):
     def _settle(self) -> None:
         if not self._settling:
             self._settling = True
-            self.executor.create_task(self._settle_streams)
+            self.spawn(self._settle_streams)
 
     async def _settle_streams(self) -> None:
         """Adopts the streams that engines have, and places those that wait."""

@@ -35,7 +35,7 @@ _NAME = re.compile(r'[A-Za-z][A-Za-z0-9_]*')
 
 
 @dataclass(frozen=True, slots=True)
-class _Publishers:
+class _Output:
     samples: Any
     violations: Any
 
@@ -50,7 +50,7 @@ class StreamProcessingEngine(DyKnowNode):
         )
         self._dataflow = Dataflow(find_units(), lambda topic: source_type(self, topic))
         self._sources = TopicSources(self, self._dataflow)
-        self._publishers: dict[str, _Publishers] = {}
+        self._outputs: dict[str, _Output] = {}
         self.serve(StreamCreateFromSpec, self._create)
         self.serve(StreamDestroy, self._destroy)
         self.serve(ListStreams, self._list)
@@ -68,11 +68,11 @@ class StreamProcessingEngine(DyKnowNode):
             spec.name,
             specification,
             constraints,
-            lambda sample: self._publishers[spec.name].samples.publish(sample_to_message(sample)),
+            lambda sample: self._outputs[spec.name].samples.publish(sample_to_message(sample)),
             lambda violation: self._publish_violation(spec.name, violation),
         )
         topic = f'{self._prefix}/{spec.name}'
-        self._publishers[spec.name] = _Publishers(
+        self._outputs[spec.name] = _Output(
             samples=self.create_publisher(
                 Sample, topic, STREAM, event_callbacks=NO_PUBLISHER_EVENTS
             ),
@@ -89,9 +89,9 @@ class StreamProcessingEngine(DyKnowNode):
 
     def _destroy(self, request: Any, _response: Any) -> None:
         self._dataflow.destroy(request.stream_name)
-        publishers = self._publishers.pop(request.stream_name)
-        self.destroy_publisher(publishers.samples)
-        self.destroy_publisher(publishers.violations)
+        output = self._outputs.pop(request.stream_name)
+        self.destroy_publisher(output.samples)
+        self.destroy_publisher(output.violations)
         self._sources.refresh()
 
     def _list(self, _request: Any, response: Any) -> None:
@@ -108,7 +108,7 @@ class StreamProcessingEngine(DyKnowNode):
             message=violation.message,
         )
         message.header.stamp = self.get_clock().now().to_msg()
-        self._publishers[name].violations.publish(message)
+        self._outputs[name].violations.publish(message)
         self.get_logger().warning(f'{name}: {violation.message}', throttle_duration_sec=1.0)
 
 

@@ -1,0 +1,195 @@
+"""Formulas checked over a recorded trace, as a function and as a command."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from dyknow_reasoning.errors import ReasoningError
+from dyknow_reasoning.formula_group import FormulaGroup
+from dyknow_reasoning.results import FormulaResult, Verdict
+from dyknow_reasoning.trace import read_trace
+from dyknow_stream_processing import DyKnowError, format_time
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Iterator, Sequence
+
+    from dyknow_reasoning.grounding import Domains
+    from dyknow_reasoning.trace import RecordedState
+
+_NONE_FALSE, _ONE_FALSE, _BAD_INPUT = 0, 1, 2
+
+
+@dataclass(frozen=True, slots=True)
+class CheckResult:
+    """What a trace says of a formula.
+
+    Args:
+        formula: its canonical text.
+        verdict: undecided if the trace ends too early, or the formula failed.
+        decided_at: the valid time of the deciding state in nanoseconds, None if undecided.
+        decided_at_state: its index, from 0; None if undecided.
+        states: how many states the trace has.
+        explanation: why; of an undecided formula, what remains of it.
+        error: why the formula failed.
+    """
+
+    formula: str
+    verdict: Verdict
+    decided_at: int | None
+    decided_at_state: int | None
+    states: int
+    explanation: str
+    error: ReasoningError | None = None
+
+
+def check_trace(
+    formulas: Sequence[str], domains: Domains, trace: Iterable[RecordedState]
+) -> list[CheckResult]:
+    """Progresses formulas over a trace; a result for each, in their order.
+
+    Args:
+        formulas: their texts.
+        domains: the objects of each sort.
+        trace: the states, in the order of their valid times.
+
+    Raises:
+        LanguageError: for a text that is no formula.
+        ReasoningError: for a sort without a domain.
+    """
+    group = FormulaGroup()
+    ids = [group.add_formula(text, text) for text in formulas]
+    group.begin(domains)
+    results: dict[int, tuple[int, FormulaResult]] = {}
+    states = 0
+    for state in trace:
+        for result in group.progress(state.valid_time, state.values):
+            results[result.formula_id] = (states, result)
+        states += 1
+    return [_result(group, formula_id, results.get(formula_id), states) for formula_id in ids]
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """The command `check`.
+
+    Returns:
+        0 if no formula is false, 1 if one is, 2 for bad input.
+    """
+    options = _parser().parse_args(arguments)
+    try:
+        with Path(options.trace).open(encoding='utf-8', newline='') as lines:
+            formulas = [*options.formula, *_read_formulas(options.formulas)]
+            if not formulas:
+                raise ReasoningError('there is no formula to check; give one, or --formulas FILE')
+            results = check_trace(formulas, _domains(options.domain), read_trace(lines))
+    except (DyKnowError, OSError, UnicodeDecodeError) as error:
+        sys.stderr.write(f'{error}\n')
+        return _BAD_INPUT
+    for result in results:
+        sys.stdout.write(f'{_json(result) if options.json else _report(result)}\n')
+        if result.error:
+            sys.stderr.write(f'{result.formula}: {result.error}\n')
+    return _exit_code(results)
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        prog='check',
+        description='Check formulas over a recorded trace.',
+        epilog='Exit code: 0 if no formula is false, 1 if one is, 2 for bad input.',
+    )
+    parser.add_argument('formula', nargs='*', metavar='FORMULA', help='a formula to check')
+    parser.add_argument(
+        '--formulas', metavar='FILE', help='more formulas, one a line; # begins a comment line'
+    )
+    parser.add_argument(
+        '--domain',
+        action='append',
+        default=[],
+        metavar='SORT=OBJECT,...',
+        help='the objects of a sort, such as UAV=uav1,uav2; once for each sort',
+    )
+    parser.add_argument(
+        '--trace',
+        required=True,
+        metavar='FILE',
+        help='comma-separated values: a column time_ns or time_s, and one for each ground feature',
+    )
+    parser.add_argument('--json', action='store_true', help='print a line of JSON for each formula')
+    return parser
+
+
+def _read_formulas(path: str | None) -> list[str]:
+    if path is None:
+        return []
+    lines = Path(path).read_text(encoding='utf-8').splitlines()
+    return [line for line in lines if line.strip() and not line.lstrip().startswith('#')]
+
+
+def _domains(options: Sequence[str]) -> Domains:
+    domains: dict[str, list[str]] = {}
+    for option in options:
+        sort, found, objects = option.partition('=')
+        if not found or not sort.strip():
+            raise ReasoningError(f"'{option}' is not a domain; write it as UAV=uav1,uav2")
+        if sort.strip() in domains:
+            raise ReasoningError(f"the sort '{sort.strip()}' has two domains; give it one")
+        names = (name.strip() for name in objects.split(','))
+        domains[sort.strip()] = [name for name in names if name]
+    return domains
+
+
+def _result(
+    group: FormulaGroup, formula_id: int, found: tuple[int, FormulaResult] | None, states: int
+) -> CheckResult:
+    formula = str(group.formulas[formula_id])
+    if found is None:
+        text = f'undecided after {states} states; what remains: {group.residual(formula_id)}'
+        return CheckResult(formula, Verdict.UNDECIDED, None, None, states, text)
+    index, result = found
+    if result.error:
+        text = result.error.message
+        return CheckResult(formula, Verdict.UNDECIDED, None, None, states, text, result.error)
+    return CheckResult(
+        formula, result.verdict, result.decided_at, index, states, result.explanation
+    )
+
+
+def _report(result: CheckResult) -> str:
+    return '\n  '.join((result.formula, *_lines(result)))
+
+
+def _lines(result: CheckResult) -> Iterator[str]:
+    if result.error:
+        yield f'failed: {result.explanation}'
+    elif result.decided_at is None:
+        yield result.explanation
+    else:
+        time = format_time(result.decided_at)
+        yield f'{result.verdict.name.lower()} at {time} (state {result.decided_at_state})'
+        yield result.explanation
+
+
+def _json(result: CheckResult) -> str:
+    return json.dumps(
+        {
+            'formula': result.formula,
+            'verdict': result.verdict.name.lower(),
+            'decided_at_ns': result.decided_at,
+            'decided_at_state': result.decided_at_state,
+            'states': result.states,
+            'explanation': result.explanation,
+        },
+        ensure_ascii=False,
+    )
+
+
+def _exit_code(results: Iterable[CheckResult]) -> int:
+    verdicts = [(result.verdict, result.error) for result in results]
+    if any(error for _, error in verdicts):
+        return _BAD_INPUT
+    return _ONE_FALSE if any(verdict is Verdict.FALSE for verdict, _ in verdicts) else _NONE_FALSE

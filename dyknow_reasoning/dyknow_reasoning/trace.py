@@ -1,0 +1,102 @@
+"""Recorded traces: one state a row, read from comma-separated values."""
+
+from __future__ import annotations
+
+import csv
+import re
+from dataclasses import dataclass
+from decimal import Decimal, InvalidOperation
+from typing import TYPE_CHECKING
+
+from dyknow_reasoning.errors import ReasoningError
+from dyknow_reasoning.parsing import parse_formula
+from dyknow_stream_processing import LanguageError, Value
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Iterator, Mapping, Sequence
+
+_UNITS = {'time_ns': Decimal(1), 'time_s': Decimal(10**9)}
+_INTEGER = re.compile(r'[+-]?\d+')
+_DECIMAL = re.compile(r'[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?|nan|[+-]?inf', re.IGNORECASE)
+_BOOLEANS = {'true': True, 'false': False}
+
+
+@dataclass(frozen=True, slots=True)
+class RecordedState:
+    """A row of a trace.
+
+    Args:
+        valid_time: in nanoseconds.
+        values: by the canonical text of the ground feature; an empty cell has none.
+    """
+
+    valid_time: int
+    values: Mapping[str, Value]
+
+
+def read_trace(lines: Iterable[str]) -> Iterator[RecordedState]:
+    """The states of a trace, one by one.
+
+    The first line names the columns: `time_ns` or `time_s`, and a ground feature each. A value is
+    `true` or `false`, an integer, a decimal, or else a string.
+
+    Args:
+        lines: of a file of comma-separated values.
+
+    Raises:
+        ReasoningError: with the line, for what is no trace.
+    """
+    rows = csv.reader(lines, skipinitialspace=True)
+    columns = _columns(next(rows, []))
+    for row in rows:
+        if row:
+            yield _state(row, columns, f'line {rows.line_num}')
+
+
+def _columns(header: Sequence[str]) -> list[str]:
+    """The names of the columns, features by their canonical texts."""
+    names = [name.strip() for name in header]
+    if sum(name in _UNITS for name in names) != 1:
+        raise ReasoningError(
+            'line 1: a trace has one column of times, time_ns or time_s; '
+            f'this one has the columns: {", ".join(names) or "none"}'
+        )
+    columns = [_canonical(name) for name in names]
+    if len(set(columns)) < len(columns):
+        twice = next(name for name in columns if columns.count(name) > 1)
+        raise ReasoningError(f"line 1: there are two columns '{twice}'; remove one")
+    return columns
+
+
+def _state(row: Sequence[str], columns: Sequence[str], where: str) -> RecordedState:
+    if len(row) != len(columns):
+        raise ReasoningError(f'{where}: {len(row)} values for {len(columns)} columns')
+    cells = dict(zip(columns, map(str.strip, row), strict=True))
+    clock = next(name for name in columns if name in _UNITS)
+    valid_time = _nanoseconds(cells.pop(clock), clock, where)
+    return RecordedState(valid_time, {name: _value(cell) for name, cell in cells.items() if cell})
+
+
+def _canonical(name: str) -> str:
+    try:
+        return str(parse_formula(name))
+    except LanguageError:
+        raise ReasoningError(f"line 1: the column '{name}' is not a ground feature") from None
+
+
+def _nanoseconds(cell: str, clock: str, where: str) -> int:
+    try:
+        time = Decimal(cell) * _UNITS[clock]
+        if time == int(time):
+            return int(time)
+    except (InvalidOperation, ValueError, OverflowError):
+        pass
+    raise ReasoningError(f"{where}: '{cell}' is not a whole number of nanoseconds, in {clock}")
+
+
+def _value(cell: str) -> Value:
+    if cell in _BOOLEANS:
+        return _BOOLEANS[cell]
+    if _INTEGER.fullmatch(cell):
+        return int(cell)
+    return float(cell) if _DECIMAL.fullmatch(cell) else cell
