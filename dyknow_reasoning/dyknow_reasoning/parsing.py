@@ -19,6 +19,9 @@ if TYPE_CHECKING:
 
 _COMPARISONS = {'≠': '!=', '≤': '<=', '≥': '>='}
 
+# All that walks a formula may recurse this deep without harm.
+_DEEPEST = 100
+
 _OPERATOR = 'an operator'
 _FORMULA = 'a formula'
 _SPELLINGS = {
@@ -45,13 +48,20 @@ def parse_formula(text: str) -> Formula:
         LanguageError: with the place, for what is not a formula.
     """
     try:
-        return resolve(_formula(_LANGUAGE.parse(text)))
+        formula = _formula(_LANGUAGE.parse(text))
+        shallow = _depth(formula) <= _DEEPEST
     except ValueError as error:
         raise LanguageError(error.args[0], _LANGUAGE.name, text, error.args[1]) from None
     except RecursionError:
-        raise LanguageError(
-            'the formula nests too deeply; split it', _LANGUAGE.name, text, NOWHERE
-        ) from None
+        shallow = False
+    if not shallow:
+        problem = f'the formula nests deeper than {_DEEPEST} levels; split it'
+        raise LanguageError(problem, _LANGUAGE.name, text, NOWHERE)
+    return resolve(formula)
+
+
+def _depth(node: Formula | Term) -> int:
+    return 1 + max(map(_depth, syntax.parts(node)), default=0)
 
 
 def _formula(node: Formula | Term) -> Formula:
