@@ -1,17 +1,44 @@
 """Semantic grounding: ontologies, annotations of streams (SSL) and matching."""
 
+from dyknow_semantics.annotation import (
+    Annotation,
+    Argument,
+    Concept,
+    Content,
+    FeatureTerm,
+    Key,
+    Range,
+)
+from dyknow_semantics.checking import check_annotation, check_concept
 from dyknow_semantics.errors import SemanticsError
 from dyknow_semantics.features import Feature
-from dyknow_semantics.knowledge import ALL_TRIPLES, Knowledge, Triple
+from dyknow_semantics.knowledge import Knowledge, Triple
+from dyknow_semantics.matching import Match, match, nearest
 from dyknow_semantics.ontology import Ontology
+from dyknow_semantics.parsing import parse_annotations, parse_concept
+from dyknow_semantics.store import ALL_TRIPLES
 from dyknow_semantics.vocabulary import UPPER_ONTOLOGY
 
 __all__ = [
     'ALL_TRIPLES',
     'UPPER_ONTOLOGY',
+    'Annotation',
+    'Argument',
+    'Concept',
+    'Content',
     'Feature',
+    'FeatureTerm',
+    'Key',
     'Knowledge',
+    'Match',
     'Ontology',
+    'Range',
     'SemanticsError',
     'Triple',
+    'check_annotation',
+    'check_concept',
+    'match',
+    'nearest',
+    'parse_annotations',
+    'parse_concept',
 ]

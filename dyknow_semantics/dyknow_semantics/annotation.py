@@ -1,25 +1,21 @@
-"""Annotations of streams and concepts asked for, as abstract syntax; `str` gives the canonical text."""
+"""Annotations and concepts as abstract syntax; `str` gives the canonical text."""
 
 from __future__ import annotations
 
+import dataclasses
 import json
 import re
-from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Final
 
 from dyknow_stream_processing import (
     NO_CONSTRAINTS,
     NOWHERE,
-    LanguageError,
     Place,
-    Reference,
     StreamConstraints,
 )
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
-
-    from dyknow_stream_processing import ExitCode
 
 ANNOTATION: Final = 'annotation'
 """What a text of SSL is called in messages."""
@@ -37,45 +33,46 @@ def feature_text(feature: str, arguments: Iterable[str]) -> str:
     return f'{feature}[{listed}]' if listed else feature
 
 
-@dataclass(frozen=True, slots=True)
+@dataclasses.dataclass(frozen=True, slots=True)
 class Argument:
     """An argument of a feature: a variable, if a range introduces its name, or else an object."""
 
     name: str
-    place: Place = field(default=NOWHERE, compare=False, kw_only=True)
+    place: Place = dataclasses.field(default=NOWHERE, compare=False, kw_only=True)
 
     def __str__(self) -> str:
         """The canonical text."""
         return self.name if _NAME.fullmatch(self.name) else _quoted(self.name)
 
 
-@dataclass(frozen=True, slots=True)
+@dataclasses.dataclass(frozen=True, slots=True)
 class FeatureTerm:
     """A feature with its arguments, `XYDist[x, uav1]`."""
 
     name: str
     arguments: tuple[Argument, ...] = ()
-    place: Place = field(default=NOWHERE, compare=False, kw_only=True)
+    place: Place = dataclasses.field(default=NOWHERE, compare=False, kw_only=True)
 
     def __str__(self) -> str:
         """The canonical text."""
         return feature_text(self.name, map(str, self.arguments))
 
 
-@dataclass(frozen=True, slots=True)
+@dataclasses.dataclass(frozen=True, slots=True)
 class Range:
     """A variable and the sort of the objects that it stands for, `u in UAV`."""
 
     variable: str
     sort: str
-    place: Place = field(default=NOWHERE, compare=False, kw_only=True)
+    place: Place = dataclasses.field(default=NOWHERE, compare=False, kw_only=True)
+    sort_place: Place = dataclasses.field(default=NOWHERE, compare=False, kw_only=True)
 
     def __str__(self) -> str:
         """The canonical text."""
         return f'{self.variable} in {self.sort}'
 
 
-@dataclass(frozen=True, slots=True)
+@dataclasses.dataclass(frozen=True, slots=True)
 class Content:
     """A field of a stream and the feature whose value it holds, `Altitude[u] = position.z [m]`.
 
@@ -88,7 +85,7 @@ class Content:
     feature: FeatureTerm
     field: str
     unit: str | None = None
-    unit_place: Place = field(default=NOWHERE, compare=False, kw_only=True)
+    unit_place: Place = dataclasses.field(default=NOWHERE, compare=False, kw_only=True)
 
     def __str__(self) -> str:
         """The canonical text."""
@@ -96,52 +93,51 @@ class Content:
         return f'{self.feature} = {_field_text(self.field)}{unit}'
 
 
-@dataclass(frozen=True, slots=True)
+@dataclasses.dataclass(frozen=True, slots=True)
 class Key:
     """The field of a sample that names the object that a variable stands for, `u = id`."""
 
     variable: str
     field: str
-    place: Place = field(default=NOWHERE, compare=False, kw_only=True)
+    place: Place = dataclasses.field(default=NOWHERE, compare=False, kw_only=True)
 
     def __str__(self) -> str:
         """The canonical text."""
         return f'{self.variable} = {_field_text(self.field)}'
 
 
-@dataclass(frozen=True, slots=True)
+@dataclasses.dataclass(frozen=True, slots=True)
 class Annotation:
     """What a stream contains (SSL; paper, section V).
 
     Args:
-        stream: the stream, or the topic.
+        stream: the name of the stream or topic.
         contents: what its fields hold.
         ranges: the variables of the features, for a stream that carries many objects.
         keys: for each variable, the field that names its object.
-        constraints: those that the samples of every single ground feature keep.
+        constraints: those that the samples of each ground feature keep.
+        is_topic: whether the name is that of a topic, quoted in the text.
         text: what was parsed, for error messages.
     """
 
-    stream: Reference
+    stream: str
     contents: tuple[Content, ...]
     ranges: tuple[Range, ...] = ()
     keys: tuple[Key, ...] = ()
     constraints: StreamConstraints = NO_CONSTRAINTS
-    text: str = field(default='', compare=False, kw_only=True)
-
-    def error(self, message: str, place: Place, code: ExitCode) -> LanguageError:
-        """An error at a place of this annotation."""
-        return LanguageError(message, ANNOTATION, self.text, place, code)
+    is_topic: bool = dataclasses.field(default=False, kw_only=True)
+    text: str = dataclasses.field(default='', compare=False, kw_only=True)
 
     def __str__(self) -> str:
         """The canonical text."""
+        stream = _quoted(self.stream) if self.is_topic else self.stream
         contents = ', '.join(map(str, self.contents))
         keys = f' where {", ".join(map(str, self.keys))}' if self.keys else ''
         constraints = '' if self.constraints.is_empty else f' with {self.constraints}'
-        return f'stream {self.stream} contains {contents}{_ranges(self.ranges)}{keys}{constraints};'
+        return f'stream {stream} contains {contents}{_ranges(self.ranges)}{keys}{constraints};'
 
 
-@dataclass(frozen=True, slots=True)
+@dataclasses.dataclass(frozen=True, slots=True)
 class Concept:
     """What streams are asked for, `XYDist[x, uav1] for every x in UAV`.
 
@@ -153,11 +149,7 @@ class Concept:
 
     feature: FeatureTerm
     ranges: tuple[Range, ...] = ()
-    text: str = field(default='', compare=False, kw_only=True)
-
-    def error(self, message: str, place: Place, code: ExitCode) -> LanguageError:
-        """An error at a place of this concept."""
-        return LanguageError(message, CONCEPT, self.text, place, code)
+    text: str = dataclasses.field(default='', compare=False, kw_only=True)
 
     def __str__(self) -> str:
         """The canonical text."""

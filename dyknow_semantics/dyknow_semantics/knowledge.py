@@ -1,13 +1,13 @@
 """What an ontology says of objects, sorts and features.
 
-An ontology arrives here as RDF triples, from wherever it is kept: the ontology manager reads them
-from its store, the semantic matching engine asks the ontology manager for them with `ALL_TRIPLES`.
+An ontology arrives here as RDF triples, from wherever it is kept: whoever holds it reads them from
+its store, others ask for them with the query `ALL_TRIPLES`.
 """
 
 from __future__ import annotations
 
 from collections import defaultdict
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING
 
 from dyknow_semantics.errors import SemanticsError
 from dyknow_semantics.features import Feature, SignatureReader
@@ -35,15 +35,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
 
 Triple = tuple[str, str, str]
-"""Subject, predicate and object, each an IRI, a literal's text or, for a blank node, a number < 0."""
-
-ALL_TRIPLES: Final = """
-    SELECT (COALESCE(STR(?s), STORID(?s)) AS ?subject)
-           (STR(?p) AS ?predicate)
-           (COALESCE(STR(?o), STORID(?o)) AS ?object)
-    WHERE { ?s ?p ?o . }
-"""
-"""The SPARQL query, in the dialect of owlready2, whose rows are the triples of an ontology."""
+"""Subject, predicate and object: an IRI, the text of a literal, or a number < 0 (a blank node)."""
 
 
 class Knowledge:
@@ -75,6 +67,7 @@ class Knowledge:
         reader = SignatureReader(self._taxonomy, statements.of, self.concept_names)
         below = self._taxonomy.below(FEATURE) & self._concepts
         self._features = reader.read(below - {FEATURE, NULLARY_FEATURE})
+        self._instances = self._instances_of_concepts()
 
     @property
     def features(self) -> tuple[Feature, ...]:
@@ -122,9 +115,7 @@ class Knowledge:
         Raises:
             SemanticsError: if there is no such concept.
         """
-        below = self._taxonomy.below(self.concept_names.iri(concept))
-        found = (iri for iri, types in self._types.items() if types & below)
-        return tuple(sorted(map(self.instance_names.name, found)))
+        return self._instances.get(self.concept_names.iri(concept), ())
 
     def concepts(self, instance: str) -> tuple[str, ...]:
         """The concepts of an instance, each before all that lie above it, else by name.
@@ -132,10 +123,16 @@ class Knowledge:
         Raises:
             SemanticsError: if there is no such instance.
         """
-        types = self._types[self.instance_names.iri(instance)]
-        above = {node for kind in types for node in self._taxonomy.above(kind)}
-        found = self._taxonomy.specific_first(above & self._concepts)
-        return tuple(map(self.concept_names.name, found))
+        found = self._concepts_of(self.instance_names.iri(instance))
+        return tuple(map(self.concept_names.name, self._taxonomy.specific_first(found)))
+
+    def instance(self, name: str) -> str:
+        """The shortest name of an instance.
+
+        Raises:
+            SemanticsError: if there is no such instance.
+        """
+        return self.instance_names.name(self.instance_names.iri(name))
 
     def name(self, iri: str) -> str:
         """The shortest name of a concept or an instance; the IRI of anything else."""
@@ -146,6 +143,17 @@ class Knowledge:
             if iri in things:
                 return names.name(iri)
         return iri
+
+    def _concepts_of(self, instance: str) -> set[str]:
+        above = (self._taxonomy.above(kind) for kind in self._types[instance])
+        return self._concepts & set().union(*above)
+
+    def _instances_of_concepts(self) -> dict[str, tuple[str, ...]]:
+        found: dict[str, list[str]] = defaultdict(list)
+        for iri in self._types:
+            for concept in self._concepts_of(iri):
+                found[concept].append(self.instance_names.name(iri))
+        return {concept: tuple(sorted(names)) for concept, names in found.items()}
 
     def _named(self, concepts: set[str]) -> tuple[str, ...]:
         return tuple(sorted(map(self.concept_names.name, concepts & self._concepts)))

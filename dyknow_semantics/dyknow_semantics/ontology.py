@@ -6,10 +6,10 @@ import re
 from contextlib import ExitStack
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import TYPE_CHECKING, cast
+from typing import TYPE_CHECKING
 
 from dyknow_semantics.errors import SemanticsError
-from dyknow_semantics.knowledge import ALL_TRIPLES, Knowledge
+from dyknow_semantics.knowledge import Knowledge
 from dyknow_semantics.names import prefix_of, split_iri, suggestion
 from dyknow_semantics.sources import read_import, read_source, same_ontology, upper_ontology
 from dyknow_semantics.store import RUNTIME_ONTOLOGY, Store, read_document
@@ -22,7 +22,6 @@ if TYPE_CHECKING:
     from typing import Self
 
     from dyknow_semantics.features import Feature
-    from dyknow_semantics.knowledge import Triple
     from dyknow_semantics.sources import Source
     from dyknow_semantics.store import Row
 
@@ -181,8 +180,7 @@ class Ontology:
         """Makes a change and keeps it if what comes of it makes sense."""
         try:
             change()
-            _, rows = self._store.select(ALL_TRIPLES, str)
-            knowledge = Knowledge(cast('Iterable[Triple]', rows))
+            knowledge = Knowledge(self._store.triples())
         except Exception:
             self._store.reopen()
             raise

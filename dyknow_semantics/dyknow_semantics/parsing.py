@@ -22,7 +22,6 @@ from dyknow_semantics.annotation import (
 from dyknow_stream_processing import (
     Language,
     Place,
-    Reference,
     StreamConstraints,
     StreamError,
     parse_duration,
@@ -66,18 +65,13 @@ class _Builder(Transformer[Any]):
     def annotations(self, *annotations: Annotation) -> tuple[Annotation, ...]:
         return annotations
 
-    def annotation(
-        self, stream: Reference, contents: tuple[Content, ...], *clauses: Any
-    ) -> Annotation:
+    def annotation(self, stream: Token, contents: tuple[Content, ...], *clauses: Any) -> Annotation:
         given: dict[str, Any] = {}
         for clause in clauses:
             given |= clause
-        annotation = Annotation(stream, contents, **given)
+        annotation = Annotation(_name(stream), contents, **given, is_topic=stream.type == 'QUOTED')
         _require_keys(annotation)
         return annotation
-
-    def stream(self, name: Token) -> Reference:
-        return Reference(_name(name), name.type == 'QUOTED', place=Place.of(name))
 
     def contents(self, *contents: Content) -> tuple[Content, ...]:
         return contents
@@ -127,7 +121,7 @@ class _Builder(Transformer[Any]):
         return {'ranges': ranges}
 
     def range(self, variable: Token, sort: Token) -> Range:
-        return Range(str(variable), str(sort), place=Place.of(variable))
+        return Range(str(variable), str(sort), place=Place.of(variable), sort_place=Place.of(sort))
 
 
 def _name(token: Token) -> str:

@@ -23,10 +23,19 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
     from pathlib import Path
 
+    from dyknow_semantics.knowledge import Triple
     from dyknow_semantics.sources import Source
 
 RUNTIME_ONTOLOGY: Final = 'http://www.dyknow.org/runtime#'
 """The ontology of what is created at run time, apart from what was loaded from files."""
+
+ALL_TRIPLES: Final = """
+    SELECT (COALESCE(STR(?s), STORID(?s)) AS ?subject)
+           (STR(?p) AS ?predicate)
+           (COALESCE(STR(?o), STORID(?o)) AS ?object)
+    WHERE { ?s ?p ?o . }
+"""
+"""The query whose solutions are the triples that `Knowledge` is made of."""
 
 _MAXIMUM_ROWS: Final = 100_000
 _STEPS_PER_CHECK: Final = 1_000_000
@@ -117,6 +126,12 @@ class Store:
         """Removes a class or an individual, and all that is said of it."""
         with _silence():
             owlready2.destroy_entity(self._world[iri])
+
+    def triples(self) -> tuple[Triple, ...]:
+        """All that the ontologies say, as `ALL_TRIPLES` asks for it."""
+        with _silence():
+            rows = self._rows(self._world.prepare_sparql(ALL_TRIPLES), str)
+            return tuple((subject, predicate, value) for subject, predicate, value in rows)
 
     def select(
         self, sparql: str, name: Callable[[str], str]
