@@ -1,6 +1,8 @@
 """Streams: samples, the stream language, operators, and what all languages and nodes share."""
 
+from dyknow_stream_processing.computational_units import Unit, load_units
 from dyknow_stream_processing.constraints import NO_CONSTRAINTS, StreamConstraints
+from dyknow_stream_processing.dataflow import Dataflow, SourceType, Statistics
 from dyknow_stream_processing.durations import (
     DURATION_PATTERN,
     NANOSECONDS,
@@ -11,6 +13,7 @@ from dyknow_stream_processing.durations import (
 from dyknow_stream_processing.errors import DyKnowError, ExitCode, StreamError
 from dyknow_stream_processing.language import NOWHERE, Language, LanguageError, Place
 from dyknow_stream_processing.parsing import parse_specification
+from dyknow_stream_processing.resolution import FreeNames, Resolved, free_names, resolve
 from dyknow_stream_processing.sample import Sample, Value, ValueType
 from dyknow_stream_processing.specification import (
     Call,
@@ -29,6 +32,7 @@ from dyknow_stream_processing.specification import (
     TypedField,
     UnitDeclaration,
     made,
+    references,
 )
 from dyknow_stream_processing.violation import Broken, Violation
 
@@ -40,33 +44,43 @@ __all__ = [
     'Broken',
     'Call',
     'Condition',
+    'Dataflow',
     'Declaration',
     'DyKnowError',
     'ExitCode',
+    'FreeNames',
     'Language',
     'LanguageError',
     'Merge',
     'Place',
     'Reference',
+    'Resolved',
     'Sample',
     'Select',
     'Selection',
     'SinkDeclaration',
     'SourceDeclaration',
+    'SourceType',
     'Specification',
+    'Statistics',
     'StreamConstraints',
     'StreamDeclaration',
     'StreamError',
     'Sync',
     'Term',
     'TypedField',
+    'Unit',
     'UnitDeclaration',
     'Value',
     'ValueType',
     'Violation',
     'format_duration',
     'format_time',
+    'free_names',
+    'load_units',
     'made',
     'parse_duration',
     'parse_specification',
+    'references',
+    'resolve',
 ]

@@ -1,15 +1,15 @@
 """Computational units: user code that runs on streams (paper, section III).
 
-A unit is registered in the entry point group `dyknow.computational_units` of any installed package, and
-declared in the specification that uses it:
+A unit is registered in the entry point group `dyknow.computational_units` of any installed package,
+and declared in the specification that uses it:
 
     compunit power: float electrical_power((voltage: float, current: float));
 
-It is a function, or a class of which one instance is made, without arguments, for each use and which
-then is called. It is called with one mapping for each of its streams: the fields in the order of the
-declaration, each with its value. If it has a parameter `valid_time`, the valid time of the sample is
-passed by that name, in nanoseconds. What it returns is the value of the declared field; `None` makes
-no sample. It should end quickly: the whole dataflow waits for it.
+It is a function, or a class of which one instance is made, without arguments, for each use and
+which is then called. It is called with one mapping for each of its streams: the fields in the order
+of the declaration, each with its value. If it has a parameter `valid_time`, the valid time of the
+sample is passed by that name, in nanoseconds. What it returns is the value of the declared field;
+`None` makes no sample. It should end quickly: the whole dataflow waits for it.
 """
 
 from __future__ import annotations
@@ -75,7 +75,7 @@ class UnitOperator(SynchronisedOperator):
         declaration: UnitDeclaration,
     ) -> None:
         super().__init__(agenda, label, inputs)
-        self._call = _instance(unit, declaration.name)
+        self._call: Unit = _instance(unit, declaration.name)
         self._takes_time = _takes_time(self._call)
         self._name = declaration.name
         self._output = declaration.output
@@ -113,17 +113,16 @@ class UnitOperator(SynchronisedOperator):
                 self._emit(valid_time, {self._output.name: result}, now)
 
 
-def _instance(unit: Unit, name: str) -> Unit:
+def _instance(unit: Unit, name: str) -> Any:
     if not isclass(unit):
         return unit
     try:
-        instance: Unit = unit()
+        return unit()
     # The constructor is user code, too.
     except Exception as error:
         raise StreamError(
             f"computational unit '{name}' cannot be made: {type(error).__name__}: {error}"
         ) from error
-    return instance
 
 
 def _takes_time(call: Unit) -> bool:

@@ -2,14 +2,14 @@
 
 Every operator promises two things about the valid times of the samples that it will still emit:
 
-- Its *watermark* `w`, which data raises: nobody has to wait for a sample valid at `w` or before. None
-  valid before `w` will come. One valid at `w` exactly may, as valid times may be equal, but whoever
-  needs each time once need not wait for it.
+- Its *watermark* `w`, which data raises: nobody has to wait for a sample valid at `w` or before.
+  None valid before `w` will come. One valid at `w` exactly may, as valid times may be equal, but
+  whoever needs each time once need not wait for it.
 - Its *lag* `d`, which the clock uses: no sample becomes available later than `d` after its valid
   time, so at the time `now` all those valid before `now - d` have come. `None` promises nothing.
 
-An operator acts on the clock in `wake` only. The agenda wakes operators in the order of time and then
-of rank, so that whoever relies on the lag of another is woken after it.
+An operator acts on the clock in `wake` only. The agenda wakes operators in the order of time and
+then of rank, so that whoever relies on the lag of another is woken after it.
 """
 
 from __future__ import annotations
@@ -68,7 +68,7 @@ class Operator:
         self,
         agenda: Agenda,
         label: str,
-        inputs: Sequence[Operator] = (),
+        inputs: Sequence[Operator],
         *,
         lag: int | None,
         in_order: bool,
@@ -77,7 +77,7 @@ class Operator:
         self.inputs = tuple(inputs)
         self.lag = lag
         self.in_order = in_order
-        self.rank = 1 + max((each.rank for each in inputs), default=0)
+        self.rank: int = 1 + max((each.rank for each in inputs), default=0)
         self.watermark = BEGINNING
         self.consumers: list[tuple[Consumer, int]] = []
         self.observers: list[Observer] = []
@@ -132,8 +132,10 @@ class SourceOperator(Operator):
         lag: 0 for a topic whose valid times are the times of receipt.
     """
 
-    def __init__(self, agenda: Agenda, topic: str, lag: int | None) -> None:
-        super().__init__(agenda, topic, lag=lag, in_order=False)
+    def __init__(
+        self, agenda: Agenda, topic: str, inputs: Sequence[Operator], lag: int | None
+    ) -> None:
+        super().__init__(agenda, topic, inputs, lag=lag, in_order=False)
 
     def receive(self, port: int, valid_time: int, fields: Mapping[str, Value], now: int) -> None:  # noqa: ARG002
         """Pass a sample on; it promises nothing about the next."""
@@ -146,7 +148,7 @@ class MergeOperator(Operator):
     def __init__(self, agenda: Agenda, label: str, inputs: Sequence[Operator]) -> None:
         super().__init__(agenda, label, inputs, lag=common_lag(inputs), in_order=False)
         self._watermarks = [each.watermark for each in inputs]
-        self.watermark = min(self._watermarks)
+        self.watermark = common_watermark(inputs)
 
     def receive(self, port: int, valid_time: int, fields: Mapping[str, Value], now: int) -> None:  # noqa: ARG002
         """Pass a sample on."""
@@ -156,6 +158,11 @@ class MergeOperator(Operator):
         """The slowest input decides."""
         self._watermarks[port] = watermark
         self._raise_watermark(min(self._watermarks), now)
+
+
+def common_watermark(inputs: Sequence[Operator]) -> int:
+    """The watermark of what is made of several inputs, nanoseconds."""
+    return min(each.watermark for each in inputs)
 
 
 def common_lag(inputs: Sequence[Operator]) -> int | None:

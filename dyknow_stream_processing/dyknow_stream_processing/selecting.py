@@ -5,17 +5,17 @@ from __future__ import annotations
 import operator
 from typing import TYPE_CHECKING, Final
 
-from dyknow_stream_processing.operators import Operator
+from dyknow_stream_processing.operators import Operator, common_lag, common_watermark
 from dyknow_stream_processing.sample import ValueType
 from dyknow_stream_processing.specification import value_text
 from dyknow_stream_processing.violation import Broken
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping
+    from collections.abc import Callable, Mapping, Sequence
 
     from dyknow_stream_processing.agenda import Agenda
     from dyknow_stream_processing.sample import Value
-    from dyknow_stream_processing.specification import Condition, Select, Selection
+    from dyknow_stream_processing.specification import Condition, Selection
 
 _COMPARISONS: Final[Mapping[str, Callable[[Value, Value], bool]]] = {
     '=': operator.eq,
@@ -37,20 +37,28 @@ def comparable_types(condition: Condition) -> frozenset[ValueType]:
 class SelectOperator(Operator):
     """Some fields of those samples of its source that satisfy all conditions."""
 
-    def __init__(self, agenda: Agenda, label: str, source: Operator, select: Select) -> None:
-        super().__init__(agenda, label, [source], lag=source.lag, in_order=source.in_order)
-        self.watermark = source.watermark
-        self._tests = [(_test(condition), condition) for condition in select.conditions]
-        self._selections = [(_namer(each), each.field) for each in select.selections]
+    def __init__(
+        self,
+        agenda: Agenda,
+        label: str,
+        inputs: Sequence[Operator],
+        selections: Sequence[Selection],
+        conditions: Sequence[Condition],
+    ) -> None:
+        in_order = all(each.in_order for each in inputs)
+        super().__init__(agenda, label, inputs, lag=common_lag(inputs), in_order=in_order)
+        self.watermark = common_watermark(inputs)
+        self._tests = [(condition.field, _test(condition)) for condition in conditions]
+        self._selections = [(_namer(each), each.field) for each in selections]
         self._plain: Mapping[str, str] | None = None
-        if not any(each.embedded_fields for each in select.selections):
-            self._plain = {each.name: each.field for each in select.selections}
+        if not any(each.embedded_fields for each in selections):
+            self._plain = {each.name: each.field for each in selections}
 
     def receive(self, port: int, valid_time: int, fields: Mapping[str, Value], now: int) -> None:  # noqa: ARG002
         """Pass on what is selected."""
         try:
-            for test, condition in self._tests:
-                if not test(fields[condition.field]):
+            for field, test in self._tests:
+                if not test(fields[field]):
                     return
             selected = self._select(fields)
         except KeyError as error:

@@ -8,6 +8,7 @@ import re
 from typing import TYPE_CHECKING, Final
 
 from dyknow_stream_processing.constraints import NO_CONSTRAINTS, StreamConstraints
+from dyknow_stream_processing.errors import ExitCode
 from dyknow_stream_processing.language import NOWHERE, LanguageError, Place
 
 if TYPE_CHECKING:
@@ -262,9 +263,11 @@ class Specification:
     declarations: tuple[Declaration, ...]
     text: str = dataclasses.field(default='', compare=False, kw_only=True)
 
-    def error(self, message: str, place: Place) -> LanguageError:
+    def error(
+        self, message: str, place: Place, code: ExitCode = ExitCode.INVALID_ARGUMENT
+    ) -> LanguageError:
         """An error at a place of this specification."""
-        return LanguageError(message, LANGUAGE, self.text, place)
+        return LanguageError(message, LANGUAGE, self.text, place, code)
 
     def __str__(self) -> str:
         """The canonical text."""

@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING
 
 from dyknow_stream_processing.agenda import BEGINNING
 from dyknow_stream_processing.durations import format_duration, format_time
-from dyknow_stream_processing.operators import Operator
+from dyknow_stream_processing.operators import Operator, common_lag, common_watermark
 from dyknow_stream_processing.violation import Broken
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Mapping, Sequence
 
     from dyknow_stream_processing.agenda import Agenda
     from dyknow_stream_processing.constraints import StreamConstraints
@@ -22,8 +22,8 @@ if TYPE_CHECKING:
 class OrderOperator(Operator):
     """Drops each sample that is older than its predecessor."""
 
-    def __init__(self, agenda: Agenda, source: Operator) -> None:
-        super().__init__(agenda, source.label, [source], lag=source.lag, in_order=True)
+    def __init__(self, agenda: Agenda, label: str, inputs: Sequence[Operator]) -> None:
+        super().__init__(agenda, label, inputs, lag=common_lag(inputs), in_order=True)
 
     def receive(self, port: int, valid_time: int, fields: Mapping[str, Value], now: int) -> None:  # noqa: ARG002
         """Pass a sample on unless a later one has been passed on."""
@@ -47,17 +47,18 @@ class ReorderOperator(Operator):
     def __init__(
         self,
         agenda: Agenda,
-        source: Operator,
+        label: str,
+        inputs: Sequence[Operator],
         max_delay: int | None = None,
         shortest_period: int | None = None,
     ) -> None:
-        lags = [lag for lag in (max_delay, source.lag) if lag is not None]
-        super().__init__(agenda, source.label, [source], lag=min(lags, default=None), in_order=True)
+        lags = [lag for lag in (max_delay, common_lag(inputs)) if lag is not None]
+        super().__init__(agenda, label, inputs, lag=min(lags, default=None), in_order=True)
         self._max_delay = max_delay
         self._room = 2 * (shortest_period or 0)
         self._held: list[tuple[int, int, Mapping[str, Value]]] = []
         self._serial = count()
-        self._promised = source.watermark
+        self._promised = self.watermark = common_watermark(inputs)
         self._released = BEGINNING
 
     def receive(self, port: int, valid_time: int, fields: Mapping[str, Value], now: int) -> None:  # noqa: ARG002
@@ -100,10 +101,16 @@ class BoundsOperator(Operator):
     """Drops what is not valid between the start time and the end time."""
 
     def __init__(
-        self, agenda: Agenda, source: Operator, start: int | None, end: int | None
+        self,
+        agenda: Agenda,
+        label: str,
+        inputs: Sequence[Operator],
+        start: int | None,
+        end: int | None,
     ) -> None:
-        super().__init__(agenda, source.label, [source], lag=source.lag, in_order=source.in_order)
-        self.watermark = source.watermark
+        in_order = all(each.in_order for each in inputs)
+        super().__init__(agenda, label, inputs, lag=common_lag(inputs), in_order=in_order)
+        self.watermark = common_watermark(inputs)
         self._start = start
         self._end = end
 
@@ -121,14 +128,20 @@ class PeriodOperator(Operator):
     """Sees to it that samples follow each other at the sample period.
 
     A sample that follows too early is dropped. A gap is reported once, when it is certain: as soon
-    as the clock rules out a punctual sample, or by the sample that ends it. The clock counts from the
-    valid time of the last sample where a lag bounds the delay of the next one; else from the time
-    at which the last one came, as if the next one took as long to come.
+    as the clock rules out a punctual sample, or by the sample that ends it. The clock counts from
+    the valid time of the last sample where a lag bounds the delay of the next one; else from the
+    time at which the last one came, as if the next one took as long to come.
     """
 
-    def __init__(self, agenda: Agenda, source: Operator, constraints: StreamConstraints) -> None:
-        super().__init__(agenda, source.label, [source], lag=source.lag, in_order=True)
-        self.watermark = source.watermark
+    def __init__(
+        self,
+        agenda: Agenda,
+        label: str,
+        inputs: Sequence[Operator],
+        constraints: StreamConstraints,
+    ) -> None:
+        super().__init__(agenda, label, inputs, lag=common_lag(inputs), in_order=True)
+        self.watermark = common_watermark(inputs)
         self._shortest = constraints.shortest_period or 0
         self._longest = constraints.longest_period or 0
         self._end = constraints.end_time

@@ -23,8 +23,8 @@ def distance(one: Mapping[str, float], other: Mapping[str, float]) -> float:
 def electrical_power(battery: Mapping[str, float]) -> float:
     """The power drawn from a battery, from `voltage` and `current`, in watts.
 
-    The current of sensor_msgs/BatteryState is negative while the battery discharges; the power is then
-    positive.
+    The current of sensor_msgs/BatteryState is negative while the battery discharges; the power is
+    then positive.
     """
     return battery['voltage'] * -battery['current']
 

@@ -1,0 +1,44 @@
+"""Which fields of which topics a stream needs."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from dyknow_stream_processing.specification import Call, Reference, Select, Sync
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Iterator, Mapping
+
+    from dyknow_stream_processing.specification import Term
+
+Demand = frozenset[str] | None
+"""Names of fields; `None` for all that there are."""
+
+
+def total_demand(terms: Iterable[Term]) -> Mapping[str, Demand]:
+    """What resolved streams need of each topic."""
+    total: dict[str, Demand] = {}
+    for term in terms:
+        for topic, demand in _demands(term, None):
+            known = total.get(topic, frozenset())
+            total[topic] = None if known is None or demand is None else known | demand
+    return total
+
+
+def _demands(term: Term, wanted: Demand) -> Iterator[tuple[str, Demand]]:
+    if isinstance(term, Reference):
+        yield term.name, wanted
+    elif isinstance(term, Select):
+        yield from _demands(term.source, _selected(term))
+    elif isinstance(term, Call) and term.declaration is not None:
+        for each, parameter in zip(term.inputs, term.declaration.parameters, strict=True):
+            yield from _demands(each, frozenset(field.name for field in parameter))
+    else:
+        # Which of its inputs has a field that is wanted of a sync is not always known.
+        for each in term.inputs:
+            yield from _demands(each, None if isinstance(term, Sync) else wanted)
+
+
+def _selected(select: Select) -> frozenset[str]:
+    fields = {field for each in select.selections for field in (each.field, *each.embedded_fields)}
+    return frozenset(fields | {condition.field for condition in select.conditions})

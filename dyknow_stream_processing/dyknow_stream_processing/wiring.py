@@ -1,0 +1,152 @@
+"""From resolved streams to running operators, where equal parts are one."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+from dyknow_stream_processing.computational_units import UnitOperator
+from dyknow_stream_processing.constraints import NO_CONSTRAINTS
+from dyknow_stream_processing.operators import MergeOperator, SourceOperator
+from dyknow_stream_processing.selecting import SelectOperator
+from dyknow_stream_processing.specification import Call, Merge, Reference, Select, Sync
+from dyknow_stream_processing.synchronisation import SyncOperator
+from dyknow_stream_processing.timing import (
+    BoundsOperator,
+    OrderOperator,
+    PeriodOperator,
+    ReorderOperator,
+)
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Hashable, Mapping, Sequence
+
+    from dyknow_stream_processing.agenda import Agenda
+    from dyknow_stream_processing.computational_units import Unit
+    from dyknow_stream_processing.operators import Operator
+    from dyknow_stream_processing.specification import Term
+
+
+class Wiring:
+    """The operators that run, each kept as long as another or a stream takes its samples.
+
+    Args:
+        agenda: wakes the operators.
+        units: the computational units by name.
+        lag_of: the lag of a topic, nanoseconds; `None` if it has no bound.
+    """
+
+    def __init__(
+        self,
+        agenda: Agenda,
+        units: Mapping[str, Unit],
+        lag_of: Callable[[str], int | None],
+    ) -> None:
+        self._agenda = agenda
+        self._units = units
+        self._lag_of = lag_of
+        self._operators: dict[Hashable, Operator] = {}
+        self._sources: dict[str, tuple[Operator, ...]] = {}
+
+    def sources(self, topic: str) -> tuple[Operator, ...]:
+        """What takes the samples of a topic."""
+        return self._sources.get(topic, ())
+
+    def connect(self, term: Term) -> Operator:
+        """The operator that makes a stream; it has to be given a consumer before the next `sweep`.
+
+        Raises:
+            StreamError: if a computational unit cannot be made.
+        """
+        return self._constrained(term, may_be_late=False)
+
+    def sweep(self) -> None:
+        """Free every operator whose samples nobody takes."""
+        by_rank = sorted(self._operators.items(), key=lambda item: item[1].rank, reverse=True)
+        for key, operator in by_rank:
+            if not operator.consumers:
+                del self._operators[key]
+                self._agenda.forget(operator)
+                for each in operator.inputs:
+                    each.consumers = [entry for entry in each.consumers if entry[0] is not operator]
+        self._index_sources()
+
+    def _index_sources(self) -> None:
+        self._sources = {}
+        for operator in self._operators.values():
+            if isinstance(operator, SourceOperator):
+                others = self._sources.get(operator.label, ())
+                self._sources[operator.label] = (*others, operator)
+
+    def _constrained(self, term: Term, *, may_be_late: bool) -> Operator:
+        """A term with its constraints.
+
+        What is late may be emitted where those who take it put it in order; else samples of a topic
+        that are older than their predecessors are dropped.
+        """
+        label, demands = _label(term), term.constraints
+        if demands.max_delay is not None:
+            source = self._bare(term, may_be_late=True)
+            periods = (demands.max_delay, demands.shortest_period)
+            operator = self._operator(ReorderOperator, label, [source], *periods)
+        elif demands.sample_period is not None:
+            operator = self._in_order(self._bare(term, may_be_late=False))
+        else:
+            operator = self._bare(term, may_be_late=may_be_late)
+        bounds = (demands.start_time, demands.end_time)
+        if bounds != (None, None):
+            operator = self._operator(BoundsOperator, label, [operator], *bounds)
+        # A sync makes its ticks at its period; all that can go wrong is that they are not made.
+        is_periodic = isinstance(term, Sync) and demands.max_delay is None
+        if demands.sample_period is not None and not is_periodic:
+            operator = self._operator(PeriodOperator, label, [operator], demands)
+        return operator
+
+    def _bare(self, term: Term, *, may_be_late: bool) -> Operator:
+        label = _label(replace(term, constraints=NO_CONSTRAINTS))
+        match term:
+            case Reference():
+                source = self._operator(SourceOperator, label, [], self._lag_of(term.name))
+                return source if may_be_late else self._operator(OrderOperator, label, [source])
+            case Select():
+                inputs = [self._constrained(term.source, may_be_late=may_be_late)]
+                details = (term.selections, term.conditions)
+                return self._operator(SelectOperator, label, inputs, *details)
+            case Merge():
+                inputs = [self._constrained(each, may_be_late=may_be_late) for each in term.inputs]
+                return self._operator(MergeOperator, label, inputs)
+            case Sync():
+                inputs = [self._sorted(each) for each in term.inputs]
+                ticks = (term.constraints.start_time, term.constraints.sample_period)
+                return self._operator(SyncOperator, label, inputs, *ticks)
+            case Call():
+                inputs = [self._sorted(each) for each in term.inputs]
+                unit = self._units[term.unit]
+                return self._operator(UnitOperator, label, inputs, unit, term.declaration)
+
+    def _sorted(self, term: Term) -> Operator:
+        return self._in_order(self._constrained(term, may_be_late=False))
+
+    def _in_order(self, operator: Operator) -> Operator:
+        if operator.in_order:
+            return operator
+        return self._operator(ReorderOperator, operator.label, [operator])
+
+    def _operator(
+        self,
+        kind: Callable[..., Operator],
+        label: str,
+        inputs: Sequence[Operator],
+        *details: object,
+    ) -> Operator:
+        key = (kind, label, tuple(map(id, inputs)), details)
+        if key not in self._operators:
+            operator = kind(self._agenda, label, inputs, *details)
+            for port, each in enumerate(inputs):
+                each.consumers.append((operator, port))
+            self._operators[key] = operator
+        return self._operators[key]
+
+
+def _label(term: Term) -> str:
+    return term.name if isinstance(term, Reference) else str(term)
