@@ -141,14 +141,15 @@ class FormulaGroup:
         Raises:
             ReasoningError: before `begin`.
         """
-        results: list[FormulaResult] = []
+        known: list[FormulaResult] = []
         if self._latest is None:
             self._require_begun()
-            results += self._decide_at_once(valid_time)
+            known = self._decide_at_once(valid_time)
         elif valid_time <= self._latest:
             return self.fail(_not_later(valid_time, self._latest), valid_time)
         elapsed = 0 if self._latest is None else valid_time - self._latest
         self._latest = valid_time
+        results: list[FormulaResult] = []
         for formula_id, evaluation in self._undecided.items():
             try:
                 decision = evaluation.progress(valid_time, elapsed, values, self._progression)
@@ -163,7 +164,7 @@ class FormulaGroup:
             self._progression.forget(
                 root for evaluation in self._undecided.values() for root in evaluation.roots
             )
-        return results
+        return known + results
 
     def progress_many(
         self, valid_times: Iterable[int], columns: Mapping[str, Iterable[Any]]

@@ -117,7 +117,7 @@ class _Checker:
     def _infer_use(self, node: Formula | Term) -> None:
         match node:
             case Feature() | Reference():
-                self._require(node, Kind.BOOLEAN, 'a formula')
+                self._require(node, Kind.BOOLEAN, 'as a formula')
             case Comparison('=' | '!=', left, right):
                 self._infer_arithmetic(left)
                 self._infer_arithmetic(right)
@@ -130,7 +130,7 @@ class _Checker:
     def _infer_numbers(self, node: Comparison | Arithmetic) -> None:
         for side in (node.left, node.right):
             self._infer_arithmetic(side)
-            self._require(side, Kind.NUMBER, f"an operand of '{node.operator}'")
+            self._require(side, Kind.NUMBER, f"as an operand of '{node.operator}'")
 
     def _infer_arithmetic(self, node: Term) -> None:
         if isinstance(node, Arithmetic):
@@ -139,9 +139,9 @@ class _Checker:
     def _infer_equality(self, node: Comparison) -> None:
         left, right = self._kind(node.left), self._kind(node.right)
         if left is not None:
-            self._require(node.right, left, f"compared with '{node.left}'")
+            self._require(node.right, left, self._comparison_with(node.left))
         elif right is not None:
-            self._require(node.left, right, f"compared with '{node.right}'")
+            self._require(node.left, right, self._comparison_with(node.right))
 
     def _kind(self, term: Term) -> Kind | None:
         match term:
@@ -164,9 +164,12 @@ class _Checker:
         elif known is not kind:
             raise ValueError(
                 f"'{term}' is {_article(known)}{self._evidence(term)}; "
-                f'as {purpose} it must be {_article(kind)}',
+                f'{purpose} it must be {_article(kind)}',
                 term.place,
             )
+
+    def _comparison_with(self, term: Term) -> str:
+        return f"compared with '{term}'{self._evidence(term)}"
 
     def _evidence(self, term: Term) -> str:
         use = self.uses.get(_name(term))
@@ -190,8 +193,8 @@ def _check_feature(node: Feature, variables: set[str], objects: set[str]) -> Non
 def _check_arity(node: Feature, first: Feature) -> None:
     if len(node.arguments) != len(first.arguments):
         raise ValueError(
-            f"'{node.name}' has {len(node.arguments)} arguments here and "
-            f'{len(first.arguments)} at {_spelled(first.place)}',
+            f"'{node.name}' has {_counted(node)} here and "
+            f'{_counted(first)} at {_spelled(first.place)}; a feature always has the same number',
             node.place,
         )
 
@@ -208,6 +211,11 @@ def _check_object(node: Object, variables: set[str], sorts: set[str]) -> None:
             f'such as forall x in {node.name}: ...',
             node.place,
         )
+
+
+def _counted(feature: Feature) -> str:
+    count = len(feature.arguments)
+    return '1 argument' if count == 1 else f'{count} arguments'
 
 
 def _name(term: Term) -> str:

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import os
-from itertools import accumulate
+from itertools import accumulate, product
 from typing import TYPE_CHECKING
 
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from dyknow_reasoning import FormulaGroup, Verdict
+from dyknow_reasoning import FormulaGroup, Verdict, parse_formula
 from dyknow_reasoning.formula import (
     Always,
     And,
@@ -158,3 +158,121 @@ def test_verdicts_are_right_and_not_late(steps: st.SearchStrategy[int]) -> None:
                 assert found[length - 1] is expected, (str(formula), trace[:length])
 
     check()
+
+
+def same_verdicts(left: Formula, right: Formula, trace: Trace) -> None:
+    assert verdicts(left, trace) == verdicts(right, trace)
+
+
+def opposite(found: list[bool | None]) -> list[bool | None]:
+    return [negation(value) for value in found]
+
+
+small = formulas(2)
+irregular = traces(st.integers(1, 5))
+
+
+@given(small, small, intervals(), irregular)
+def test_until_and_its_dual(
+    left: Formula, right: Formula, interval: Interval, trace: Trace
+) -> None:
+    until_ = Until(left, right, interval)
+    assert verdicts(Not(until_), trace) == opposite(verdicts(until_, trace))
+
+
+@given(small, intervals(), irregular)
+def test_always_and_eventually_are_dual(body: Formula, interval: Interval, trace: Trace) -> None:
+    same_verdicts(Always(body, interval), Not(Eventually(Not(body), interval)), trace)
+
+
+@given(small, intervals(), irregular)
+def test_eventually_is_true_until(body: Formula, interval: Interval, trace: Trace) -> None:
+    same_verdicts(Eventually(body, interval), Until(Truth(True), body, interval), trace)
+
+
+@given(formulas(3), irregular, st.integers(-(10**9), 10**9))
+def test_a_shift_in_time_changes_nothing(formula: Formula, trace: Trace, shift: int) -> None:
+    shifted = [(time + shift, values) for time, values in trace]
+    assert verdicts(formula, shifted) == verdicts(formula, trace)
+
+
+@given(formulas(3), irregular)
+def test_the_residual_says_what_the_rest_must_satisfy(formula: Formula, trace: Trace) -> None:
+    group = FormulaGroup()
+    formula_id = group.add_formula('it', str(formula))
+    group.begin({})
+    for time, values in trace:
+        group.progress(time, values)
+        text = group.residual(formula_id)
+        assert str(parse_formula(text)) == text
+    decided = verdicts(formula, trace)[-1]
+    assert (text in {'true', 'false'}) == (decided is not None)
+
+
+def continuations(trace: Trace, states: int) -> list[Trace]:
+    """All that may follow, at the times of the next few states."""
+    last = trace[-1][0]
+    choices = [dict(zip(NAMES, bits, strict=True)) for bits in product((False, True), repeat=2)]
+    return [
+        [*trace, *((last + 1 + index, values) for index, values in enumerate(more))]
+        for more in product(choices, repeat=states)
+    ]
+
+
+@settings(max_examples=60, deadline=None)
+@given(formulas(2), traces(st.just(1), most=3))
+def test_no_verdict_that_a_continuation_contradicts(formula: Formula, trace: Trace) -> None:
+    found = verdicts(formula, trace)
+    length = next((index + 1 for index, value in enumerate(found) if value is not None), None)
+    if length is not None:
+        for longer in continuations(trace[:length], 3):
+            assert holds(formula, longer, 0) in {found[length - 1], None}
+
+
+@pytest.mark.parametrize(
+    ('formula', 'times', 'decided_at'),
+    [
+        ('always[0, 5 ns] p', [0, 2, 4, 5], 5),
+        ('always[0, 5 ns] p', [0, 2, 4, 6], 6),
+        ('always[0, 5 ns) p', [0, 2, 4, 5], 4),
+        ('always[0, 0] p', [7, 8], 7),
+        ('eventually[0, 5 ns] not p', [0, 3, 9], 9),
+        ('eventually[0, 5 ns] not p', [0, 3, 5], 5),
+        ('always[3 ns, 4 ns] p', [0, 2, 4], 4),
+        ('always[3 ns, 4 ns] not p', [0, 2, 5], 5),
+        ('eventually p', [3], 3),
+        ('p until[0, 3 ns] not p', [0, 1, 2, 3], 3),
+        ('always p', [0, 1, 2], None),
+        ('(always p) and eventually not p', [0, 1], 0),
+        ('(always[0, 9 ns] p) or eventually[2 ns, 4 ns] not p', [0, 1, 2, 5], None),
+        ('(always[0, 2 ns] p) or eventually not p', [0, 1], 0),
+    ],
+)
+def test_the_earliest_verdict(formula: str, times: list[int], decided_at: int | None) -> None:
+    group = FormulaGroup()
+    group.add_formula('it', formula)
+    group.begin({})
+    results = [result for time in times for result in group.progress(time, {'p': True})]
+    assert [result.decided_at for result in results] == ([] if decided_at is None else [decided_at])
+
+
+def test_the_left_side_of_until_need_not_hold_at_the_first_state() -> None:
+    formula = Until(Feature('p'), Feature('q'))
+    exempt = [(0, {'p': False, 'q': False}), (1, {'p': False, 'q': True})]
+    assert verdicts(formula, exempt) == [None, True]
+    not_exempt = [(0, {'p': True, 'q': False}), (1, {'p': False, 'q': False})]
+    assert verdicts(formula, not_exempt) == [None, False]
+
+
+def test_what_remains_may_nest_deeply() -> None:
+    group = FormulaGroup()
+    formula_id = group.add_formula(
+        'deep', '(eventually[0, 900] p) until[0, 5 s] (always[0, 900] q)'
+    )
+    group.begin({})
+    for time in range(800):
+        assert group.progress(time * 1_000_000, {'p': False, 'q': True}) == []
+    assert group.residual(formula_id).count('until') == 1
+    assert 'eventually' in group.residual(formula_id)
+    results = group.progress(2_000_000_000, {'p': True, 'q': True})
+    assert [result.verdict for result in results] == [Verdict.TRUE]

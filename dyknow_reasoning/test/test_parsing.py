@@ -1,0 +1,267 @@
+"""The formula language: what texts mean, how formulas are written, what is said of wrong ones."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from dyknow_reasoning import FormulaGroup, parse_formula
+from dyknow_reasoning.formula import (
+    Always,
+    And,
+    Arithmetic,
+    Comparison,
+    Equivalent,
+    Eventually,
+    Exists,
+    Feature,
+    Forall,
+    Formula,
+    Implies,
+    Interval,
+    Not,
+    Number,
+    Object,
+    Or,
+    Reference,
+    Term,
+    Text,
+    Truth,
+    Until,
+    Variable,
+)
+from dyknow_stream_processing import LanguageError, Place
+from hypothesis import given
+from hypothesis import strategies as st
+
+BAD_FORMULAS = sorted((Path(__file__).parent / 'bad_formulas').glob('*.formula'))
+
+S = 1_000_000_000
+
+
+def canonical(text: str) -> str:
+    return str(parse_formula(text))
+
+
+def test_power_formula_of_the_paper() -> None:
+    normal = Comparison('<=', Feature('Power', (Variable('u'),)), Number(150))
+    raised = Comparison('>', Feature('Power', (Variable('u'),)), Number(150))
+    bearable = Comparison('<', Feature('Power', (Variable('u'),)), Number(200))
+    until = Until(bearable, Always(normal, Interval(0, 3 * S)), Interval(0, 5 * S))
+    assert parse_formula(
+        'forall u in UAV: always (Power[u] > 150 -> '
+        'Power[u] < 200 until[0 s, 5 s] always[0 s, 3 s] Power[u] <= 150)'
+    ) == Forall('u', 'UAV', Always(Implies(raised, until)))
+
+
+def test_distance_formula_of_the_paper() -> None:
+    distance = Comparison('>', Feature('XYDist', (Variable('x'), Object('uav1'))), Number(10))
+    others = Comparison('!=', Variable('x'), Object('uav1'))
+    assert parse_formula('forall x in UAV: x != uav1 -> always XYDist[x, uav1] > 10') == Forall(
+        'x', 'UAV', Implies(others, Always(distance))
+    )
+
+
+@pytest.mark.parametrize(
+    'text',
+    [
+        'always not p -> eventually[0,1000] always[0,999] p',
+        '□ ¬p → ◇[0,1000] □[0,999] p',
+        'always ((not p) -> (eventually[0 s, 1 s] (always[0 s, 999 ms] p)))',
+    ],
+)
+def test_response_formula_of_the_paper(text: str) -> None:
+    p = Feature('p')
+    period = Eventually(Always(p, Interval(0, 999_000_000)), Interval(0, S))
+    assert parse_formula(text) == Always(Implies(Not(p), period))
+
+
+@pytest.mark.parametrize(
+    ('text', 'expected'),
+    [
+        ('not p until q', '(not p) until q'),
+        ('not p and q', '(not p) and q'),
+        ('p until q and r', '(p until q) and r'),
+        ('p and q or r', '(p and q) or r'),
+        ('p or q and r', 'p or (q and r)'),
+        ('p or q -> r', '(p or q) -> r'),
+        ('p -> q <-> r', '(p -> q) <-> r'),
+        ('p -> q -> r', 'p -> (q -> r)'),
+        ('p <-> q <-> r', '(p <-> q) <-> r'),
+        ('p and q and r', '(p and q) and r'),
+        ('p until q until r', 'p until (q until r)'),
+        ('p and always q or r', 'p and (always (q or r))'),
+        ('not always p -> q', 'not (always (p -> q))'),
+        ('p until eventually q and r', 'p until (eventually (q and r))'),
+        ('p or forall x in S: q and r', 'p or (forall x in S: (q and r))'),
+        ('(always p) and q', '(always p) and q'),
+        ('not a = b', 'not (a = b)'),
+        ('a + b * c - d < 1', '((a + (b * c)) - d) < 1'),
+        ('-a / 2 > -3', '((0 - a) / 2) > -3'),
+        ('a - -3 > 0', '(a - -3) > 0'),
+    ],
+)
+def test_precedence(text: str, expected: str) -> None:
+    assert canonical(text) == expected
+
+
+@pytest.mark.parametrize(
+    ('symbols', 'words'),
+    [
+        ('∀ u ∈ UAV: □ P[u] ≥ 3', 'forall u in UAV: always P[u] >= 3'),
+        ('∃ u ∈ UAV: ◇ P[u] ≤ 3', 'exists u in UAV: eventually P[u] <= 3'),
+        ('¬p ∧ q ∨ r', 'not p and q or r'),
+        ('p → q ↔ r', 'p -> q <-> r'),
+        ('a ≠ 3 U[0, ∞] b', 'a != 3 until[0, inf] b'),
+        ('XYDist(a, b) > 3', 'XYDist[a, b] > 3'),
+    ],
+)
+def test_both_spellings(symbols: str, words: str) -> None:
+    assert parse_formula(symbols) == parse_formula(words)
+
+
+@pytest.mark.parametrize(
+    ('text', 'start', 'end'),
+    [
+        ('[0, 5 s]', 0, 5 * S),
+        ('[500, 1000]', S // 2, S),
+        ('[0.5s, 1 min]', S // 2, 60 * S),
+        ('[1 us, 2h]', 1000, 7200 * S),
+        ('[0, inf]', 0, None),
+        ('[3 ns, inf)', 3, None),
+        ('[0, 5 s)', 0, 5 * S - 1),
+        ('(0, 5 s]', 1, 5 * S),
+        ('(0, 5 s)', 1, 5 * S - 1),
+        ('[2 s, 2 s]', 2 * S, 2 * S),
+    ],
+)
+def test_intervals(text: str, start: int, end: int | None) -> None:
+    interval = Interval(start, end)
+    p, q = Feature('p'), Feature('q')
+    assert parse_formula(f'always{text} p') == Always(p, interval)
+    assert parse_formula(f'eventually {text} (p)') == Eventually(p, interval)
+    assert parse_formula(f'p until{text} q') == Until(p, q, interval)
+
+
+def test_a_round_bracket_may_open_a_formula() -> None:
+    assert canonical('always (5 < a) and p') == 'always ((5 < a) and p)'
+    assert canonical('p until (5 < a)') == 'p until (5 < a)'
+
+
+def test_references() -> None:
+    field = Reference('uav1_power', 'power')
+    quoted = Reference('/uav1/battery', 'cell.voltage')
+    assert parse_formula('uav1_power.power > 3') == Comparison('>', field, Number(3))
+    assert parse_formula('"/uav1/battery".cell.voltage') == quoted
+    assert parse_formula('"uav1".in.until') == Reference('uav1', 'in.until')
+    assert str(quoted) == '"/uav1/battery".cell.voltage'
+    assert canonical('"uav1".in') == 'uav1.in'
+
+
+@pytest.mark.parametrize(
+    ('text', 'name', 'expected'),
+    [
+        ('a = 3', 'a', Feature),
+        ('mode = "on"', 'mode', Feature),
+        ('mode = other', 'other', Feature),
+        ('forall x in S: x = home', 'home', Object),
+        ('Dist[home] > 3 and home != base', 'base', Object),
+        ('a = b and b = c and P[c]', 'a', Object),
+        ('forall x in S: x = a', 'x', Variable),
+        ('orbit > 3 and inf = 1 and s = 2', 'orbit', Feature),
+    ],
+)
+def test_names(text: str, name: str, expected: type) -> None:
+    formula = parse_formula(text)
+    found = {type(term) for term in terms_of(formula) if getattr(term, 'name', '') == name}
+    assert found == {expected}
+
+
+def terms_of(formula: Formula) -> list[Term]:
+    match formula:
+        case Comparison(_, left, right):
+            return [left, right]
+        case And(left, right):
+            return terms_of(left) + terms_of(right)
+        case Forall(_, _, body):
+            return terms_of(body)
+        case _:
+            return []
+
+
+def test_places() -> None:
+    formula = parse_formula('p and\n  always Power[u] > 3')
+    assert isinstance(formula, And)
+    assert isinstance(formula.right, Always)
+    assert formula.right.place == Place(2, 3)
+    assert formula.right.body.place == Place(2, 10)
+
+
+@pytest.mark.parametrize('path', BAD_FORMULAS, ids=lambda path: path.stem)
+def test_bad_formulas(path: Path) -> None:
+    with pytest.raises(LanguageError) as error:
+        FormulaGroup().add_formula('bad', path.read_text(encoding='utf-8'))
+    assert f'{error.value}\n' == path.with_suffix('.expected').read_text(encoding='utf-8')
+
+
+def test_bad_formulas_are_found() -> None:
+    assert len(BAD_FORMULAS) > 30
+
+
+names = st.sampled_from(['p', 'Power', 'inf', 's', 'always_', 'U2'])
+objects = st.sampled_from(['uav1', 'home']).map(Object)
+variables = st.sampled_from(['x', 'y']).map(Variable)
+features = st.one_of(
+    names.map(Feature),
+    st.builds(Feature, names, st.lists(objects | variables, min_size=1, max_size=3).map(tuple)),
+)
+references = st.builds(
+    Reference, st.sampled_from(['a', '/uav1/power', 'true']), st.sampled_from(['b', 'c.in.d'])
+)
+numbers = st.one_of(
+    st.integers(), st.floats(allow_nan=False, allow_infinity=False).filter(bool)
+).map(Number)
+texts = st.text(st.characters(exclude_characters='\n', codec='utf-8'), max_size=5).map(Text)
+leaves = st.one_of(numbers, texts, st.booleans().map(Truth), features, references)
+terms = st.recursive(
+    leaves, lambda inner: st.builds(Arithmetic, st.sampled_from('+-*/'), inner, inner), max_leaves=4
+)
+operators = st.sampled_from(['=', '!=', '<', '<=', '>', '>='])
+atoms = st.one_of(
+    st.booleans().map(Truth),
+    features,
+    references,
+    st.builds(Comparison, operators, terms, terms),
+    st.builds(Comparison, st.sampled_from(['=', '!=']), variables, variables | objects),
+)
+bounds = st.integers(0, 10**12)
+intervals = st.one_of(
+    st.just(Interval()),
+    bounds.map(Interval),
+    st.tuples(bounds, bounds).map(lambda pair: Interval(min(pair), max(pair))),
+)
+
+
+def deeper(inner: st.SearchStrategy[Formula]) -> st.SearchStrategy[Formula]:
+    quantified = [
+        st.builds(kind, st.sampled_from(['x', 'y']), st.just('UAV'), inner)
+        for kind in (Forall, Exists)
+    ]
+    return st.one_of(
+        *(st.builds(kind, inner, inner) for kind in (And, Or, Implies, Equivalent)),
+        *(st.builds(kind, inner, intervals) for kind in (Always, Eventually)),
+        *quantified,
+        inner.map(Not),
+        st.builds(Until, inner, inner, intervals),
+    )
+
+
+def closed(formula: Formula) -> Formula:
+    """With all variables bound, so that names are what they were built as."""
+    return Forall('x', 'UAV', Exists('y', 'UAV', formula))
+
+
+@given(st.recursive(atoms, deeper, max_leaves=8).map(closed))
+def test_reading_what_was_written(formula: Formula) -> None:
+    assert parse_formula(str(formula)) == formula
+    assert canonical(str(formula)) == str(formula)
