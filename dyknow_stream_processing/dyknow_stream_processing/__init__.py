@@ -15,6 +15,7 @@ from dyknow_stream_processing.language import NOWHERE, Language, LanguageError, 
 from dyknow_stream_processing.parsing import parse_specification
 from dyknow_stream_processing.resolution import FreeNames, Resolved, free_names, resolve
 from dyknow_stream_processing.sample import Sample, Value, ValueType
+from dyknow_stream_processing.sinks import specifications_by_sink
 from dyknow_stream_processing.specification import (
     Call,
     Condition,
@@ -83,4 +84,5 @@ __all__ = [
     'parse_specification',
     'references',
     'resolve',
+    'specifications_by_sink',
 ]

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 from dyknow_interfaces.msg import ConstraintViolation, Sample
 from dyknow_interfaces.srv import ListStreams, StreamCreateFromSpec, StreamDestroy
 
-from dyknow_stream_processing.computational_units import find_units
+from dyknow_stream_processing.computational_units import load_units
 from dyknow_stream_processing.dataflow import Dataflow
 from dyknow_stream_processing.errors import StreamError
 from dyknow_stream_processing.parsing import parse_specification
@@ -48,7 +48,7 @@ class StreamProcessingEngine(DyKnowNode):
         self._prefix = self.parameter(
             'stream_prefix', 'dyknow/streams', 'Topics of streams are named <stream_prefix>/<name>.'
         )
-        self._dataflow = Dataflow(find_units(), lambda topic: source_type(self, topic))
+        self._dataflow = Dataflow(load_units(), lambda topic: source_type(self, topic))
         self._sources = TopicSources(self, self._dataflow)
         self._outputs: dict[str, _Output] = {}
         self.serve(StreamCreateFromSpec, self._create)

@@ -6,7 +6,7 @@ import json
 import re
 from typing import TYPE_CHECKING
 
-from dyknow_stream_processing.computational_units import find_units
+from dyknow_stream_processing.computational_units import load_units
 from dyknow_stream_processing.constraints import NO_CONSTRAINTS, StreamConstraints
 from dyknow_stream_processing.dataflow import Dataflow
 from dyknow_stream_processing.parsing import parse_specification
@@ -52,7 +52,7 @@ class StreamProxy:
         quality_of_service: QoSProfile | None = None,
     ) -> None:
         text = json.dumps(stream) if _TOPIC.fullmatch(stream) else stream
-        self._dataflow = Dataflow(find_units(), lambda topic: source_type(node, topic))
+        self._dataflow = Dataflow(load_units(), lambda topic: source_type(node, topic))
         self._dataflow.create(
             _NAME, parse_specification(text), constraints, on_sample, on_violation
         )
