@@ -195,13 +195,13 @@ class Ontology:
         features = [each.name for each in knowledge.features if name in each.argument_sorts]
         if iri.startswith(UPPER_ONTOLOGY):
             yield 'it belongs to the upper ontology'
-        for kind, names in (
-            ('subconcepts', below),
-            ('instances', knowledge.instances(name)),
-            ('features that take it as an argument', features),
+        for relation, names in (
+            ('has the subconcepts', below),
+            ('has the instances', knowledge.instances(name)),
+            ('is an argument of the features', features),
         ):
             if names:
-                yield f'it has the {kind} {", ".join(names)}'
+                yield f'it {relation} {", ".join(names)}'
 
     def _sort(self, name: str) -> str:
         iri = self._knowledge.concept_names.iri(name)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sqlite3
-from contextlib import contextmanager, redirect_stderr, redirect_stdout
+from contextlib import closing, contextmanager, redirect_stderr, redirect_stdout
 from dataclasses import dataclass
 from io import BytesIO, StringIO
 from itertools import count, islice
@@ -39,8 +39,11 @@ ALL_TRIPLES: Final = """
 
 _MAXIMUM_ROWS: Final = 100_000
 _STEPS_PER_CHECK: Final = 1_000_000
-_MAXIMUM_CHECKS: Final = 500
-"""A query may take this many times `_STEPS_PER_CHECK` instructions of SQLite: several seconds."""
+_MAXIMUM_CHECKS: Final = 50
+"""A query may take this many times `_STEPS_PER_CHECK` instructions of SQLite: a few seconds."""
+
+_LOCK_TIMEOUT: Final = 1.0
+"""How long to wait for another process to let go of a store, in seconds."""
 
 Row = tuple[str, ...]
 """The values of a query's variables in one solution."""
@@ -192,6 +195,9 @@ class Store:
 
 def _open(file: Path) -> Any:
     try:
+        # owlready2 fails less gracefully than SQLite itself.
+        with closing(sqlite3.connect(file, timeout=_LOCK_TIMEOUT)) as connection:
+            connection.execute('SELECT count(*) FROM sqlite_master')
         return owlready2.World(filename=str(file))
     except sqlite3.Error as error:
         raise SemanticsError(

@@ -1,0 +1,39 @@
+"""A fleet of vehicles, read from ontologies as Protege writes them."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import pytest
+
+from dyknow_semantics import Ontology
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from dyknow_semantics import Knowledge
+
+ONTOLOGIES = Path(__file__).parent / 'ontologies'
+
+
+@pytest.fixture
+def ontologies() -> Path:
+    """The folder of the ontologies of the fleet."""
+    return ONTOLOGIES
+
+
+@pytest.fixture
+def fleet() -> Iterator[Ontology]:
+    """The ontology of a fleet: two UAVs, a rover and a camera."""
+    with Ontology() as ontology:
+        ontology.load(ONTOLOGIES / 'fleet.owl')
+        yield ontology
+
+
+@pytest.fixture(scope='session')
+def knowledge() -> Knowledge:
+    """What the ontology of the fleet says."""
+    with Ontology() as ontology:
+        ontology.load(ONTOLOGIES / 'fleet.owl')
+        return ontology.knowledge

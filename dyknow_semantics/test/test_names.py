@@ -1,0 +1,72 @@
+"""Short names, prefixed names and IRIs."""
+
+from __future__ import annotations
+
+import pytest
+
+from dyknow_semantics import SemanticsError
+from dyknow_semantics.names import Names, prefix_of, split_iri
+from dyknow_stream_processing import ExitCode
+
+UAV = 'http://www.example.org/vehicles#UAV'
+ALTITUDE = 'http://www.example.org/vehicles#Altitude'
+OTHER_ALTITUDE = 'http://www.example.org/maps/Altitude'
+
+
+@pytest.fixture
+def names() -> Names:
+    return Names('concept', [UAV, ALTITUDE, OTHER_ALTITUDE])
+
+
+@pytest.mark.parametrize('name', ['UAV', 'vehicles:UAV', UAV])
+def test_a_thing_goes_by_three_names(names: Names, name: str) -> None:
+    assert name in names
+    assert names.iri(name) == UAV
+
+
+def test_the_shortest_unambiguous_name_is_given_back(names: Names) -> None:
+    assert names.name(UAV) == 'UAV'
+    assert names.name(ALTITUDE) == 'vehicles:Altitude'
+    assert names.name(OTHER_ALTITUDE) == 'maps:Altitude'
+
+
+def test_an_iri_is_given_back_where_prefixes_are_ambiguous_too() -> None:
+    iris = ['http://a.org/maps#Place', 'http://b.org/maps#Place']
+    names = Names('concept', iris)
+    assert [names.name(iri) for iri in iris] == iris
+
+
+def test_an_ambiguous_name_lists_the_candidates(names: Names) -> None:
+    with pytest.raises(SemanticsError) as error:
+        names.iri('Altitude')
+    assert error.value.code is ExitCode.INVALID_ARGUMENT
+    assert error.value.message == (
+        "the concept 'Altitude' is ambiguous; it is one of maps:Altitude, vehicles:Altitude"
+    )
+
+
+def test_an_unknown_name_suggests_near_ones(names: Names) -> None:
+    with pytest.raises(SemanticsError) as error:
+        names.iri('UAVs')
+    assert error.value.code is ExitCode.NOT_FOUND
+    assert error.value.message == "unknown concept 'UAVs'; did you mean 'UAV'?"
+
+
+def test_an_unknown_name_without_near_ones(names: Names) -> None:
+    with pytest.raises(SemanticsError, match=r"^unknown concept 'Battery'$"):
+        names.iri('Battery')
+
+
+@pytest.mark.parametrize(
+    ('iri', 'prefix', 'local'),
+    [
+        ('http://a.org/uav#Power', 'uav', 'Power'),
+        ('http://a.org/uav/Power', 'uav', 'Power'),
+        ('http://a.org/uav.owl#Power', 'uav', 'Power'),
+        ('http://a.org/uav.rdf#a/b', 'uav', 'a/b'),
+    ],
+)
+def test_prefixes(iri: str, prefix: str, local: str) -> None:
+    namespace, name = split_iri(iri)
+    assert (prefix_of(namespace), name) == (prefix, local)
+    assert namespace + name == iri
