@@ -1,15 +1,18 @@
 """Metric temporal logic over streams of states: its language, progression, formula groups."""
 
+from dyknow_reasoning.check import CheckResult, check_trace
 from dyknow_reasoning.errors import ReasoningError
 from dyknow_reasoning.formula import Formula, Interval, Reference
 from dyknow_reasoning.formula_group import DEFAULT_NODE_LIMIT, FormulaGroup, NamedFormula
 from dyknow_reasoning.parsing import parse_formula
 from dyknow_reasoning.results import FormulaResult, Verdict
 from dyknow_reasoning.symbols import Symbol, SymbolKind, symbols_of
+from dyknow_reasoning.trace import RecordedState, read_trace
 from dyknow_reasoning.type_checking import Kind, check_types
 
 __all__ = [
     'DEFAULT_NODE_LIMIT',
+    'CheckResult',
     'Formula',
     'FormulaGroup',
     'FormulaResult',
@@ -17,11 +20,14 @@ __all__ = [
     'Kind',
     'NamedFormula',
     'ReasoningError',
+    'RecordedState',
     'Reference',
     'Symbol',
     'SymbolKind',
     'Verdict',
+    'check_trace',
     'check_types',
     'parse_formula',
+    'read_trace',
     'symbols_of',
 ]

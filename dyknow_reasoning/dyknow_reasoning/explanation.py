@@ -139,8 +139,8 @@ class _Explainer:
         origin = self._origin(node, elapsed)
         if origin is None or elapsed == 0:
             return reasons
-        text = f'{" and ".join(reasons)} ({_operator(node)} must hold since {format_time(origin)})'
-        return [text]
+        due = 'awaited' if self._progressed(node, elapsed) is TRUE else 'must hold'
+        return [f'{" and ".join(reasons)} ({_operator(node)} {due} since {format_time(origin)})']
 
     def _opened(self, node: Window, elapsed: int) -> int | None:
         """The valid time at which a window began to look at its right side."""
@@ -171,7 +171,7 @@ class _Explainer:
         atom = self._atoms[literal.slot]
         time = format_time(self._moment.valid_time)
         if not isinstance(atom, Comparison):
-            return f'{self._with_value(atom)} at {time}'
+            return f'{atom} is {_spelled(self._moment.values[str(atom)])} at {time}'
         holds = (self._moment.symbol >> literal.slot & 1) == literal.positive
         operator, left, right = atom.operator, atom.left, atom.right
         if not literal.positive:

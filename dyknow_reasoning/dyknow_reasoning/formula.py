@@ -139,7 +139,7 @@ class Arithmetic:
     place: Place = field(default=NOWHERE, compare=False)
 
     def __str__(self) -> str:
-        return f'{_operand(self.left)} {self.operator} {_operand(self.right)}'
+        return f'{operand_text(self.left)} {self.operator} {operand_text(self.right)}'
 
 
 @dataclass(frozen=True, slots=True)
@@ -152,7 +152,7 @@ class Comparison:
     place: Place = field(default=NOWHERE, compare=False)
 
     def __str__(self) -> str:
-        return f'{_operand(self.left)} {self.operator} {_operand(self.right)}'
+        return f'{operand_text(self.left)} {self.operator} {operand_text(self.right)}'
 
 
 @dataclass(frozen=True, slots=True)
@@ -163,7 +163,7 @@ class Not:
     place: Place = field(default=NOWHERE, compare=False)
 
     def __str__(self) -> str:
-        return f'not {_operand(self.body)}'
+        return f'not {operand_text(self.body)}'
 
 
 @dataclass(frozen=True, slots=True)
@@ -175,7 +175,7 @@ class _Connective:
     symbol: ClassVar[str]
 
     def __str__(self) -> str:
-        return f'{_operand(self.left)} {self.symbol} {_operand(self.right)}'
+        return f'{operand_text(self.left)} {self.symbol} {operand_text(self.right)}'
 
 
 @dataclass(frozen=True, slots=True)
@@ -216,7 +216,7 @@ class _Quantifier:
     symbol: ClassVar[str]
 
     def __str__(self) -> str:
-        return f'{self.symbol} {self.variable} in {self.sort}: {_operand(self.body)}'
+        return f'{self.symbol} {self.variable} in {self.sort}: {operand_text(self.body)}'
 
 
 @dataclass(frozen=True, slots=True)
@@ -242,7 +242,7 @@ class _Temporal:
     symbol: ClassVar[str]
 
     def __str__(self) -> str:
-        return f'{self.symbol}{self.interval.suffix} {_operand(self.body)}'
+        return f'{self.symbol}{self.interval.suffix} {operand_text(self.body)}'
 
 
 @dataclass(frozen=True, slots=True)
@@ -269,7 +269,7 @@ class Until:
     place: Place = field(default=NOWHERE, compare=False)
 
     def __str__(self) -> str:
-        return f'{_operand(self.left)} until{self.interval.suffix} {_operand(self.right)}'
+        return f'{operand_text(self.left)} until{self.interval.suffix} {operand_text(self.right)}'
 
 
 Term: TypeAlias = Number | Text | Truth | Object | Variable | Feature | Reference | Arithmetic
@@ -315,6 +315,7 @@ def walk(node: Formula | Term) -> Iterator[Formula | Term]:
         yield from walk(part)
 
 
-def _operand(node: Formula | Term) -> str:
+def operand_text(node: Formula | Term) -> str:
+    """The canonical text of a node within another: in brackets if it is compound."""
     leaf = isinstance(node, Number | Text | Truth | Object | Variable | Feature | Reference)
     return str(node) if leaf else f'({node})'

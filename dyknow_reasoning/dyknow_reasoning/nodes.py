@@ -19,8 +19,6 @@ from typing import TYPE_CHECKING, TypeAlias
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
-_SERIAL = attrgetter('serial')
-
 
 @dataclass(eq=False, slots=True)
 class Constant:
@@ -63,7 +61,7 @@ class Literal:
 
 @dataclass(eq=False, slots=True)
 class Junction:
-    """All of some formulas, or at least one of them; `parts` are in order of their serials."""
+    """All of some formulas, or at least one of them, in the order of their first atoms."""
 
     universal: bool
     parts: tuple[Node, ...]
@@ -182,7 +180,7 @@ class NodeStore:
             return constant(value=universal)
         if len(flat) == 1:
             return next(iter(flat))
-        ordered = tuple(sorted(flat, key=_SERIAL))
+        ordered = tuple(sorted(flat, key=_rank))
         return self._junction((universal, ordered))
 
     def negation(self, node: Node) -> Node:
@@ -299,6 +297,11 @@ class NodeStore:
                     if any(_contains(window, inner) for window in outer):
                         return True
         return False
+
+
+def _rank(node: Node) -> tuple[int, int]:
+    """The order of members: as their first atoms come in the formula."""
+    return node.mask & -node.mask, node.serial
 
 
 def _end(window: Window) -> int | float:

@@ -7,7 +7,7 @@ from operator import attrgetter
 from typing import TYPE_CHECKING
 
 from dyknow_reasoning.atoms import NEGATED_COMPARISONS
-from dyknow_reasoning.formula import Atom, Comparison, Formula, Interval, Not
+from dyknow_reasoning.formula import Atom, Comparison, Formula, Interval, Not, operand_text
 from dyknow_reasoning.nodes import (
     FALSE,
     TRUE,
@@ -39,46 +39,54 @@ def residual_text(node: Node, atoms: Sequence[Atom]) -> str:
     return texts[node]
 
 
-def literal_formula(literal: Literal, atoms: Sequence[Atom]) -> Formula:
-    """The atom of a literal, or its opposite."""
-    atom = atoms[literal.slot]
-    if literal.positive:
-        return atom
-    if isinstance(atom, Comparison):
-        return Comparison(NEGATED_COMPARISONS[atom.operator], atom.left, atom.right)
-    return Not(atom)
-
-
 def _text(node: Node, texts: Mapping[Node, str], atoms: Sequence[Atom]) -> str:
     match node:
         case Constant():
             return 'true' if node.value else 'false'
         case Literal():
-            return str(literal_formula(node, atoms))
+            return str(_literal(atoms[node.slot], positive=node.positive))
         case Junction():
             word = 'and' if node.universal else 'or'
-            members = [_operand(part, texts, atoms) for part in node.parts]
-            first, *others = members
-            return reduce(lambda left, right: f'({left} {word} {right})', others, first)[1:-1]
+            first, *others = (_operand(part, texts, atoms) for part in node.parts)
+            *inner, last = others
+            left = reduce(lambda left, right: f'({left} {word} {right})', inner, first)
+            return f'{left} {word} {last}'
         case Window():
             return _window_text(node, texts, atoms)
 
 
 def _window_text(node: Window, texts: Mapping[Node, str], atoms: Sequence[Atom]) -> str:
     interval = Interval(node.start, node.end).suffix
-    left, right = (_operand(side, texts, atoms) for side in (node.left, node.right))
+    right = _operand(node.right, texts, atoms)
     if node.left is FALSE and node.universal:
         return f'always{interval} {right}'
     if node.left is TRUE and not node.universal:
         return f'eventually{interval} {right}'
     if node.universal:
-        return f'not ((not {left}) until{interval} (not {right}))'
-    return f'{left} until{interval} {right}'
+        left, right = (_negated(side, texts, atoms) for side in (node.left, node.right))
+        return f'not ({left} until{interval} {right})'
+    return f'{_operand(node.left, texts, atoms)} until{interval} {right}'
 
 
 def _operand(node: Node, texts: Mapping[Node, str], atoms: Sequence[Atom]) -> str:
-    text = texts[node]
-    leaf = type(node) is Constant or (
-        type(node) is Literal and node.positive and not isinstance(atoms[node.slot], Comparison)
-    )
-    return text if leaf else f'({text})'
+    match node:
+        case Constant():
+            return texts[node]
+        case Literal():
+            return operand_text(_literal(atoms[node.slot], positive=node.positive))
+        case _:
+            return f'({texts[node]})'
+
+
+def _negated(node: Node, texts: Mapping[Node, str], atoms: Sequence[Atom]) -> str:
+    if type(node) is Literal:
+        return operand_text(_literal(atoms[node.slot], positive=not node.positive))
+    return f'(not {_operand(node, texts, atoms)})'
+
+
+def _literal(atom: Atom, *, positive: bool) -> Formula:
+    if positive:
+        return atom
+    if isinstance(atom, Comparison):
+        return Comparison(NEGATED_COMPARISONS[atom.operator], atom.left, atom.right)
+    return Not(atom)

@@ -5,6 +5,9 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
 from dyknow_reasoning import FormulaGroup, parse_formula
 from dyknow_reasoning.formula import (
     Always,
@@ -31,8 +34,6 @@ from dyknow_reasoning.formula import (
     Variable,
 )
 from dyknow_stream_processing import LanguageError, Place
-from hypothesis import given
-from hypothesis import strategies as st
 
 BAD_FORMULAS = sorted((Path(__file__).parent / 'bad_formulas').glob('*.formula'))
 
@@ -110,7 +111,7 @@ def test_precedence(text: str, expected: str) -> None:
     [
         ('∀ u ∈ UAV: □ P[u] ≥ 3', 'forall u in UAV: always P[u] >= 3'),
         ('∃ u ∈ UAV: ◇ P[u] ≤ 3', 'exists u in UAV: eventually P[u] <= 3'),
-        ('¬p ∧ q ∨ r', 'not p and q or r'),
+        ('¬p ∧ q ∨ r', 'not p and q or r'),  # noqa: RUF001
         ('p → q ↔ r', 'p -> q <-> r'),
         ('a ≠ 3 U[0, ∞] b', 'a != 3 until[0, inf] b'),
         ('XYDist(a, b) > 3', 'XYDist[a, b] > 3'),

@@ -1,0 +1,152 @@
+"""The explanations that operators read."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import pytest
+
+from dyknow_reasoning import FormulaGroup
+
+if TYPE_CHECKING:
+    from dyknow_stream_processing import Value
+
+POWER = (
+    'forall u in UAV: always (Power[u] > 150 -> '
+    'Power[u] < 200 until[0 s, 5 s] always[0 s, 3 s] Power[u] <= 150)'
+)
+
+
+def explained(text: str, columns: dict[str, list[Value]]) -> str:
+    """The explanation of a formula over states at 10.0 s, 10.1 s, ..."""
+    group = FormulaGroup()
+    group.add_formula('it', text)
+    group.begin({'UAV': ['uav1', 'uav2']})
+    length = max(len(column) for column in columns.values())
+    for index in range(length):
+        values = {name: column[index % len(column)] for name, column in columns.items()}
+        for result in group.progress(10_000_000_000 + index * 100_000_000, values):
+            assert result.error is None
+            return f'{result.verdict.name}: {result.explanation}'
+    return 'UNDECIDED'
+
+
+def test_a_surge() -> None:
+    columns: dict[str, list[Value]] = {
+        'Power[uav1]': [140.0],
+        'Power[uav2]': [140.0, 180.0, 190.0, 231.4],
+    }
+    assert explained(POWER, columns) == (
+        'FALSE: for u = uav2: Power[uav2] = 231.4 at 10.300 s is not < 200 '
+        '(until must hold since 10.100 s)'
+    )
+
+
+def test_a_long_rise() -> None:
+    columns: dict[str, list[Value]] = {'Power[uav1]': [140.0], 'Power[uav2]': [160.0] * 60}
+    assert explained(POWER, columns) == (
+        "FALSE: for u = uav2: 'always[0 s, 3 s] (Power[uav2] <= 150)' held at no state from "
+        '10.000 s to 15.000 s; Power[uav2] = 160.0 at 15.000 s is not <= 150'
+    )
+
+
+MANY = (
+    'FALSE: a is false at 10.000 s; b is false at 10.000 s; c is false at 10.000 s; '
+    'd is false at 10.000 s; and 2 more'
+)
+
+
+@pytest.mark.parametrize(
+    ('text', 'columns', 'expected'),
+    [
+        ('p', {'p': [True]}, 'TRUE: p is true at 10.000 s'),
+        ('not p', {'p': [True]}, 'FALSE: p is true at 10.000 s'),
+        ('a = 3', {'a': [4]}, 'FALSE: a = 4 at 10.000 s is not = 3'),
+        ('3 < a', {'a': [4]}, 'TRUE: a = 4 at 10.000 s is > 3'),
+        ('a <= b', {'a': [4], 'b': [3.5]}, 'FALSE: a = 4 at 10.000 s is not <= b = 3.5'),
+        ('m != "on"', {'m': ['on']}, 'FALSE: m = "on" at 10.000 s is not != "on"'),
+        ('a * 2 > b', {'a': [4], 'b': [9]}, 'FALSE: a * 2 = 8 at 10.000 s is not > b = 9'),
+        (
+            'p and q',
+            {'p': [False], 'q': [False]},
+            'FALSE: p is false at 10.000 s',
+        ),
+        (
+            'p or q',
+            {'p': [False], 'q': [False]},
+            'FALSE: p is false at 10.000 s; q is false at 10.000 s',
+        ),
+        (
+            'always p',
+            {'p': [True, False]},
+            'FALSE: p is false at 10.100 s (always must hold since 10.000 s)',
+        ),
+        (
+            'always[0, 250] p',
+            {'p': [True] * 4},
+            "TRUE: 'p' held at every state from 10.000 s to 10.250 s",
+        ),
+        (
+            'eventually[100, 250] p',
+            {'p': [True, False, False, False]},
+            "FALSE: 'p' held at no state from 10.100 s to 10.250 s",
+        ),
+        (
+            'eventually[0, 200] p',
+            {'p': [False] * 4},
+            "FALSE: 'p' held at no state from 10.000 s to 10.200 s; p is false at 10.200 s",
+        ),
+        (
+            'eventually p',
+            {'p': [False, True]},
+            'TRUE: p is true at 10.100 s (eventually awaited since 10.000 s)',
+        ),
+        (
+            'always (p -> q until r)',
+            {'p': [False, True, False], 'q': [True, True, False], 'r': [False]},
+            'FALSE: q is false at 10.200 s (until must hold since 10.100 s)',
+        ),
+        (
+            'not (q until r)',
+            {'q': [True, False], 'r': [False]},
+            'TRUE: q is false at 10.100 s (not until awaited since 10.000 s)',
+        ),
+        (
+            'p until[0, 1 s] q',
+            {'p': [True], 'q': [False, False, True]},
+            'TRUE: q is true at 10.200 s (until awaited since 10.000 s)',
+        ),
+        (
+            'exists u in UAV: P[u]',
+            {'P[uav1]': [False], 'P[uav2]': [False]},
+            'FALSE: P[uav1] is false at 10.000 s; P[uav2] is false at 10.000 s',
+        ),
+        (
+            'exists u in UAV: eventually P[u]',
+            {'P[uav1]': [False], 'P[uav2]': [False, True]},
+            'TRUE: P[uav2] is true at 10.100 s (eventually awaited since 10.000 s)',
+        ),
+        (
+            'forall u in UAV: eventually P[u]',
+            {'P[uav1]': [False, True], 'P[uav2]': [False, False, True]},
+            'TRUE: for u = uav2: P[uav2] is true at 10.200 s (eventually awaited since 10.000 s)',
+        ),
+        (
+            'forall x in UAV: forall y in UAV: x != y -> always D[x, y] > 10',
+            {'D[uav1, uav2]': [11], 'D[uav2, uav1]': [11, 9]},
+            (
+                'FALSE: for x = uav2, y = uav1: D[uav2, uav1] = 9 at 10.100 s is not > 10 '
+                '(always must hold since 10.000 s)'
+            ),
+        ),
+        ('a or b or c or d or e or f', {key: [False] for key in 'abcdef'}, MANY),
+        ('eventually true', {'p': [True]}, 'TRUE: there is a state at 10.000 s'),
+        (
+            'p -> (always q) and eventually not q',
+            {'p': [True], 'q': [True]},
+            'FALSE: p is true at 10.000 s',
+        ),
+    ],
+)
+def test_verdicts(text: str, columns: dict[str, list[Value]], expected: str) -> None:
+    assert explained(text, columns) == expected

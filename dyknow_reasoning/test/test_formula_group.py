@@ -1,0 +1,312 @@
+"""Formula groups: the library interface."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from dyknow_reasoning import (
+    FormulaGroup,
+    FormulaResult,
+    ReasoningError,
+    Reference,
+    Symbol,
+    SymbolKind,
+    Verdict,
+)
+from dyknow_stream_processing import ExitCode, LanguageError, Value
+
+MS = 1_000_000
+FLEET = {'UAV': ['uav1', 'uav2']}
+
+POWER = (
+    'forall u in UAV: always (Power[u] > 150 -> '
+    'Power[u] < 200 until[0 s, 5 s] always[0 s, 3 s] Power[u] <= 150)'
+)
+DISTANCE = 'forall x in UAV: x != uav1 -> always XYDist[x, uav1] > 10'
+RESPONSE = 'always not p -> eventually[0,1000] always[0,999] p'
+
+
+def started(*texts: str, node_limit: int = 100_000) -> FormulaGroup:
+    group = FormulaGroup(node_limit)
+    for text in texts:
+        group.add_formula(text, text)
+    group.begin(FLEET)
+    return group
+
+
+def run(text: str, states: list[tuple[int, dict[str, Value]]]) -> list[FormulaResult]:
+    group = started(text)
+    return [result for time, values in states for result in group.progress(time, values)]
+
+
+def fleet_power(first: float, second: float) -> dict[str, Value]:
+    return {'Power[uav1]': first, 'Power[uav2]': second}
+
+
+def test_power_formula_of_the_paper_is_violated_by_a_surge() -> None:
+    states = [
+        (index * 100 * MS, fleet_power(140.0, power))
+        for index, power in enumerate([140.0, 180.0, 190.0, 231.4, 140.0])
+    ]
+    [result] = run(POWER, states)
+    assert (result.verdict, result.decided_at) == (Verdict.FALSE, 300 * MS)
+
+
+def test_power_formula_of_the_paper_is_violated_by_a_long_rise() -> None:
+    states = [(index * 500 * MS, fleet_power(160.0, 140.0)) for index in range(20)]
+    [result] = run(POWER, states)
+    assert (result.verdict, result.decided_at) == (Verdict.FALSE, 5000 * MS)
+
+
+def test_power_formula_of_the_paper_allows_a_short_rise() -> None:
+    powers = [140.0] * 5 + [190.0] * 40 + [140.0] * 60 + [160.0] + [150.0] * 60
+    states = [(index * 100 * MS, fleet_power(140.0, power)) for index, power in enumerate(powers)]
+    assert run(POWER, states) == []
+
+
+def test_distance_formula_of_the_paper() -> None:
+    states = [(index * MS, {'XYDist[uav2, uav1]': 12.0 - index}) for index in range(5)]
+    [result] = run(DISTANCE, states)
+    assert (result.verdict, result.decided_at) == (Verdict.FALSE, 2 * MS)
+
+
+def test_response_formula_of_the_paper() -> None:
+    good = [(index * 100 * MS, {'p': index % 20 > 8}) for index in range(100)]
+    assert run(RESPONSE, good) == []
+    bad = [(index * 100 * MS, {'p': index % 20 > 11}) for index in range(100)]
+    [result] = run(RESPONSE, bad)
+    assert (result.verdict, result.decided_at) == (Verdict.FALSE, 1000 * MS)
+
+
+def test_symbols_before_and_after_the_domains_are_known() -> None:
+    group = FormulaGroup()
+    group.add_formula('distance', DISTANCE)
+    group.add_formula('mixed', 'uav1_power.power > 3 and not "/uav1/battery".low and p')
+    feature = SymbolKind.FEATURE
+    assert group.symbols() == [
+        Symbol(SymbolKind.SORT, 'UAV'),
+        Symbol(SymbolKind.OBJECT, 'uav1'),
+        Symbol(feature, 'XYDist', ('UAV', 'uav1')),
+        Symbol(feature, 'uav1_power.power'),
+        Symbol(feature, '"/uav1/battery".low'),
+        Symbol(feature, 'p'),
+    ]
+    group.begin(FLEET)
+    symbols = group.symbols()
+    assert symbols[0] == Symbol(feature, 'XYDist', ('uav2', 'uav1'))
+    assert {symbol.field for symbol in symbols} == {
+        'XYDist[uav2, uav1]',
+        'uav1_power.power',
+        '"/uav1/battery".low',
+        'p',
+    }
+
+
+def test_symbols_tell_syntactic_references() -> None:
+    assert Symbol(SymbolKind.FEATURE, 'Power', ('uav1',)).reference is None
+    reference = Symbol(SymbolKind.FEATURE, '"/uav1/battery".cell.low').reference
+    assert reference == Reference('/uav1/battery', 'cell.low')
+
+
+def test_ground_features_that_simplify_away_are_not_needed() -> None:
+    group = started('forall x in UAV: forall y in UAV: x != y -> always D[x, y] > 1', 'p or true')
+    assert [symbol.field for symbol in group.symbols()] == ['D[uav1, uav2]', 'D[uav2, uav1]']
+
+
+@pytest.mark.parametrize(
+    ('text', 'verdict'),
+    [('true', Verdict.TRUE), ('false', Verdict.FALSE), ('exists x in None: p', Verdict.FALSE)],
+)
+def test_formulas_that_need_no_state(text: str, verdict: Verdict) -> None:
+    asked, not_asked = FormulaGroup(), FormulaGroup()
+    for group in (asked, not_asked):
+        group.add_formula('it', text)
+        group.begin({'None': []})
+    [result] = asked.decided_at_once()
+    assert (result.verdict, result.decided_at) == (verdict, None)
+    assert 'whatever the states are' in result.explanation
+    assert asked.progress(5, {}) == []
+    [result] = not_asked.progress(5, {})
+    assert (result.verdict, result.decided_at) == (verdict, 5)
+    assert not_asked.residual(1) == ('true' if verdict is Verdict.TRUE else 'false')
+
+
+def test_forall_over_nothing_is_true_and_each_formula_is_reported_once() -> None:
+    group = FormulaGroup()
+    group.add_formula('nothing', 'forall x in None: always P[x]')
+    group.add_formula('p', 'p')
+    group.add_formula('always', 'always p')
+    group.begin({'None': []})
+    first = group.progress(0, {'p': True})
+    assert [result.name for result in first] == ['nothing', 'p']
+    assert [result.name for result in group.progress(1, {'p': False})] == ['always']
+    assert group.progress(2, {}) == []
+
+
+@pytest.mark.parametrize(
+    ('text', 'values', 'message'),
+    [
+        ('always p', {}, "the state has no field 'p'; the state stream must hold it"),
+        ('always Power[uav1] > 3', {'Power[uav1]': 'x'}, 'the string "x", not a number'),
+        ('always Power[uav1] > 3', {'Power[uav1]': True}, 'the boolean true, not a number'),
+        ('always A > 3', {'A': float('nan')}, "the field 'A' holds the number nan, not a number"),
+        ('always p', {'p': 1}, "the field 'p' holds the number 1, not a boolean"),
+        ('always Mode = "on"', {'Mode': False}, 'the boolean false, not a string'),
+        ('always A = B', {'A': 1, 'B': 'x'}, '\'A = B\' compares the number 1 with the string "x"'),
+        ('always A = B', {'A': float('nan'), 'B': 1}, 'the number nan, not a number, a string or'),
+        ('always 1 / A > 3', {'A': 0}, "'1 / A' is 1 / 0: division by zero"),
+        ('always A - A > 3', {'A': float('inf')}, "'A - A' is inf - inf: not a number"),
+        ('always uav1.p', {'uav1.q': True}, "no field 'uav1.p'"),
+        ('always p', {'p': None}, 'a value of type NoneType, not a boolean'),
+    ],
+)
+def test_a_bad_state_fails_the_formulas_that_need_it(
+    text: str, values: dict[str, Value], message: str
+) -> None:
+    group = started(text, 'always good')
+    [result] = group.progress(12_300 * MS, {'good': True, **values})
+    assert result.name == text
+    assert (result.verdict, result.decided_at) == (Verdict.UNDECIDED, None)
+    assert result.error is not None
+    assert result.error.message.startswith('at 12.300 s: ')
+    assert message in result.error.message
+    assert result.error.code is ExitCode.INVALID_ARGUMENT
+    [other] = group.progress(13_000 * MS, {'good': False})
+    assert (other.name, other.verdict) == ('always good', Verdict.FALSE)
+
+
+def test_integers_are_numbers_as_floats_are() -> None:
+    assert run('always A = 3', [(0, {'A': 3}), (1, {'A': 3.0}), (2, {'A': np.float64(3)})]) == []
+
+
+def test_a_formula_needs_only_what_remains_of_it() -> None:
+    group = started('(eventually p) and always q')
+    assert group.progress(0, {'p': True, 'q': True}) == []
+    assert group.progress(1, {'q': True}) == []
+
+
+@pytest.mark.parametrize('second', [5, 4])
+def test_valid_times_must_increase(second: int) -> None:
+    group = started('always p', 'eventually p')
+    group.progress(5, {'p': True})
+    [result] = group.progress(second, {'p': False})
+    assert result.verdict is Verdict.UNDECIDED
+    assert result.error is not None
+    assert result.error.code is ExitCode.CONSTRAINT_VIOLATION
+    assert 'is not later than 0.000000005 s' in result.error.message
+    assert group.progress(9, {'p': False}) == []
+
+
+def test_failing_all() -> None:
+    group = started('always p', 'eventually p')
+    results = group.fail(ReasoningError('the field p cannot be read'), 3 * MS)
+    assert [str(result.error) for result in results] == [
+        'at 0.003 s: the field p cannot be read'
+    ] * 2
+    assert group.progress(9, {'p': False}) == []
+
+
+def test_misuse() -> None:
+    group = FormulaGroup()
+    with pytest.raises(ReasoningError, match='has not begun'):
+        group.progress(0, {})
+    with pytest.raises(ReasoningError, match='has not begun'):
+        group.decided_at_once()
+    group.add_formula('power', POWER)
+    with pytest.raises(LanguageError, match='is a number, not a formula'):
+        group.add_formula('bad', 'Power[u] and 3')
+    with pytest.raises(ReasoningError, match=r"the sort 'UAV' has no domain \(there are: UGV\)"):
+        group.begin({'UGV': ['ugv1']})
+    group.begin(FLEET)
+    with pytest.raises(ReasoningError, match='has begun already'):
+        group.begin(FLEET)
+    with pytest.raises(ReasoningError, match="add 'late' to a new group"):
+        group.add_formula('late', 'p')
+    with pytest.raises(ReasoningError, match='no formula 7'):
+        group.residual(7)
+    assert list(group.formulas) == [1]
+
+
+def test_residuals() -> None:
+    group = started('always (p -> eventually[0, 2 s] q)', 'p until[0, 1 s] q', 'not (p until q)')
+    assert [str(formula) for formula in group.formulas.values()] == [
+        'always (p -> (eventually[0 s, 2 s] q))',
+        'p until[0 s, 1 s] q',
+        'not (p until q)',
+    ]
+    assert group.residual(2) == 'p until[0 s, 1 s] q'
+    group.progress(0, {'p': True, 'q': False})
+    group.progress(400 * MS, {'p': True, 'q': False})
+    assert group.residual(1) == (
+        '(always ((not p) or (eventually[0 s, 2 s] q))) and (eventually[0 s, 1600 ms] q)'
+    )
+    assert group.residual(2) == 'p until[0 s, 600 ms] q'
+    assert group.residual(3) == 'not (p until q)'
+    group.progress(500 * MS, {'p': True, 'q': True})
+    assert [group.residual(each) for each in (2, 3)] == ['true', 'false']
+
+
+def test_many_states_at_once() -> None:
+    times = np.arange(100) * 100 * MS
+    first, second = np.full(100, 140.0), np.full(100, 160.0)
+    columns = {'Power[uav1]': first, 'Power[uav2]': second}
+    one_by_one = started(POWER)
+    expected = [
+        result
+        for time, *row in zip(times.tolist(), first.tolist(), second.tolist(), strict=True)
+        for result in one_by_one.progress(time, fleet_power(*row))
+    ]
+    assert started(POWER).progress_many(times, columns) == expected
+    assert len(expected) == 1
+    flags = started('eventually p').progress_many([1, 2], {'p': np.array([False, True])})
+    assert [result.decided_at for result in flags] == [2]
+    with pytest.raises(ReasoningError, match="'p' has 3 values for 2 states"):
+        started('p').progress_many([1, 2], {'p': [True, True, True]})
+
+
+EXPLOSIVE = 'always (p -> eventually[0, 50 s] (q and always[0, 20 s] (r or eventually[0, 7 s] s)))'
+
+
+def test_node_limit() -> None:
+    group = started(EXPLOSIVE, 'always p', node_limit=200)
+    results = [
+        result
+        for index in range(100)
+        for result in group.progress(
+            index * 100 * MS,
+            {'p': True, 'q': index % 3 == 0, 'r': index % 5 == 0, 's': index % 7 == 0},
+        )
+    ]
+    assert [result.name for result in results] == [EXPLOSIVE]
+    assert results[0].error is not None
+    assert 'more than 200; bound its intervals' in results[0].error.message
+
+
+def test_exists_and_nested_quantifiers() -> None:
+    text = 'forall x in UAV: exists y in UAV: x != y and D[x, y] < 5'
+    [result] = run(text, [(0, {'D[uav1, uav2]': 3, 'D[uav2, uav1]': 7})])
+    assert result.verdict is Verdict.FALSE
+    [result] = run(text, [(0, {'D[uav1, uav2]': 3, 'D[uav2, uav1]': 4})])
+    assert result.verdict is Verdict.TRUE
+
+
+def test_always_forall_is_forall_always() -> None:
+    group = started('always[0, 1 s] forall u in UAV: P[u]', 'forall u in UAV: always[0, 1 s] P[u]')
+    for index in range(3):
+        group.progress(index, {'P[uav1]': True, 'P[uav2]': True})
+    assert group.residual(1) == group.residual(2)
+
+
+def test_memory_stays_flat() -> None:
+    """With irregular times each state makes new nodes; those of old states must go."""
+    group = started(RESPONSE, 'always (p -> eventually[0, 2 s] not p)')
+    generator = np.random.default_rng(7)
+    time, sizes = 0, []
+    for index in range(30_000):
+        time += int(generator.integers(90 * MS, 110 * MS))
+        assert group.progress(time, {'p': index % 20 > 7}) == []
+        progression = group._progression
+        sizes.append(len(progression.store) + len(progression._memo))
+    assert max(sizes[15_000:]) <= max(sizes[:15_000])
+    assert max(sizes) < 80_000
