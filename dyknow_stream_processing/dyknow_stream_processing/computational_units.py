@@ -151,6 +151,7 @@ def _typed(value: object, expected: ValueType) -> Value:
 _BUILT_IN: Final[Mapping[str, Unit]] = {
     'distance': units.distance,
     'electrical_power': units.electrical_power,
+    'magnitude': units.magnitude,
     'maximum': units.Maximum,
     'mean': units.Mean,
     'minimum': units.Minimum,

@@ -71,7 +71,7 @@ class Dataflow:
         self._units = units
         self._source_type = source_type
         self._agenda = Agenda()
-        self._wiring = Wiring(self._agenda, units, self._lag_of)
+        self._wiring = Wiring(self._agenda, units, self._has_receipt_time)
         self._streams: dict[str, _Stream] = {}
 
     def create(
@@ -176,9 +176,9 @@ class Dataflow:
         source = self._source_type(topic)
         return None if source is None else source.fields
 
-    def _lag_of(self, topic: str) -> int | None:
+    def _has_receipt_time(self, topic: str) -> bool:
         source = self._source_type(topic)
-        return 0 if source is not None and source.receipt_time else None
+        return source is not None and source.receipt_time
 
 
 class _Stream:

@@ -1,15 +1,15 @@
 """Running steps of a dataflow: samples, promises and the passing of time go in and come out.
 
-Every operator promises two things about the valid times of the samples that it will still emit:
+An operator promises two things about the valid times of the samples that it will still emit:
 
-- Its *watermark* `w`, which data raises: nobody has to wait for a sample valid at `w` or before.
-  None valid before `w` will come. One valid at `w` exactly may, as valid times may be equal, but
-  whoever needs each time once need not wait for it.
-- Its *lag* `d`, which the clock uses: no sample becomes available later than `d` after its valid
-  time, so at the time `now` all those valid before `now - d` have come. `None` promises nothing.
+- Data raises its *watermark* `w`: nobody has to wait for a sample valid at `w` or before. None
+  valid before `w` will come. One valid at `w` exactly may, as valid times may be equal, but whoever
+  needs each time once need not wait for it.
+- The clock makes the same certain for a valid time `t` at `certain_at(t)`: a stream with a maximum
+  delay has delivered by then whatever it will deliver.
 
 An operator acts on the clock in `wake` only. The agenda wakes operators in the order of time and
-then of rank, so that whoever relies on the lag of another is woken after it.
+then of rank, so that whoever asks another what is certain is woken after it.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ class Consumer(Protocol):
         """Take a sample of the input with the number `port`."""
 
     def promise(self, port: int, watermark: int, now: int) -> None:
-        """Note that the watermark of the input with the number `port` has risen."""
+        """Note that an input promises more, and may have raised its watermark."""
 
 
 class Observer(Protocol):
@@ -60,7 +60,6 @@ class Operator:
         agenda: where it asks to be woken.
         label: what it computes, as a text.
         inputs: the operators whose samples it takes.
-        lag: the greatest delay of what it emits, nanoseconds; `None` if there is no bound.
         in_order: whether it emits in the order of valid times.
     """
 
@@ -70,15 +69,13 @@ class Operator:
         label: str,
         inputs: Sequence[Operator],
         *,
-        lag: int | None,
         in_order: bool,
     ) -> None:
         self.label = label
         self.inputs = tuple(inputs)
-        self.lag = lag
         self.in_order = in_order
         self.rank: int = 1 + max((each.rank for each in inputs), default=0)
-        self.watermark = BEGINNING
+        self.watermark: int = min((each.watermark for each in inputs), default=BEGINNING)
         self.consumers: list[tuple[Consumer, int]] = []
         self.observers: list[Observer] = []
         self._agenda = agenda
@@ -88,8 +85,23 @@ class Operator:
         raise NotImplementedError
 
     def promise(self, port: int, watermark: int, now: int) -> None:  # noqa: ARG002
-        """Note that the watermark of the input with the number `port` has risen."""
-        self._raise_watermark(watermark, now)
+        """Note that an input promises more, and may have raised its watermark."""
+        self._promise(watermark, now)
+
+    def certain_at(self, valid_time: int) -> int | None:
+        """When nobody has to wait any more for a sample valid then or before, even if none comes.
+
+        `None` says that only another sample can tell.
+        """
+        if valid_time <= self.watermark:
+            return BEGINNING
+        latest = BEGINNING
+        for each in self.inputs:
+            certain = each.certain_at(valid_time)
+            if certain is None:
+                return None
+            latest = max(latest, certain)
+        return latest
 
     def deadline(self) -> int | None:
         """The earliest time at which `wake` would do something; `None` for never."""
@@ -102,11 +114,11 @@ class Operator:
         for consumer, port in self.consumers:
             consumer.receive(port, valid_time, fields, now)
 
-    def _raise_watermark(self, watermark: int, now: int) -> None:
-        if watermark > self.watermark:
-            self.watermark = watermark
-            for consumer, port in self.consumers:
-                consumer.promise(port, watermark, now)
+    def _promise(self, watermark: int, now: int) -> None:
+        # Told even where the watermark stays: what the clock makes certain may come earlier now.
+        self.watermark = max(watermark, self.watermark)
+        for consumer, port in self.consumers:
+            consumer.promise(port, self.watermark, now)
 
     def _drop(self, reason: str) -> None:
         for observer in self.observers:
@@ -129,26 +141,34 @@ class SourceOperator(Operator):
     """The samples of a topic, as they come.
 
     Args:
-        lag: 0 for a topic whose valid times are the times of receipt.
+        receipt_time: whether their valid times are the times of their receipt.
     """
 
     def __init__(
-        self, agenda: Agenda, topic: str, inputs: Sequence[Operator], lag: int | None
+        self,
+        agenda: Agenda,
+        topic: str,
+        inputs: Sequence[Operator],
+        receipt_time: bool,  # noqa: FBT001
     ) -> None:
-        super().__init__(agenda, topic, inputs, lag=lag, in_order=False)
+        super().__init__(agenda, topic, inputs, in_order=False)
+        self._receipt_time = receipt_time
 
     def receive(self, port: int, valid_time: int, fields: Mapping[str, Value], now: int) -> None:  # noqa: ARG002
         """Pass a sample on; it promises nothing about the next."""
         self._emit(valid_time, fields, now)
+
+    def certain_at(self, valid_time: int) -> int | None:
+        """A time of receipt that has passed cannot come again."""
+        return valid_time + 1 if self._receipt_time else None
 
 
 class MergeOperator(Operator):
     """Every sample of every input, in the order in which they come."""
 
     def __init__(self, agenda: Agenda, label: str, inputs: Sequence[Operator]) -> None:
-        super().__init__(agenda, label, inputs, lag=common_lag(inputs), in_order=False)
+        super().__init__(agenda, label, inputs, in_order=False)
         self._watermarks = [each.watermark for each in inputs]
-        self.watermark = common_watermark(inputs)
 
     def receive(self, port: int, valid_time: int, fields: Mapping[str, Value], now: int) -> None:  # noqa: ARG002
         """Pass a sample on."""
@@ -157,15 +177,4 @@ class MergeOperator(Operator):
     def promise(self, port: int, watermark: int, now: int) -> None:
         """The slowest input decides."""
         self._watermarks[port] = watermark
-        self._raise_watermark(min(self._watermarks), now)
-
-
-def common_watermark(inputs: Sequence[Operator]) -> int:
-    """The watermark of what is made of several inputs, nanoseconds."""
-    return min(each.watermark for each in inputs)
-
-
-def common_lag(inputs: Sequence[Operator]) -> int | None:
-    """The lag of what is made of several inputs, nanoseconds."""
-    lags = [each.lag for each in inputs]
-    return None if None in lags else max(lag for lag in lags if lag is not None)
+        self._promise(min(self._watermarks), now)

@@ -5,7 +5,8 @@ from __future__ import annotations
 import operator
 from typing import TYPE_CHECKING, Final
 
-from dyknow_stream_processing.operators import Operator, common_lag, common_watermark
+from dyknow_stream_processing.agenda import BEGINNING
+from dyknow_stream_processing.operators import Operator
 from dyknow_stream_processing.sample import ValueType
 from dyknow_stream_processing.specification import value_text
 from dyknow_stream_processing.violation import Broken
@@ -46,13 +47,13 @@ class SelectOperator(Operator):
         conditions: Sequence[Condition],
     ) -> None:
         in_order = all(each.in_order for each in inputs)
-        super().__init__(agenda, label, inputs, lag=common_lag(inputs), in_order=in_order)
-        self.watermark = common_watermark(inputs)
+        super().__init__(agenda, label, inputs, in_order=in_order)
         self._tests = [(condition.field, _test(condition)) for condition in conditions]
         self._selections = [(_namer(each), each.field) for each in selections]
         self._plain: Mapping[str, str] | None = None
         if not any(each.embedded_fields for each in selections):
             self._plain = {each.name: each.field for each in selections}
+        self._emitted = BEGINNING
 
     def receive(self, port: int, valid_time: int, fields: Mapping[str, Value], now: int) -> None:  # noqa: ARG002
         """Pass on what is selected."""
@@ -68,7 +69,23 @@ class SelectOperator(Operator):
         except _UnfitError as error:
             self._reject(Broken.FIELDS, valid_time, str(error))
         else:
+            self._emitted = valid_time
             self._emit(valid_time, selected, now)
+
+    def promise(self, port: int, watermark: int, now: int) -> None:  # noqa: ARG002
+        """Promise the same, but for a time at which nothing was selected.
+
+        Many samples may share a valid time, such as one of each robot of a fleet, and the one that
+        is selected may be the next: it has to be waited for.
+        """
+        self._promise(watermark if watermark <= self._emitted else watermark - 1, now)
+
+    def certain_at(self, valid_time: int) -> int | None:
+        """When the source can no longer deliver even a second sample of a valid time."""
+        if valid_time <= self.watermark:
+            return BEGINNING
+        certain = super().certain_at(valid_time + 1)
+        return None if certain is None else certain - 1
 
     def _select(self, fields: Mapping[str, Value]) -> Mapping[str, Value]:
         if self._plain is not None:

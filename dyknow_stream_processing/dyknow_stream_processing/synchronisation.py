@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 from dyknow_stream_processing.agenda import BEGINNING
-from dyknow_stream_processing.operators import Operator, common_lag
+from dyknow_stream_processing.operators import Operator
 from dyknow_stream_processing.violation import Broken
 
 if TYPE_CHECKING:
@@ -14,6 +15,9 @@ if TYPE_CHECKING:
 
     from dyknow_stream_processing.agenda import Agenda
     from dyknow_stream_processing.sample import Value
+
+Certainty = Callable[[int], int | None]
+"""When a valid time is certain; `None` if only another sample can tell."""
 
 Values = tuple['Mapping[str, Value]', ...]
 """The fields of each input at one time."""
@@ -28,7 +32,7 @@ class Synchronisation:
 
     Args:
         watermarks: of the streams at the beginning.
-        lags: of the streams, nanoseconds (see `operators`).
+        certainties: when a valid time of each stream is certain by the clock (see `operators`).
         start: the first tick, nanoseconds; `None` is the least first valid time.
         period: nanoseconds; `None` makes each valid time a tick.
     """
@@ -36,17 +40,17 @@ class Synchronisation:
     def __init__(
         self,
         watermarks: Sequence[int],
-        lags: Sequence[int | None],
+        certainties: Sequence[Certainty],
         start: int | None = None,
         period: int | None = None,
     ) -> None:
         self._watermarks = list(watermarks)
-        self._lags = tuple(lags)
+        self._certainties = tuple(certainties)
         self._period = period
         self._next = start
         self._last = BEGINNING
-        self._waiting: list[deque[tuple[int, Mapping[str, Value]]]] = [deque() for _ in lags]
-        self._values: list[Mapping[str, Value] | None] = [None] * len(self._lags)
+        self._waiting: list[deque[tuple[int, Mapping[str, Value]]]] = [deque() for _ in watermarks]
+        self._values: list[Mapping[str, Value] | None] = [None] * len(self._watermarks)
 
     @property
     def horizon(self) -> int:
@@ -65,25 +69,27 @@ class Synchronisation:
         """Note that the watermark of a stream has risen."""
         self._watermarks[port] = max(watermark, self._watermarks[port])
 
-    def pass_time(self, now: int) -> None:
-        """Raise the watermarks by what the lags promise at a time."""
-        for port, lag in enumerate(self._lags):
-            if lag is not None:
-                self.promise(port, now - lag - 1)
-
     def deadline(self) -> int | None:
-        """When the lags alone make the next tick certain; `None` if they never do."""
-        tick = self._next_tick()
-        if tick is None:
-            tick = self._first_waiting()
+        """When the clock makes the next tick certain; `None` if only samples can."""
+        tick = self._next_to_settle()
         if tick is None:
             return None
-        lags = [
-            lag
-            for watermark, lag in zip(self._watermarks, self._lags, strict=True)
-            if watermark < tick
-        ]
-        return None if None in lags else tick + 1 + max(lag for lag in lags if lag is not None)
+        due = BEGINNING
+        for watermark, certainty in zip(self._watermarks, self._certainties, strict=True):
+            if watermark < tick:
+                certain = certainty(tick)
+                if certain is None:
+                    return None
+                due = max(due, certain)
+        return due
+
+    def ticks_until(self, now: int) -> Iterator[tuple[int, Values]]:
+        """The ticks that the clock has made certain, with the values of all streams."""
+        while (due := self.deadline()) is not None and due <= now:
+            tick = self._next_to_settle()
+            if tick is not None:
+                self._watermarks = [max(tick, watermark) for watermark in self._watermarks]
+            yield from self.ticks()
 
     def ticks(self) -> Iterator[tuple[int, Values]]:
         """The ticks that have become certain, with the values of all streams."""
@@ -97,8 +103,10 @@ class Synchronisation:
             if len(values) == len(self._values):
                 self._last = tick
                 yield tick, values
-        # What lies before the next tick cannot be overtaken any more.
+        # Ticks until the horizon that were not made never will be, for want of a value.
         self._take_until(horizon)
+        if self._period is not None and self._next is not None:
+            self._next = _tick_from(max(self._next, horizon + 1), self._next, self._period)
 
     def _next_tick(self) -> int | None:
         if self._period is None or self._next is None:
@@ -109,7 +117,11 @@ class Synchronisation:
                 if not waiting:
                     return None
                 earliest = max(earliest, waiting[0][0])
-        return earliest + (self._next - earliest) % self._period
+        return _tick_from(earliest, self._next, self._period)
+
+    def _next_to_settle(self) -> int | None:
+        tick = self._next_tick()
+        return self._first_waiting() if tick is None else tick
 
     def _first_waiting(self) -> int | None:
         return min((queue[0][0] for queue in self._waiting if queue), default=None)
@@ -118,6 +130,11 @@ class Synchronisation:
         for port, queue in enumerate(self._waiting):
             while queue and queue[0][0] <= time:
                 self._values[port] = queue.popleft()[1]
+
+
+def _tick_from(earliest: int, tick: int, period: int) -> int:
+    """The first tick that is not before a time, given any one tick."""
+    return earliest + (tick - earliest) % period
 
 
 class SynchronisedOperator(Operator):
@@ -131,11 +148,10 @@ class SynchronisedOperator(Operator):
         start: int | None = None,
         period: int | None = None,
     ) -> None:
-        super().__init__(agenda, label, inputs, lag=common_lag(inputs), in_order=True)
+        super().__init__(agenda, label, inputs, in_order=True)
         watermarks = [each.watermark for each in inputs]
-        lags = [each.lag for each in inputs]
-        self._synchronisation = Synchronisation(watermarks, lags, start, period)
-        self.watermark = self._synchronisation.horizon
+        certainties = [each.certain_at for each in inputs]
+        self._synchronisation = Synchronisation(watermarks, certainties, start, period)
 
     def receive(self, port: int, valid_time: int, fields: Mapping[str, Value], now: int) -> None:
         """Keep a sample until the others have come."""
@@ -143,12 +159,12 @@ class SynchronisedOperator(Operator):
             self._drop('superseded')
         elif valid_time <= self.watermark:
             # One more sample of a time that was certain already brings no new promise with it.
-            self._make_ticks(now)
+            self._make(self._synchronisation.ticks(), now)
 
     def promise(self, port: int, watermark: int, now: int) -> None:
         """Make the ticks that have become certain."""
         self._synchronisation.promise(port, watermark)
-        self._make_ticks(now)
+        self._make(self._synchronisation.ticks(), now)
         if (due := self.deadline()) is not None:
             self._agenda.wake_at(self, due)
 
@@ -158,13 +174,12 @@ class SynchronisedOperator(Operator):
 
     def wake(self, now: int) -> None:
         """Make the ticks that the clock has made certain."""
-        self._synchronisation.pass_time(now)
-        self._make_ticks(now)
+        self._make(self._synchronisation.ticks_until(now), now)
 
-    def _make_ticks(self, now: int) -> None:
-        for valid_time, values in self._synchronisation.ticks():
+    def _make(self, ticks: Iterator[tuple[int, Values]], now: int) -> None:
+        for valid_time, values in ticks:
             self._tick(valid_time, values, now)
-        self._raise_watermark(self._synchronisation.horizon, now)
+        self._promise(self._synchronisation.horizon, now)
 
     def _tick(self, valid_time: int, values: Values, now: int) -> None:
         raise NotImplementedError

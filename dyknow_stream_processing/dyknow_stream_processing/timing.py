@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from dyknow_stream_processing.agenda import BEGINNING
 from dyknow_stream_processing.durations import format_duration, format_time
-from dyknow_stream_processing.operators import Operator, common_lag, common_watermark
+from dyknow_stream_processing.operators import Operator
 from dyknow_stream_processing.violation import Broken
 
 if TYPE_CHECKING:
@@ -23,7 +23,7 @@ class OrderOperator(Operator):
     """Drops each sample that is older than its predecessor."""
 
     def __init__(self, agenda: Agenda, label: str, inputs: Sequence[Operator]) -> None:
-        super().__init__(agenda, label, inputs, lag=common_lag(inputs), in_order=True)
+        super().__init__(agenda, label, inputs, in_order=True)
 
     def receive(self, port: int, valid_time: int, fields: Mapping[str, Value], now: int) -> None:  # noqa: ARG002
         """Pass a sample on unless a later one has been passed on."""
@@ -31,7 +31,7 @@ class OrderOperator(Operator):
             self._reject(*_out_of_order(valid_time, self.watermark))
             return
         self._emit(valid_time, fields, now)
-        self._raise_watermark(valid_time, now)
+        self._promise(valid_time, now)
 
 
 class ReorderOperator(Operator):
@@ -52,13 +52,12 @@ class ReorderOperator(Operator):
         max_delay: int | None = None,
         shortest_period: int | None = None,
     ) -> None:
-        lags = [lag for lag in (max_delay, common_lag(inputs)) if lag is not None]
-        super().__init__(agenda, label, inputs, lag=min(lags, default=None), in_order=True)
+        super().__init__(agenda, label, inputs, in_order=True)
         self._max_delay = max_delay
         self._room = 2 * (shortest_period or 0)
         self._held: list[tuple[int, int, Mapping[str, Value]]] = []
         self._serial = count()
-        self._promised = self.watermark = common_watermark(inputs)
+        self._promised = self.watermark
         self._released = BEGINNING
 
     def receive(self, port: int, valid_time: int, fields: Mapping[str, Value], now: int) -> None:  # noqa: ARG002
@@ -75,16 +74,26 @@ class ReorderOperator(Operator):
         """Release what the promise covers."""
         self._promised = watermark
         self._release(watermark, now)
-        self._raise_watermark(watermark, now)
+        self._promise(watermark, now)
+
+    def certain_at(self, valid_time: int) -> int | None:
+        """At the latest when the maximum delay has passed."""
+        certain = super().certain_at(valid_time)
+        if self._max_delay is None:
+            return certain
+        bound = valid_time + self._max_delay + 1
+        return bound if certain is None else min(bound, certain)
 
     def deadline(self) -> int | None:
-        """When the first sample held must have been overtaken by all earlier ones."""
-        return self._held[0][0] + self.lag if self._held and self.lag is not None else None
+        """When no sample can come any more that is valid before the first of those held."""
+        certain = self.certain_at(self._held[0][0]) if self._held else None
+        # One valid at the same time may follow it, and come a nanosecond later than one before it.
+        return None if certain is None else certain - 1
 
     def wake(self, now: int) -> None:
         """Release what no earlier sample can precede any more."""
-        if self.lag is not None:
-            self._release(now - self.lag, now)
+        while (due := self.deadline()) is not None and due <= now:
+            self._release(self._held[0][0], now)
 
     def _release(self, until: int, now: int) -> None:
         while self._held and (
@@ -92,7 +101,7 @@ class ReorderOperator(Operator):
         ):
             self._released, _, fields = heappop(self._held)
             self._emit(self._released, fields, now)
-        self._raise_watermark(self._released, now)
+        self._promise(self._released, now)
         if (due := self.deadline()) is not None:
             self._agenda.wake_at(self, due)
 
@@ -109,8 +118,7 @@ class BoundsOperator(Operator):
         end: int | None,
     ) -> None:
         in_order = all(each.in_order for each in inputs)
-        super().__init__(agenda, label, inputs, lag=common_lag(inputs), in_order=in_order)
-        self.watermark = common_watermark(inputs)
+        super().__init__(agenda, label, inputs, in_order=in_order)
         self._start = start
         self._end = end
 
@@ -129,7 +137,7 @@ class PeriodOperator(Operator):
 
     A sample that follows too early is dropped. A gap is reported once, when it is certain: as soon
     as the clock rules out a punctual sample, or by the sample that ends it. The clock counts from
-    the valid time of the last sample where a lag bounds the delay of the next one; else from the
+    the valid time of the last sample where the delay of the next one has a bound; else from the
     time at which the last one came, as if the next one took as long to come.
     """
 
@@ -140,8 +148,7 @@ class PeriodOperator(Operator):
         inputs: Sequence[Operator],
         constraints: StreamConstraints,
     ) -> None:
-        super().__init__(agenda, label, inputs, lag=common_lag(inputs), in_order=True)
-        self.watermark = common_watermark(inputs)
+        super().__init__(agenda, label, inputs, in_order=True)
         self._shortest = constraints.shortest_period or 0
         self._longest = constraints.longest_period or 0
         self._end = constraints.end_time
@@ -179,7 +186,8 @@ class PeriodOperator(Operator):
         if self._end is not None and latest > self._end:
             self._due = None
             return
-        self._due = (now + self._longest if self.lag is None else latest + self.lag) + 1
+        certain = self.certain_at(latest)
+        self._due = now + self._longest + 1 if certain is None else certain
         self._agenda.wake_at(self, self._due)
 
     def _broken(

@@ -29,6 +29,11 @@ def electrical_power(battery: Mapping[str, float]) -> float:
     return battery['voltage'] * -battery['current']
 
 
+def magnitude(vector: Mapping[str, float]) -> float:
+    """The Euclidean length of a vector, such as the speed of a velocity."""
+    return math.hypot(*vector.values())
+
+
 class Speed:
     """The mean speed of a position between its last two samples, in its unit per second."""
 

@@ -33,18 +33,18 @@ class Wiring:
     Args:
         agenda: wakes the operators.
         units: the computational units by name.
-        lag_of: the lag of a topic, nanoseconds; `None` if it has no bound.
+        has_receipt_time: whether the valid times of a topic are the times of receipt.
     """
 
     def __init__(
         self,
         agenda: Agenda,
         units: Mapping[str, Unit],
-        lag_of: Callable[[str], int | None],
+        has_receipt_time: Callable[[str], bool],
     ) -> None:
         self._agenda = agenda
         self._units = units
-        self._lag_of = lag_of
+        self._has_receipt_time = has_receipt_time
         self._operators: dict[Hashable, Operator] = {}
         self._sources: dict[str, tuple[Operator, ...]] = {}
 
@@ -106,7 +106,8 @@ class Wiring:
         label = _label(replace(term, constraints=NO_CONSTRAINTS))
         match term:
             case Reference():
-                source = self._operator(SourceOperator, label, [], self._lag_of(term.name))
+                has_receipt_time = self._has_receipt_time(term.name)
+                source = self._operator(SourceOperator, label, [], has_receipt_time)
                 return source if may_be_late else self._operator(OrderOperator, label, [source])
             case Select():
                 inputs = [self._constrained(term.source, may_be_late=may_be_late)]

@@ -1,0 +1,165 @@
+"""Sync against a slow reference that follows the definition step by step."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+from hypothesis import example, given
+from hypothesis import strategies as st
+
+from dyknow_stream_processing import (
+    NO_CONSTRAINTS,
+    Dataflow,
+    Sample,
+    SourceType,
+    parse_specification,
+)
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+Event = tuple[int, int, int]  # now, input, valid time
+Output = tuple[int, int, tuple[int, ...]]  # now, tick, the number of the sample of each input
+END = 60
+SELECT = 'select'
+
+
+@dataclass
+class NaiveInput:
+    """One input of the reference: what it has delivered, and what can still come."""
+
+    max_delay: int | None = None
+    receipt_time: bool = False
+    modulus: int = 1
+    seen: list[tuple[int, int]] = field(default_factory=list)
+
+    def term(self, port: int) -> str:
+        delay = '' if self.max_delay is None else f' with max_delay = {self.max_delay} ns'
+        return f'{SELECT} n as n{port} from "{port}" where m{self.modulus} = 0{delay}'
+
+    def take(self, valid_time: int, number: int, now: int) -> None:
+        too_late = self.max_delay is not None and now - valid_time > self.max_delay
+        newest = max((time for time, _ in self.seen), default=valid_time)
+        if not too_late and (self.max_delay is not None or valid_time >= newest):
+            self.seen.append((valid_time, number))
+
+    def delivered(self, now: int) -> list[tuple[int, int]]:
+        """What has come, in order; with a max_delay, what has waited for it."""
+        held = self.max_delay or 0
+        if self.receipt_time:
+            held = 0
+        return sorted(
+            (each for each in self.seen if self.max_delay is None or each[0] + held <= now),
+            key=lambda each: each[0],
+        )
+
+    def passing(self, now: int) -> list[tuple[int, int]]:
+        return [each for each in self.delivered(now) if each[1] % self.modulus == 0]
+
+    def is_done(self, tick: int, now: int) -> bool:
+        # What has a max_delay is put in order after it has passed the conditions.
+        overtaken = self.max_delay is None and any(time > tick for time, _ in self.delivered(now))
+        if overtaken or any(time >= tick for time, _ in self.passing(now)):
+            return True
+        lag = 0 if self.receipt_time else self.max_delay
+        return lag is not None and now > tick + lag
+
+
+def naive(
+    inputs: Sequence[NaiveInput], events: Sequence[Event], period: int | None, start: int | None
+) -> list[Output]:
+    """The definition, evaluated anew after every single step of time and every event."""
+    outputs: list[Output] = []
+    origin, last = start, -1000
+    for now in range(END):
+        arrivals = [each for each in enumerate(events) if each[1][0] == now]
+        for arrival in [None, *arrivals]:
+            if arrival is not None:
+                number, (_, port, valid_time) = arrival
+                inputs[port].take(valid_time, number, now)
+            heads = sorted(time for each in inputs for time, _ in each.passing(now))
+            if origin is None and heads and all(each.is_done(heads[0], now) for each in inputs):
+                origin = heads[0]
+            ticks = [] if origin is None else list(range(origin, END, period or 1))
+            if period is None:
+                ticks = sorted(set(heads))
+            for tick in ticks:
+                if tick <= last:
+                    continue
+                if not all(each.is_done(tick, now) for each in inputs):
+                    break
+                last = tick
+                values = [[n for time, n in each.passing(now) if time <= tick] for each in inputs]
+                if all(values):
+                    outputs.append((now, tick, tuple(each[-1] for each in values)))
+    return outputs
+
+
+def run(
+    inputs: Sequence[NaiveInput], events: Sequence[Event], period: int | None, start: int | None
+) -> list[Output]:
+    outputs: list[Output] = []
+    clock = 0
+    dataflow = Dataflow({}, lambda topic: SourceType(None, inputs[int(topic)].receipt_time))
+
+    def on_sample(sample: Sample) -> None:
+        numbers = tuple(int(sample.fields[f'n{port}']) for port in range(len(inputs)))
+        outputs.append((clock, sample.valid_time, numbers))
+
+    terms = ', '.join(each.term(port) for port, each in enumerate(inputs))
+    constraints = [f'start_time = {start} ns'] if start is not None else []
+    constraints += [f'sample_period = {period} ns'] if period is not None else []
+    text = f'sync({terms})' + (f' with {", ".join(constraints)}' if constraints else '')
+    dataflow.create('s', parse_specification(text), NO_CONSTRAINTS, on_sample, lambda _: None)
+    for now in range(END):
+        clock = now
+        dataflow.advance(now)
+        for number, (time, port, valid_time) in enumerate(events):
+            if time == now:
+                fields = {'n': number} | {f'm{modulus}': number % modulus for modulus in (1, 2, 3)}
+                dataflow.push(str(port), Sample(valid_time, now, fields))
+    return outputs
+
+
+@st.composite
+def situations(
+    draw: st.DrawFn,
+) -> tuple[list[NaiveInput], list[Event]]:
+    inputs = [
+        NaiveInput(
+            max_delay=draw(st.none() | st.integers(0, 8)),
+            receipt_time=draw(st.booleans()),
+            modulus=draw(st.sampled_from([1, 1, 2, 3])),
+        )
+        for _ in range(draw(st.integers(1, 3)))
+    ]
+    for each in inputs:
+        if each.receipt_time:
+            each.max_delay = None
+    arrivals = draw(st.lists(st.tuples(st.integers(0, 40), st.integers(0, 10)), max_size=25))
+    ports = st.integers(0, len(inputs) - 1)
+    events = []
+    for now, delay in sorted(arrivals, key=lambda each: each[0]):
+        port = draw(ports)
+        events.append((now, port, now if inputs[port].receipt_time else now - delay))
+    return inputs, events
+
+
+def fresh(inputs: Sequence[NaiveInput]) -> list[NaiveInput]:
+    return [NaiveInput(each.max_delay, each.receipt_time, each.modulus) for each in inputs]
+
+
+@given(situations())
+def test_every_valid_time_is_a_tick(situation: tuple[list[NaiveInput], list[Event]]) -> None:
+    inputs, events = situation
+    assert run(inputs, events, None, None) == naive(fresh(inputs), events, None, None)
+
+
+@given(situations(), st.integers(1, 7), st.none() | st.integers(0, 20))
+@example(([NaiveInput(), NaiveInput()], []), 1, None)
+def test_ticks_at_a_period(
+    situation: tuple[list[NaiveInput], list[Event]], period: int, start: int | None
+) -> None:
+    inputs, events = situation
+    assert run(inputs, events, period, start) == naive(fresh(inputs), events, period, start)
