@@ -91,13 +91,15 @@ class Evaluation:
                 large.
         """
         # All values are read first, so that a bad one is an error whatever the others say.
-        symbols = [running.symbol(values) for running in self._running]
+        for running in self._running:
+            running.read(values)
         finished: list[tuple[_Running, Moment]] = []
-        for running, symbol in zip(self._running, symbols, strict=True):
+        for running in self._running:
             before = running.node
-            node = progression.progress(before, symbol, elapsed)
+            node = progression.progress(before, running.symbol, elapsed)
             if type(node) is Constant:
-                finished.append((running, running.moment(symbol, elapsed, valid_time, values)))
+                finished.append((running, running.moment(elapsed, valid_time, values)))
+                self._size -= before.size
                 self._false = node is FALSE
                 if self._false:
                     break
@@ -131,11 +133,12 @@ class Evaluation:
 class _Running:
     """An undecided instance."""
 
-    __slots__ = ('_active', '_mask', '_predicates', 'instance', 'node', 'opened')
+    __slots__ = ('_active', '_mask', '_predicates', 'instance', 'node', 'opened', 'symbol')
 
     def __init__(self, instance: Instance, predicates: Sequence[Predicate]) -> None:
         self.instance = instance
         self.node = instance.node
+        self.symbol = 0
         self.opened: dict[Window, int] = {}
         self._predicates = predicates
         self._mask = 0
@@ -146,17 +149,19 @@ class _Running:
     def text(self) -> str:
         return residual_text(self.node, self.instance.atoms)
 
-    def symbol(self, values: Values) -> int:
-        """The truth of the atoms that the instance still depends on, as bits."""
+    def read(self, values: Values) -> None:
+        """Takes the truth of the atoms that the instance still depends on, as bits of `symbol`."""
         symbol = 0
         for bit, holds in self._active:
             if holds(values):
                 symbol |= bit
-        return symbol
+        self.symbol = symbol
 
-    def moment(self, symbol: int, elapsed: int, valid_time: int, values: Values) -> Moment:
+    def moment(self, elapsed: int, valid_time: int, values: Values) -> Moment:
         """What is known of a state, for explaining what it decides."""
-        return Moment(self.instance, self.node, symbol, elapsed, valid_time, values, self.opened)
+        return Moment(
+            self.instance, self.node, self.symbol, elapsed, valid_time, values, self.opened
+        )
 
     def advance(self, node: Node, valid_time: int) -> None:
         """Takes what remains after the state of that valid time."""

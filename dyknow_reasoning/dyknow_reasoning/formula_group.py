@@ -141,30 +141,13 @@ class FormulaGroup:
         Raises:
             ReasoningError: before `begin`.
         """
-        known: list[FormulaResult] = []
         if self._latest is None:
             self._require_begun()
             known = self._decide_at_once(valid_time)
-        elif valid_time <= self._latest:
+            return known + self._progress(valid_time, 0, values)
+        if valid_time <= self._latest:
             return self.fail(_not_later(valid_time, self._latest), valid_time)
-        elapsed = 0 if self._latest is None else valid_time - self._latest
-        self._latest = valid_time
-        results: list[FormulaResult] = []
-        for formula_id, evaluation in self._undecided.items():
-            try:
-                decision = evaluation.progress(valid_time, elapsed, values, self._progression)
-            except ReasoningError as error:
-                results.append(self._failed(formula_id, error, valid_time))
-            else:
-                if decision:
-                    results.append(self._decided(formula_id, decision, valid_time))
-        if results:
-            self._drop(results)
-        if self._progression.is_full:
-            self._progression.forget(
-                root for evaluation in self._undecided.values() for root in evaluation.roots
-            )
-        return known + results
+        return self._progress(valid_time, valid_time - self._latest, values)
 
     def progress_many(
         self, valid_times: Iterable[int], columns: Mapping[str, Iterable[Any]]
@@ -216,6 +199,23 @@ class FormulaGroup:
         if self._latest is None:
             return str(self._formulas[formula_id])
         return self._evaluations[formula_id].residual
+
+    def _progress(self, valid_time: int, elapsed: int, values: Values) -> list[FormulaResult]:
+        self._latest = valid_time
+        results: list[FormulaResult] = []
+        progression = self._progression
+        for formula_id, evaluation in self._undecided.items():
+            try:
+                decision = evaluation.progress(valid_time, elapsed, values, progression)
+            except ReasoningError as error:
+                results.append(self._failed(formula_id, error, valid_time))
+            else:
+                if decision:
+                    results.append(self._decided(formula_id, decision, valid_time))
+        if progression.is_full:
+            evaluations = self._undecided.values()
+            progression.forget(root for evaluation in evaluations for root in evaluation.roots)
+        return self._drop(results)
 
     def _require_begun(self) -> None:
         if not self._begun:

@@ -132,6 +132,12 @@ def test_formulas_that_need_no_state(text: str, verdict: Verdict) -> None:
     assert not_asked.residual(1) == ('true' if verdict is Verdict.TRUE else 'false')
 
 
+@pytest.mark.parametrize('opposites', ['a < 3 or a >= 3', 'a <= 3 or a > 3', 'a = 3 or a != 3'])
+def test_opposite_comparisons_share_an_atom(opposites: str) -> None:
+    group = started(f'always ({opposites})')
+    assert [result.verdict for result in group.decided_at_once()] == [Verdict.TRUE]
+
+
 def test_forall_over_nothing_is_true_and_each_formula_is_reported_once() -> None:
     group = FormulaGroup()
     group.add_formula('nothing', 'forall x in None: always P[x]')

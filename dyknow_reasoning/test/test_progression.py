@@ -146,18 +146,57 @@ def timed(steps: Sequence[tuple[int, dict[str, bool]]]) -> Trace:
     return [(time, values) for time, (_, values) in zip(times, steps, strict=True)]
 
 
-@pytest.mark.parametrize('steps', [st.just(1), st.just(2), st.integers(1, 5)], ids=str)
-def test_verdicts_are_right_and_not_late(steps: st.SearchStrategy[int]) -> None:
-    @settings(max_examples=EXAMPLES, deadline=None, suppress_health_check=list(HealthCheck))
-    @given(formulas(), traces(steps))
-    def check(formula: Formula, trace: Trace) -> None:
-        found = verdicts(formula, trace)
-        for length in range(1, len(trace) + 1):
-            expected = holds(formula, trace[:length], 0)
-            if expected is not None:
-                assert found[length - 1] is expected, (str(formula), trace[:length])
+def check(formula: Formula, trace: Trace) -> None:
+    """No verdict is wrong, or later than all windows that matter have closed."""
+    found = verdicts(formula, trace)
+    for length in range(1, len(trace) + 1):
+        expected = holds(formula, trace[:length], 0)
+        if expected is not None:
+            assert found[length - 1] is expected, (str(formula), trace[:length])
 
-    check()
+
+@pytest.mark.parametrize('steps', [st.just(1), st.just(2), st.integers(1, 5)], ids=str)
+@pytest.mark.timeout(1200)
+def test_verdicts_are_right_and_not_late(steps: st.SearchStrategy[int]) -> None:
+    settings(max_examples=EXAMPLES, deadline=None, suppress_health_check=list(HealthCheck))(
+        given(formulas(), traces(steps))(check)
+    )()
+
+
+def over_one_body(kind: type[Always | Eventually]) -> st.SearchStrategy[Formula]:
+    return intervals().map(lambda interval: kind(Feature('p'), interval))
+
+
+@settings(max_examples=EXAMPLES, deadline=None)
+@given(
+    st.recursive(
+        over_one_body(Always) | over_one_body(Eventually),
+        lambda inner: st.one_of(st.builds(And, inner, inner), st.builds(Or, inner, inner)),
+        max_leaves=5,
+    ),
+    traces(st.integers(1, 3)),
+)
+def test_merging_windows_over_one_body(formula: Formula, trace: Trace) -> None:
+    check(formula, trace)
+
+
+@pytest.mark.parametrize(
+    ('formula', 'true_at', 'expected'),
+    [
+        ('(always[0, 2 ns] p) and always[4 ns, 6 ns] p', {0, 1, 2, 4, 5, 6}, True),
+        ('(always[0, 2 ns] p) and always[3 ns, 6 ns] p', {0, 1, 2, 4, 5, 6}, False),
+        ('(eventually[0, 2 ns] p) or eventually[4 ns, 6 ns] p', {3}, False),
+        ('(eventually[0, 3 ns] p) and eventually[2 ns, 5 ns] p', {1}, False),
+        ('(eventually[0, 3 ns] p) and eventually[2 ns, 5 ns] p', {4}, False),
+        ('(eventually[0, 3 ns] p) and eventually[2 ns, 5 ns] p', {1, 4}, True),
+        ('(always[0, 3 ns] p) or always[2 ns, 5 ns] p', {0, 1, 2, 3}, True),
+        ('(always[0, 3 ns] p) or always[2 ns, 5 ns] p', {2, 3, 4, 5}, True),
+        ('(always[0, 3 ns] p) or always[2 ns, 5 ns] p', {0, 2, 3, 4}, False),
+    ],
+)
+def test_windows_that_overlap(formula: str, true_at: set[int], expected: bool) -> None:  # noqa: FBT001
+    trace = [(time, {'p': time in true_at}) for time in range(8)]
+    assert verdicts(parse_formula(formula), trace)[-1] is expected
 
 
 def same_verdicts(left: Formula, right: Formula, trace: Trace) -> None:
