@@ -111,7 +111,9 @@ class _Checker:
             concepts = self._knowledge.concepts(name)
         except SemanticsError as error:
             raise SemanticsError(
-                f'{error}; for a variable, add: for every {name} in {expected}', error.code
+                f"'{name}' is no variable (add: for every {name} in {expected}) and no object: "
+                f'{error}',
+                error.code,
             ) from None
         if expected not in concepts:
             raise SemanticsError(f"'{name}' must be an instance of '{expected}', but is none")

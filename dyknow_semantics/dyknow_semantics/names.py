@@ -4,13 +4,16 @@ from __future__ import annotations
 
 from collections import defaultdict
 from difflib import get_close_matches
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Final
 
 from dyknow_semantics.errors import SemanticsError
 from dyknow_stream_processing import ExitCode
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
+    from collections.abc import Iterable, Mapping
+
+_LISTED: Final = 10
+"""So many known names are listed where none is near an unknown one."""
 
 
 def split_iri(iri: str) -> tuple[str, str]:
@@ -26,10 +29,19 @@ def prefix_of(namespace: str) -> str:
     return last.removesuffix('.owl').removesuffix('.rdf')
 
 
-def suggestion(name: str, known: Iterable[str]) -> str:
-    """The end of an error message: what of the known names was perhaps meant."""
-    near = get_close_matches(name, sorted(known), n=3)
-    return f'; did you mean {" or ".join(map(repr, near))}?' if near else ''
+def suggestion(name: str, known: Mapping[str, str]) -> str:
+    """The end of an error message: what was perhaps meant by an unknown name.
+
+    Args:
+        name: the unknown name.
+        known: for each known spelling, the name to suggest.
+    """
+    near = dict.fromkeys(known[each] for each in get_close_matches(name, sorted(known), n=6))
+    if near:
+        return f'; did you mean {" or ".join(map(repr, list(near)[:3]))}?'
+    names = sorted(set(known.values()))
+    listed = ', '.join(names[:_LISTED]) + (', ...' if len(names) > _LISTED else '')
+    return f'; there are: {listed}' if names else '; there is none'
 
 
 class Names:
@@ -67,7 +79,8 @@ class Names:
                 f"the {self._kind} '{name}' is ambiguous; it is one of {candidates}"
             )
         if not bearers:
-            hint = suggestion(name, self._bearers)
+            known = {each: self.name(iri) for each, iris in self._bearers.items() for iri in iris}
+            hint = suggestion(name, known)
             raise SemanticsError(f"unknown {self._kind} '{name}'{hint}", ExitCode.NOT_FOUND)
         return next(iter(bearers))
 

@@ -124,9 +124,11 @@ class Ontology:
         """Removes an instance.
 
         Raises:
-            SemanticsError: if it is unknown.
+            SemanticsError: if it is unknown, or a concept too.
         """
         iri = self._knowledge.instance_names.iri(name)
+        if iri in self._knowledge.concept_names:
+            raise SemanticsError(f"the instance '{name}' is a concept too; destroy that")
         self._change(lambda: self._store.remove(iri))
 
     def instances(self, concept: str) -> tuple[str, ...]:
@@ -227,7 +229,7 @@ class Ontology:
             return RUNTIME_ONTOLOGY, local
         prefixes = {prefix_of(iri): iri for iri in sorted(self._store.ontologies)}
         if prefix not in prefixes:
-            hint = suggestion(prefix, prefixes)
+            hint = suggestion(prefix, {known: known for known in prefixes})
             raise SemanticsError(
                 f"no ontology with the prefix '{prefix}' is loaded{hint}", ExitCode.NOT_FOUND
             )

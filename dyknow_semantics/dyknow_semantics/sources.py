@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from http.client import HTTPException
 from importlib.resources import files
 from pathlib import Path
 from typing import Final
-from urllib.error import URLError
+from urllib.error import HTTPError
 from urllib.parse import unquote, urlsplit
 from urllib.request import Request, urlopen
 
@@ -103,6 +104,8 @@ def _download(iri: str) -> Source:
     try:
         with urlopen(request, timeout=_WEB_TIMEOUT) as answer:  # noqa: S310
             return Source(iri, answer.read())
-    except (URLError, OSError) as error:
+    except (OSError, HTTPException) as error:
+        if isinstance(error, HTTPError):
+            error.close()
         reason = getattr(error, 'reason', error)
         raise SemanticsError(f'cannot download <{iri}>: {reason}', ExitCode.UNAVAILABLE) from None

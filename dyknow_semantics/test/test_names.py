@@ -52,9 +52,23 @@ def test_an_unknown_name_suggests_near_ones(names: Names) -> None:
     assert error.value.message == "unknown concept 'UAVs'; did you mean 'UAV'?"
 
 
-def test_an_unknown_name_without_near_ones(names: Names) -> None:
-    with pytest.raises(SemanticsError, match=r"^unknown concept 'Battery'$"):
+def test_an_unknown_name_without_near_ones_lists_what_there_is(names: Names) -> None:
+    with pytest.raises(SemanticsError) as error:
         names.iri('Battery')
+    assert error.value.message == (
+        "unknown concept 'Battery'; there are: UAV, maps:Altitude, vehicles:Altitude"
+    )
+
+
+def test_long_lists_are_cut() -> None:
+    names = Names('instance', [f'http://a.org/fleet#uav{number}' for number in range(12)])
+    with pytest.raises(SemanticsError, match=r'there are: uav0, uav1, uav10, .*uav7, \.\.\.$'):
+        names.iri('rover')
+
+
+def test_an_unknown_name_where_there_is_nothing() -> None:
+    with pytest.raises(SemanticsError, match=r"^unknown instance 'x'; there is none$"):
+        Names('instance', []).iri('x')
 
 
 @pytest.mark.parametrize(

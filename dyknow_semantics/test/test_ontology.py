@@ -293,6 +293,18 @@ def test_what_is_destroyed_is_gone(fleet: Ontology) -> None:
     assert not gone
 
 
+def test_what_is_both_a_concept_and_an_instance(tmp_path: Path) -> None:
+    file = tmp_path / 'a.nt'
+    thing = '<http://www.example.org/a#Thing_a>'
+    file.write_text(ontology_text('a') + f'{thing} {RDF_TYPE} <{OWL}NamedIndividual> .\n')
+    with Ontology() as ontology:
+        ontology.load(file)
+        with pytest.raises(SemanticsError, match="the instance 'Thing_a' is a concept too"):
+            ontology.destroy_instance('Thing_a')
+        ontology.destroy_concept('Thing_a')
+        assert 'Thing_a' not in ontology.knowledge.instance_names
+
+
 def test_a_query_gives_names(fleet: Ontology) -> None:
     variables, rows = fleet.query(
         'PREFIX v: <http://www.example.org/vehicles#> '

@@ -1,0 +1,64 @@
+"""Error messages: a folder of bad inputs, each beside the message that it must give."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import pytest
+
+from dyknow_semantics import (
+    Ontology,
+    SemanticsError,
+    check_annotation,
+    check_concept,
+    parse_annotations,
+    parse_concept,
+)
+from dyknow_stream_processing import LanguageError
+
+if TYPE_CHECKING:
+    from dyknow_semantics import Knowledge
+
+HERE = Path(__file__).parent
+
+
+def inputs(folder: str, ending: str) -> list[Path]:
+    """The bad inputs of a folder."""
+    found = sorted((HERE / folder).glob(f'*{ending}'))
+    assert found
+    return found
+
+
+def expected(path: Path) -> str:
+    """The message beside a bad input."""
+    return path.with_suffix('.txt').read_text(encoding='utf-8').rstrip('\n')
+
+
+def check_all(ssl: str, knowledge: Knowledge) -> None:
+    """Parses and checks all annotations of a text."""
+    for annotation in parse_annotations(ssl):
+        check_annotation(annotation, knowledge)
+
+
+@pytest.mark.parametrize('path', inputs('bad_annotations', '.ssl'), ids=lambda path: path.stem)
+def test_bad_annotations(path: Path, knowledge: Knowledge) -> None:
+    with pytest.raises(LanguageError) as error:
+        check_all(path.read_text(encoding='utf-8'), knowledge)
+    assert error.value.message == expected(path)
+
+
+@pytest.mark.parametrize('path', inputs('bad_concepts', '.concept'), ids=lambda path: path.stem)
+def test_bad_concepts(path: Path, knowledge: Knowledge) -> None:
+    with pytest.raises(LanguageError) as error:
+        check_concept(parse_concept(path.read_text(encoding='utf-8')), knowledge)
+    assert error.value.message == expected(path)
+
+
+@pytest.mark.parametrize('path', inputs('bad_ontologies', '.owl'), ids=lambda path: path.stem)
+def test_bad_ontologies(path: Path) -> None:
+    with Ontology() as ontology:
+        with pytest.raises(SemanticsError) as error:
+            ontology.load(path)
+        assert error.value.message == expected(path)
+        assert 'Vehicle' not in ontology.knowledge.concept_names

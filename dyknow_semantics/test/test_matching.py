@@ -1,0 +1,315 @@
+"""Matching, against a reference that lists every ground feature of everything."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from itertools import product
+from math import inf
+from typing import TYPE_CHECKING, NamedTuple
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from dyknow_semantics import (
+    Annotation,
+    Argument,
+    Concept,
+    Content,
+    FeatureTerm,
+    Key,
+    Knowledge,
+    Range,
+    match,
+    nearest,
+    parse_annotations,
+    parse_concept,
+)
+from dyknow_stream_processing import (
+    Condition,
+    LanguageError,
+    Reference,
+    Select,
+    Selection,
+    StreamConstraints,
+    StreamDeclaration,
+    parse_specification,
+)
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Mapping
+
+SSL = """
+    stream uav1_power contains Power[uav1] = power;
+    stream "/fleet" contains Altitude[u] = pose.position.z for every u in UAV where u = id
+        with max_delay = 100 ms;
+    stream barometer contains BarometricAltitude[uav1] = z with sample_period = 10 ms;
+    stream ranges contains XYDist[a, b] = distance for every a in UAV, b in Vehicle
+        where a = first, b = second;
+    stream laser contains Height[uav2] = z with sample_period = 20 ms;
+    stream sky contains Daylight = light;
+"""
+
+
+def specifications(concept: str, knowledge: Knowledge, ssl: str = SSL) -> list[str]:
+    found = match(parse_concept(concept), parse_annotations(ssl), knowledge)
+    return [each.specification for each in found]
+
+
+def test_a_stream_of_the_object(knowledge: Knowledge) -> None:
+    for concept in ('Power[uav1]', 'Power[u] for every u in UAV', 'Power'):
+        assert '\n'.join(specifications(concept, knowledge)) == (
+            '# exact match: uav1_power carries Power[uav1]\n'
+            'stream Power_uav1_from_uav1_power = select power as "Power[uav1]" from uav1_power;'
+        )
+
+
+def test_a_stream_of_many_objects_equivalent_features_and_features_below(
+    knowledge: Knowledge,
+) -> None:
+    assert '\n'.join(specifications('Altitude[u] for every u in UAV', knowledge)) == (
+        '# exact match: Height is equivalent to Altitude\n'
+        'stream Altitude_uav2_from_laser = select z as "Altitude[uav2]" from laser '
+        'with sample_period = 20 ms;\n'
+        '# exact match: "/fleet" carries Altitude[uav1]\n'
+        'stream Altitude_uav1_from_fleet = select pose.position.z as "Altitude[uav1]" '
+        'from "/fleet" where id = "uav1" with max_delay = 100 ms;\n'
+        '# exact match: "/fleet" carries Altitude[uav2]\n'
+        'stream Altitude_uav2_from_fleet = select pose.position.z as "Altitude[uav2]" '
+        'from "/fleet" where id = "uav2" with max_delay = 100 ms;\n'
+        '# subsumed: BarometricAltitude is below Altitude\n'
+        'stream Altitude_uav1_from_barometer = select z as "Altitude[uav1]" from barometer '
+        'with sample_period = 10 ms;'
+    )
+
+
+def test_an_object_and_a_variable(knowledge: Knowledge) -> None:
+    assert '\n'.join(specifications('XYDist[x, rover] for every x in UAV', knowledge)) == (
+        '# exact match: ranges carries XYDist[uav1, rover]\n'
+        'stream XYDist_uav1_rover_from_ranges = select distance as "XYDist[uav1, rover]" '
+        'from ranges where first = "uav1" and second = "rover";\n'
+        '# exact match: ranges carries XYDist[uav2, rover]\n'
+        'stream XYDist_uav2_rover_from_ranges = select distance as "XYDist[uav2, rover]" '
+        'from ranges where first = "uav2" and second = "rover";'
+    )
+
+
+def test_a_variable_twice(knowledge: Knowledge) -> None:
+    found = match(
+        parse_concept('XYDist[x, x] for every x in UAV'), parse_annotations(SSL), knowledge
+    )
+    assert [each.ground_feature for each in found] == ['XYDist[uav1, uav1]', 'XYDist[uav2, uav2]']
+
+
+def test_a_feature_of_the_world_as_a_whole(knowledge: Knowledge) -> None:
+    (specification,) = specifications('Daylight', knowledge)
+    assert specification == (
+        '# exact match: sky carries Daylight\n'
+        'stream Daylight_from_sky = select light as Daylight from sky;'
+    )
+
+
+def test_a_feature_is_not_matched_by_those_above_it(knowledge: Knowledge) -> None:
+    (found,) = match(
+        parse_concept('vehicles:BarometricAltitude'), parse_annotations(SSL), knowledge
+    )
+    assert found.ground_feature == 'vehicles:BarometricAltitude[uav1]'
+    assert found.exact
+
+
+def test_names_are_unique_and_matches_tell_what_they_are(knowledge: Knowledge) -> None:
+    ssl = """stream a contains Power[uav1] = p, Power[uav1] = q;
+             stream "/a" contains Power[uav1] = p, BarometricAltitude[uav1] = z"""
+    found = match(parse_concept('Power[uav1]'), parse_annotations(ssl), knowledge)
+    assert [each.stream_name for each in found] == [
+        'Power_uav1_from_a', 'Power_uav1_from_a_2', 'Power_uav1_from_a_3',
+    ]  # fmt: skip
+    assert {each.ground_feature for each in found} == {'Power[uav1]'}
+
+
+def test_annotations_of_what_is_gone_match_nothing(knowledge: Knowledge) -> None:
+    ssl = 'stream a contains Power[uav9] = p, Power[uav1] = q; stream b contains Powr[uav1] = r'
+    assert specifications('Power[uav1]', knowledge, ssl) == []
+
+
+def test_a_concept_that_makes_no_sense(knowledge: Knowledge) -> None:
+    for search in (match, nearest):
+        with pytest.raises(LanguageError, match="unknown concept 'Powr'"):
+            search(parse_concept('Powr[uav1]'), parse_annotations(SSL), knowledge)
+
+
+@pytest.mark.parametrize(
+    ('concept', 'ssl', 'message'),
+    [
+        ('Power[uav2]', SSL, '; nearest: uav1_power carries Power[uav1]'),
+        ('Power[rover]', 'stream a contains Power[u] = p for every u in UAV where u = id',
+         '; nearest: a carries Power[u] for every u in UAV'),
+        ('XYDist[uav1, rover]',
+         'stream b contains XYDist[uav2, rover] = d; stream a contains XYDist[uav2, uav1] = d',
+         '; nearest: b carries XYDist[uav2, rover]'),
+        ('BarometricAltitude[uav2]', 'stream "/f" contains Altitude[uav2] = z',
+         '; nearest: "/f" carries Altitude[uav2]'),
+        ('BarometricAltitude[uav2]', SSL, '; nearest: barometer carries BarometricAltitude[uav1]'),
+        ('Power[uav2]', 'stream a contains Daylight = d, Altitude[uav1] = z',
+         '; the annotated streams carry Altitude, Daylight'),
+        ('Power[uav2]', '# nothing\nstream a contains Powr[uav1] = p',
+         ', since no stream is annotated'),
+    ],
+)  # fmt: skip
+def test_what_comes_nearest(knowledge: Knowledge, concept: str, ssl: str, message: str) -> None:
+    assert specifications(concept, knowledge, ssl) == []
+    assert nearest(parse_concept(concept), parse_annotations(ssl), knowledge) == (
+        f'no stream carries {concept}{message}'
+    )
+
+
+RDF_TYPE = 'http://www.w3.org/1999/02/22-rdf-syntax-ns#type'
+SUBCLASS_OF = 'http://www.w3.org/2000/01/rdf-schema#subClassOf'
+OWL_CLASS = 'http://www.w3.org/2002/07/owl#Class'
+DYKNOW = 'http://www.dyknow.org/ontology#'
+HERE = 'http://www.example.org/here#'
+
+FEATURES = ['F0', 'F1', 'F2', 'F3']
+SORTS = ['S0', 'S1', 'S2']
+OBJECTS = ['a', 'b', 'c', 'd']
+VARIABLES = ['x', 'y']
+FIELDS = ['p', 'q']
+
+
+class World(NamedTuple):
+    """A random ontology: each concept with some above it, each object with its sort."""
+
+    above: list[tuple[str, str]]
+    sorts: Mapping[str, str]
+
+    def knowledge(self) -> Knowledge:
+        """The ontology as triples; every feature has two arguments of sort S0, the top one."""
+        triples = [(HERE + name, RDF_TYPE, OWL_CLASS) for name in FEATURES + SORTS]
+        triples += [(HERE + each, SUBCLASS_OF, DYKNOW + 'Feature') for each in FEATURES]
+        triples += [(HERE + one, SUBCLASS_OF, HERE + other) for one, other in self.above]
+        triples += [(HERE + each, RDF_TYPE, HERE + sort) for each, sort in self.sorts.items()]
+        for each in FEATURES:
+            triples += [(HERE + each, f'{DYKNOW}argument{n}', HERE + 'S0') for n in (1, 2)]
+            triples += [(HERE + each, DYKNOW + 'value_type', 'float')]
+        return Knowledge(triples)
+
+    def is_below(self, concept: str, other: str) -> bool:
+        """Whether there is a way up, tried step by step."""
+        reached = {concept}
+        for _ in self.above:
+            reached |= {above for below, above in self.above if below in reached}
+        return other in reached
+
+    def domain(self, sort: str) -> list[str]:
+        """The objects of a sort."""
+        return [each for each, own in self.sorts.items() if self.is_below(own, sort)]
+
+    def groundings(
+        self, term: FeatureTerm, ranges: Iterable[Range]
+    ) -> list[tuple[tuple[str, ...], dict[str, str]]]:
+        """Every way to ground a term: its objects, and what its variables stand for."""
+        used = {argument.name for argument in term.arguments}
+        domains = {
+            each.variable: self.domain(each.sort) for each in ranges if each.variable in used
+        }
+        bindings = [dict(zip(domains, objects)) for objects in product(*domains.values())]  # noqa: B905
+        return [
+            (tuple(binding.get(each.name, each.name) for each in term.arguments), binding)
+            for binding in bindings
+        ]
+
+
+PAIRS = st.lists(
+    st.tuples(st.sampled_from(FEATURES), st.sampled_from(FEATURES))
+    | st.tuples(st.sampled_from(SORTS), st.sampled_from(SORTS)),
+    max_size=6,
+)
+WORLDS = st.builds(
+    lambda above, sorts: World(
+        [*above, *((sort, 'S0') for sort in SORTS)], dict(zip(OBJECTS, sorts, strict=True))
+    ),
+    PAIRS,
+    st.lists(st.sampled_from(SORTS), min_size=4, max_size=4),
+)
+RANGES = st.tuples(*(st.builds(Range, st.just(name), st.sampled_from(SORTS)) for name in VARIABLES))
+TERMS = st.builds(
+    FeatureTerm,
+    st.sampled_from(FEATURES),
+    st.lists(st.sampled_from(OBJECTS + VARIABLES).map(Argument), min_size=2, max_size=2).map(tuple),
+)
+PERIODS = st.none() | st.integers(1, 3)
+ANNOTATIONS = st.builds(
+    Annotation,
+    st.sampled_from(['s', 't']),
+    st.lists(st.builds(Content, TERMS, st.sampled_from(FIELDS)), min_size=1, max_size=2).map(tuple),
+    RANGES,
+    st.just(tuple(Key(name, f'{name}_id') for name in VARIABLES)),
+    st.builds(StreamConstraints, max_delay=PERIODS, sample_period=PERIODS),
+)
+
+
+@given(WORLDS, st.lists(ANNOTATIONS, max_size=4), TERMS, RANGES)
+def test_matches_are_those_of_the_reference(
+    world: World, annotations: list[Annotation], term: FeatureTerm, ranges: tuple[Range, ...]
+) -> None:
+    expected = []
+    asked = {objects for objects, _ in world.groundings(term, ranges)}
+    for annotation in annotations:
+        for content in annotation.contents:
+            carried = content.feature
+            for objects, binding in world.groundings(carried, annotation.ranges):
+                if world.is_below(carried.name, term.name) and objects in asked:
+                    stream = Select(
+                        (Selection(content.field, f'{term.name}[{objects[0]}, {objects[1]}]'),),
+                        Reference(annotation.stream),
+                        tuple(
+                            Condition(f'{name}_id', '=', binding[name])
+                            for name in VARIABLES
+                            if name in binding
+                        ),
+                        constraints=annotation.constraints,
+                    )
+                    expected.append((str(stream), world.is_below(term.name, carried.name)))
+    found = match(Concept(term, ranges), annotations, world.knowledge())
+    assert sorted((str(each.declaration.stream), each.exact) for each in found) == sorted(expected)
+
+
+@given(WORLDS, st.lists(ANNOTATIONS, max_size=4), TERMS, RANGES)
+def test_matches_are_in_order_and_in_the_stream_language(
+    world: World, annotations: list[Annotation], term: FeatureTerm, ranges: tuple[Range, ...]
+) -> None:
+    found = match(Concept(term, ranges), annotations, world.knowledge())
+    preferences = []
+    for each in found:
+        (declaration,) = parse_specification(each.specification).declarations
+        assert declaration == each.declaration
+        assert isinstance(declaration, StreamDeclaration)
+        constraints = declaration.stream.constraints
+        preferences.append(
+            (not each.exact, constraints.sample_period or inf, constraints.max_delay or inf)
+        )
+    assert preferences == sorted(preferences)
+    assert len({each.stream_name for each in found}) == len(found)
+    assert match(Concept(term, ranges), annotations[::-1], world.knowledge()) == found
+
+
+@given(WORLDS, st.lists(ANNOTATIONS, max_size=4), TERMS, RANGES)
+def test_something_matches_or_something_is_nearest(
+    world: World, annotations: list[Annotation], term: FeatureTerm, ranges: tuple[Range, ...]
+) -> None:
+    concept = Concept(term, ranges)
+    if not match(concept, annotations, world.knowledge()):
+        message = nearest(concept, annotations, world.knowledge())
+        assert message.startswith(f'no stream carries {concept}')
+
+
+@given(WORLDS, st.lists(ANNOTATIONS, max_size=4), st.sampled_from(FEATURES))
+def test_without_arguments_a_concept_is_that_of_all_objects(
+    world: World, annotations: list[Annotation], name: str
+) -> None:
+    everything = Concept(
+        FeatureTerm(name, (Argument('x'), Argument('y'))), (Range('x', 'S0'), Range('y', 'S0'))
+    )
+    bare = replace(everything, feature=FeatureTerm(name), ranges=())
+    knowledge = world.knowledge()
+    assert match(bare, annotations, knowledge) == match(everything, annotations, knowledge)

@@ -1,0 +1,114 @@
+"""Where ontologies come from; the web is a server in this process."""
+
+from __future__ import annotations
+
+import socket
+import threading
+from http.server import BaseHTTPRequestHandler, HTTPServer
+from typing import TYPE_CHECKING
+
+import pytest
+
+from dyknow_semantics import UPPER_ONTOLOGY, Ontology, SemanticsError
+from dyknow_semantics.sources import read_source
+from dyknow_stream_processing import ExitCode
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+    from pathlib import Path
+
+RDF_TYPE = '<http://www.w3.org/1999/02/22-rdf-syntax-ns#type>'
+OWL = 'http://www.w3.org/2002/07/owl#'
+
+
+def ontology_text(iri: str, name: str) -> str:
+    """An ontology with one class."""
+    return f'<{iri}> {RDF_TYPE} <{OWL}Ontology> .\n<{iri}#{name}> {RDF_TYPE} <{OWL}Class> .\n'
+
+
+class Web(BaseHTTPRequestHandler):
+    """Serves an ontology at each address but /missing."""
+
+    def do_GET(self) -> None:
+        if self.path == '/missing':
+            self.send_error(404)
+            return
+        self.send_response(200)
+        self.end_headers()
+        host, port = self.server.server_address[:2]
+        self.wfile.write(ontology_text(f'http://{host}:{port}{self.path}', 'Remote').encode())
+
+    def log_message(self, format: str, *arguments: object) -> None:  # noqa: A002
+        """Says nothing."""
+
+
+@pytest.fixture
+def web() -> Iterator[str]:
+    with HTTPServer(('127.0.0.1', 0), Web) as server:
+        thread = threading.Thread(target=server.serve_forever, args=(0.01,))
+        thread.start()
+        host, port = server.server_address[:2]
+        yield f'http://{host}:{port}'
+        server.shutdown()
+        thread.join()
+
+
+def importing(tmp_path: Path, imported: str) -> Path:
+    """A file that imports an ontology."""
+    file = tmp_path / 'local.nt'
+    file.write_text(
+        ontology_text('http://www.example.org/local', 'Local')
+        + f'<http://www.example.org/local> <{OWL}imports> <{imported}> .\n'
+    )
+    return file
+
+
+def test_an_ontology_on_the_web(web: str) -> None:
+    with Ontology() as ontology:
+        ontology.load(f'{web}/remote')
+        assert ontology.knowledge.concept_names.iri('Remote') == f'{web}/remote#Remote'
+
+
+def test_an_import_from_the_web(web: str, tmp_path: Path) -> None:
+    with Ontology() as ontology:
+        ontology.load(importing(tmp_path, f'{web}/remote'))
+        assert ontology.subconcepts('Remote') == ('Remote',)
+        assert ontology.subconcepts('Local') == ('Local',)
+
+
+@pytest.mark.parametrize('ending', ['owl', 'rdf', 'xml', 'nt', 'ntriples'])
+def test_an_import_beside_comes_before_the_web(web: str, tmp_path: Path, ending: str) -> None:
+    (tmp_path / f'remote.{ending}').write_text(ontology_text(f'{web}/remote', 'Near'))
+    with Ontology() as ontology:
+        ontology.load(importing(tmp_path, f'{web}/remote'))
+        assert ontology.subconcepts('Near') == ('Near',)
+
+
+def test_the_upper_ontology_needs_no_web(tmp_path: Path) -> None:
+    for iri in (UPPER_ONTOLOGY, 'http://www.dyknow.org/ontology'):
+        assert b'NullaryFeature' in read_source(iri).text
+        with Ontology() as ontology:
+            ontology.load(iri)
+            ontology.load(importing(tmp_path, iri))
+            assert ontology.subconcepts('Local') == ('Local',)
+
+
+def test_an_address_without_an_ontology(web: str) -> None:
+    with Ontology() as ontology, pytest.raises(SemanticsError) as error:
+        ontology.load(f'{web}/missing')
+    assert error.value.code is ExitCode.UNAVAILABLE
+    assert error.value.message == f'cannot download <{web}/missing>: Not Found'
+
+
+def test_an_import_that_is_nowhere(tmp_path: Path) -> None:
+    with socket.socket() as unused:
+        unused.bind(('127.0.0.1', 0))
+        iri = f'http://127.0.0.1:{unused.getsockname()[1]}/maps'
+        file = importing(tmp_path, iri)
+        with Ontology() as ontology, pytest.raises(SemanticsError) as error:
+            ontology.load(file)
+    assert error.value.code is ExitCode.UNAVAILABLE
+    assert error.value.message == (
+        f'{file} imports <{iri}>, which cannot be read (cannot download <{iri}>: '
+        '[Errno 111] Connection refused); load it first, or put it beside as maps.owl'
+    )
