@@ -16,6 +16,8 @@ if TYPE_CHECKING:
 
 Tree = TypeVar('Tree')
 
+_ENDS = ('$END', '<END-OF-FILE>')  # what lark's parser and its lexer call the end of a text
+
 
 @dataclass(frozen=True, slots=True)
 class Place:
@@ -139,7 +141,7 @@ class Language(Generic[Tree]):
         return cause
 
     def _spelling(self, terminal: str) -> str:
-        if terminal == '$END':
+        if terminal in _ENDS:
             return f'the end of the {self.name}'
         if terminal in self._spellings:
             return self._spellings[terminal]

@@ -78,7 +78,8 @@ class SelectOperator(Operator):
         Many samples may share a valid time, such as one of each robot of a fleet, and the one that
         is selected may be the next: it has to be waited for.
         """
-        self._promise(watermark if watermark <= self._emitted else watermark - 1, now)
+        told = self.in_order and watermark <= self._emitted
+        self._promise(watermark if told else watermark - 1, now)
 
     def certain_at(self, valid_time: int) -> int | None:
         """When the source can no longer deliver even a second sample of a valid time."""

@@ -110,9 +110,8 @@ class Wiring:
                 source = self._operator(SourceOperator, label, [], has_receipt_time)
                 return source if may_be_late else self._operator(OrderOperator, label, [source])
             case Select():
-                inputs = [self._constrained(term.source, may_be_late=may_be_late)]
-                details = (term.selections, term.conditions)
-                return self._operator(SelectOperator, label, inputs, *details)
+                source = self._constrained(term.source, may_be_late=may_be_late)
+                return self._selected(source, label, (term.selections, term.conditions))
             case Merge():
                 inputs = [self._constrained(each, may_be_late=may_be_late) for each in term.inputs]
                 return self._operator(MergeOperator, label, inputs)
@@ -124,6 +123,13 @@ class Wiring:
                 inputs = [self._sorted(each) for each in term.inputs]
                 unit = self._units[term.unit]
                 return self._operator(UnitOperator, label, inputs, unit, term.declaration)
+
+    def _selected(self, source: Operator, label: str, details: tuple[object, ...]) -> Operator:
+        if not isinstance(source, MergeOperator):
+            return self._operator(SelectOperator, label, [source], *details)
+        # Selecting before merging is the same, and keeps what each input promises for itself.
+        inputs = [self._selected(each, label, details) for each in source.inputs]
+        return self._operator(MergeOperator, label, inputs)
 
     def _sorted(self, term: Term) -> Operator:
         return self._in_order(self._constrained(term, may_be_late=False))

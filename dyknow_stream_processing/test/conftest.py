@@ -98,6 +98,6 @@ def flow() -> Flow:
     return Flow()
 
 
-@pytest.fixture
+@pytest.fixture(scope='session')
 def flow_class() -> type[Flow]:
     return Flow

@@ -1,0 +1,55 @@
+"""What is said of specifications that make no sense, as golden files."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import pytest
+
+from dyknow_stream_processing import (
+    LanguageError,
+    StreamConstraints,
+    StreamError,
+    ValueType,
+    load_units,
+)
+
+if TYPE_CHECKING:
+    from conftest import Flow
+
+BAD = sorted((Path(__file__).parent / 'bad_specifications').glob('*.stream'))
+FLOAT = ValueType.FLOAT
+
+
+@pytest.fixture
+def known(flow_class: type[Flow]) -> Flow:
+    units = load_units()
+    flow = flow_class({name: units[name] for name in ('distance', 'electrical_power', 'mean')})
+    flow.types = {
+        '/battery': {'voltage': FLOAT, 'current': FLOAT, 'present': ValueType.BOOLEAN},
+        '/odometry': {'x': FLOAT, 'y': FLOAT},
+        '/fleet': {'id': ValueType.STRING, 'pose.position.z': FLOAT, 'speed': FLOAT},
+    }
+    return flow.create('"/fleet"', name='fleet')
+
+
+@pytest.mark.parametrize('path', BAD, ids=lambda path: path.stem)
+def test_bad_specifications(known: Flow, path: Path) -> None:
+    with pytest.raises(LanguageError) as error:
+        known.create(path.read_text(encoding='utf-8'))
+    assert f'{error.value}\n' == path.with_suffix('.expected').read_text(encoding='utf-8')
+    assert known.dataflow.names() == ('fleet',)
+    assert dict(known.dataflow.sources()) == {'/fleet': None}
+
+
+def test_bad_specifications_are_found() -> None:
+    assert len(BAD) > 40
+
+
+def test_constraints_of_the_caller_that_contradict(known: Flow) -> None:
+    with pytest.raises(StreamError, match='cannot be both 5 ms and 6 ms'):
+        known.create(
+            'fleet with sample_period = 5 ms',
+            constraints=StreamConstraints(sample_period=6_000_000),
+        )

@@ -1,0 +1,149 @@
+"""User code that runs on streams, and what comes with DyKnow."""
+
+from __future__ import annotations
+
+from importlib.metadata import EntryPoint
+from typing import TYPE_CHECKING
+
+import pytest
+
+from dyknow_stream_processing import StreamError, computational_units, load_units
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from conftest import Flow
+    from dyknow_stream_processing import Value
+
+
+def run(
+    flow: Flow, unit: str, values: list[Mapping[str, Value]], type_name: str = 'float'
+) -> list[Value]:
+    parameters = ', '.join(f'{name}: {type_name}' for name in values[0])
+    flow.create(f'compunit out: float {unit}(({parameters})); sink {unit}("a")')
+    for index, fields in enumerate(values):
+        flow.push('a', 500 * index, **fields)
+    return [fields['out'] for _, fields in flow.take()]
+
+
+def test_electrical_power_is_positive_while_a_battery_discharges(flow: Flow) -> None:
+    assert run(flow, 'electrical_power', [{'voltage': 12.0, 'current': -10.0}]) == [120.0]
+
+
+def test_speed(flow: Flow) -> None:
+    positions = [{'x': 0.0, 'y': 0.0}, {'x': 3.0, 'y': 4.0}, {'x': 3.0, 'y': 4.0}]
+    assert run(flow, 'speed', positions) == [10.0, 0.0]
+
+
+def test_rate_of_change(flow: Flow) -> None:
+    assert run(flow, 'rate_of_change', [{'x': 1.0}, {'x': 2.0}, {'x': 0.0}]) == [2.0, -4.0]
+
+
+@pytest.mark.parametrize(
+    ('unit', 'expected'),
+    [('mean', [1.0, 2.0, 4.0]), ('minimum', [1.0, 1.0, 3.0]), ('maximum', [1.0, 3.0, 5.0])],
+)
+def test_windows_span_one_second(flow: Flow, unit: str, expected: list[float]) -> None:
+    assert run(flow, unit, [{'x': 1.0}, {'x': 3.0}, {'x': 5.0}]) == expected
+
+
+def test_distance_synchronises_its_inputs(flow: Flow) -> None:
+    position = '(x: float, y: float)'
+    flow.create(f'compunit d: float distance({position}, {position}); sink distance("a", "b")')
+    flow.push('a', 1, x=0.0, y=0.0)
+    flow.push('b', 2, x=3.0, y=4.0)
+    flow.push('a', 3, x=3.0, y=0.0)
+    flow.push('b', 4, x=3.0, y=8.0)
+    assert flow.take() == [(2, {'d': 5.0}), (3, {'d': 4.0})]
+
+
+def test_each_use_of_a_class_is_an_instance_of_its_own(flow: Flow) -> None:
+    text = 'compunit v: float rate_of_change(x: float); '
+    flow.create(text + 'sink merge(rate_of_change("a"), rate_of_change("b"))')
+    for topic, times in (('a', [0, 1000]), ('b', [0, 1000])):
+        for time in times:
+            flow.push(topic, time, 1000 + time, x=float(time))
+    assert flow.take() == [(1000, {'v': 1000.0}), (1000, {'v': 1000.0})]
+
+
+def test_samples_of_equal_valid_time_are_all_computed(flow: Flow) -> None:
+    flow.create('compunit m: float mean(x: float); sink mean(merge("a", "b"))')
+    flow.push('a', 1, x=1.0)
+    flow.push('b', 1, x=3.0)
+    assert flow.take() == [(1, {'m': 1.0}), (1, {'m': 2.0})]
+
+
+def test_errors_in_user_code_are_contained(flow_class: type[Flow]) -> None:
+    def failing(fields: Mapping[str, Value]) -> object:
+        if fields['x'] == 1:
+            raise ZeroDivisionError('no way')
+        return [1.5, 'text', True, None, 7][int(fields['x'])]
+
+    flow = flow_class({'failing': failing})
+    flow.create('compunit y: float failing(x: int); sink failing("a")')
+    for x in range(5):
+        flow.push('a', x, x=x)
+    flow.push('a', 5, y=5)
+    assert flow.take() == [(0, {'y': 1.5}), (4, {'y': 7.0})]
+    assert [each.constraint for each in flow.violations] == [
+        'computational_unit',
+        'computational_unit',
+        'fields',
+    ]
+    assert [each.message for each in flow.violations] == [
+        "stream 's': computational unit 'failing': ZeroDivisionError: no way",
+        (
+            "stream 's': computational unit 'failing': TypeError: returned True (bool), "
+            'which is not a float'
+        ),
+        "stream 's': computational unit 'failing' finds no field 'x'",
+    ]
+    assert flow.drops == {'computational_unit': 2, 'fields': 1}
+
+
+@pytest.mark.parametrize(
+    ('type_name', 'value', 'fits'),
+    [
+        ('int', 1, True),
+        ('int', 1.0, False),
+        ('int', True, False),
+        ('float', 1, True),
+        ('float', '1', False),
+        ('string', 'x', True),
+        ('string', 1, False),
+        ('boolean', True, True),
+        ('boolean', 1, False),
+    ],
+)
+def test_the_type_of_a_result(
+    flow_class: type[Flow],
+    type_name: str,
+    value: Value,
+    fits: bool,  # noqa: FBT001
+) -> None:
+    flow = flow_class({'unit': lambda _: value})
+    flow.create(f'compunit y: {type_name} unit(x: int); sink unit("a")')
+    flow.push('a', 1, x=1)
+    assert flow.take() == ([(1, {'y': value})] if fits else [])
+    assert len(flow.violations) == (not fits)
+
+
+def test_a_class_that_cannot_be_made_makes_no_stream(flow_class: type[Flow]) -> None:
+    class Broken:
+        def __init__(self) -> None:
+            raise RuntimeError('no licence')
+
+    flow = flow_class({'broken': Broken})
+    with pytest.raises(StreamError, match="unit 'broken' cannot be made: RuntimeError: no licence"):
+        flow.create('compunit y: int broken(x: int); sink broken("a")')
+    assert flow.dataflow.names() == ()
+    flow.push('a', 1, x=1)
+
+
+def test_units_of_other_packages(monkeypatch: pytest.MonkeyPatch) -> None:
+    registered = [EntryPoint('root', 'math:sqrt', computational_units.ENTRY_POINTS)]
+    monkeypatch.setattr(computational_units, 'entry_points', lambda **_: registered)
+    assert load_units()['root'](4) == 2
+    registered.append(EntryPoint('bad', 'no.such.module:unit', computational_units.ENTRY_POINTS))
+    with pytest.raises(StreamError, match=r"unit 'bad' \(no.such.module:unit\) cannot be loaded"):
+        load_units()

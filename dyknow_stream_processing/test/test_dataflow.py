@@ -1,0 +1,223 @@
+"""Streams that are created, share what they have in common, and are destroyed."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import pytest
+
+from dyknow_stream_processing import ExitCode, LanguageError, StreamError, ValueType
+
+if TYPE_CHECKING:
+    from conftest import Flow
+    from dyknow_stream_processing import Value
+
+
+def test_figure_2_select(flow: Flow) -> None:
+    flow.create('select A, D as F%C% from "S1" where B = 2')
+    flow.push('S1', 1, A=1, B=2, C=3, D=4)
+    flow.push('S1', 2, A=1, B=1, C=3, D=4)
+    flow.push('S1', 3, A=5, B=2, C='x', D=8)
+    assert flow.take() == [(1, {'A': 1, 'F3': 4}), (3, {'A': 5, 'Fx': 8})]
+    assert flow.drops == {}
+
+
+def test_figure_3_merge(flow: Flow) -> None:
+    flow.create('merge("S1", "S2")')
+    flow.push('S1', 1, 2, A=1)
+    flow.push('S2', 2, 2, A=2)
+    flow.push('S1', 3, 4, A=3)
+    assert flow.take() == [(1, {'A': 1}), (2, {'A': 2}), (3, {'A': 3})]
+
+
+@pytest.mark.parametrize(
+    ('condition', 'kept'),
+    [
+        ('x = 2', [2]),
+        ('x != 2', [1, 3]),
+        ('x < 2', [1]),
+        ('x <= 2', [1, 2]),
+        ('x > 2', [3]),
+        ('x >= 2.0', [2, 3]),
+        ('x > 1 and x < 3', [2]),
+        ('t = "b"', [2]),
+        ('f = true', [3]),
+    ],
+)
+def test_conditions(flow: Flow, condition: str, kept: list[int]) -> None:
+    flow.create('select x from "a" where CONDITION'.replace('CONDITION', condition))
+    flow.push('a', 1, x=1, t='a', f=False)
+    flow.push('a', 2, x=2, t='b', f=False)
+    flow.push('a', 3, x=3, t='c', f=True)
+    assert flow.times() == kept
+    assert flow.violations == []
+
+
+@pytest.mark.parametrize(
+    ('fields', 'message'),
+    [
+        ({'y': 1}, "no field 'x' in the sample (it has: y)"),
+        ({'x': 'one'}, 'field \'x\' is "one" (string), which cannot be compared with 1'),
+        ({'x': True}, "field 'x' is true (boolean), which cannot be compared with 1"),
+        ({'x': 1}, "no field 'n' in the sample (it has: x)"),
+        ({'x': 1, 'n': 'y'}, "two selected fields are both named 'y'; rename one"),
+    ],
+)
+def test_samples_that_do_not_fit(flow: Flow, fields: dict[str, Value], message: str) -> None:
+    flow.create('select x as y, x as %n% from "a" where x = 1')
+    flow.push('a', 1, **fields)
+    assert [each.message for each in flow.violations] == [f"stream 's': {message}"]
+    assert flow.violations[0].constraint == 'fields'
+    assert flow.drops == {'fields': 1}
+    assert flow.times() == []
+
+
+def test_a_stream_is_known_by_its_name(flow: Flow) -> None:
+    flow.create('select x as y from "a"', 'first')
+    flow.create('select y as z from first where y > 1', 's')
+    flow.push('a', 1, x=1)
+    flow.push('a', 2, x=2)
+    assert flow.take() == [(1, {'y': 1}), (2, {'y': 2}), (2, {'z': 2})]
+    assert flow.dataflow.names() == ('first', 's')
+    assert flow.dataflow.specification('s') == 'sink select y as z from first where y > 1'
+
+
+def test_a_declared_stream_hides_one_that_exists(flow: Flow) -> None:
+    flow.create('select x from "a"', 'first')
+    flow.create('stream first = select y from "b"; sink first')
+    flow.push('b', 1, y=1)
+    assert flow.take() == [(1, {'y': 1})]
+
+
+def test_a_stream_outlives_the_name_that_it_was_made_from(flow: Flow) -> None:
+    flow.create('select x from "a"', 'first').create('select x from first')
+    flow.dataflow.destroy('first')
+    flow.push('a', 1, x=1)
+    assert flow.take() == [(1, {'x': 1})]
+
+
+def test_equal_parts_are_computed_once(flow_class: type[Flow]) -> None:
+    calls = []
+
+    def count(fields: dict[str, float]) -> float:
+        calls.append(fields)
+        return fields['x']
+
+    flow = flow_class({'count': count})
+    declaration = 'compunit n: float count(x: float)'
+    sinks = {
+        'one': 'sink count("a")',
+        'two': 'stream c = count("a"); sink select n from c',
+        'three': 'sink sync(count("a"), select n as m from count("a"))',
+    }
+    for name, sink in sinks.items():
+        flow.create(f'{declaration}; {sink}', name)
+    flow.push('a', 1, x=1.0)
+    assert len(calls) == 1
+    assert flow.take() == [(1, {'n': 1.0}), (1, {'n': 1.0}), (1, {'n': 1.0, 'm': 1.0})]
+    for name in ('one', 'three'):
+        flow.dataflow.destroy(name)
+    flow.push('a', 2, x=2.0)
+    assert len(calls) == 2
+    flow.dataflow.destroy('two')
+    flow.push('a', 3, x=3.0)
+    assert len(calls) == 2
+
+
+def test_the_demand_for_sources_follows_the_streams(flow: Flow) -> None:
+    flow.create('select x as y%c% from "a" where d = 1', 'one')
+    assert dict(flow.dataflow.sources()) == {'a': frozenset('xcd')}
+    flow.create('sync(select z from "a", merge(select x from "b", "c"))', 'two')
+    assert dict(flow.dataflow.sources()) == {
+        'a': frozenset('xcdz'),
+        'b': frozenset('x'),
+        'c': None,
+    }
+    flow.create('"a"', 'three')
+    assert flow.dataflow.sources()['a'] is None
+    flow.dataflow.destroy('three')
+    flow.dataflow.destroy('one')
+    assert flow.dataflow.sources()['a'] == frozenset('z')
+    flow.dataflow.destroy('two')
+    assert dict(flow.dataflow.sources()) == {}
+    assert flow.deadline is None
+
+
+def test_a_declared_source_has_its_declared_fields(flow: Flow) -> None:
+    flow.create('source (x: float) "a"; sink "a"')
+    assert dict(flow.dataflow.sources()) == {'a': frozenset('x')}
+    flow.push('a', 1, x=1.0, y=2.0)
+    assert flow.take() == [(1, {'x': 1.0})]
+
+
+def test_a_source_with_an_identifier_is_the_topic_of_that_name(flow: Flow) -> None:
+    flow.create('source (x: float) odometry; sink odometry')
+    assert dict(flow.dataflow.sources()) == {'odometry': frozenset('x')}
+
+
+def test_a_violation_reaches_every_stream_above_it(flow: Flow) -> None:
+    flow.create('select x from "a" with max_delay = 1 ms', 'below')
+    flow.create('stream local = select x from below; sink select x from local', 'above')
+    flow.create('"b"', 'beside')
+    flow.push('a', 1, 5, x=1)
+    assert [each.stream_name for each in flow.violations] == ['below', 'below']
+    counts = {name: flow.dataflow.statistics(name).violations for name in flow.dataflow.names()}
+    assert counts == {'below': 1, 'above': 1, 'beside': 0}
+    assert flow.violations[0].message == (
+        "stream 'below': the sample valid at 0.001 s came 4 ms late; max_delay is 1 ms"
+    )
+
+
+def test_a_part_is_called_what_each_text_calls_it(flow: Flow) -> None:
+    flow.create('stream mine = select x from "a" where x = 1; sink select x from mine', 'one')
+    flow.create(
+        'stream yours = select x from "a" where x = 1; sink select x as y from yours', 'two'
+    )
+    flow.push('a', 1, y=1)
+    assert [each.stream_name for each in flow.violations] == ['mine', 'yours']
+
+
+def test_names_are_unique(flow: Flow) -> None:
+    flow.create('"a"')
+    with pytest.raises(StreamError, match="there is a stream 's' already") as error:
+        flow.create('"b"')
+    assert error.value.code is ExitCode.ALREADY_EXISTS
+    assert set(flow.dataflow.sources()) == {'a'}
+
+
+def test_unknown_names_are_told_with_what_there_is(flow: Flow) -> None:
+    flow.create('"a"', 'first')
+    for call in (
+        flow.dataflow.destroy,
+        flow.dataflow.statistics,
+        flow.dataflow.specification,
+    ):
+        with pytest.raises(StreamError, match=r"no stream 's' \(there are: first\)") as error:
+            call('s')
+        assert error.value.code is ExitCode.NOT_FOUND
+    with pytest.raises(LanguageError) as language_error:
+        flow.create('select x from second')
+    assert language_error.value.code is ExitCode.NOT_FOUND
+
+
+def test_fields_are_checked_across_existing_streams(flow: Flow) -> None:
+    flow.types['a'] = {'x': ValueType.FLOAT}
+    flow.create('select x as y from "a"', 'first')
+    with pytest.raises(LanguageError, match=r"stream 'first' has no field 'x' \(it has: y\)"):
+        flow.create('select x from first')
+
+
+def test_a_sample_of_an_unused_topic_is_nothing(flow: Flow) -> None:
+    flow.create('"a"')
+    flow.push('b', 1, x=1)
+    assert flow.times() == []
+
+
+def test_a_clock_that_goes_back_drops_what_comes_again(flow: Flow) -> None:
+    flow.receipt_topics.add('a')
+    flow.create('"a"')
+    flow.push('a', 10, x=1)
+    flow.push('a', 5, x=2)
+    flow.push('a', 11, x=3)
+    assert [each.available_time for each in flow.samples] == [10_000_000, 11_000_000]
+    assert flow.broken() == [('valid_time_order', 5)]

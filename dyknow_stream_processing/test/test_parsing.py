@@ -1,0 +1,199 @@
+"""The stream language: every text that is printed reads back as the same."""
+
+from __future__ import annotations
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from dyknow_stream_processing import (
+    NO_CONSTRAINTS,
+    Call,
+    Condition,
+    LanguageError,
+    Merge,
+    Reference,
+    Select,
+    Selection,
+    SinkDeclaration,
+    SourceDeclaration,
+    Specification,
+    StreamConstraints,
+    StreamDeclaration,
+    Sync,
+    Term,
+    TypedField,
+    UnitDeclaration,
+    ValueType,
+    free_names,
+    made,
+    parse_specification,
+)
+
+EXAMPLE = """
+source (pose.pose.position.z: float, twist.twist.linear.x: float) "/uav1/odometry";  # a comment
+compunit power: float electrical_power((voltage: float, current: float));
+stream uav1_altitude = select pose.pose.position.z as altitude from "/uav1/odometry"
+    with max_delay = 100 ms;
+stream uav1_power = electrical_power(select voltage, current from "/uav1/battery");
+stream uav1_state = sync(uav1_altitude, uav1_power)
+    with sample_period = 200 ms, sample_period_deviation = 0 ms;
+sink uav1_state
+"""
+
+names = st.sampled_from(['a', 'b', 'uav1_power', 'S1', '_x'])
+field_names = st.sampled_from(['a', 'pose.position.z', 'from', 'int', 'Power[uav1]', 'ä "x"', '1'])
+durations = st.integers(0, 10**19)
+values = (
+    st.booleans() | st.integers() | st.floats(allow_nan=False, allow_infinity=False) | st.text()
+)
+
+
+@st.composite
+def constraints(draw: st.DrawFn) -> StreamConstraints:
+    start = draw(st.none() | st.integers(-(10**19), 10**19))
+    end = draw(st.none() | durations)
+    period = draw(st.none() | st.integers(1, 10**12))
+    return StreamConstraints(
+        start_time=start,
+        end_time=end if start is None or end is None else start + end,
+        max_delay=draw(st.none() | durations),
+        sample_period=period,
+        sample_period_deviation=draw(st.none() | st.integers(0, period)) if period else None,
+    )
+
+
+some_constraints = st.just(NO_CONSTRAINTS) | constraints()
+renamings = st.sampled_from(
+    [None, 'F%C%', '%id%', 'x.y', 'Power[%id%]', 'a b', '%pose.x%_%y%', '1']
+)
+references = st.builds(Reference, names, constraints=some_constraints) | st.builds(
+    Reference, st.text(min_size=1), st.just(True), constraints=some_constraints
+)
+selections = st.lists(st.builds(Selection, field_names, renamings), min_size=1, max_size=3)
+conditions = st.builds(
+    Condition, field_names, st.sampled_from(['=', '!=', '<', '<=', '>', '>=']), values
+)
+
+
+def _compound(terms: st.SearchStrategy[Term]) -> st.SearchStrategy[Term]:
+    inputs = st.lists(terms, min_size=1, max_size=3).map(tuple)
+    return (
+        st.builds(Merge, inputs, constraints=some_constraints)
+        | st.builds(Sync, inputs, constraints=some_constraints)
+        | st.builds(Call, names, inputs, constraints=some_constraints)
+        | st.builds(
+            Select,
+            selections.map(tuple),
+            terms,
+            st.lists(conditions, max_size=2).map(tuple),
+            constraints=some_constraints,
+        )
+    )
+
+
+terms = st.recursive(references, _compound, max_leaves=6)
+typed_fields = st.builds(TypedField, field_names, st.sampled_from(ValueType))
+field_lists = st.lists(typed_fields, min_size=1, max_size=3, unique_by=lambda each: each.name)
+declarations = (
+    st.builds(SourceDeclaration, names | st.text(min_size=1), field_lists.map(tuple))
+    | st.builds(
+        UnitDeclaration,
+        names,
+        typed_fields,
+        st.lists(field_lists.map(tuple), min_size=1, max_size=3).map(tuple),
+    )
+    | st.builds(StreamDeclaration, names, terms)
+    | st.builds(SinkDeclaration, terms)
+)
+
+
+@given(st.lists(declarations, min_size=1, max_size=4))
+def test_the_canonical_text_reads_back(written: list[SinkDeclaration]) -> None:
+    specification = Specification(tuple(written))
+    assert parse_specification(str(specification)) == specification
+
+
+def test_the_example_of_the_design_reads_back() -> None:
+    specification = parse_specification(EXAMPLE)
+    assert parse_specification(str(specification)) == specification
+    assert str(specification.declarations[4]) == (
+        'stream uav1_state = sync(uav1_altitude, uav1_power) '
+        'with sample_period = 200 ms, sample_period_deviation = 0 s'
+    )
+    assert made(specification) == Reference('uav1_state')
+
+
+@pytest.mark.parametrize(
+    ('text', 'canonical'),
+    [
+        ('select a from b;', 'sink select a from b'),
+        ('merge(a, "/b")', 'sink merge(a, "/b")'),
+        ('a with max_delay = 100', 'sink a with max_delay = 100 ms'),
+        ('a with start_time = -1.5 s', 'sink a with start_time = -1500 ms'),
+        # Constraints belong to the select, unless conditions or more constraints follow.
+        (
+            'select a from b with max_delay = 1',
+            'sink select a from b with max_delay = 1 ms',
+        ),
+        (
+            'select a from b with max_delay = 1 where c = 2 with max_delay = 3',
+            'sink select a from (b with max_delay = 1 ms) where c = 2 with max_delay = 3 ms',
+        ),
+        (
+            'select a from b with max_delay = 1 with max_delay = 3',
+            'sink select a from (b with max_delay = 1 ms) with max_delay = 3 ms',
+        ),
+        (
+            (
+                'select a from select b from c with max_delay = 1 where d = 1 with max_delay = 2 '
+                'where e = 2 with max_delay = 3'
+            ),
+            (
+                'sink select a from (select b from (c with max_delay = 1 ms) where d = 1 '
+                'with max_delay = 2 ms) where e = 2 with max_delay = 3 ms'
+            ),
+        ),
+        # The comma of a constraint list and the comma of a list of streams.
+        (
+            'sync(a with max_delay = 1, # a comment\n sample_period = 2, b, max_delay)',
+            'sink sync(a with max_delay = 1 ms, sample_period = 2 ms, b, max_delay)',
+        ),
+        (
+            '(a with max_delay = 5) with end_time = 0',
+            'sink a with end_time = 0 s, max_delay = 5 ms',
+        ),
+        ('select power as "Power[uav1]" from p', 'sink select power as "Power[uav1]" from p'),
+        ('select D as F%C% from S1 where B = 2', 'sink select D as F%C% from S1 where B = 2'),
+        (
+            'select a from b where c != "x" and d <= -2.5e3 and "e f" = false',
+            'sink select a from b where c != "x" and d <= -2500.0 and "e f" = false',
+        ),
+        ('source x: float odometry; sink odometry', 'source (x: float) odometry;\nsink odometry'),
+    ],
+)
+def test_canonical_text(text: str, canonical: str) -> None:
+    assert str(parse_specification(text)) == canonical
+
+
+def test_a_single_unused_stream_is_what_is_made() -> None:
+    specification = parse_specification('stream a = select x from "t"; stream b = select x from a')
+    assert str(made(specification)) == 'select x from a'
+
+
+def test_free_names() -> None:
+    specification = parse_specification(
+        'source x: int "declared"; stream a = sync(b, "t", "declared"); sink merge(a, c)'
+    )
+    free = free_names(specification)
+    assert (free.streams, free.topics) == ({'b', 'c'}, {'t'})
+
+
+@given(st.text(alphabet='select from where with merge(,)="%;.5 ms', max_size=60))
+def test_nonsense_is_a_language_error_or_sense(text: str) -> None:
+    try:
+        specification = parse_specification(text)
+    except LanguageError as error:
+        assert 'stream specification' in str(error)  # noqa: PT017
+    else:
+        assert parse_specification(str(specification)) == specification
