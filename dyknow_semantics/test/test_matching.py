@@ -219,6 +219,13 @@ class World(NamedTuple):
         ]
 
 
+def test_a_feature_above_is_nearer_than_one_beside() -> None:
+    world = World([('F1', 'F0'), ('F2', 'F0')], dict.fromkeys(OBJECTS, 'S0'))
+    ssl = 'stream s contains F2[a, a] = p; stream t contains F0[b, b] = p'
+    message = nearest(parse_concept('F1[a, a]'), parse_annotations(ssl), world.knowledge())
+    assert message == 'no stream carries F1[a, a]; nearest: t carries F0[b, b]'
+
+
 PAIRS = st.lists(
     st.tuples(st.sampled_from(FEATURES), st.sampled_from(FEATURES))
     | st.tuples(st.sampled_from(SORTS), st.sampled_from(SORTS)),
