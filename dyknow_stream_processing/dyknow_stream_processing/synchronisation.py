@@ -153,13 +153,10 @@ class SynchronisedOperator(Operator):
         certainties = [each.certain_at for each in inputs]
         self._synchronisation = Synchronisation(watermarks, certainties, start, period)
 
-    def receive(self, port: int, valid_time: int, fields: Mapping[str, Value], now: int) -> None:
+    def receive(self, port: int, valid_time: int, fields: Mapping[str, Value], now: int) -> None:  # noqa: ARG002
         """Keep a sample until the others have come."""
         if not self._synchronisation.put(port, valid_time, fields):
             self._drop('superseded')
-        elif valid_time <= self.watermark:
-            # One more sample of a time that was certain already brings no new promise with it.
-            self._make(self._synchronisation.ticks(), now)
 
     def promise(self, port: int, watermark: int, now: int) -> None:
         """Make the ticks that have become certain."""

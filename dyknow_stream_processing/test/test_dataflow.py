@@ -140,7 +140,21 @@ def test_the_demand_for_sources_follows_the_streams(flow: Flow) -> None:
     assert flow.dataflow.sources()['a'] == frozenset('z')
     flow.dataflow.destroy('two')
     assert dict(flow.dataflow.sources()) == {}
-    assert flow.deadline is None
+
+
+def test_a_sync_needs_all_fields_of_its_inputs(flow: Flow) -> None:
+    flow.create('select x from sync("a", select y from "b")')
+    assert dict(flow.dataflow.sources()) == {'a': None, 'b': frozenset('y')}
+
+
+def test_a_destroyed_stream_asks_for_nothing(flow: Flow) -> None:
+    flow.create('"a" with max_delay = 5 ms', 'one').create('"a" with max_delay = 7 ms', 'two')
+    flow.push('a', 1, x=1)
+    assert flow.deadline == 6
+    flow.dataflow.destroy('one')
+    assert flow.deadline == 8
+    flow.advance(10)
+    assert flow.times() == [1]
 
 
 def test_a_declared_source_has_its_declared_fields(flow: Flow) -> None:

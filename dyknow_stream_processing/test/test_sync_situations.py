@@ -137,6 +137,35 @@ def test_a_merge_waits_for_the_slower_of_its_inputs_only(flow: Flow) -> None:
     assert flow.take() == [(2, {'m': 2, 'c': 3})]
 
 
+def test_a_merge_of_delayed_inputs_waits_for_the_longer_delay(flow: Flow) -> None:
+    flow.create(
+        'sync(merge(select x as m from "b" with max_delay = 8 ms, '
+        'select x as m from "a" with max_delay = 3 ms), select x as c from "c")'
+    )
+    flow.push('a', 1, x=1)
+    assert flow.deadline == 4
+    flow.push('c', 5, x=5)
+    assert flow.deadline == 9
+    flow.advance(9)
+    assert flow.deadline == 13.000001
+    flow.advance(14)
+    assert flow.take() == [(5, {'m': 1, 'c': 5})]
+
+
+def test_the_clock_reaches_an_inner_sync_before_the_outer_one(flow: Flow) -> None:
+    flow.receipt_topics |= {'b'}
+    flow.create(
+        'stream inner = sync(select x as a from "a", select x as b from "b");'
+        'sink sync(select x as c from "c", inner)'
+    )
+    for topic in 'abc':
+        flow.push(topic, 0, x=0)
+    flow.push('c', 1, x=1)
+    flow.push('a', 1, x=1)
+    flow.advance(2)
+    assert flow.take() == [(0, {'a': 0, 'b': 0, 'c': 0}), (1, {'a': 1, 'b': 0, 'c': 1})]
+
+
 def test_start_time_is_the_first_tick_of_a_period(flow: Flow) -> None:
     both(flow, ' with start_time = 5 ms, sample_period = 10 ms')
     flow.push('a', 0, x=0)

@@ -97,7 +97,11 @@ def naive(
 
 
 def run(
-    inputs: Sequence[NaiveInput], events: Sequence[Event], period: int | None, start: int | None
+    inputs: Sequence[NaiveInput],
+    events: Sequence[Event],
+    period: int | None = None,
+    start: int | None = None,
+    form: str = 'sync({})',
 ) -> list[Output]:
     outputs: list[Output] = []
     clock = 0
@@ -107,10 +111,10 @@ def run(
         numbers = tuple(int(sample.fields[f'n{port}']) for port in range(len(inputs)))
         outputs.append((clock, sample.valid_time, numbers))
 
-    terms = ', '.join(each.term(port) for port, each in enumerate(inputs))
-    constraints = [f'start_time = {start} ns'] if start is not None else []
-    constraints += [f'sample_period = {period} ns'] if period is not None else []
-    text = f'sync({terms})' + (f' with {", ".join(constraints)}' if constraints else '')
+    text = form.format(', '.join(each.term(port) for port, each in enumerate(inputs)))
+    constraints = {'start_time': start, 'sample_period': period}
+    given = ', '.join(f'{name} = {n} ns' for name, n in constraints.items() if n is not None)
+    text = f'{text} with {given}' if given else text
     dataflow.create('s', parse_specification(text), NO_CONSTRAINTS, on_sample, lambda _: None)
     for now in range(END):
         clock = now
@@ -163,3 +167,30 @@ def test_ticks_at_a_period(
 ) -> None:
     inputs, events = situation
     assert run(inputs, events, period, start) == naive(fresh(inputs), events, period, start)
+
+
+@given(situations(), st.none() | st.integers(1, 7))
+def test_a_sync_of_one_sync_is_the_same(
+    situation: tuple[list[NaiveInput], list[Event]], period: int | None
+) -> None:
+    inputs, events = situation
+    distinct = {(port, time): (now, port, time) for now, port, time in events}
+    nested = run(inputs, sorted(distinct.values()), period, form='sync(sync({}))')
+    # The ticks of the outer one begin where the inner one has its first.
+    start = nested[0][1] if nested else None
+    flat = run(inputs, sorted(distinct.values()), period, start)
+    assert nested == (flat if nested else [])
+
+
+@given(situations())
+def test_syncs_within_a_sync_are_one(situation: tuple[list[NaiveInput], list[Event]]) -> None:
+    inputs, events = situation
+    distinct = {(port, time): (now, port, time) for now, port, time in events}
+    ordered = sorted(distinct.values())
+    first, *others = (each.term(port) for port, each in enumerate(inputs))
+    for form in (
+        f'sync(sync({first}), {", ".join(others)})' if others else 'sync({})',
+        f'sync({", ".join(others)}, sync({first}))' if others else 'sync({})',
+        f'sync({first}, sync({", ".join(others)}))' if others else 'sync({})',
+    ):
+        assert run(inputs, ordered, form=form) == run(inputs, ordered)
