@@ -20,6 +20,7 @@ setup(
     license='Apache-2.0',
     entry_points={
         'console_scripts': [
+            'check = dyknow_reasoning.check:main',
             'stream_reasoning_engine = dyknow_reasoning.ros.stream_reasoning_engine:main',
         ],
     },

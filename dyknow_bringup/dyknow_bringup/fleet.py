@@ -25,8 +25,8 @@ compunit distance: float distance((x: float, y: float), (x: float, y: float));
 """
 
 _CONSTRAINTS = {
-    Channel.ODOMETRY: 'max_delay = 300 ms, sample_period = 50 ms, sample_period_deviation = 20 ms',
-    Channel.BATTERY: 'max_delay = 500 ms, sample_period = 200 ms, sample_period_deviation = 50 ms',
+    Channel.ODOMETRY: 'max_delay = 1 s, sample_period = 50 ms, sample_period_deviation = 20 ms',
+    Channel.BATTERY: 'max_delay = 1 s, sample_period = 200 ms, sample_period_deviation = 50 ms',
 }
 
 _NAME = re.compile(r'[A-Za-z_][A-Za-z0-9_]*')

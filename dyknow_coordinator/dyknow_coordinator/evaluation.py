@@ -72,10 +72,9 @@ class Evaluation:
         """Something that the evaluation needs went wrong."""
         self._end(Outcome(error=error))
 
-    def violate(self, stream: str, message: str) -> None:
+    def violate(self, message: str) -> None:
         """A stream below the states broke its constraints: the states are not what was asked for."""
-        text = f"stream '{stream}' broke its constraints: {message}"
-        self.fail(CoordinationError(text, ExitCode.CONSTRAINT_VIOLATION))
+        self.fail(CoordinationError(message, ExitCode.CONSTRAINT_VIOLATION))
 
     def lose(self, what: str) -> None:
         """A node that the evaluation needs is gone."""

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from dyknow_interfaces.action import MonitorFormula
 from rclpy.action import ActionClient
+from rclpy.task import Future
 
 from dyknow_bringup.formulas import load_formulas
 from dyknow_bringup.monitoring import MonitoredFormula
@@ -20,6 +21,15 @@ from dyknow_stream_processing.ros import (
 
 if TYPE_CHECKING:
     from collections.abc import Callable
+
+PASSING = (ExitCode.UNAVAILABLE, ExitCode.NOT_FOUND)
+"""What may pass while the other nodes are still starting."""
+
+START_UP = 10_000_000_000
+"""Nanoseconds that the start of the other nodes may take."""
+
+RETRY_PERIOD = 0.5
+"""Seconds until a formula is asked again."""
 
 VERDICTS = ('undecided', 'true', 'false')
 
@@ -43,7 +53,8 @@ class FormulaMonitor(DyKnowNode):
         self.formulas = [MonitoredFormula(formula) for formula in load_formulas(Path(path))]
         self._on_change = on_change or self._log
         self._client = ActionClient(self, MonitorFormula, f'{coordinator}/monitor_formula')
-        self._goals: list[Any] = []
+        self._goals: dict[str, Any] = {}
+        self._retry_until = 0
         self._starter = self.create_timer(0.1, self._start_when_ready)
 
     @property
@@ -51,10 +62,18 @@ class FormulaMonitor(DyKnowNode):
         """Whether the coordinator has taken all formulas."""
         return len(self._goals) == len(self.formulas)
 
-    def cancel_all(self) -> None:
-        """Lets the coordinator forget the formulas."""
-        for goal in self._goals:
-            goal.cancel_goal_async()
+    def cancel_all(self) -> Future:
+        """Lets the coordinator forget the formulas; the future is done when it has."""
+        cancelled: Future = Future()
+        pending = [goal.cancel_goal_async() for goal in self._goals.values()]
+
+        def note(_: Future) -> None:
+            if all(each.done() for each in pending) and not cancelled.done():
+                cancelled.set_result(None)
+
+        for each in pending:
+            each.add_done_callback(note)
+        return cancelled
 
     def destroy_node(self) -> None:
         """Frees the action client too."""
@@ -65,6 +84,7 @@ class FormulaMonitor(DyKnowNode):
         if not self._client.server_is_ready():
             return
         self.destroy_timer(self._starter)
+        self._retry_until = self.now() + START_UP
         for monitored in self.formulas:
             self._send(monitored)
 
@@ -78,7 +98,7 @@ class FormulaMonitor(DyKnowNode):
             monitored.states = message.feedback.states_progressed
 
         def accepted(future: Any) -> None:
-            self._goals.append(future.result())
+            self._goals[monitored.formula.name] = future.result()
             result = future.result().get_result_async()
             result.add_done_callback(lambda done: self._conclude(monitored, done.result().result))
 
@@ -87,6 +107,10 @@ class FormulaMonitor(DyKnowNode):
     def _conclude(self, monitored: MonitoredFormula, result: Any) -> None:
         code = ExitCode(result.exit_status.code)
         if code is ExitCode.CANCELLED:
+            return
+        if code in PASSING and self.now() < self._retry_until:
+            again = self.deadlines.after(RETRY_PERIOD)
+            again.add_done_callback(lambda _: self._send(monitored))
             return
         if code is ExitCode.SUCCESS:
             monitored.outcome = VERDICTS[result.verdict]

@@ -35,7 +35,7 @@ from dyknow_stream_processing import (
     parse_specification,
     specifications_by_sink,
 )
-from dyknow_stream_processing.ros import LATCHED, Peer
+from dyknow_stream_processing.ros import LATCHED, DyKnowNode, Peer
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -75,29 +75,46 @@ class Demonstration:
         )
         self._simulation = uav_simulation(scenario_file, vehicles)
         self._launcher = launcher
-        self._configuration = write_fleet_configuration(self._vehicles, uav_ontology_path(), folder)
+        self._processes = dyknow_processes(
+            write_fleet_configuration(self._vehicles, uav_ontology_path(), folder)
+        )
         self._console = Console()
         self._start: int | None = None
 
     def run(self) -> bool:
         """Whether every verdict is what the scenario says."""
-        self._launcher.start_all(dyknow_processes(self._configuration))
-        self._node = FormulaMonitor(on_change=lambda _: None)
+        self._launcher.start_all(self._processes)
+        self._node = DyKnowNode('uav_demo')
         self._executor = SingleThreadedExecutor()
         self._executor.add_node(self._node)
         try:
             self._start_up()
-            self._fly()
-            return self._report()
+            return self._monitor()
         finally:
             self._executor.shutdown()
             self._node.destroy_node()
 
     def _start_up(self) -> None:
         self._console.print(f'[bold]{self._scenario.name}[/]: {self._scenario.description}')
+        peers = [Peer(self._node, process.executable) for process in self._processes]
         with self._console.status('starting the nodes of DyKnow'):
+            for peer in peers:
+                self._wait_for(lambda: peer.alive, f'node {peer.name}')  # noqa: B023
             self._wait_for(self._streams_made, 'the streams of the fleet')
-            self._wait_for(lambda: self._node.is_running, 'the coordinator')
+
+    def _monitor(self) -> bool:
+        monitor = FormulaMonitor(on_change=lambda _: None)
+        self._executor.add_node(monitor)
+        try:
+            self._wait_for(lambda: monitor.is_running, 'the coordinator')
+            self._start_simulation()
+            self._fly(monitor)
+            return self._report(monitor)
+        finally:
+            self._executor.remove_node(monitor)
+            monitor.destroy_node()
+
+    def _start_simulation(self) -> None:
         self._node.create_subscription(
             DiagnosticStatus, 'uav_simulation/status', self._note_start, LATCHED
         )
@@ -118,23 +135,22 @@ class Demonstration:
             if entry.key == 'start_time':
                 self._start = int(entry.value)
 
-    def _fly(self) -> None:
+    def _fly(self, monitor: FormulaMonitor) -> None:
         end = (self._start or 0) + self._scenario.duration + SETTLING
         with Live(console=self._console, refresh_per_second=4) as live:
             while self._node.now() < end:
                 self._spin()
-                live.update(self._table())
-        self._node.cancel_all()
-        self._spin()
+                live.update(self._table(monitor))
+        self._wait_for(monitor.cancel_all().done, 'the end of the evaluations')
 
-    def _table(self) -> Table:
+    def _table(self, monitor: FormulaMonitor) -> Table:
         elapsed = self._node.now() - (self._start or 0)
-        return formula_table(self._node.formulas, self._start or 0, elapsed)
+        return formula_table(monitor.formulas, self._start or 0, elapsed)
 
-    def _report(self) -> bool:
+    def _report(self, monitor: FormulaMonitor) -> bool:
         problems = {
             monitored.formula.name: problem
-            for monitored in self._node.formulas
+            for monitored in monitor.formulas
             if (problem := self._unexpected(monitored)) is not None
         }
         self._console.print(summary(self._scenario.name, problems))

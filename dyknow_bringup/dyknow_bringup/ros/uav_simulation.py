@@ -13,7 +13,7 @@ from dyknow_bringup.simulation import Simulation
 from dyknow_bringup.telemetry import Channel, topic
 from dyknow_stream_processing.ros import NO_PUBLISHER_EVENTS, DyKnowNode, message_class, run
 
-DEPTH = 10
+DEPTH = 100
 """How many messages a publisher keeps for slow receivers."""
 
 

@@ -175,7 +175,7 @@ class FormulaEvaluation:
         )
 
     def _violated(self, violation: Any) -> None:
-        self._evaluation.violate(violation.stream_name, violation.message)
+        self._evaluation.violate(violation.message)
 
     def _engine_liveliness_changed(self, event: Any) -> None:
         if event.alive_count == 0 and event.alive_count_change < 0:

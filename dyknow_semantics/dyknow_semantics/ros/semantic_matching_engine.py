@@ -6,8 +6,9 @@ from typing import Any
 
 from dyknow_interfaces.srv import FindAllMatchingStreams
 
-from dyknow_semantics import match, parse_concept
+from dyknow_semantics import SemanticsError, match, nearest, parse_concept
 from dyknow_semantics.ros.mirrors import mirror_annotations, mirror_ontology
+from dyknow_stream_processing import ExitCode
 from dyknow_stream_processing.ros import DyKnowNode, run
 
 
@@ -25,6 +26,8 @@ class SemanticMatchingEngine(DyKnowNode):
         knowledge = await self._ontology.content()
         annotations = await self._annotations.content()
         matches = match(concept, annotations, knowledge)
+        if not matches:
+            raise SemanticsError(nearest(concept, annotations, knowledge), ExitCode.NOT_FOUND)
         response.stream_specifications = [found.specification for found in matches]
 
 

@@ -12,6 +12,8 @@ from dyknow_interfaces.msg import Field as FieldMessage
 from dyknow_interfaces.msg import Sample as SampleMessage
 from dyknow_interfaces.msg import StreamConstraints as StreamConstraintsMessage
 
+from rclpy.type_support import check_for_type_support
+
 from dyknow_stream_processing.constraints import StreamConstraints
 from dyknow_stream_processing.errors import ExitCode, StreamError
 from dyknow_stream_processing.sample import Sample, Value, ValueType
@@ -131,7 +133,9 @@ def message_class(type_name: str) -> Any:
     """
     package, _, name = type_name.partition('/msg/')
     try:
-        return getattr(import_module(f'{package}.msg'), name)
+        class_ = getattr(import_module(f'{package}.msg'), name)
+        check_for_type_support(class_)  # Loaded here rather than with the first message.
+        return class_
     except (ImportError, AttributeError, ValueError):
         raise StreamError(
             f"message type '{type_name}' is not installed; write it as package/msg/Type",

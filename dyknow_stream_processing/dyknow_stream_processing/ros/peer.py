@@ -129,18 +129,26 @@ class Peer:
         status = {value.key: value.value for value in message.values}
         replaced = self._status.get(BORN) not in (None, status.get(BORN))
         self._status = status
-        if replaced and self._alive:
+        if replaced:
             # It died and came back before its lease was over.
             self._die()
+        self._revive()
+
+    def _liveliness_changed(self, event: Any) -> None:
+        if event.alive_count == 0:
+            self._die()
+        elif self._status:
+            # It was only out of reach: what it said last still holds.
+            self._revive()
+
+    def _revive(self) -> None:
         if not self._alive:
             self._alive = True
             _notify(self.on_found)
 
-    def _liveliness_changed(self, event: Any) -> None:
-        if event.alive_count == 0 and self._alive:
-            self._die()
-
     def _die(self) -> None:
+        if not self._alive:
+            return
         self._alive = False
         for call in list(self._calls):
             if not call.done():

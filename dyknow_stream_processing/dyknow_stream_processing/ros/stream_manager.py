@@ -6,6 +6,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from diagnostic_msgs.msg import DiagnosticStatus
 from dyknow_interfaces.srv import (
     ListStreams,
     StreamCreateFromSpec,
@@ -35,6 +36,9 @@ from dyknow_stream_processing.sinks import specifications_by_sink
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
+_PASSING = (ExitCode.UNAVAILABLE, ExitCode.TIMEOUT)
+"""What may go well when it is tried again."""
+
 _ENGINE_SERVICE = '/stream_create_from_spec'
 _ENGINE_SERVICE_TYPE = 'dyknow_interfaces/srv/StreamCreateFromSpec'
 
@@ -53,6 +57,7 @@ class StreamManager(DyKnowNode):
         self._registry = StreamRegistry()
         self._engines: dict[str, Peer] = {}
         self._settling = False
+        self._faults: dict[str, str] = {}
         for path in filter(None, files):
             self._read(Path(path))
         self.serve(StreamCreateFromSpec, self._create)
@@ -192,18 +197,25 @@ class StreamManager(DyKnowNode):
             text = self._registry.text_for(stream.specification, engine)
             await self._make(stream, engine, text)
         except DyKnowError as error:
-            self.get_logger().warning(
-                f"stream '{stream.name}' cannot be made yet: {error}", throttle_duration_sec=10.0
-            )
+            if error.code in _PASSING:
+                self.get_logger().info(f"stream '{stream.name}' cannot be made yet: {error}")
+                return
+            self._registry.remove(stream.name)
+            self._faults[stream.name] = error.message
+            self.get_logger().error(f"stream '{stream.name}' cannot be made: {error}")
 
     def _report(self) -> None:
         waiting = [stream.name for stream in self._registry.waiting()]
         message = f'{len(waiting)} streams wait for an engine' if waiting else 'running'
+        if self._faults:
+            message = f'streams that cannot be made: {", ".join(self._faults)}'
         self.set_status(
             message,
-            {
+            level=DiagnosticStatus.ERROR if self._faults else DiagnosticStatus.OK,
+            values={
                 'streams': ' '.join(self._registry.names()),
                 'waiting': ' '.join(waiting),
+                **self._faults,
                 'engines': ' '.join(name for name, peer in self._engines.items() if peer.alive),
             },
         )

@@ -84,13 +84,15 @@ class TopicSources:
 
     def refresh(self) -> None:
         """Subscribes to what the dataflow needs now, and to nothing else."""
-        needed = self._dataflow.sources()
+        needed, known = self._dataflow.sources(), self._subscriptions
         for topic, (fields, _) in list(self._subscriptions.items()):
             if topic not in needed or needed[topic] != fields:
                 self._unsubscribe(topic)
-        for topic, fields in needed.items():
-            if topic not in self._subscriptions:
-                self._subscribe(topic, fields)
+        # All is prepared before the first message can come, for it would have to wait.
+        missing = {topic: fields for topic, fields in needed.items() if topic not in known}
+        prepared = [self._prepare(topic, fields) for topic, fields in missing.items()]
+        for subscribe in filter(None, prepared):
+            subscribe()
         if len(self._subscriptions) < len(needed):
             self._search.reset()
         else:
@@ -104,24 +106,31 @@ class TopicSources:
         self._node.destroy_timer(self._search)
         self._node.destroy_timer(self._alarm)
 
-    def _subscribe(self, topic: str, fields: Collection[str] | None) -> None:
+    def _prepare(self, topic: str, fields: Collection[str] | None) -> Callable[[], None] | None:
+        """How to subscribe to a topic; none while nobody publishes it."""
         try:
             type_name = _published_type(self._node, topic)
             if type_name is None:
-                return
+                return None
             class_ = message_class(type_name)
         except StreamError as error:
             self._node.get_logger().warning(str(error), throttle_duration_sec=10.0)
-            return
-        subscription = self._node.create_subscription(
-            class_,
-            topic,
-            self._receiver(topic, class_, fields),
-            self._quality_of_service or self._matching(topic),
-            callback_group=self._group,
-            event_callbacks=NO_SUBSCRIPTION_EVENTS,
-        )
-        self._subscriptions[topic] = (fields, subscription)
+            return None
+        receive = self._receiver(topic, class_, fields)
+        quality_of_service = self._quality_of_service or self._matching(topic)
+
+        def subscribe() -> None:
+            subscription = self._node.create_subscription(
+                class_,
+                topic,
+                receive,
+                quality_of_service,
+                callback_group=self._group,
+                event_callbacks=NO_SUBSCRIPTION_EVENTS,
+            )
+            self._subscriptions[topic] = (fields, subscription)
+
+        return subscribe
 
     def _unsubscribe(self, topic: str) -> None:
         _, subscription = self._subscriptions.pop(topic)
