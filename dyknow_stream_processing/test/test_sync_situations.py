@@ -166,6 +166,17 @@ def test_the_clock_reaches_an_inner_sync_before_the_outer_one(flow: Flow) -> Non
     assert flow.take() == [(0, {'a': 0, 'b': 0, 'c': 0}), (1, {'a': 1, 'b': 0, 'c': 1})]
 
 
+def test_a_tick_is_as_late_as_the_sample_that_makes_it(flow: Flow) -> None:
+    flow.receipt_topics.add('a')
+    both(flow, ' with max_delay = 5 ms')
+    flow.push('a', 9, x=9)
+    flow.push('b', 10, 60, x=10)
+    assert flow.times() == []
+    assert [(each.constraint, each.observed) for each in flow.violations] == [
+        ('max_delay', 50_000_000)
+    ]
+
+
 def test_start_time_is_the_first_tick_of_a_period(flow: Flow) -> None:
     both(flow, ' with start_time = 5 ms, sample_period = 10 ms')
     flow.push('a', 0, x=0)
