@@ -18,25 +18,25 @@ compunit distance: float distance((x: float, y: float), (x: float, y: float));
 
 stream uav1_battery = select voltage, current
   from "uav1/battery"
-  with max_delay = 500 ms, sample_period = 200 ms, sample_period_deviation = 50 ms;
+  with max_delay = 1 s, sample_period = 200 ms, sample_period_deviation = 50 ms;
 stream uav1_power = electrical_power(uav1_battery);
 sink uav1_power;
 
 stream uav1_altitude = select pose.pose.position.z as altitude
   from "uav1/odometry"
-  with max_delay = 300 ms, sample_period = 50 ms, sample_period_deviation = 20 ms;
+  with max_delay = 1 s, sample_period = 50 ms, sample_period_deviation = 20 ms;
 sink uav1_altitude;
 
 stream uav1_velocity = select \
 twist.twist.linear.x as x, twist.twist.linear.y as y, twist.twist.linear.z as z
   from "uav1/odometry"
-  with max_delay = 300 ms, sample_period = 50 ms, sample_period_deviation = 20 ms;
+  with max_delay = 1 s, sample_period = 50 ms, sample_period_deviation = 20 ms;
 stream uav1_speed = magnitude(uav1_velocity);
 sink uav1_speed;
 
 stream uav1_position = select pose.pose.position.x as x, pose.pose.position.y as y
   from "uav1/odometry"
-  with max_delay = 300 ms, sample_period = 50 ms, sample_period_deviation = 20 ms;
+  with max_delay = 1 s, sample_period = 50 ms, sample_period_deviation = 20 ms;
 """
 
 DISTANCE = """
