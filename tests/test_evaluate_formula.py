@@ -27,7 +27,7 @@ def test_a_true_formula(system: System) -> None:
     answer = system.evaluate('forall u in UAV: always[0 s, 1 s] Power[u] < 150')
     assert answer.exit_status.code == ExitStatus.SUCCESS, answer.exit_status.message
     assert answer.verdict == FormulaResult.TRUE
-    assert answer.canonical_formula == '(forall u in UAV: (always[0 s, 1 s] (Power[u] < 150)))'
+    assert answer.canonical_formula == 'forall u in UAV: (always[0 s, 1 s] (Power[u] < 150))'
     assert answer.decided_at.sec > 0
 
 

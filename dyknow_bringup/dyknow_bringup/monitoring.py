@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from dyknow_stream_processing import format_time
+from dyknow_stream_processing import round_time
 
 if TYPE_CHECKING:
     from dyknow_bringup.formulas import NamedFormula
@@ -56,6 +56,6 @@ def unexpected(
     if earliest <= elapsed <= latest:
         return None
     return (
-        f'{monitored.outcome} at {format_time(elapsed)} instead of between '
-        f'{format_time(earliest)} and {format_time(latest)}'
+        f'{monitored.outcome} at {round_time(elapsed)} instead of between '
+        f'{round_time(earliest)} and {round_time(latest)}'
     )

@@ -8,7 +8,7 @@ from rich.panel import Panel
 from rich.table import Table
 from rich.text import Text
 
-from dyknow_stream_processing import format_time
+from dyknow_stream_processing import round_time
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -26,7 +26,7 @@ def formula_table(monitored: Sequence[MonitoredFormula], start: int, elapsed: in
         start: of the scenario, in nanoseconds.
         elapsed: nanoseconds since then.
     """
-    table = Table(title=f'{format_time(elapsed // 100_000_000 * 100_000_000)}', expand=True)
+    table = Table(title=f'{round_time(elapsed)}', expand=True)
     table.add_column('formula', no_wrap=True)
     table.add_column('verdict', no_wrap=True)
     table.add_column('since', justify='right', no_wrap=True)
@@ -55,7 +55,7 @@ def _verdict(row: MonitoredFormula) -> Text:
 
 
 def _since(row: MonitoredFormula, start: int) -> str:
-    return '' if row.known_at is None else format_time((row.known_at - start) // 1000000 * 1000000)
+    return '' if row.known_at is None else round_time(row.known_at - start)
 
 
 def _why(row: MonitoredFormula) -> Text:

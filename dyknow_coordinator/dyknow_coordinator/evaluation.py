@@ -78,7 +78,7 @@ class Evaluation:
 
     def lose(self, what: str) -> None:
         """A node that the evaluation needs is gone."""
-        text = f'{what} has died while the formula was {self._doing()}'
+        text = f'{what} is gone; the formula was {self._doing()}'
         self.fail(CoordinationError(text, ExitCode.UNAVAILABLE))
 
     def expire(self, seconds: float) -> None:

@@ -27,7 +27,7 @@ def test_a_verdict_ends_it(evaluation: Evaluation, outcomes: list[Outcome]) -> N
 
 ENDS: list[tuple[Callable[[Evaluation], None], ExitCode, str]] = [
     (lambda e: e.violate("stream 's' late"), ExitCode.CONSTRAINT_VIOLATION, "stream 's' late"),
-    (lambda e: e.lose('node x'), ExitCode.UNAVAILABLE, 'node x has died while'),
+    (lambda e: e.lose('node x'), ExitCode.UNAVAILABLE, 'node x is gone; the formula was'),
     (lambda e: e.expire(2.5), ExitCode.TIMEOUT, 'no verdict within 2.5 s'),
     (lambda e: e.cancel(), ExitCode.CANCELLED, 'cancelled by the caller'),
 ]

@@ -13,7 +13,7 @@ from dyknow_reasoning.errors import ReasoningError
 from dyknow_reasoning.formula_group import FormulaGroup
 from dyknow_reasoning.results import FormulaResult, Verdict
 from dyknow_reasoning.trace import read_trace
-from dyknow_stream_processing import DyKnowError, format_time
+from dyknow_stream_processing import DyKnowError, round_time
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Sequence
@@ -169,7 +169,7 @@ def _lines(result: CheckResult) -> Iterator[str]:
     elif result.decided_at is None:
         yield result.explanation
     else:
-        time = format_time(result.decided_at)
+        time = round_time(result.decided_at)
         yield f'{result.verdict.name.lower()} at {time} (state {result.decided_at_state})'
         yield result.explanation
 

@@ -30,7 +30,7 @@ from dyknow_reasoning.nodes import (
     descendants,
 )
 from dyknow_reasoning.residual import residual_text
-from dyknow_stream_processing import Value, format_time
+from dyknow_stream_processing import Value, round_time
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -104,7 +104,7 @@ class _Explainer:
             case Window():
                 return self._reasons_of_window(node, elapsed)
             case Constant():
-                return [f'there is a state at {format_time(self._moment.valid_time)}']
+                return [f'there is a state at {round_time(self._moment.valid_time)}']
 
     def _reasons_of_junction(self, node: Junction, elapsed: int) -> list[str]:
         verdict = self._progressed(node, elapsed)
@@ -127,8 +127,8 @@ class _Explainer:
         right = self._formula(node.right)
         closed = self._moment.valid_time - elapsed + end
         opened = self._opened(node, elapsed)
-        start = '' if opened is None else f'from {format_time(opened)} '
-        span = f'{start}to {format_time(closed)}'
+        start = '' if opened is None else f'from {round_time(opened)} '
+        span = f'{start}to {round_time(closed)}'
         if node.universal:
             return [f"'{right}' held at every state {span}"]
         last = self._reasons(node.right, 0) if end == elapsed else []
@@ -140,7 +140,7 @@ class _Explainer:
         if origin is None or elapsed == 0:
             return reasons
         due = 'awaited' if self._progressed(node, elapsed) is TRUE else 'must hold'
-        return [f'{" and ".join(reasons)} ({_operator(node)} {due} since {format_time(origin)})']
+        return [f'{" and ".join(reasons)} ({_operator(node)} {due} since {round_time(origin)})']
 
     def _opened(self, node: Window, elapsed: int) -> int | None:
         """The valid time at which a window began to look at its right side."""
@@ -169,7 +169,7 @@ class _Explainer:
     def _fact(self, literal: Literal) -> str:
         """The value of an atom, beside what the formula says of it."""
         atom = self._atoms[literal.slot]
-        time = format_time(self._moment.valid_time)
+        time = round_time(self._moment.valid_time)
         if not isinstance(atom, Comparison):
             return f'{atom} is {_spelled(self._moment.values[str(atom)])} at {time}'
         holds = (self._moment.symbol >> literal.slot & 1) == literal.positive
@@ -200,6 +200,8 @@ def _spelled(value: Value) -> str:
             return str(Truth(value))
         case str():
             return str(Text(value))
+        case float():
+            return f'{float(f"{value:.9g}")}'
         case _:
             return str(value)
 

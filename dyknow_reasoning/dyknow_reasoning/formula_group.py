@@ -16,7 +16,7 @@ from dyknow_reasoning.progression import Progression
 from dyknow_reasoning.results import FormulaResult, Verdict
 from dyknow_reasoning.symbols import Symbol, ground_symbols, symbols_of
 from dyknow_reasoning.type_checking import Kinds, check_types
-from dyknow_stream_processing import ExitCode, format_time
+from dyknow_stream_processing import ExitCode, format_time, round_time
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
@@ -244,7 +244,7 @@ class FormulaGroup:
 
     def _failed(self, formula_id: int, error: ReasoningError, valid_time: int) -> FormulaResult:
         name = self._formulas[formula_id].name
-        located = ReasoningError(f'at {format_time(valid_time)}: {error}', error.code)
+        located = ReasoningError(f'at {round_time(valid_time)}: {error}', error.code)
         return FormulaResult(formula_id, name, Verdict.UNDECIDED, None, '', located)
 
 

@@ -9,6 +9,8 @@ from dyknow_stream_processing.durations import (
     format_duration,
     format_time,
     parse_duration,
+    round_duration,
+    round_time,
 )
 from dyknow_stream_processing.errors import DyKnowError, ExitCode, StreamError
 from dyknow_stream_processing.language import NOWHERE, Language, LanguageError, Place
@@ -84,5 +86,7 @@ __all__ = [
     'parse_specification',
     'references',
     'resolve',
+    'round_duration',
+    'round_time',
     'specifications_by_sink',
 ]

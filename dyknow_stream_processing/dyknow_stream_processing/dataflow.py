@@ -105,8 +105,10 @@ class Dataflow:
         resolved = resolve(specification, constraints, known, self._fields_of, self._units)
         try:
             root = self._wiring.connect(resolved.term)
+            inherited = {k: v for each in self._streams.values() for k, v in each.names.items()}
+            names = {**inherited, **resolved.names, str(resolved.term): name}
             stream = _Stream(
-                name, str(specification), resolved, self._agenda, on_sample, on_violation
+                name, str(specification), resolved, names, self._agenda, on_sample, on_violation
             )
             stream.attach(root)
             self._streams[name] = stream
@@ -147,6 +149,11 @@ class Dataflow:
     def sources(self) -> Mapping[str, frozenset[str] | None]:
         """The topics that samples are needed of, each with the fields needed; `None` for all."""
         return total_demand(each.resolved.term for each in self._streams.values())
+
+    def found(self, topic: str, source_type: SourceType) -> None:
+        """Learn of a topic what was not known when streams were made of it."""
+        for source in self._wiring.sources(topic):
+            source.learn(receipt_time=source_type.receipt_time)
 
     def push(self, topic: str, sample: Sample) -> None:
         """Take a sample of a topic; its available time is the time of receipt, and is now."""
@@ -189,6 +196,7 @@ class _Stream:
         name: str,
         specification: str,
         resolved: Resolved,
+        names: Mapping[str, str],
         agenda: Agenda,
         on_sample: Callable[[Sample], None],
         on_violation: Callable[[Violation], None],
@@ -196,7 +204,7 @@ class _Stream:
         self.name = name
         self.specification = specification
         self.resolved = resolved
-        self._names = {**resolved.names, str(resolved.term): name}
+        self.names = names
         self._agenda = agenda
         self._on_sample = on_sample
         self._on_violation = on_violation
@@ -252,7 +260,7 @@ class _Stream:
     ) -> None:
         """Report what was broken."""
         self._violations += 1
-        name = self._names.get(operator.label, operator.label)
+        name = self.names.get(operator.label, operator.label)
         self._on_violation(
             Violation(
                 stream_name=name,

@@ -53,9 +53,24 @@ def format_duration(nanoseconds: int) -> str:
     return f'{nanoseconds} ns'
 
 
+def round_duration(nanoseconds: int) -> str:
+    """A duration as people read it, with three digits at least: `314 ms`, `12.3 s`."""
+    for unit in ('s', 'ms', 'us'):
+        if abs(nanoseconds) >= NANOSECONDS[unit]:
+            amount = Decimal(nanoseconds) / NANOSECONDS[unit]
+            digits = max(3, len(str(abs(int(amount)))))
+            return f'{amount:.{digits}g} {unit}'
+    return f'{nanoseconds} ns'
+
+
 def format_time(nanoseconds: int) -> str:
-    """A point in time in seconds, with three decimals or as many as it needs: `12.300 s`."""
+    """A point in time in seconds, exactly, with three decimals at least: `12.300 s`."""
     sign = '-' if nanoseconds < 0 else ''
     seconds, fraction = divmod(abs(nanoseconds), NANOSECONDS['s'])
     decimals = f'{fraction:09d}'
     return f'{sign}{seconds}.{decimals[:3]}{decimals[3:].rstrip("0")} s'
+
+
+def round_time(nanoseconds: int) -> str:
+    """A point in time in seconds as people read it, to the millisecond below: `12.300 s`."""
+    return format_time(nanoseconds // NANOSECONDS['ms'] * NANOSECONDS['ms'])

@@ -158,6 +158,10 @@ class SourceOperator(Operator):
         """Pass a sample on; it promises nothing about the next."""
         self._emit(valid_time, fields, now)
 
+    def learn(self, *, receipt_time: bool) -> None:
+        """Takes note of what the topic is, once that is known."""
+        self._receipt_time = receipt_time
+
     def certain_at(self, valid_time: int) -> int | None:
         """A time of receipt that has passed cannot come again."""
         return valid_time + 1 if self._receipt_time else None

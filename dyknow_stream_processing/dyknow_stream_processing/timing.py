@@ -7,7 +7,12 @@ from itertools import count
 from typing import TYPE_CHECKING
 
 from dyknow_stream_processing.agenda import BEGINNING
-from dyknow_stream_processing.durations import format_duration, format_time
+from dyknow_stream_processing.durations import (
+    format_duration,
+    format_time,
+    round_duration,
+    round_time,
+)
 from dyknow_stream_processing.operators import Operator
 from dyknow_stream_processing.violation import Broken
 
@@ -177,7 +182,7 @@ class PeriodOperator(Operator):
         if self._last is not None and self._due is not None:
             self._due = None
             missing = self._last + self._longest
-            message = f'no sample after the one valid at {format_time(self._last)}; {self._demand}'
+            message = f'no sample after the one valid at {round_time(self._last)}; {self._demand}'
             self._violate(Broken.SAMPLE_PERIOD, missing, message, now - self._last, self._longest)
 
     def _expect_next(self, valid_time: int, now: int) -> None:
@@ -194,7 +199,7 @@ class PeriodOperator(Operator):
         self, valid_time: int, observed: int, allowed: int
     ) -> tuple[str, int, str, int, int]:
         message = (
-            f'the sample valid at {format_time(valid_time)} comes {format_duration(observed)} '
+            f'the sample valid at {round_time(valid_time)} comes {round_duration(observed)} '
             f'after its predecessor; {self._demand}'
         )
         return Broken.SAMPLE_PERIOD, valid_time, message, observed, allowed
@@ -210,7 +215,7 @@ def _out_of_order(valid_time: int, predecessor: int) -> tuple[str, int, str, int
 
 def _late(valid_time: int, delay: int, allowed: int) -> tuple[str, int, str, int, int]:
     message = (
-        f'the sample valid at {format_time(valid_time)} came {format_duration(delay)} late; '
+        f'the sample valid at {round_time(valid_time)} came {round_duration(delay)} late; '
         f'max_delay is {format_duration(allowed)}'
     )
     return Broken.MAX_DELAY, valid_time, message, delay, allowed

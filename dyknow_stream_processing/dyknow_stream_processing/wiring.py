@@ -46,9 +46,9 @@ class Wiring:
         self._units = units
         self._has_receipt_time = has_receipt_time
         self._operators: dict[Hashable, Operator] = {}
-        self._sources: dict[str, tuple[Operator, ...]] = {}
+        self._sources: dict[str, tuple[SourceOperator, ...]] = {}
 
-    def sources(self, topic: str) -> tuple[Operator, ...]:
+    def sources(self, topic: str) -> tuple[SourceOperator, ...]:
         """What takes the samples of a topic."""
         return self._sources.get(topic, ())
 

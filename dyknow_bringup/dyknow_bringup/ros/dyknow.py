@@ -18,7 +18,7 @@ from rclpy.utilities import remove_ros_args
 from dyknow_bringup.errors import BringupError
 from dyknow_bringup.launcher import Launcher
 from dyknow_bringup.processes import Configuration, dyknow_processes
-from dyknow_stream_processing import DyKnowError, ExitCode, format_time, parse_duration
+from dyknow_stream_processing import DyKnowError, ExitCode, parse_duration, round_time
 from dyknow_stream_processing.ros import (
     DyKnowNode,
     Peer,
@@ -75,7 +75,7 @@ def evaluate(chosen: argparse.Namespace) -> int:
     if chosen.json:
         _say(json.dumps(_answer(response)))
     elif status.code == ExitCode.SUCCESS:
-        decided_at = format_time(time_to_nanoseconds(response.decided_at))
+        decided_at = round_time(time_to_nanoseconds(response.decided_at))
         _say(f'{VERDICTS[response.verdict]} at {decided_at}: {response.explanation}')
     else:
         print(f'{ExitCode(status.code).name}: {status.message}', file=sys.stderr)  # noqa: T201

@@ -12,7 +12,7 @@ from rclpy.task import Future
 from dyknow_bringup.formulas import load_formulas
 from dyknow_bringup.monitoring import MonitoredFormula
 from dyknow_bringup.resources import formulas_path
-from dyknow_stream_processing import ExitCode, format_time
+from dyknow_stream_processing import ExitCode, round_time
 from dyknow_stream_processing.ros import (
     DyKnowNode,
     nanoseconds_to_duration,
@@ -124,7 +124,7 @@ class FormulaMonitor(DyKnowNode):
     def _log(self, monitored: MonitoredFormula) -> None:
         self.get_logger().info(
             f'{monitored.formula.name}: {monitored.outcome} '
-            f'at {format_time(monitored.known_at or 0)}: {monitored.explanation}'
+            f'at {round_time(monitored.known_at or 0)}: {monitored.explanation}'
         )
 
 

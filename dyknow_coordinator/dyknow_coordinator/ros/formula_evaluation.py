@@ -27,6 +27,7 @@ from dyknow_coordinator.grounding import (
 from dyknow_stream_processing import DyKnowError, ExitCode
 from dyknow_stream_processing.ros import (
     VIOLATIONS,
+    Lease,
     fill_exit_status,
     nanoseconds_to_time,
     time_to_nanoseconds,
@@ -36,6 +37,9 @@ if TYPE_CHECKING:
     from dyknow_coordinator.ros.clients import Clients
     from dyknow_stream_processing import StreamConstraints
     from dyknow_stream_processing.ros import DyKnowNode
+
+FIRST_SIGN = 3.0
+"""Seconds within which an engine that has made a stream gives a sign of life on it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,6 +80,7 @@ class FormulaEvaluation:
         self._evaluation = Evaluation(question.formula, self.outcome.set_result)
         self._violations: Any = None
         self._stream_requested = False
+        self._lease = Lease(node, on_lost=self._engine_lost)
 
     @property
     def running(self) -> bool:
@@ -170,21 +175,22 @@ class FormulaEvaluation:
             VIOLATIONS,
             callback_group=self._node.reentrant,
             event_callbacks=SubscriptionEventCallbacks(
-                liveliness=self._engine_liveliness_changed, use_default_callbacks=False
+                liveliness=self._lease.changed, use_default_callbacks=False
             ),
         )
+        self._lease.distrust(FIRST_SIGN)
 
     def _violated(self, violation: Any) -> None:
         self._evaluation.violate(violation.message)
 
-    def _engine_liveliness_changed(self, event: Any) -> None:
-        if event.alive_count == 0 and event.alive_count_change < 0:
-            self._evaluation.lose('the stream processing engine')
+    def _engine_lost(self) -> None:
+        self._evaluation.lose('the stream processing engine')
 
     def _reasoning_engine_lost(self) -> None:
         self._evaluation.lose(f'node {self._clients.stream_reasoning_engine.name}')
 
     async def _clean_up(self) -> None:
+        self._lease.trust()
         if self._violations is not None:
             self._node.destroy_subscription(self._violations)
         if self._stream_requested:

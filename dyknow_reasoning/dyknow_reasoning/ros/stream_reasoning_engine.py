@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from itertools import count
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast
 
 from dyknow_interfaces.msg import FormulaProgress, Sample, Symbol
 from dyknow_interfaces.msg import FormulaResult as FormulaResultMessage
@@ -31,7 +31,7 @@ from dyknow_stream_processing.ros import (
 )
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
+    from collections.abc import Iterable, Mapping
 
 
 class StreamReasoningEngine(DyKnowNode):
@@ -115,6 +115,7 @@ class Evaluation:
         self._name = name
         self._states = 0
         self._latest = 0
+        self._next_number: int | None = None
         self._undecided: set[int] = set()
         self._subscription: Any = None
         self._results: Any = None
@@ -138,7 +139,12 @@ class Evaluation:
         self._undecided = set(self.group.formulas)
         self._publish(self.group.decided_at_once())
         self._subscription = self._node.create_subscription(
-            Sample, state_stream, self._progress, STREAM, event_callbacks=NO_SUBSCRIPTION_EVENTS
+            Sample,
+            state_stream,
+            # rclpy is typed as if no callback could ask for the message's info.
+            cast('Any', self._progress),
+            STREAM,
+            event_callbacks=NO_SUBSCRIPTION_EVENTS,
         )
 
     def end(self) -> None:
@@ -158,8 +164,11 @@ class Evaluation:
                 residual_formula=self.group.residual(formula_id),
             )
 
-    def _progress(self, message: Any) -> None:
+    def _progress(self, message: Any, info: Mapping[str, int | None]) -> None:
         if not self._undecided:
+            return
+        if (lost := self._states_lost(info.get('publication_sequence_number'))) is not None:
+            self._fail_all(lost)
             return
         self._states += 1
         self._latest = time_to_nanoseconds(message.valid_time)
@@ -169,6 +178,19 @@ class Evaluation:
             self._fail_all(error)
             return
         self._publish(self.group.progress(self._latest, fields))
+
+    def _states_lost(self, number: int | None) -> DyKnowError | None:
+        """A verdict would be a guess if a state were missing, or came from another publisher."""
+        if number is None:
+            return None  # Not all middleware numbers its messages.
+        expected, self._next_number = self._next_number, number + 1
+        if expected in {None, number}:
+            return None
+        return ReasoningError(
+            f'states were lost: number {expected} of the state stream should have come, and '
+            f'number {number} came',
+            ExitCode.UNAVAILABLE,
+        )
 
     def _fail_all(self, error: DyKnowError) -> None:
         failure = ReasoningError(error.message, error.code)

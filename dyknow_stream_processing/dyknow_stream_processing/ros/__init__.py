@@ -10,6 +10,7 @@ from dyknow_stream_processing.ros.conversion import (
     sample_to_message,
     time_to_nanoseconds,
 )
+from dyknow_stream_processing.ros.lease import Lease
 from dyknow_stream_processing.ros.peer import Peer
 from dyknow_stream_processing.ros.runtime import (
     LATCHED,
@@ -32,6 +33,7 @@ __all__ = [
     'STREAM',
     'VIOLATIONS',
     'DyKnowNode',
+    'Lease',
     'Peer',
     'StreamProxy',
     'constraints_from_message',

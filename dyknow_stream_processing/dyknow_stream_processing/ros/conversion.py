@@ -11,7 +11,6 @@ from builtin_interfaces.msg import Duration, Time
 from dyknow_interfaces.msg import Field as FieldMessage
 from dyknow_interfaces.msg import Sample as SampleMessage
 from dyknow_interfaces.msg import StreamConstraints as StreamConstraintsMessage
-
 from rclpy.type_support import check_for_type_support
 
 from dyknow_stream_processing.constraints import StreamConstraints

@@ -9,6 +9,7 @@ from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.task import Future
 
 from dyknow_stream_processing.errors import DyKnowError, ExitCode
+from dyknow_stream_processing.ros.lease import Lease
 from dyknow_stream_processing.ros.runtime import BORN, SERVICE, STATUS, snake_case
 
 if TYPE_CHECKING:
@@ -34,7 +35,7 @@ class Peer:
     """
 
     def __init__(
-        self, node: DyKnowNode, name: str, patience: float = 2.0, timeout: float = 5.0
+        self, node: DyKnowNode, name: str, patience: float = 3.0, timeout: float = 5.0
     ) -> None:
         self.name = name
         self.on_found: list[Callable[[], None]] = []
@@ -46,6 +47,7 @@ class Peer:
         self._calls: set[Future] = set()
         self._alive = False
         self._status: dict[str, str] = {}
+        self._lease = Lease(node, on_lost=self._die, on_asserted=self._regain)
         self._subscription = node.create_subscription(
             DiagnosticStatus,
             f'{name}/status',
@@ -53,7 +55,7 @@ class Peer:
             STATUS,
             callback_group=node.reentrant,
             event_callbacks=SubscriptionEventCallbacks(
-                liveliness=self._liveliness_changed, use_default_callbacks=False
+                liveliness=self._lease.changed, use_default_callbacks=False
             ),
         )
 
@@ -103,6 +105,7 @@ class Peer:
 
     def destroy(self) -> None:
         """Frees what listens to the node."""
+        self._lease.trust()
         self._node.destroy_subscription(self._subscription)
         for client in self._clients.values():
             self._node.destroy_client(client)
@@ -134,10 +137,8 @@ class Peer:
             self._die()
         self._revive()
 
-    def _liveliness_changed(self, event: Any) -> None:
-        if event.alive_count == 0:
-            self._die()
-        elif self._status:
+    def _regain(self) -> None:
+        if self._status:
             # It was only out of reach: what it said last still holds.
             self._revive()
 

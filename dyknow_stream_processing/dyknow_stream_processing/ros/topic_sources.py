@@ -9,7 +9,6 @@ from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 
 from dyknow_stream_processing.dataflow import SourceType
 from dyknow_stream_processing.errors import StreamError
-from dyknow_stream_processing.registry import SAMPLE_TYPE
 from dyknow_stream_processing.ros.conversion import (
     extractor,
     message_class,
@@ -45,9 +44,12 @@ def source_type(node: Node, topic: str) -> SourceType | None:
     type_name = _published_type(node, topic)
     if type_name is None:
         return None
-    if type_name == SAMPLE_TYPE:
+    return _type_of_class(message_class(type_name))
+
+
+def _type_of_class(class_: Any) -> SourceType:
+    if _is_sample(class_):
         return SourceType(fields=None, receipt_time=False)
-    class_ = message_class(type_name)
     return SourceType(fields=scalar_fields(class_), receipt_time=stamp_of(class_) is None)
 
 
@@ -120,6 +122,7 @@ class TopicSources:
         quality_of_service = self._quality_of_service or self._matching(topic)
 
         def subscribe() -> None:
+            self._dataflow.found(topic, _type_of_class(class_))
             subscription = self._node.create_subscription(
                 class_,
                 topic,

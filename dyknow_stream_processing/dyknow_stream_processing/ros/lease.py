@@ -1,0 +1,63 @@
+"""Whether a publisher lives, told by its liveliness lease."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from rclpy.task import Future
+
+    from dyknow_stream_processing.ros.runtime import DyKnowNode
+
+GRACE = 1.0
+"""Seconds beyond the lease after which a publisher is taken for dead.
+
+On a busy machine the middleware asserts the liveliness of a healthy node late now and then.
+"""
+
+
+class Lease:
+    """Judges the liveliness events of a subscription.
+
+    Args:
+        on_lost: is called when the publisher has been silent for the lease and the grace.
+        on_asserted: is called at each sign of life.
+    """
+
+    def __init__(
+        self,
+        node: DyKnowNode,
+        on_lost: Callable[[], None],
+        on_asserted: Callable[[], None] = lambda: None,
+    ) -> None:
+        self._node = node
+        self._on_lost = on_lost
+        self._on_asserted = on_asserted
+        self._doubt: Future | None = None
+
+    def changed(self, event: Any) -> None:
+        """Takes a liveliness event of the subscription."""
+        if event.alive_count > 0:
+            self.trust()
+            self._on_asserted()
+        else:
+            self.distrust()
+
+    def distrust(self, grace: float = GRACE) -> None:
+        """Expects a sign of life within some seconds."""
+        if self._doubt is None:
+            self._doubt = self._node.deadlines.after(grace)
+            self._doubt.add_done_callback(self._expired)
+
+    def trust(self) -> None:
+        """Expects nothing; the middleware tells when the lease is over."""
+        doubt, self._doubt = self._doubt, None
+        if doubt is not None:
+            doubt.cancel()
+
+    def _expired(self, doubt: Future) -> None:
+        if doubt is self._doubt:
+            self._doubt = None
+            self._on_lost()
