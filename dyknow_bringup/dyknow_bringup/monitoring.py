@@ -43,6 +43,8 @@ def unexpected(
     """What is wrong about an outcome; none when it is as expected.
 
     Args:
+        monitored: the formula and its outcome.
+        expectation: of the scenario; none where it says nothing about the formula.
         start: of the scenario, in nanoseconds.
     """
     if expectation is None:

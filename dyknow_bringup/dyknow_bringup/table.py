@@ -23,6 +23,7 @@ def formula_table(monitored: Sequence[MonitoredFormula], start: int, elapsed: in
     """Formula, verdict, since when and why.
 
     Args:
+        monitored: a row for each.
         start: of the scenario, in nanoseconds.
         elapsed: nanoseconds since then.
     """
@@ -40,6 +41,7 @@ def summary(scenario: str, problems: Mapping[str, str]) -> Panel:
     """Whether all went as the scenario says.
 
     Args:
+        scenario: its name.
         problems: what is wrong, by the name of the formula.
     """
     if not problems:

@@ -73,7 +73,7 @@ class Evaluation:
         self._end(Outcome(error=error))
 
     def violate(self, message: str) -> None:
-        """A stream below the states broke its constraints: the states are not what was asked for."""
+        """A stream below the states broke its constraints: the states are not as asked for."""
         self.fail(CoordinationError(message, ExitCode.CONSTRAINT_VIOLATION))
 
     def lose(self, what: str) -> None:

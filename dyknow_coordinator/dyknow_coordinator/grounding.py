@@ -1,7 +1,8 @@
 """From the symbols of a formula to the one stream of states that it is evaluated over (section V).
 
-A symbol is grounded *semantically*, by the streams that the matching engine finds for its concept, or
-*syntactically*, when it names a stream and a field: `uav1_power.power`, `"/uav1/battery".voltage`.
+A symbol is grounded *semantically*, by the streams that the matching engine finds for its concept,
+or *syntactically*, when it names a stream and a field: `uav1_power.power` or
+`"/uav1/battery".voltage`.
 """
 
 from __future__ import annotations
@@ -154,7 +155,8 @@ def choose(needed: Sequence[str], found: Iterable[Source]) -> tuple[Source, ...]
     missing = [feature for feature in needed if feature not in best]
     if missing:
         raise CoordinationError(
-            f'no stream carries {", ".join(missing)}{_nearby(missing, best)}; annotate one that does',
+            f'no stream carries {", ".join(missing)}{_nearby(missing, best)}; '
+            'annotate one that does',
             ExitCode.NOT_FOUND,
         )
     return tuple(best[feature] for feature in needed)

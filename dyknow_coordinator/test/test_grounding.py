@@ -81,7 +81,9 @@ def test_matches_say_which_ground_feature_they_deliver() -> None:
         ('uav1_power.power', 'power', 'uav1_power', False),
     ],
 )
-def test_a_reference_selects_its_field(name: str, field: str, stream: str, is_topic: bool) -> None:
+def test_a_reference_selects_its_field(
+    name: str, field: str, stream: str, *, is_topic: bool
+) -> None:
     made = referenced(Symbol(SymbolKind.FEATURE, name), 3)
     assert made.feature == name
     (declaration,) = parse_specification(made.declaration).declarations

@@ -23,8 +23,8 @@ class CreatedStream:
     """A stream that an engine makes.
 
     Args:
-        specification: its text; none when another asked the engine for it, so that it cannot be made
-            anew elsewhere.
+        specification: its text; none when another asked the engine for it, so that it cannot be
+            made anew elsewhere.
         engine: the name of the node that makes it; none while it waits for one.
         topic: where its samples are; empty while it waits.
     """

@@ -28,8 +28,8 @@ def specifications_by_sink(specification: Specification) -> Mapping[str, Specifi
     streams of those before it.
 
     Raises:
-        LanguageError: for a text without sinks, a sink that is not the name of a declared stream, or
-            two of one name.
+        LanguageError: for a text without sinks, a sink that is not the name of a declared stream,
+            or two of one name.
     """
     streams = {
         each.name: each

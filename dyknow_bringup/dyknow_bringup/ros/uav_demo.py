@@ -18,7 +18,6 @@ from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.utilities import remove_ros_args
 from rich.console import Console
 from rich.live import Live
-from rich.table import Table
 
 from dyknow_bringup.errors import BringupError
 from dyknow_bringup.fleet import fleet_specification, vehicle_names
@@ -39,6 +38,8 @@ from dyknow_stream_processing.ros import LATCHED, DyKnowNode, Peer
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
+
+    from rich.table import Table
 
     from dyknow_bringup.scenario import Scenario
 

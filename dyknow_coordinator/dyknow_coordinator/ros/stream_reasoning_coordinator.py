@@ -111,7 +111,8 @@ class StreamReasoningCoordinator(DyKnowNode):
             raise CoordinationError('the formula is empty; write one, such as always p')
         if goal.grounding not in set(Grounding):
             raise CoordinationError(
-                f'there is no grounding {goal.grounding}; use AUTO (0), SYNTACTIC (1) or SEMANTIC (2)'
+                f'there is no grounding {goal.grounding}; use AUTO (0), SYNTACTIC (1) or '
+                'SEMANTIC (2)'
             )
         timeout = time_to_nanoseconds(goal.timeout) / 1e9
         if timeout < 0:

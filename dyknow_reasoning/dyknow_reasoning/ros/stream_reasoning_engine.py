@@ -124,7 +124,7 @@ class Evaluation:
         """Fixes the domains and listens to the states.
 
         Raises:
-            ReasoningError: when a topic has no name, a sort no domain, or the group has begun before.
+            ReasoningError: when a topic has no name, a sort no domain, or the group has begun.
         """
         for name, topic in (('state_stream', state_stream), ('result_topic', result_topic)):
             if not topic:

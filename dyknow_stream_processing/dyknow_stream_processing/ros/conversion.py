@@ -133,13 +133,13 @@ def message_class(type_name: str) -> Any:
     package, _, name = type_name.partition('/msg/')
     try:
         class_ = getattr(import_module(f'{package}.msg'), name)
-        check_for_type_support(class_)  # Loaded here rather than with the first message.
-        return class_
     except (ImportError, AttributeError, ValueError):
         raise StreamError(
             f"message type '{type_name}' is not installed; write it as package/msg/Type",
             ExitCode.NOT_FOUND,
         ) from None
+    check_for_type_support(class_)  # Loaded here rather than with the first message.
+    return class_
 
 
 def scalar_fields(class_: Any, prefix: str = '') -> dict[str, ValueType]:
@@ -170,7 +170,7 @@ def extractor(class_: Any, fields: Collection[str] | None) -> Callable[[Any], di
     for path in paths:
         if path not in known:
             raise StreamError(
-                f"message type '{class_.__module__.partition('.')[0]}/msg/{class_.__name__}' has no "
+                f'{class_.__module__.partition(".")[0]}/msg/{class_.__name__} has no '
                 f"field '{path}' (it has: {', '.join(known)})",
                 ExitCode.NOT_FOUND,
             )

@@ -73,8 +73,8 @@ class Peer:
         """The response of a service of the node, whose exit status is SUCCESS.
 
         Raises:
-            DyKnowError: with the exit status of the response; UNAVAILABLE when the node is not there
-                or dies meanwhile; TIMEOUT when it takes too long.
+            DyKnowError: with the exit status of the response; UNAVAILABLE when the node is not
+                there or dies meanwhile; TIMEOUT when it takes too long.
         """
         response = await self.ask(service_type, **fields)
         status = response.exit_status

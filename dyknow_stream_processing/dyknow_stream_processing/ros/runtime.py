@@ -1,4 +1,4 @@
-"""What every node of DyKnow shares: parameters, guarded services, waits that end, status, shutdown."""
+"""What every node shares: parameters, guarded services, waits that end, status, shutdown."""
 
 from __future__ import annotations
 
@@ -75,7 +75,7 @@ SERVICE = QoSProfile(
     depth=1000,
 )
 
-# Event handlers cost time at each message, and rclpy makes one for every publisher and subscription.
+# Event handlers cost time at each message, and rclpy makes one for every topic by default.
 NO_PUBLISHER_EVENTS = PublisherEventCallbacks(use_default_callbacks=False)
 NO_SUBSCRIPTION_EVENTS = SubscriptionEventCallbacks(use_default_callbacks=False)
 
@@ -259,7 +259,7 @@ def run(make_node: Callable[[], Node], arguments: Sequence[str] | None = None) -
         print(error, file=sys.stderr)  # noqa: T201 - there is no node to log with
         return 1
     except Exception:
-        # A stop in the middle of the start leaves half a node: whatever it then trips over is no fault.
+        # A stop in the middle of the start leaves half a node: what it then trips over is no fault.
         if rclpy.ok():
             raise
     finally:
