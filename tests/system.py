@@ -8,6 +8,7 @@ import time
 from typing import TYPE_CHECKING, Any, Self
 
 import rclpy
+from diagnostic_msgs.msg import DiagnosticStatus
 from dyknow_interfaces.srv import EvaluateFormula, ListStreams
 from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
@@ -25,6 +26,7 @@ from dyknow_bringup.processes import (
 from dyknow_bringup.resources import uav_ontology_path
 from dyknow_stream_processing import parse_specification, specifications_by_sink
 from dyknow_stream_processing.ros import nanoseconds_to_duration, nanoseconds_to_time
+from dyknow_stream_processing.ros.runtime import BORN, STATUS
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -115,12 +117,33 @@ class System:
         return {process.executable: process for process in dyknow_processes(self.configuration)}
 
     def restart(self, executable: str) -> None:
-        """Starts a node that was killed."""
+        """Starts a node that was killed, and waits until it is heard of.
+
+        For a while the services of the killed one still look ready.
+        """
+        begun = time.time_ns()
+        births: list[int] = []
+
+        def note(status: DiagnosticStatus) -> None:
+            births.extend(int(each.value) for each in status.values if each.key == BORN)
+
+        listener = self.client.node.create_subscription(
+            DiagnosticStatus, f'{executable}/status', note, STATUS
+        )
         self.launcher.start(self.processes[executable])
+        self.client.spin_until(lambda: max(births, default=0) > begun, f'{executable} is back')
+        self.client.node.destroy_subscription(listener)
 
     def streams(self) -> set[str]:
         """The streams that flow."""
         return set(self.client.call(ListStreams, 'stream_manager/list_streams').stream_names)
+
+    def wait_until_running(self, future: Any) -> None:
+        """Waits until the state stream of an evaluation flows."""
+        self.client.spin_until(
+            lambda: future.done() or self.streams() > self.fleet_streams, 'the state stream'
+        )
+        assert not future.done(), f'answered already: {future.result()}'
 
     def wait_for_streams(self) -> None:
         """Waits until the streams of the fleet, and no others, are made."""

@@ -33,7 +33,7 @@ def test_a_true_formula(system: System) -> None:
 
 def test_a_false_formula_says_which_vehicle_and_why(system: System, batteries: Batteries) -> None:
     future = system.ask('forall u in UAV: always Power[u] < 150')
-    system.client.spin_until(lambda: system.streams() > system.fleet_streams, 'the state stream')
+    system.wait_until_running(future)
     batteries.power['uav2'] = 240.0
     system.client.spin_until(future.done, 'the answer')
     answer = future.result()
@@ -119,7 +119,7 @@ def test_an_unknown_stream(system: System) -> None:
 
 def test_telemetry_that_stops_is_a_violation(system: System, batteries: Batteries) -> None:
     future = system.ask('forall u in UAV: always Power[u] < 150')
-    system.client.spin_until(lambda: system.streams() > system.fleet_streams, 'the state stream')
+    system.wait_until_running(future)
     batteries.silent.add('uav1')
     system.client.spin_until(future.done, 'the answer')
     answer = future.result()
@@ -143,7 +143,7 @@ def test_many_calls_at_once(system: System) -> None:
 
 def test_a_stream_that_is_destroyed_meanwhile_does_not_hang_the_caller(system: System) -> None:
     future = system.ask('forall u in UAV: always Power[u] < 150')
-    system.client.spin_until(lambda: system.streams() > system.fleet_streams, 'the state stream')
+    system.wait_until_running(future)
     (states,) = system.streams() - system.fleet_streams
     system.client.call(StreamDestroy, 'stream_manager/stream_destroy', stream_name=states)
     system.client.spin_until(future.done, 'the answer', 5.0)

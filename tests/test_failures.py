@@ -22,9 +22,7 @@ def test_a_node_killed_during_an_evaluation(tmp_path: Path, executable: str) -> 
     with System(tmp_path) as system:
         batteries = Batteries(system.client, system.vehicles)
         future = system.ask(ALWAYS, timeout=60.0)
-        system.client.spin_until(
-            lambda: system.streams() > system.fleet_streams, 'the state stream'
-        )
+        system.wait_until_running(future)
         system.launcher.kill(executable)
         killed = time.monotonic()
         system.client.spin_until(future.done, 'the answer', 5.0)

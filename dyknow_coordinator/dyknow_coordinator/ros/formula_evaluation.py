@@ -187,6 +187,8 @@ class FormulaEvaluation:
         self._evaluation.lose('the stream processing engine')
 
     def _reasoning_engine_lost(self) -> None:
+        # Its groups are gone with it; the next one by its name may give the same number again.
+        self.group_id = None
         self._evaluation.lose(f'node {self._clients.stream_reasoning_engine.name}')
 
     async def _clean_up(self) -> None:

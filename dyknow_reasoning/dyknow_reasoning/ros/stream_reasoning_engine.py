@@ -16,7 +16,7 @@ from dyknow_interfaces.srv import (
 )
 
 from dyknow_reasoning import FormulaGroup, FormulaResult, ReasoningError
-from dyknow_stream_processing import DyKnowError, ExitCode
+from dyknow_stream_processing import NANOSECONDS, DyKnowError, ExitCode
 from dyknow_stream_processing.ros import (
     LATCHED_HISTORY,
     NO_PUBLISHER_EVENTS,
@@ -52,7 +52,7 @@ class StreamReasoningEngine(DyKnowNode):
             (0.05, 60.0),
         )
         self._groups: dict[int, Evaluation] = {}
-        self._ids = count(1)
+        self._ids = count(_first_id(self.now()))
         self._progress = self.create_publisher(
             FormulaProgress, '~/progress', 100, event_callbacks=NO_PUBLISHER_EVENTS
         )
@@ -103,6 +103,15 @@ class StreamReasoningEngine(DyKnowNode):
             for evaluation in self._groups.values():
                 for report in evaluation.progress_reports():
                     self._progress.publish(report)
+
+
+def _first_id(now: int) -> int:
+    """A number that groups of an engine that had this one's name before are unlikely to have.
+
+    Who asks for a group of the other one gets NOT_FOUND rather than somebody else's group.
+    """
+    seconds = now // NANOSECONDS['s']
+    return seconds % 1_000_000 * 1_000 + 1
 
 
 class Evaluation:

@@ -23,25 +23,26 @@ class Lease:
 
     Args:
         on_lost: is called when the publisher has been silent for the lease and the grace.
-        on_asserted: is called at each sign of life.
+        on_regained: is called when a publisher that was silent is heard of again.
     """
 
     def __init__(
         self,
         node: DyKnowNode,
         on_lost: Callable[[], None],
-        on_asserted: Callable[[], None] = lambda: None,
+        on_regained: Callable[[], None] = lambda: None,
     ) -> None:
         self._node = node
         self._on_lost = on_lost
-        self._on_asserted = on_asserted
+        self._on_regained = on_regained
         self._doubt: Future | None = None
 
     def changed(self, event: Any) -> None:
         """Takes a liveliness event of the subscription."""
         if event.alive_count > 0:
             self.trust()
-            self._on_asserted()
+            if event.not_alive_count_change < 0:
+                self._on_regained()
         else:
             self.distrust()
 

@@ -47,7 +47,7 @@ class Peer:
         self._calls: set[Future] = set()
         self._alive = False
         self._status: dict[str, str] = {}
-        self._lease = Lease(node, on_lost=self._die, on_asserted=self._regain)
+        self._lease = Lease(node, on_lost=self._die, on_regained=self._regain)
         self._subscription = node.create_subscription(
             DiagnosticStatus,
             f'{name}/status',

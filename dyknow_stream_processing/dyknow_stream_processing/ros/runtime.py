@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import os
 import re
 import sys
+import threading
 import traceback
 from inspect import isawaitable
 from typing import TYPE_CHECKING, Any
@@ -43,6 +45,9 @@ LATCHED_HISTORY = QoSProfile(
 
 STREAM = QoSProfile(depth=1000, reliability=ReliabilityPolicy.RELIABLE)
 """Samples: none is lost between two nodes."""
+
+SHUTDOWN_LIMIT = 5.0
+"""Seconds that a node may take to stop."""
 
 BORN = 'born'
 """The key in a node's status that tells it from one that had its name before."""
@@ -240,6 +245,16 @@ class Deadlines:
         self._arm()
 
 
+def _exit_in_any_case() -> None:
+    """Ends the process even if the middleware does not come back.
+
+    It may wait for ever for a lock in shared memory that a killed process held.
+    """
+    watchdog = threading.Timer(SHUTDOWN_LIMIT, os._exit, (0,))
+    watchdog.daemon = True
+    watchdog.start()
+
+
 def run(make_node: Callable[[], Node], arguments: Sequence[str] | None = None) -> int:
     """Runs a node until SIGINT or SIGTERM; the main function of every executable.
 
@@ -263,6 +278,7 @@ def run(make_node: Callable[[], Node], arguments: Sequence[str] | None = None) -
         if rclpy.ok():
             raise
     finally:
+        _exit_in_any_case()
         executor.shutdown()
         if node is not None:
             node.destroy_node()
