@@ -92,13 +92,14 @@ class System:
     Args:
         folder: for configuration and logs.
         vehicles: how many.
+        use_sim_time: whether time comes from /clock.
     """
 
-    def __init__(self, folder: Path, vehicles: int = 2) -> None:
+    def __init__(self, folder: Path, vehicles: int = 2, *, use_sim_time: bool = False) -> None:
         self.environment = private_environment()
         self.vehicles = vehicle_names(vehicles)
         self.configuration = write_fleet_configuration(self.vehicles, uav_ontology_path(), folder)
-        self.launcher = Launcher(folder, environment=self.environment)
+        self.launcher = Launcher(folder, environment=self.environment, use_sim_time=use_sim_time)
         self.client = Client(self.environment)
 
     def __enter__(self) -> Self:

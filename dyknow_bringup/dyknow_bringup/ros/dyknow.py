@@ -49,7 +49,6 @@ def up(chosen: argparse.Namespace) -> int:
     logs = chosen.logs or Path(tempfile.mkdtemp(prefix='dyknow_'))
     logs.mkdir(parents=True, exist_ok=True)
     signals = {signal.SIGINT, signal.SIGTERM}
-    # Blocked here, unblocked in no child: Popen's children get their own sessions and handlers.
     with Launcher(
         logs,
         namespace=chosen.namespace,
@@ -57,6 +56,7 @@ def up(chosen: argparse.Namespace) -> int:
         log_level=chosen.log_level,
     ) as launcher:
         launcher.start_all(dyknow_processes(configuration))
+        # Blocked after the start, for the nodes would inherit it; then waited for.
         signal.pthread_sigmask(signal.SIG_BLOCK, signals)
         _say(f'DyKnow runs; logs are in {logs}; stop it with Ctrl-C')
         while signal.sigtimedwait(signals, CHECK_PERIOD) is None:
@@ -91,12 +91,11 @@ def _ask(chosen: argparse.Namespace) -> Any:
     try:
         coordinator = Peer(node, chosen.coordinator, timeout=seconds + GRACE)
         asking = executor.create_task(
-            lambda: coordinator.ask(
-                EvaluateFormula,
-                formula=chosen.formula,
-                grounding=GROUNDINGS[chosen.grounding],
-                timeout=nanoseconds_to_duration(chosen.timeout),
-            )
+            coordinator.ask,
+            EvaluateFormula,
+            formula=chosen.formula,
+            grounding=GROUNDINGS[chosen.grounding],
+            timeout=nanoseconds_to_duration(chosen.timeout),
         )
         executor.spin_until_future_complete(asking)
         return asking.result()

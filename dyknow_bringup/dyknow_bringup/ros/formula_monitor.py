@@ -55,7 +55,7 @@ class FormulaMonitor(DyKnowNode):
         self._client = ActionClient(self, MonitorFormula, f'{coordinator}/monitor_formula')
         self._goals: dict[str, Any] = {}
         self._retry_until = 0
-        self._starter = self.create_timer(0.1, self._start_when_ready)
+        self._starter = self.create_timer(0.1, self._start_when_ready, clock=self.wall_clock)
 
     @property
     def is_running(self) -> bool:

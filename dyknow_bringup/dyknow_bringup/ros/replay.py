@@ -7,7 +7,6 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from rclpy.clock import Clock, ClockType
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.utilities import remove_ros_args
 from rosgraph_msgs.msg import Clock as ClockMessage
@@ -33,18 +32,17 @@ class ReplayNode(DyKnowNode):
     def __init__(self, options: argparse.Namespace) -> None:
         super().__init__('replay')
         self._bag = Bag(options.bag)
-        self._wall = Clock(clock_type=ClockType.STEADY_TIME)
         wanted = [topic for topic in self._bag.topics if _is_wanted(topic, options.topics)]
         messages = self._bag.messages(options.topics)
         self._outputs = {topic.name: self._publisher(topic) for topic in wanted}
         self._clock_publisher = (
             self.create_publisher(ClockMessage, '/clock', 10) if options.clock else None
         )
-        start = self._wall.now().nanoseconds + round(options.delay * 1e9)
+        start = self.wall_clock.now().nanoseconds + round(options.delay * 1e9)
         self._schedule = Schedule.at_rate(self._bag.start_time, start, options.rate)
         self._replay = Replay(messages, self._schedule)
         self._end = self._schedule.due(self._bag.end_time) + LINGER
-        self.create_timer(TICK, self._send_due, clock=self._wall)
+        self.create_timer(TICK, self._send_due, clock=self.wall_clock)
 
     def _publisher(self, topic: RecordedTopic) -> Any:
         return self.create_publisher(
@@ -52,7 +50,7 @@ class ReplayNode(DyKnowNode):
         )
 
     def _send_due(self) -> None:
-        now = self._wall.now().nanoseconds
+        now = self.wall_clock.now().nanoseconds
         if self._clock_publisher is not None:
             time = nanoseconds_to_time(max(self._schedule.log_time(now), 1))
             self._clock_publisher.publish(ClockMessage(clock=time))

@@ -56,7 +56,7 @@ class StreamReasoningEngine(DyKnowNode):
         self._progress = self.create_publisher(
             FormulaProgress, '~/progress', 100, event_callbacks=NO_PUBLISHER_EVENTS
         )
-        self.create_timer(period, self._report_progress)
+        self.create_timer(period, self._report_progress, clock=self.wall_clock)
         self.serve(FormulaGroupCreate, self._create)
         self.serve(FormulaGroupAddFormula, self._add_formula)
         self.serve(FormulaGroupExtractSymbols, self._extract_symbols)

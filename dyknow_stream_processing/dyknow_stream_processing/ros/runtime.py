@@ -91,6 +91,8 @@ class DyKnowNode(Node):
     def __init__(self, name: str) -> None:
         super().__init__(name)
         self.reentrant = ReentrantCallbackGroup()
+        # For what must go on while simulated time stands still.
+        self.wall_clock = Clock(clock_type=ClockType.STEADY_TIME)
         self.deadlines = Deadlines(self)
         self._born = str(Clock(clock_type=ClockType.SYSTEM_TIME).now().nanoseconds)
         self._status = self.create_publisher(
@@ -202,8 +204,8 @@ def snake_case(name: str) -> str:
 class Deadlines:
     """Ends waits: one timer of the wall clock for all that a node waits for."""
 
-    def __init__(self, node: Node) -> None:
-        self._clock = Clock(clock_type=ClockType.STEADY_TIME)
+    def __init__(self, node: DyKnowNode) -> None:
+        self._clock = node.wall_clock
         self._due: dict[Future, tuple[int, DyKnowError | None]] = {}
         self._timer = node.create_timer(
             1.0, self._expire, clock=self._clock, callback_group=ReentrantCallbackGroup()

@@ -65,7 +65,7 @@ class StreamManager(DyKnowNode):
         self.serve(ListStreams, self._list)
         self.serve(StreamRegister, self._register)
         self.serve(StreamGetTopic, self._get_topic)
-        self.create_timer(period, self._discover_engines)
+        self.create_timer(period, self._discover_engines, clock=self.wall_clock)
         self._report()
 
     def _read(self, path: Path) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from rclpy.callback_groups import ReentrantCallbackGroup
+from rclpy.clock import Clock, ClockType
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 
 from dyknow_stream_processing.dataflow import SourceType
@@ -78,7 +79,13 @@ class TopicSources:
         self._quality_of_service = quality_of_service
         self._group = ReentrantCallbackGroup()
         self._subscriptions: dict[str, tuple[Collection[str] | None, Any]] = {}
-        self._search = node.create_timer(SEARCH_PERIOD, self.refresh, callback_group=self._group)
+        self._search = node.create_timer(
+            SEARCH_PERIOD,
+            self.refresh,
+            callback_group=self._group,
+            # Topics are looked for while simulated time stands still, too.
+            clock=Clock(clock_type=ClockType.STEADY_TIME),
+        )
         self._search.cancel()
         self._deadline: int | None = None
         self._alarm = node.create_timer(1.0, self._advance, callback_group=self._group)

@@ -1,0 +1,212 @@
+"""The executables that people start: the demonstration, replay, and the dyknow command."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import pytest
+from dyknow_interfaces.msg import ExitStatus, FormulaResult
+from nav_msgs.msg import Odometry
+from rosgraph_msgs.msg import Clock
+from sensor_msgs.msg import BatteryState
+
+from dyknow_bringup.resources import executable_path, share
+from system import Client, System, private_environment
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+EXAMPLES = Path(__file__).parent.parent / 'docs' / 'examples'
+RECORDING = share() / 'recordings' / 'power_surge'
+
+
+def command(name: str, *arguments: str) -> list[str]:
+    """The command line of an executable of dyknow_bringup."""
+    return [str(executable_path('dyknow_bringup', name)), *arguments]
+
+
+@contextmanager
+def running(line: list[str], environment: dict[str, str]) -> Iterator[subprocess.Popen[str]]:
+    """A process that is ended by SIGTERM, with exit code 0."""
+    process = subprocess.Popen(
+        line,
+        env={**os.environ, **environment},
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+        start_new_session=True,
+    )
+    try:
+        yield process
+        process.send_signal(signal.SIGTERM)
+        assert process.wait(30) == 0
+    finally:
+        if process.poll() is None:
+            os.killpg(process.pid, signal.SIGKILL)
+        process.communicate()
+
+
+def output_of(line: list[str], environment: dict[str, str], limit: float = 90.0) -> Any:
+    """A process that has ended by itself."""
+    return subprocess.run(
+        line,
+        env={**os.environ, **environment},
+        capture_output=True,
+        text=True,
+        timeout=limit,
+        check=False,
+    )
+
+
+@pytest.mark.parametrize('scenario', ['power_surge', 'telemetry_loss'])
+def test_every_verdict_of_a_scenario(scenario: str) -> None:
+    done = output_of(command('uav_demo', '--scenario', scenario), private_environment())
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert 'every verdict is what the scenario says' in done.stdout
+
+
+def test_an_unknown_scenario_is_refused_with_those_there_are() -> None:
+    done = output_of(command('uav_demo', '--scenario', 'picnic'), private_environment())
+    assert done.returncode == 1
+    assert "there is no scenario 'picnic'" in done.stderr
+    assert 'power_surge' in done.stderr
+    assert 'Traceback' not in done.stderr
+
+
+def test_a_recording_is_replayed_with_its_clock() -> None:
+    environment = private_environment()
+    client = Client(environment)
+    batteries: list[BatteryState] = []
+    clocks: list[int] = []
+    client.node.create_subscription(BatteryState, '/uav1/battery', batteries.append, 100)
+    client.node.create_subscription(Clock, '/clock', lambda m: clocks.append(m.clock.sec), 100)
+    with running(
+        command('replay', str(RECORDING), '--clock', '--rate', '10'), environment
+    ) as process:
+        client.spin_until(lambda: process.poll() is not None, 'the end of the recording')
+        assert process.returncode == 0
+    client.close()
+    # The recording lasts 20 s, at five messages a second.
+    assert len(batteries) == 100
+    assert clocks == sorted(clocks)
+    assert clocks[-1] - clocks[0] >= 19
+
+
+def test_a_recording_that_is_not_there() -> None:
+    done = output_of(command('replay', '/nowhere/at_all'), private_environment())
+    assert done.returncode == 1
+    assert '/nowhere/at_all: no such recording' in done.stderr
+    assert 'Traceback' not in done.stderr
+
+
+def test_a_recorded_flight_is_monitored_under_simulated_time(tmp_path: Path) -> None:
+    with System(tmp_path, vehicles=3, use_sim_time=True) as system:
+        surge = system.ask(
+            'forall u in UAV: always (Power[u] > 150 -> '
+            'Power[u] < 200 until[0 s, 5 s] always[0 s, 3 s] Power[u] <= 150)',
+            timeout=60.0,
+        )
+        system.wait_until_running(surge)
+        line = command('replay', str(RECORDING), '--clock', '--rate', '2')
+        with running(line, system.environment) as process:
+            system.client.spin_until(lambda: process.poll() is not None, 'the end', 60.0)
+        system.client.spin_until(surge.done, 'the verdict')
+        answer = surge.result()
+    assert answer.exit_status.code == ExitStatus.SUCCESS, answer.exit_status.message
+    assert answer.verdict == FormulaResult.FALSE
+    assert 'Power[uav2]' in answer.explanation
+    # The simulation that was recorded began at 1 700 000 000 s.
+    assert 1_700_000_013 <= answer.decided_at.sec <= 1_700_000_015
+
+
+@pytest.fixture(scope='module')
+def rover() -> Iterator[dict[str, str]]:
+    """DyKnow for the rover of the README, started as the README says."""
+    environment = private_environment()
+    files = {name: str(EXAMPLES / f'rover.{name}') for name in ('owl', 'ssl', 'streams')}
+    line = command(
+        'dyknow', 'up', '--ontology', files['owl'], '--annotations', files['ssl'],
+        '--streams', files['streams'],
+    )  # fmt: skip
+    with running(line, environment) as process:
+        assert process.stdout is not None
+        assert 'DyKnow runs' in process.stdout.readline()
+        yield environment
+
+
+class Rover:
+    """Publishes the topics of the rover."""
+
+    def __init__(self, environment: dict[str, str]) -> None:
+        self.client = Client(environment)
+        node = self.client.node
+        self.charge, self.speed = 0.9, 1.0
+        self._battery = node.create_publisher(BatteryState, '/rover1/battery', 10)
+        self._odometry = node.create_publisher(Odometry, '/rover1/odom', 10)
+        node.create_timer(0.05, self._publish)
+
+    def _publish(self) -> None:
+        stamp = self.client.node.get_clock().now().to_msg()
+        battery, odometry = BatteryState(percentage=self.charge), Odometry()
+        battery.header.stamp = odometry.header.stamp = stamp
+        odometry.twist.twist.linear.x = self.speed
+        self._battery.publish(battery)
+        self._odometry.publish(odometry)
+
+    def run(self, line: list[str], environment: dict[str, str]) -> tuple[int, str]:
+        """Publishes while a process runs; returns its exit code and what it printed."""
+        process = subprocess.Popen(
+            line,
+            env={**os.environ, **environment},
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            text=True,
+        )
+        self.client.spin_until(lambda: process.poll() is not None, ' '.join(line), 60.0)
+        return process.returncode, process.communicate()[0]
+
+
+@pytest.mark.parametrize(
+    ('formula', 'code', 'verdict'),
+    [
+        ('forall r in Rover: always[0 s, 1 s] Speed[r] < 1.5', 0, 'true'),
+        ('forall r in Rover: always[0 s, 1 s] Speed[r] < 0.5', 1, 'false'),
+        ('forall r in Rover: always Speed[r] < 1.5', 2, 'undecided'),
+    ],
+)
+def test_a_formula_is_asked_from_a_shell(
+    rover: dict[str, str], formula: str, code: int, verdict: str
+) -> None:
+    line = command('dyknow', 'evaluate', formula, '--timeout', '6 s', '--json')
+    vehicle = Rover(rover)
+    try:
+        returned, printed = vehicle.run(line, rover)
+    finally:
+        vehicle.client.close()
+    answer = json.loads(printed)
+    assert (returned, answer['verdict']) == (code, verdict), printed
+    assert answer['exit_status'] == ('TIMEOUT' if code == 2 else 'SUCCESS')
+
+
+def test_the_node_of_the_readme(rover: dict[str, str]) -> None:
+    vehicle = Rover(rover)
+    vehicle.client.node.create_timer(1.5, lambda: setattr(vehicle, 'charge', 0.1))
+    try:
+        returned, printed = vehicle.run(['python3', str(EXAMPLES / 'stop_when_empty.py')], rover)
+    finally:
+        vehicle.client.close()
+    assert returned == 0, printed
+    assert 'a rover did not stop' in printed
+    assert 'Speed[rover1] < 0.1' in printed
+
+
+def test_dyknow_up_refuses_a_file_that_is_not_there() -> None:
+    done = output_of(command('dyknow', 'up', '--ontology', 'absent.owl'), private_environment())
+    assert done.returncode == 2
+    assert 'there is no file absent.owl' in done.stderr
