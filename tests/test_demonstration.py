@@ -173,17 +173,17 @@ class Rover:
 
 
 @pytest.mark.parametrize(
-    ('formula', 'code', 'verdict'),
+    ('formula', 'timeout', 'code', 'verdict'),
     [
-        ('forall r in Rover: always[0 s, 1 s] Speed[r] < 1.5', 0, 'true'),
-        ('forall r in Rover: always[0 s, 1 s] Speed[r] < 0.5', 1, 'false'),
-        ('forall r in Rover: always Speed[r] < 1.5', 2, 'undecided'),
+        ('forall r in Rover: always[0 s, 1 s] Speed[r] < 1.5', '20 s', 0, 'true'),
+        ('forall r in Rover: always[0 s, 1 s] Speed[r] < 0.5', '20 s', 1, 'false'),
+        ('forall r in Rover: always Speed[r] < 1.5', '1 s', 2, 'undecided'),
     ],
 )
 def test_a_formula_is_asked_from_a_shell(
-    rover: dict[str, str], formula: str, code: int, verdict: str
+    rover: dict[str, str], formula: str, timeout: str, code: int, verdict: str
 ) -> None:
-    line = command('dyknow', 'evaluate', formula, '--timeout', '6 s', '--json')
+    line = command('dyknow', 'evaluate', formula, '--timeout', timeout, '--json')
     vehicle = Rover(rover)
     try:
         returned, printed = vehicle.run(line, rover)
