@@ -1,0 +1,184 @@
+"""Every example that users read is true: it parses, and is what the example files say."""
+
+from __future__ import annotations
+
+import ast
+import re
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import pytest
+
+from dyknow_reasoning import SymbolKind, check_types, parse_formula, symbols_of
+from dyknow_semantics import Ontology, check_annotation, match, parse_annotations, parse_concept
+from dyknow_stream_processing import (
+    NO_CONSTRAINTS,
+    LanguageError,
+    load_units,
+    made,
+    parse_specification,
+    resolve,
+    specifications_by_sink,
+    units,
+)
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from dyknow_semantics import Annotation, Knowledge
+
+ROOT = Path(__file__).parent.parent
+EXAMPLES = ROOT / 'docs' / 'examples'
+DOCUMENTS = ('README.md', 'docs/languages.md')
+
+_BLOCK = re.compile(r'^```(?P<language>\w+)\n(?P<text>.*?)^```$', re.MULTILINE | re.DOTALL)
+
+
+def blocks(document: str, language: str) -> list[str]:
+    """The fenced blocks of a document in one language."""
+    text = (ROOT / document).read_text(encoding='utf-8')
+    return [each['text'] for each in _BLOCK.finditer(text) if each['language'] == language]
+
+
+def excerpt(language: str) -> str:
+    """The one block of a language in the README."""
+    (text,) = blocks('README.md', language)
+    return text
+
+
+def example(name: str) -> str:
+    """The text of an example file."""
+    return (EXAMPLES / name).read_text(encoding='utf-8')
+
+
+def every(language: str) -> list[object]:
+    """A parameter for each block of a language in all documents."""
+    return [
+        pytest.param(text, id=f'{document}-{number}')
+        for document in DOCUMENTS
+        for number, text in enumerate(blocks(document, language), start=1)
+    ]
+
+
+def statements(text: str) -> list[str]:
+    """The lines that say something: neither empty nor comments."""
+    return [line for line in text.splitlines() if line and not line.startswith('#')]
+
+
+@pytest.fixture(scope='module')
+def knowledge() -> Iterator[Knowledge]:
+    with Ontology() as ontology:
+        ontology.load(EXAMPLES / 'rover.owl')
+        yield ontology.knowledge
+
+
+@pytest.fixture(scope='module')
+def rover_annotations() -> tuple[Annotation, ...]:
+    return parse_annotations(example('rover.ssl'))
+
+
+def test_the_manual_shows_every_language() -> None:
+    for language in ('formula', 'python', 'ssl', 'streams'):
+        assert blocks('docs/languages.md', language), language
+
+
+def test_a_wrong_example_would_be_noticed() -> None:
+    with pytest.raises(LanguageError):
+        parse_specification('stream a = select from b')
+    with pytest.raises(LanguageError):
+        parse_formula('always until p')
+    with pytest.raises(LanguageError):
+        parse_annotations('stream a contains = b')
+
+
+@pytest.mark.parametrize('text', every('formula'))
+def test_formulas_make_sense(text: str) -> None:
+    for line in text.splitlines():
+        check_types(parse_formula(line), line)
+
+
+def test_both_spellings_are_one_formula() -> None:
+    ascii_spelling, symbols, *_ = blocks('docs/languages.md', 'formula')[0].splitlines()
+    assert '□' in symbols
+    assert parse_formula(symbols) == parse_formula(ascii_spelling)
+
+
+@pytest.mark.parametrize('text', every('streams'))
+def test_streams_can_be_made(text: str) -> None:
+    specification = parse_specification(text)
+    assert parse_specification(str(specification)) == specification
+    made(specification)
+
+
+@pytest.mark.parametrize('text', every('ssl'))
+def test_annotations_parse(text: str) -> None:
+    annotations = parse_annotations(text)
+    assert parse_annotations(''.join(map(str, annotations))) == annotations
+
+
+@pytest.mark.parametrize('text', every('python'))
+def test_python_compiles(text: str) -> None:
+    compile(text, 'example', 'exec')
+
+
+def test_the_computational_units_of_the_manual_are_those_that_come_with_dyknow() -> None:
+    text = (ROOT / 'docs/languages.md').read_text(encoding='utf-8')
+    rows = re.findall(r'^\| (`.*?`) \|', text, re.MULTILINE)
+    shipped = {name for name, unit in load_units().items() if unit.__module__ == units.__name__}
+    assert {name for row in rows for name in re.findall(r'`(\w+)`', row)} == shipped
+
+
+def test_the_readme_shows_the_node_that_is_shipped() -> None:
+    assert excerpt('python') == example('stop_when_empty.py')
+
+
+def test_the_readme_shows_the_annotations_that_are_shipped() -> None:
+    assert statements(excerpt('ssl')) == statements(example('rover.ssl'))
+
+
+def test_the_readme_shows_the_streams_that_are_shipped() -> None:
+    assert statements(excerpt('streams')) == statements(example('rover.streams'))
+
+
+def test_the_annotations_fit_the_ontology(
+    rover_annotations: tuple[Annotation, ...], knowledge: Knowledge
+) -> None:
+    for annotation in rover_annotations:
+        check_annotation(annotation, knowledge)
+
+
+def test_the_streams_have_the_fields_that_are_annotated(
+    rover_annotations: tuple[Annotation, ...],
+) -> None:
+    streams = specifications_by_sink(parse_specification(example('rover.streams')))
+    annotated = [annotation for annotation in rover_annotations if not annotation.is_topic]
+    assert {annotation.stream for annotation in annotated} == set(streams)
+    for annotation in annotated:
+        specification = streams[annotation.stream]
+        resolved = resolve(specification, NO_CONSTRAINTS, {}, lambda _: None, load_units())
+        assert {content.field for content in annotation.contents} <= set(resolved.fields or ())
+
+
+def test_the_formula_of_the_node_is_about_what_is_annotated(
+    rover_annotations: tuple[Annotation, ...], knowledge: Knowledge
+) -> None:
+    symbols = symbols_of(parse_formula(_constant('FORMULA', example('stop_when_empty.py'))))
+    sorts = [symbol.name for symbol in symbols if symbol.kind is SymbolKind.SORT]
+    features = [symbol.name for symbol in symbols if symbol.kind is SymbolKind.FEATURE]
+    objects = {each for sort in sorts for each in knowledge.instances(sort)}
+    assert objects
+    for feature in features:
+        found = {
+            each.ground_feature
+            for each in match(parse_concept(feature), rover_annotations, knowledge)
+        }
+        assert found == {f'{feature}[{each}]' for each in objects}
+
+
+def _constant(name: str, source: str) -> str:
+    """The string that a module assigns to a name."""
+    for statement in ast.parse(source).body:
+        match statement:
+            case ast.Assign([ast.Name(assigned)], ast.Constant(str(value))) if assigned == name:
+                return value
+    raise AssertionError(name)
