@@ -145,7 +145,7 @@ def _typed(value: object, expected: ValueType) -> Value:
             return float(value)
     if expected is ValueType.FLOAT and isinstance(value, float):
         return float(value)
-    raise TypeError(f'returned {value!r} ({type(value).__name__}), which is not a {expected}')
+    raise TypeError(f'returned {value!r} ({type(value).__name__}), which is no {expected}')
 
 
 _BUILT_IN: Final[Mapping[str, Unit]] = {

@@ -94,7 +94,7 @@ def test_errors_in_user_code_are_contained(flow_class: type[Flow]) -> None:
         "stream 's': computational unit 'failing': ZeroDivisionError: no way",
         (
             "stream 's': computational unit 'failing': TypeError: returned True (bool), "
-            'which is not a float'
+            'which is no float'
         ),
         "stream 's': computational unit 'failing' finds no field 'x'",
     ]

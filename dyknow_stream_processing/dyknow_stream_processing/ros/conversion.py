@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import re
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
@@ -183,8 +182,3 @@ def stamp_of(class_: Any) -> Callable[[Any], int] | None:
     if class_.get_fields_and_field_types().get('header') != 'std_msgs/Header':
         return None
     return lambda message: time_to_nanoseconds(message.header.stamp)
-
-
-def is_measured(value: Value) -> bool:
-    """Whether a value is known: NaN stands for what was not measured."""
-    return not (isinstance(value, float) and math.isnan(value))

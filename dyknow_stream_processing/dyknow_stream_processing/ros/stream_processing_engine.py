@@ -29,7 +29,11 @@ from dyknow_stream_processing.ros.runtime import (
 from dyknow_stream_processing.ros.topic_sources import TopicSources, source_type
 
 if TYPE_CHECKING:
+    from dyknow_stream_processing.dataflow import Statistics
     from dyknow_stream_processing.violation import Violation
+
+REPORT_PERIOD = 1.0
+"""Seconds between two accounts of the streams on the status topic."""
 
 _NAME = re.compile(r'[A-Za-z][A-Za-z0-9_]*')
 
@@ -54,6 +58,7 @@ class StreamProcessingEngine(DyKnowNode):
         self.serve(StreamCreateFromSpec, self._create)
         self.serve(StreamDestroy, self._destroy)
         self.serve(ListStreams, self._list)
+        self.create_timer(REPORT_PERIOD, self._report, clock=self.wall_clock)
 
     def _create(self, request: Any, response: Any) -> None:
         spec = request.spec
@@ -97,6 +102,11 @@ class StreamProcessingEngine(DyKnowNode):
     def _list(self, _request: Any, response: Any) -> None:
         response.stream_names = sorted(self._dataflow.names())
 
+    def _report(self) -> None:
+        self.set_status(
+            'running', {name: _account(self._dataflow.statistics(name)) for name in self._outputs}
+        )
+
     def _publish_violation(self, name: str, violation: Violation) -> None:
         message = ConstraintViolation(
             stream_name=violation.stream_name,
@@ -110,6 +120,15 @@ class StreamProcessingEngine(DyKnowNode):
         message.header.stamp = self.get_clock().now().to_msg()
         self._outputs[name].violations.publish(message)
         self.get_logger().warning(f'{name}: {violation.message}', throttle_duration_sec=1.0)
+
+
+def _account(statistics: Statistics) -> str:
+    """What has come of a stream, on one line."""
+    drops = ', '.join(f'{count} {reason}' for reason, count in statistics.drops.items())
+    return (
+        f'{statistics.samples} samples, {statistics.violations} violations, '
+        f'dropped: {drops or "none"}'
+    )
 
 
 def main() -> int:

@@ -161,11 +161,17 @@ class TopicSources:
         self, topic: str, class_: Any, fields: Collection[str] | None
     ) -> Callable[[Any], None]:
         extract, stamp = _readers(class_, fields)
-        clock, push = self._node.get_clock(), self._dataflow.push
+        clock, push, logger = self._node.get_clock(), self._dataflow.push, self._node.get_logger()
 
         def receive(message: Any) -> None:
             now = clock.now().nanoseconds
             valid_time = now if stamp is None else stamp(message)
+            if valid_time == 0:
+                logger.warning(
+                    f"topic '{topic}' leaves its stamps at zero: the time of receipt is used",
+                    once=True,
+                )
+                valid_time = now
             push(topic, Sample(valid_time, now, extract(message)))
             self._arm()
 
