@@ -15,7 +15,7 @@ from dyknow_interfaces.srv import (
     OntologyQuery,
 )
 
-from dyknow_semantics import Ontology
+from dyknow_semantics import Ontology, SemanticsError
 from dyknow_stream_processing.ros import DyKnowNode, run
 
 
@@ -70,6 +70,8 @@ class OntologyManager(DyKnowNode):
         response.concepts = list(self._ontology.concepts(request.instance_name))
 
     def _load(self, request: Any, _response: Any) -> None:
+        if not request.path_or_iri:
+            raise SemanticsError('path_or_iri is empty; give the path or the IRI of an ontology')
         self._ontology.load(request.path_or_iri)
         self._report_change()
 

@@ -93,12 +93,15 @@ class StreamSemanticsManager(DyKnowNode):
 
 def _read(path: Path) -> tuple[Annotation, ...]:
     try:
-        text = path.read_text(encoding='utf-8')
+        return parse_annotations(path.read_text(encoding='utf-8'))
     except OSError as error:
         raise SemanticsError(
             f'cannot read the annotations in {path}: {error.strerror}', ExitCode.NOT_FOUND
         ) from None
-    return parse_annotations(text)
+    except UnicodeDecodeError:
+        raise SemanticsError(f'cannot read the annotations in {path}: it is not in UTF-8') from None
+    except DyKnowError as error:
+        raise SemanticsError(f'{path}: {error.message}', error.code) from None
 
 
 def _faults(annotations: Iterable[Annotation], knowledge: Knowledge) -> Iterable[str]:

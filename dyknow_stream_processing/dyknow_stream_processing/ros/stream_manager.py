@@ -70,13 +70,17 @@ class StreamManager(DyKnowNode):
 
     def _read(self, path: Path) -> None:
         try:
-            text = path.read_text(encoding='utf-8')
+            parsed = parse_specification(path.read_text(encoding='utf-8'))
+            for name, specification in specifications_by_sink(parsed).items():
+                self._registry.add(CreatedStream(name, str(specification), NO_CONSTRAINTS))
         except OSError as error:
             raise StreamError(
                 f'cannot read the streams in {path}: {error.strerror}', ExitCode.NOT_FOUND
             ) from None
-        for name, specification in specifications_by_sink(parse_specification(text)).items():
-            self._registry.add(CreatedStream(name, str(specification), NO_CONSTRAINTS))
+        except UnicodeDecodeError:
+            raise StreamError(f'cannot read the streams in {path}: it is not in UTF-8') from None
+        except DyKnowError as error:
+            raise StreamError(f'{path}: {error.message}', error.code) from None
 
     async def _create(self, request: Any, response: Any) -> None:
         spec = request.spec
