@@ -22,7 +22,7 @@ build: setup install/.built  ## build the packages with colcon
 
 install/.built: $(BUILT_FROM) colcon.meta .venv/set-up-for
 	@echo '-- colcon build'
-	@$(IN_ENVIRONMENT) python -m colcon build --symlink-install --cmake-args \
+	@$(IN_ENVIRONMENT) MAKEFLAGS=-j$$(( $$(nproc) + 1 )) python -m colcon build --symlink-install --cmake-args \
 	  $$(command -v ninja > /dev/null && echo -GNinja) -DPython3_EXECUTABLE="$$(command -v python)"
 	@touch $@
 
