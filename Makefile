@@ -6,7 +6,6 @@ PACKAGES := $(sort $(wildcard dyknow_*))
 # Python files are installed as links: only what the build itself reads makes it stale.
 BUILT_FROM := $(shell find $(PACKAGES) -type f -not -path '*/test/*' -not -path '*.egg-info/*' \
   -not -path '*/__pycache__/*' \( -not -name '*.py' -o -name setup.py \))
-CHECKED := $(PACKAGES) tests tools benchmarks
 IN_ENVIRONMENT := source env.sh &&
 
 .DEFAULT_GOAL := help

@@ -154,6 +154,7 @@ class Demonstration:
             for monitored in monitor.formulas
             if (problem := self._unexpected(monitored)) is not None
         }
+        self._console.print()
         self._console.print(summary(self._scenario.name, problems))
         return not problems
 

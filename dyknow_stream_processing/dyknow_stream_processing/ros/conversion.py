@@ -132,7 +132,7 @@ def message_class(type_name: str) -> Any:
     package, _, name = type_name.partition('/msg/')
     try:
         class_ = getattr(import_module(f'{package}.msg'), name)
-    except (ImportError, AttributeError, ValueError):
+    except (ImportError, AttributeError, TypeError, ValueError):
         raise StreamError(
             f"message type '{type_name}' is not installed; write it as package/msg/Type",
             ExitCode.NOT_FOUND,

@@ -169,7 +169,7 @@ class TopicSources:
             if valid_time == 0:
                 logger.warning(
                     f"topic '{topic}' leaves its stamps at zero: the time of receipt is used",
-                    once=True,
+                    throttle_duration_sec=60.0,
                 )
                 valid_time = now
             push(topic, Sample(valid_time, now, extract(message)))

@@ -1,0 +1,40 @@
+"""Whether what became of a formula is what the scenario says."""
+
+import pytest
+
+from dyknow_bringup.formulas import NamedFormula
+from dyknow_bringup.monitoring import MonitoredFormula, unexpected
+from dyknow_bringup.scenario import Expectation
+
+START = 100_000_000_000
+SECOND = 1_000_000_000
+WINDOW = (5 * SECOND, 7 * SECOND)
+
+
+def monitored(outcome: str, after: float | None = None) -> MonitoredFormula:
+    known_at = None if after is None else START + round(after * SECOND)
+    return MonitoredFormula(NamedFormula('f', 'p', ''), outcome, known_at)
+
+
+@pytest.mark.parametrize('after', [5, 6.2, 7])
+def test_the_right_verdict_in_time(after: float) -> None:
+    assert unexpected(monitored('true', after), Expectation('true', WINDOW), START) is None
+
+
+def test_the_wrong_verdict() -> None:
+    problem = unexpected(monitored('false', 6), Expectation('true', WINDOW), START)
+    assert problem == 'false instead of true'
+
+
+@pytest.mark.parametrize('after', [4.9, 7.1])
+def test_the_right_verdict_out_of_time(after: float) -> None:
+    problem = unexpected(monitored('true', after), Expectation('true', WINDOW), START)
+    assert problem == f'true at {after:.3f} s instead of between 5.000 s and 7.000 s'
+
+
+def test_undecided_as_it_should_be() -> None:
+    assert unexpected(monitored('undecided'), Expectation('undecided', None), START) is None
+
+
+def test_a_formula_that_the_scenario_does_not_speak_of() -> None:
+    assert unexpected(monitored('true', 1), None, START) is None

@@ -1,0 +1,58 @@
+"""The one list of processes."""
+
+from pathlib import Path
+
+import pytest
+import yaml
+
+from dyknow_bringup.errors import BringupError
+from dyknow_bringup.processes import (
+    Configuration,
+    Process,
+    dyknow_processes,
+    ros_arguments,
+    write_fleet_configuration,
+)
+from dyknow_bringup.resources import executable_path, scenario_names, scenario_path
+
+
+def test_the_seven_nodes_are_installed() -> None:
+    processes = dyknow_processes(Configuration())
+    assert len(processes) == 7
+    for process in processes:
+        assert executable_path(process.package, process.executable).is_file()
+
+
+def test_an_executable_that_is_not_there() -> None:
+    with pytest.raises(BringupError, match="no executable 'nothing'"):
+        executable_path('dyknow_bringup', 'nothing')
+
+
+def test_parameters_are_written_as_yaml() -> None:
+    process = Process('p', 'e', {'files': ['/a b', "/c'd"], 'n': 3, 'x': 0.5})
+    arguments = ros_arguments(process, '/fleet', 'debug', use_sim_time=True)
+    assert arguments[:5] == ['--ros-args', '--log-level', 'debug', '-r', '__ns:=/fleet']
+    written = dict(each.split(':=', 1) for each in arguments[6::2])
+    assert {name: yaml.safe_load(text) for name, text in written.items()} == {
+        'files': ['/a b', "/c'd"],
+        'n': 3,
+        'x': 0.5,
+        'use_sim_time': True,
+    }
+
+
+def test_a_fleet_is_configured_by_files(tmp_path: Path) -> None:
+    configuration = write_fleet_configuration(('uav1', 'uav2'), Path('uav.owl'), tmp_path)
+    assert configuration.ontologies[0] == Path('uav.owl')
+    written = (*configuration.ontologies[1:], *configuration.annotations, *configuration.streams)
+    assert all('uav2' in path.read_text(encoding='utf-8') for path in written)
+
+
+def test_scenarios_are_found_by_name_and_by_path(tmp_path: Path) -> None:
+    assert 'nominal' in scenario_names()
+    assert scenario_path('nominal').name == 'nominal.yaml'
+    own = tmp_path / 'own.yaml'
+    own.touch()
+    assert scenario_path(str(own)) == own
+    with pytest.raises(BringupError, match=r"no scenario 'picnic'; use geofence, .*power_surge"):
+        scenario_path('picnic')
