@@ -11,7 +11,7 @@ from dyknow_stream_processing.resolution import free_names
 from dyknow_stream_processing.specification import Reference, StreamDeclaration
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping
+    from collections.abc import Iterable
 
     from dyknow_stream_processing.constraints import StreamConstraints
 
@@ -142,8 +142,8 @@ class StreamRegistry:
         return str(StreamDeclaration(name, Reference(stream.topic, is_topic=True)))
 
 
-def engines_missing(engines: Mapping[str, bool]) -> StreamError:
-    """The error for a stream that no engine can make now."""
+def engines_missing(engines: Iterable[str]) -> StreamError:
+    """The error for a stream that no engine can make now, given those that were ever seen."""
     known = ', '.join(sorted(engines)) or 'none was ever seen'
     return StreamError(
         f'no stream processing engine is running ({known}); start one', ExitCode.UNAVAILABLE

@@ -77,6 +77,7 @@ class FormulaEvaluation:
         self._node = node
         self._clients = clients
         self._results = results
+        self._state_topic = f'dyknow/streams/{name}'
         self._evaluation = Evaluation(question.formula, self.outcome.set_result)
         self._violations: Any = None
         self._stream_requested = False
@@ -140,8 +141,7 @@ class FormulaEvaluation:
         found = await self._find_sources(symbols)
         # Step 7: the reasoning engine listens before the first state can come. With the domains
         # fixed, it knows the ground features that each state must hold.
-        topic = f'dyknow/streams/{self.name}'
-        await clients.evaluate_group(self.group_id, domains, topic, self._results)
+        await clients.evaluate_group(self.group_id, domains, self._state_topic, self._results)
         ground_features = features(await clients.symbols(self.group_id))
         if not ground_features:
             return  # A formula over no feature is decided without a state.
@@ -165,9 +165,16 @@ class FormulaEvaluation:
 
     async def _create_state_stream(self, specification: str) -> None:
         self._stream_requested = True
-        _, violations = await self._clients.create_stream(
+        topic, violations = await self._clients.create_stream(
             self.name, specification, self.question.constraints
         )
+        expected = self._node.resolve_topic_name(self._state_topic)
+        if topic != expected:
+            raise CoordinationError(
+                f'the states are published on {topic}, and {expected} is listened to; run the '
+                'stream processing engine in the namespace of the coordinator',
+                ExitCode.UNAVAILABLE,
+            )
         self._violations = self._node.create_subscription(
             ConstraintViolation,
             violations,

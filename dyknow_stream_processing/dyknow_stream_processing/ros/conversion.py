@@ -32,8 +32,6 @@ _PRIMITIVES: Mapping[str, ValueType] = {
 _STRING = re.compile(r'w?string(<\d+>)?')
 _MESSAGE = re.compile(r'\w+/\w+')
 
-Extractor = 'Callable[[Any], dict[str, Value]]'
-
 
 def time_to_nanoseconds(message: Any) -> int:
     """Nanoseconds of a Time or a Duration message."""

@@ -14,6 +14,8 @@ from dyknow_interfaces.srv import (
     StreamGetTopic,
     StreamRegister,
 )
+from rclpy.exceptions import InvalidTopicNameException
+from rclpy.validate_topic_name import validate_topic_name
 
 from dyknow_stream_processing.constraints import NO_CONSTRAINTS
 from dyknow_stream_processing.errors import DyKnowError, ExitCode, StreamError
@@ -57,6 +59,7 @@ class StreamManager(DyKnowNode):
         self._registry = StreamRegistry()
         self._engines: dict[str, Peer] = {}
         self._settling = False
+        self._unsettled = False
         self._faults: dict[str, str] = {}
         for path in filter(None, files):
             self._read(Path(path))
@@ -111,6 +114,10 @@ class StreamManager(DyKnowNode):
             if not getattr(request, name):
                 raise StreamError(f'{name} is empty; a stream needs a name, a topic and its type')
         message_class(request.message_type)
+        try:
+            validate_topic_name(request.topic_name)
+        except InvalidTopicNameException as error:
+            raise StreamError(str(error)) from None
         topic = self.resolve_topic_name(request.topic_name)
         self._registry.add(RegisteredStream(request.stream_name, topic, request.message_type))
 
@@ -129,7 +136,7 @@ class StreamManager(DyKnowNode):
             name for name, peer in self._engines.items() if peer.alive
         )
         if engine is None:
-            raise engines_missing({name: peer.alive for name, peer in self._engines.items()})
+            raise engines_missing(self._engines)
         return engine
 
     async def _make(self, stream: CreatedStream, engine: str, text: str) -> Any:
@@ -164,24 +171,26 @@ class StreamManager(DyKnowNode):
         self._settle()
 
     def _settle(self) -> None:
+        self._unsettled = True
         if not self._settling:
             self._settling = True
             self.spawn(self._settle_streams)
 
     async def _settle_streams(self) -> None:
         """Adopts the streams that engines have, and places those that wait."""
-        try:
-            for name, peer in list(self._engines.items()):
-                if peer.alive:
-                    await self._adopt(name, peer)
-            for stream in self._registry.waiting():
-                await self._place(stream)
-        except DyKnowError as error:
-            # An engine died meanwhile; its loss settles anew.
-            self.get_logger().info(str(error))
-        finally:
-            self._settling = False
-            self._report()
+        while self._unsettled:
+            self._unsettled = False
+            try:
+                for name, peer in list(self._engines.items()):
+                    if peer.alive:
+                        await self._adopt(name, peer)
+                for stream in self._registry.waiting():
+                    await self._place(stream)
+            except DyKnowError as error:
+                # An engine died meanwhile; its loss settles anew.
+                self.get_logger().info(str(error))
+        self._settling = False
+        self._report()
 
     async def _adopt(self, engine: str, peer: Peer) -> None:
         made = {stream.name for stream in self._registry.made_by(engine)}
@@ -190,8 +199,8 @@ class StreamManager(DyKnowNode):
         for name in set(listing.stream_names) - made:
             if name not in waiting:
                 self._registry.add(CreatedStream(name, None, NO_CONSTRAINTS))
-            topic = self.resolve_topic_name(f'dyknow/streams/{name}')
-            self._registry.place(name, engine, topic)
+            namespace = engine.rpartition('/')[0]
+            self._registry.place(name, engine, f'{namespace}/dyknow/streams/{name}')
 
     async def _place(self, stream: CreatedStream) -> None:
         if stream.specification is None:

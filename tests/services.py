@@ -1,0 +1,168 @@
+"""Nodes of DyKnow started by hand, and a client that knows of them only what is documented."""
+
+from __future__ import annotations
+
+import re
+from contextlib import ExitStack
+from typing import TYPE_CHECKING, Any, Self
+
+from builtin_interfaces.msg import Time
+from diagnostic_msgs.msg import DiagnosticStatus
+from dyknow_interfaces.msg import ExitStatus
+from nav_msgs.msg import Odometry
+from rclpy.qos import DurabilityPolicy, QoSProfile
+from std_msgs.msg import Float64
+
+from dyknow_bringup.launcher import Launcher
+from dyknow_bringup.processes import Process
+from system import Client, private_environment
+
+if TYPE_CHECKING:
+    import signal
+    from pathlib import Path
+
+LATCHED = QoSProfile(depth=1000, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+"""What was published before one came is heard too."""
+
+PACKAGES = {
+    'stream_processing_engine': 'dyknow_stream_processing',
+    'stream_manager': 'dyknow_stream_processing',
+    'ontology_manager': 'dyknow_semantics',
+    'stream_semantics_manager': 'dyknow_semantics',
+    'semantic_matching_engine': 'dyknow_semantics',
+    'stream_reasoning_engine': 'dyknow_reasoning',
+    'stream_reasoning_coordinator': 'dyknow_coordinator',
+}
+"""The package of each of the seven nodes."""
+
+SERVICES = {
+    'stream_processing_engine': {'StreamCreateFromSpec', 'StreamDestroy', 'ListStreams'},
+    'stream_manager': {
+        'StreamCreateFromSpec', 'StreamDestroy', 'ListStreams', 'StreamRegister', 'StreamGetTopic',
+    },
+    'ontology_manager': {
+        'ConceptCreate', 'ConceptGetInstances', 'ConceptDestroy', 'InstanceCreate',
+        'InstanceGetConcepts', 'InstanceDestroy', 'OntologyLoad', 'OntologyQuery',
+    },
+    'stream_semantics_manager': {
+        'AddSemanticSpecification', 'RemoveSemanticSpecification', 'ListSemanticSpecifications',
+    },
+    'semantic_matching_engine': {'FindAllMatchingStreams'},
+    'stream_reasoning_engine': {
+        'FormulaGroupCreate', 'FormulaGroupAddFormula', 'FormulaGroupEvaluate',
+        'FormulaGroupExtractSymbols', 'FormulaGroupDestroy',
+    },
+    'stream_reasoning_coordinator': {'EvaluateFormula'},
+}  # fmt: skip
+"""The types of the services of each node."""
+
+
+def service_name(node: str, service_type: str) -> str:
+    """`StreamGetTopic` of a node is `/node/stream_get_topic`."""
+    return f'/{node}/' + re.sub(r'\B([A-Z])', r'_\1', service_type).lower()
+
+
+def nanoseconds(time: Any) -> int:
+    """Of a Time or a Duration."""
+    return int(time.sec) * 1_000_000_000 + int(time.nanosec)
+
+
+def time_of(nanoseconds: int) -> Time:
+    """A Time."""
+    seconds, rest = divmod(nanoseconds, 1_000_000_000)
+    return Time(sec=seconds, nanosec=rest)
+
+
+def assert_refused(status: Any, code: int, *words: str) -> None:
+    """Asserts that a request was refused, with a message that says what matters."""
+    assert status.code == code, status
+    for word in words:
+        assert word in status.message
+    if '^' in words:
+        *_, line, caret = status.message.splitlines()
+        assert caret.strip() == '^'
+        assert len(caret) <= len(line) + 1
+
+
+class Nodes:
+    """Nodes in processes of their own, in a private ROS domain, and a client.
+
+    Args:
+        folder: for what they print.
+        executables: the nodes, each with its parameters.
+    """
+
+    def __init__(self, folder: Path, **executables: dict[str, Any]) -> None:
+        environment = private_environment()
+        self.client = Client(environment)
+        self._launcher = Launcher(folder, environment=environment)
+        self.processes = {
+            executable: self._launcher.start(Process(PACKAGES[executable], executable, parameters))
+            for executable, parameters in executables.items()
+        }
+
+    def __enter__(self) -> Self:
+        with ExitStack() as undoing:
+            undoing.push(self)
+            heard = [
+                self.collect(DiagnosticStatus, f'/{node}/status', LATCHED)
+                for node in self.processes
+            ]
+            self.client.spin_until(lambda: all(heard), 'all nodes are up')
+            undoing.pop_all()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.client.close()
+        codes = self._launcher.stop_all()
+        assert set(codes.values()) == {0}, f'exit codes of the nodes: {codes}'
+
+    def stop(self, number: signal.Signals) -> dict[str, int]:
+        """Sends a signal to each process, and returns their exit codes."""
+        for process in self.processes.values():
+            process.send_signal(number)
+        return {name: process.wait(10.0) for name, process in self.processes.items()}
+
+    def collect(self, message_type: Any, topic: str, quality_of_service: Any = 100) -> list[Any]:
+        """The messages of a topic, as they come."""
+        messages: list[Any] = []
+        self.client.node.create_subscription(
+            message_type, topic, messages.append, quality_of_service
+        )
+        return messages
+
+    def call(self, node: str, service_type: Any, **fields: Any) -> Any:
+        """The response of a service, whatever its exit status."""
+        name = service_name(node, service_type.__name__)
+        response = self.client.call(service_type, name, **fields)
+        assert bool(response.exit_status.message) == bool(response.exit_status.code)
+        return response
+
+    def obtain(self, node: str, service_type: Any, **fields: Any) -> Any:
+        """The response of a service, which must be a success."""
+        response = self.call(node, service_type, **fields)
+        assert response.exit_status.code == ExitStatus.SUCCESS, response.exit_status.message
+        return response
+
+
+class Telemetry:
+    """Publishes an odometry with a header and a level without, fifty times a second."""
+
+    def __init__(self, client: Client) -> None:
+        self.altitudes: dict[int, float] = {}
+        self._node = client.node
+        self._odometry = client.node.create_publisher(Odometry, '/robot/odometry', 10)
+        self._level = client.node.create_publisher(Float64, '/tank/level', 10)
+        self._timer = client.node.create_timer(0.02, self._publish)
+
+    def stop(self) -> None:
+        """Falls silent."""
+        self._timer.cancel()
+
+    def _publish(self) -> None:
+        now = self._node.get_clock().now()
+        message = Odometry()
+        message.header.stamp = now.to_msg()
+        message.pose.pose.position.z = self.altitudes[now.nanoseconds] = len(self.altitudes) / 2
+        self._odometry.publish(message)
+        self._level.publish(Float64(data=0.5))

@@ -1,0 +1,216 @@
+"""The three nodes of meaning, together: all their services and refusals."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import pytest
+from dyknow_interfaces import srv
+from dyknow_interfaces.msg import ExitStatus
+
+from dyknow_bringup.resources import uav_ontology_path
+from services import Nodes, assert_refused
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+    from pathlib import Path
+
+ONTOLOGY = 'ontology_manager'
+SEMANTICS = 'stream_semantics_manager'
+MATCHING = 'semantic_matching_engine'
+INVALID = ExitStatus.INVALID_ARGUMENT
+MISSING = ExitStatus.NOT_FOUND
+EXISTING = ExitStatus.ALREADY_EXISTS
+
+POWER = 'stream uav1_power contains Power[uav1] = power'
+FLEET = 'stream fleet contains Altitude[u] = pose.z for every u in UAV where u = id'
+KITE = """\
+<http://example.org/kites> {is_a} <http://www.w3.org/2002/07/owl#Ontology> .
+<http://example.org/kites#kite> {is_a} <http://www.w3.org/2002/07/owl#NamedIndividual> .
+<http://example.org/kites#kite> {is_a} <http://www.dyknow.org/uav#Vehicle> .
+""".format(is_a='<http://www.w3.org/1999/02/22-rdf-syntax-ns#type>')
+
+
+@pytest.fixture(scope='module')
+def nodes(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Nodes]:
+    """The nodes, with two vehicles and the annotations of a stream each of one and of all."""
+    executables: dict[str, dict[str, Any]] = {
+        ONTOLOGY: {'ontologies': [str(uav_ontology_path())]},
+        SEMANTICS: {},
+        MATCHING: {},
+    }
+    with Nodes(tmp_path_factory.mktemp('semantics'), **executables) as nodes:
+        for name in ('uav1', 'uav2'):
+            nodes.obtain(ONTOLOGY, srv.InstanceCreate, instance_name=name, concept_names=['UAV'])
+        nodes.obtain(SEMANTICS, srv.AddSemanticSpecification, ssl_statement=f'{POWER};\n{FLEET};')
+        yield nodes
+
+
+def instances(nodes: Nodes, concept: str) -> list[str]:
+    return list(nodes.obtain(ONTOLOGY, srv.ConceptGetInstances, concept_name=concept).instances)
+
+
+def annotations(nodes: Nodes) -> list[str]:
+    return list(nodes.obtain(SEMANTICS, srv.ListSemanticSpecifications).ssl_statements)
+
+
+def matches(nodes: Nodes, concept: str) -> list[str]:
+    found = nodes.obtain(MATCHING, srv.FindAllMatchingStreams, concept=concept)
+    return list(found.stream_specifications)
+
+
+def test_concepts_and_instances_come_and_go(nodes: Nodes) -> None:
+    nodes.obtain(ONTOLOGY, srv.ConceptCreate, concept_name='Glider', parent_concepts=['UAV'])
+    nodes.obtain(ONTOLOGY, srv.InstanceCreate, instance_name='ash', concept_names=['Glider'])
+    assert instances(nodes, 'UAV') == ['ash', 'uav1', 'uav2']
+    found = nodes.obtain(ONTOLOGY, srv.InstanceGetConcepts, instance_name='ash').concepts
+    assert set(found) >= {'Glider', 'UAV', 'Vehicle'}
+    nodes.obtain(ONTOLOGY, srv.InstanceDestroy, instance_name='ash')
+    assert instances(nodes, 'UAV') == ['uav1', 'uav2']
+    nodes.obtain(ONTOLOGY, srv.ConceptDestroy, concept_name='Glider')
+    answer = nodes.call(ONTOLOGY, srv.ConceptGetInstances, concept_name='Glider')
+    assert_refused(answer.exit_status, MISSING, "'Glider'")
+
+
+def test_an_ontology_is_loaded(nodes: Nodes, tmp_path: Path) -> None:
+    file = tmp_path / 'kites.nt'
+    file.write_text(KITE)
+    nodes.obtain(ONTOLOGY, srv.OntologyLoad, path_or_iri=str(file))
+    assert 'kite' in instances(nodes, 'Vehicle')
+    nodes.obtain(ONTOLOGY, srv.InstanceDestroy, instance_name='kite')
+
+
+def test_the_ontology_is_queried(nodes: Nodes) -> None:
+    answer = nodes.obtain(
+        ONTOLOGY,
+        srv.OntologyQuery,
+        sparql='SELECT ?thing ?kind WHERE { ?thing a ?kind . ?kind rdfs:subClassOf '
+        '<http://www.dyknow.org/uav#Vehicle> } ORDER BY ?thing',
+    )
+    assert list(answer.variables) == ['thing', 'kind']
+    assert list(answer.values) == ['uav1', 'UAV', 'uav2', 'UAV']
+
+
+@pytest.mark.parametrize(
+    ('service', 'fields', 'code', 'words'),
+    [
+        (srv.ConceptCreate, {'concept_name': 'UAV'}, EXISTING, ("'UAV'",)),
+        (srv.ConceptCreate, {'concept_name': 'two words'}, INVALID, ("'two words'", 'letter')),
+        (
+            srv.ConceptCreate,
+            {'concept_name': 'Kite', 'parent_concepts': ['UAW']},
+            MISSING,
+            ("'UAW'", "'UAV'"),
+        ),
+        (srv.ConceptGetInstances, {'concept_name': 'UAW'}, MISSING, ("'UAW'", "'UAV'")),
+        (srv.ConceptGetInstances, {'concept_name': ''}, MISSING, ('Vehicle',)),
+        (srv.ConceptDestroy, {'concept_name': 'UAW'}, MISSING, ("'UAW'", "'UAV'")),
+        (srv.ConceptDestroy, {'concept_name': 'Vehicle'}, INVALID, ("'Vehicle'", 'UAV', 'uav1')),
+        (
+            srv.InstanceCreate,
+            {'instance_name': 'uav1', 'concept_names': ['UAV']},
+            EXISTING,
+            ("'uav1'",),
+        ),
+        (
+            srv.InstanceCreate,
+            {'instance_name': 'kite', 'concept_names': ['UAW']},
+            MISSING,
+            ("'UAW'", "'UAV'"),
+        ),
+        (srv.InstanceCreate, {'instance_name': 'kite'}, INVALID, ("'kite'", 'concept')),
+        (srv.InstanceGetConcepts, {'instance_name': 'uav'}, MISSING, ("'uav'", "'uav1'")),
+        (srv.InstanceDestroy, {'instance_name': 'uav'}, MISSING, ("'uav'", "'uav1'")),
+        (srv.OntologyLoad, {'path_or_iri': '/no/file.owl'}, MISSING, ('/no/file.owl',)),
+        (srv.OntologyLoad, {'path_or_iri': ''}, INVALID, ('path_or_iri',)),
+        (srv.OntologyQuery, {'sparql': 'SELECT ?x WHERE'}, INVALID, ('SPARQL',)),
+        (srv.OntologyQuery, {'sparql': ''}, INVALID, ('SPARQL',)),
+        (srv.OntologyQuery, {'sparql': 'DELETE { ?x a ?y } WHERE { ?x a ?y }'}, INVALID, ()),
+    ],
+)
+def test_what_the_ontology_manager_refuses(
+    nodes: Nodes, service: Any, fields: dict[str, Any], code: int, words: tuple[str, ...]
+) -> None:
+    assert_refused(nodes.call(ONTOLOGY, service, **fields).exit_status, code, *words)
+    assert instances(nodes, 'Vehicle') == ['uav1', 'uav2']
+
+
+def test_annotations_come_and_go(nodes: Nodes) -> None:
+    before = annotations(nodes)
+    assert before == [POWER, FLEET]
+    text = 'stream   uav2_power contains\n Power[ uav2 ] = power ;'
+    nodes.obtain(SEMANTICS, srv.AddSemanticSpecification, ssl_statement=text)
+    assert annotations(nodes) == [*before, 'stream uav2_power contains Power[uav2] = power']
+    nodes.obtain(SEMANTICS, srv.RemoveSemanticSpecification, stream_name='uav2_power')
+    assert annotations(nodes) == before
+
+
+@pytest.mark.parametrize(
+    ('text', 'code', 'words'),
+    [
+        ('stream a contain Power[uav1] = b', INVALID, ("'contain'", "'contains'", '^')),
+        ('', INVALID, ('unexpected end', '^')),
+        ('stream a contains Powr[uav1] = b', MISSING, ("'Powr'", "'Power'", '^')),
+        ('stream a contains Power[uav3] = b', MISSING, ("'uav3'", "'uav1'", '^')),
+        ('stream a contains Power[uav1, uav2] = b', INVALID, ('Power', '^')),
+        ('stream a contains Power[u] = b for every u in UAW where u = c', MISSING, ("'UAV'", '^')),
+    ],
+)
+def test_an_annotation_that_is_refused(
+    nodes: Nodes, text: str, code: int, words: tuple[str, ...]
+) -> None:
+    answer = nodes.call(SEMANTICS, srv.AddSemanticSpecification, ssl_statement=text)
+    assert_refused(answer.exit_status, code, *words)
+    assert annotations(nodes) == [POWER, FLEET]
+
+
+def test_annotations_of_an_unknown_stream_cannot_be_removed(nodes: Nodes) -> None:
+    answer = nodes.call(SEMANTICS, srv.RemoveSemanticSpecification, stream_name='uav1_powr')
+    assert_refused(answer.exit_status, MISSING, "'uav1_powr'", 'fleet', 'uav1_power')
+
+
+def test_the_stream_of_one_object_matches(nodes: Nodes) -> None:
+    (specification,) = matches(nodes, 'Power[uav1]')
+    assert 'from uav1_power' in specification
+    assert '"Power[uav1]"' in specification
+
+
+def test_the_stream_of_many_objects_matches_each_by_a_condition(nodes: Nodes) -> None:
+    found = matches(nodes, 'Altitude[u] for every u in UAV')
+    assert len(found) == 2
+    for name, specification in zip(('uav1', 'uav2'), found, strict=True):
+        assert 'from fleet' in specification
+        assert f'where id = "{name}"' in specification
+    assert matches(nodes, 'Altitude') == found
+
+
+def test_a_concept_that_is_entailed_to_be_below_matches_too(nodes: Nodes) -> None:
+    nodes.obtain(ONTOLOGY, srv.ConceptCreate, concept_name='HeatLoss', parent_concepts=['Power'])
+    text = 'stream heat contains HeatLoss[uav1] = loss'
+    nodes.obtain(SEMANTICS, srv.AddSemanticSpecification, ssl_statement=text)
+    best, other = matches(nodes, 'Power[uav1]')
+    assert 'from uav1_power' in best
+    assert 'from heat' in other
+    nodes.obtain(SEMANTICS, srv.RemoveSemanticSpecification, stream_name='heat')
+    nodes.obtain(ONTOLOGY, srv.ConceptDestroy, concept_name='HeatLoss')
+    assert matches(nodes, 'Power[uav1]') == [best]
+
+
+@pytest.mark.parametrize(
+    ('concept', 'code', 'words'),
+    [
+        ('Power[uav1', INVALID, ("']'", '^')),
+        ('', INVALID, ('unexpected end', '^')),
+        ('Powr[uav1]', MISSING, ("'Powr'", "'Power'")),
+        ('Power[uav3]', MISSING, ("'uav3'", "'uav1'")),
+        ('Power[u] for every u in UAW', MISSING, ("'UAW'", "'UAV'")),
+        ('Power[uav2]', MISSING, ('Power[uav2]', 'Power[uav1]')),
+        ('Power[uav1, uav2]', INVALID, ('Power',)),
+    ],
+)
+def test_a_concept_without_a_match(
+    nodes: Nodes, concept: str, code: int, words: tuple[str, ...]
+) -> None:
+    answer = nodes.call(MATCHING, srv.FindAllMatchingStreams, concept=concept)
+    assert_refused(answer.exit_status, code, *words)
+    assert list(answer.stream_specifications) == []

@@ -1,0 +1,147 @@
+"""What every node owes: the documented services, a status, a clean end, clear complaints."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import time
+from typing import TYPE_CHECKING, Any
+
+import pytest
+from diagnostic_msgs.msg import DiagnosticStatus
+from dyknow_interfaces import srv
+from dyknow_interfaces.msg import ExitStatus, StreamSpec
+
+from dyknow_bringup.resources import executable_path
+from services import LATCHED, PACKAGES, SERVICES, Nodes, assert_refused, service_name
+from system import private_environment
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+    from pathlib import Path
+
+
+@pytest.fixture(scope='module')
+def nodes(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Nodes]:
+    """All nodes, which have been told of nothing."""
+    with Nodes(tmp_path_factory.mktemp('all'), **{node: {} for node in PACKAGES}) as nodes:
+        yield nodes
+
+
+@pytest.mark.parametrize('node', PACKAGES)
+def test_the_services_are_those_documented(nodes: Nodes, node: str) -> None:
+    def offered() -> set[tuple[str, str]]:
+        found = nodes.client.node.get_service_names_and_types()
+        own = [(name, kind) for name, (kind, *_) in found if name.startswith(f'/{node}/')]
+        return {(name, kind) for name, kind in own if kind.startswith('dyknow_interfaces/srv')}
+
+    documented = {
+        (service_name(node, kind), f'dyknow_interfaces/srv/{kind}') for kind in SERVICES[node]
+    }
+    nodes.client.spin_until(lambda: offered() >= documented, 'all services')
+    assert offered() == documented
+
+
+@pytest.mark.parametrize('node', PACKAGES)
+def test_the_status_is_kept_for_those_who_come_late(nodes: Nodes, node: str) -> None:
+    # The node is up, and has said so before.
+    statuses = nodes.collect(DiagnosticStatus, f'/{node}/status', LATCHED)
+    nodes.client.spin_until(lambda: bool(statuses), 'the status')
+    assert statuses[0].name == f'/{node}'
+    assert statuses[0].level == DiagnosticStatus.OK
+    assert statuses[0].message
+
+
+@pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
+def test_every_node_ends_cleanly(tmp_path: Path, number: signal.Signals) -> None:
+    with Nodes(tmp_path, **{node: {} for node in PACKAGES}) as nodes:
+        assert nodes.stop(number) == dict.fromkeys(PACKAGES, 0)
+    for node in PACKAGES:
+        assert 'Traceback' not in (tmp_path / f'{node}.log').read_text(), node
+
+
+@pytest.mark.parametrize(
+    ('node', 'parameter', 'text', 'complaint'),
+    [
+        ('ontology_manager', 'ontologies', None, 'cannot read the ontology'),
+        ('ontology_manager', 'ontologies', '<rdf:RDF', 'parsing error'),
+        ('stream_manager', 'streams', None, 'cannot read the streams'),
+        ('stream_manager', 'streams', 'stream a = select from', "expected ',', 'as' or 'from'"),
+        ('stream_manager', 'streams', '\xff', 'not in UTF-8'),
+        ('stream_semantics_manager', 'annotations', None, 'cannot read the annotations'),
+        ('stream_semantics_manager', 'annotations', 'stream a contain', "expected 'contains'"),
+        ('stream_semantics_manager', 'annotations', '\xff', 'not in UTF-8'),
+    ],
+)
+def test_a_bad_file_ends_a_node_with_one_clear_complaint(
+    tmp_path: Path, node: str, parameter: str, text: str | None, complaint: str
+) -> None:
+    file = tmp_path / 'input.owl'
+    if text is not None:
+        file.write_text(text, encoding='latin-1')
+    ended = subprocess.run(
+        [executable_path(PACKAGES[node], node), '--ros-args', '-p', f'{parameter}:=["{file}"]'],
+        env={**os.environ, **private_environment()},
+        capture_output=True,
+        text=True,
+        timeout=20,
+        check=False,
+    )
+    first, *place = ended.stderr.splitlines()
+    assert ended.returncode == 1
+    assert complaint in first
+    assert str(file) in first
+    # A language shows the place under its complaint.
+    assert not place or (place[0] == f'  {text}' and place[1].strip() == '^')
+
+
+@pytest.fixture(scope='module')
+def lonely(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Nodes]:
+    """The nodes that need others, without those."""
+    with Nodes(
+        tmp_path_factory.mktemp('lonely'),
+        stream_manager={},
+        stream_semantics_manager={},
+        semantic_matching_engine={},
+        stream_reasoning_coordinator={},
+    ) as nodes:
+        yield nodes
+
+
+@pytest.mark.parametrize(
+    ('node', 'service', 'request_fields', 'needed'),
+    [
+        (
+            'stream_manager',
+            srv.StreamCreateFromSpec,
+            {'spec': StreamSpec(name='a', specification='select b from "/b"')},
+            'stream processing engine',
+        ),
+        (
+            'stream_semantics_manager',
+            srv.AddSemanticSpecification,
+            {'ssl_statement': 'stream a contains Power[uav1] = b'},
+            'ontology_manager',
+        ),
+        (
+            'semantic_matching_engine',
+            srv.FindAllMatchingStreams,
+            {'concept': 'Power[uav1]'},
+            'ontology_manager',
+        ),
+        (
+            'stream_reasoning_coordinator',
+            srv.EvaluateFormula,
+            {'formula': 'always Power[uav1] < 150'},
+            'stream_reasoning_engine',
+        ),
+    ],
+)
+def test_the_caller_is_told_which_node_is_absent(
+    lonely: Nodes, node: str, service: Any, request_fields: dict[str, Any], needed: str
+) -> None:
+    begun = time.monotonic()
+    answer = lonely.call(node, service, **request_fields)
+    assert time.monotonic() - begun < 5.0
+    assert_refused(answer.exit_status, ExitStatus.UNAVAILABLE, needed)

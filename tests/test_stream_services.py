@@ -1,0 +1,276 @@
+"""The two nodes of streams, by themselves and together: all their services and refusals."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import pytest
+from builtin_interfaces.msg import Duration
+from dyknow_interfaces import srv
+from dyknow_interfaces.msg import (
+    ConstraintViolation,
+    ExitStatus,
+    Field,
+    Sample,
+    StreamConstraints,
+    StreamSpec,
+)
+
+from services import LATCHED, Nodes, Telemetry, assert_refused, nanoseconds, time_of
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+ENGINE = 'stream_processing_engine'
+MANAGER = 'stream_manager'
+PERIOD = 100_000_000
+INVALID = ExitStatus.INVALID_ARGUMENT
+MISSING = ExitStatus.NOT_FOUND
+EXISTING = ExitStatus.ALREADY_EXISTS
+
+
+def create(nodes: Nodes, name: str, text: str, node: str = ENGINE) -> list[Any]:
+    """Has a stream made; its samples, as they come."""
+    spec = StreamSpec(name=name, specification=text)
+    made = nodes.obtain(node, srv.StreamCreateFromSpec, spec=spec)
+    assert made.stream_topic == f'/dyknow/streams/{name}'
+    assert made.stream_constraint_violation_topic == f'/dyknow/streams/{name}/violations'
+    return nodes.collect(Sample, made.stream_topic)
+
+
+def streams(nodes: Nodes, node: str) -> list[str]:
+    return list(nodes.obtain(node, srv.ListStreams).stream_names)
+
+
+@pytest.fixture(scope='module')
+def engine(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Nodes]:
+    """An engine alone."""
+    with Nodes(tmp_path_factory.mktemp('engine'), stream_processing_engine={}) as nodes:
+        yield nodes
+
+
+@pytest.fixture(scope='module')
+def telemetry(engine: Nodes) -> Telemetry:
+    return Telemetry(engine.client)
+
+
+@pytest.fixture(scope='module')
+def altitude(engine: Nodes, telemetry: Telemetry) -> list[Any]:
+    """The samples of a stream that flows."""
+    text = 'select pose.pose.position.z as altitude from "/robot/odometry"'
+    samples = create(engine, 'altitude', text)
+    engine.client.spin_until(lambda: len(samples) >= 5, 'samples')
+    assert telemetry.altitudes
+    return samples
+
+
+def test_samples_of_messages_with_a_header(telemetry: Telemetry, altitude: list[Any]) -> None:
+    for sample in altitude:
+        value = telemetry.altitudes[nanoseconds(sample.valid_time)]
+        assert list(sample.fields) == [Field(type='float', name='altitude', value=str(value))]
+        assert sample.header.stamp == sample.valid_time
+        assert nanoseconds(sample.available_time) >= nanoseconds(sample.valid_time)
+    available = [nanoseconds(sample.available_time) for sample in altitude]
+    assert available == sorted(set(available))
+
+
+@pytest.mark.usefixtures('telemetry')
+def test_samples_of_messages_without_a_header(engine: Nodes) -> None:
+    begun = engine.client.node.get_clock().now().nanoseconds
+    samples = create(engine, 'level', 'stream level = select data as level from "/tank/level"')
+    engine.client.spin_until(lambda: len(samples) >= 5, 'samples')
+    valid = [nanoseconds(sample.valid_time) for sample in samples]
+    assert begun < valid[0] < valid[-1] < engine.client.node.get_clock().now().nanoseconds
+    assert list(samples[0].fields) == [Field(type='float', name='level', value='0.5')]
+
+
+def test_telemetry_that_stops_violates_its_period(engine: Nodes) -> None:
+    spec = StreamSpec(
+        name='fading',
+        specification='select data from "/fading" with max_delay = 1 s',
+        constraints=StreamConstraints(
+            sample_period=[Duration(nanosec=PERIOD)], sample_period_deviation=[Duration()]
+        ),
+    )
+    made = engine.obtain(ENGINE, srv.StreamCreateFromSpec, spec=spec)
+    samples = engine.collect(Sample, made.stream_topic)
+    violations = engine.collect(
+        ConstraintViolation, made.stream_constraint_violation_topic, LATCHED
+    )
+    source = engine.client.node.create_publisher(Sample, '/fading', LATCHED)
+    last = engine.client.node.get_clock().now().nanoseconds
+    fields = [Field(type='int', name='data', value='1')]
+    for valid_time in (last - 2 * PERIOD, last - PERIOD, last):
+        source.publish(Sample(valid_time=time_of(valid_time), fields=fields))
+    engine.client.spin_until(lambda: bool(violations), 'a violation')
+    assert len(samples) == 3
+    assert (violations[0].stream_name, violations[0].constraint) == ('fading', 'sample_period')
+    assert nanoseconds(violations[0].valid_time) == last + PERIOD
+    assert nanoseconds(violations[0].allowed) == PERIOD
+    assert 'fading' in violations[0].message
+
+
+def test_the_engine_lists_and_destroys_streams(engine: Nodes) -> None:
+    for name in ('zulu', 'alpha'):
+        create(engine, name, 'select a from "/nobody"')
+    names = streams(engine, ENGINE)
+    assert {'alpha', 'zulu'} <= set(names)
+    assert names == sorted(names)
+    engine.obtain(ENGINE, srv.StreamDestroy, stream_name='zulu')
+    assert streams(engine, ENGINE) == [name for name in names if name != 'zulu']
+    count = engine.client.node.count_publishers
+    engine.client.spin_until(lambda: count('/dyknow/streams/zulu') == 0, 'no publisher')
+
+
+@pytest.mark.usefixtures('altitude')
+@pytest.mark.parametrize(
+    ('name', 'text', 'code', 'words'),
+    [
+        ('new', 'select a form "/b"', INVALID, ("'form'", "'from'", '^')),
+        ('new', 'select a from "/b" with sample_period = 5 m', INVALID, ("'m'", '^')),
+        ('new', '', INVALID, ('unexpected end', '^')),
+        ('altitude', 'select a from "/b"', EXISTING, ("'altitude'",)),
+        ('two words', 'select a from "/b"', INVALID, ("'two words'", 'letters')),
+        ('new', 'select a from nowhere', MISSING, ("'nowhere'", 'altitude')),
+        ('new', 'select depth from altitude', INVALID, ("'depth'", 'has: altitude', '^')),
+        ('new', 'select z from "/robot/odometry"', INVALID, ("'z'", 'pose.pose.position.z', '^')),
+        ('new', 'sorcery("/b")', MISSING, ("'sorcery'", '^')),
+        ('new', 'select a from ""', INVALID, ('empty', '^')),
+    ],
+)
+def test_a_stream_that_the_engine_cannot_make(
+    engine: Nodes, name: str, text: str, code: int, words: tuple[str, ...]
+) -> None:
+    before = streams(engine, ENGINE)
+    spec = StreamSpec(name=name, specification=text)
+    answer = engine.call(ENGINE, srv.StreamCreateFromSpec, spec=spec)
+    assert_refused(answer.exit_status, code, *words)
+    assert streams(engine, ENGINE) == before
+
+
+@pytest.mark.usefixtures('altitude')
+def test_a_stream_that_the_engine_does_not_have(engine: Nodes) -> None:
+    answer = engine.call(ENGINE, srv.StreamDestroy, stream_name='nowhere')
+    assert_refused(answer.exit_status, MISSING, "'nowhere'", 'altitude')
+
+
+@pytest.fixture(scope='module')
+def managed(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Nodes]:
+    """A manager and an engine, with a topic that has a stream name and a stream made of it."""
+    executables: dict[str, dict[str, Any]] = {MANAGER: {}, ENGINE: {}}
+    with Nodes(tmp_path_factory.mktemp('managed'), **executables) as nodes:
+        nodes.obtain(
+            MANAGER,
+            srv.StreamRegister,
+            stream_name='tank',
+            topic_name='/tank/level',
+            message_type='std_msgs/msg/Float64',
+        )
+        spec = StreamSpec(name='level', specification='select data as level from tank')
+
+        def made() -> bool:
+            answer = nodes.call(MANAGER, srv.StreamCreateFromSpec, spec=spec)
+            return bool(answer.exit_status.code != ExitStatus.UNAVAILABLE)
+
+        nodes.client.spin_until(made, 'the manager has found the engine')
+        yield nodes
+
+
+def test_a_stream_made_of_a_registered_topic_flows(managed: Nodes) -> None:
+    telemetry = Telemetry(managed.client)
+    samples = managed.collect(Sample, '/dyknow/streams/level')
+    managed.client.spin_until(lambda: len(samples) >= 3, 'samples')
+    assert list(samples[0].fields) == [Field(type='float', name='level', value='0.5')]
+    telemetry.stop()
+
+
+@pytest.mark.parametrize(
+    ('name', 'topic', 'message_type'),
+    [
+        ('level', '/dyknow/streams/level', 'dyknow_interfaces/msg/Sample'),
+        ('tank', '/tank/level', 'std_msgs/msg/Float64'),
+    ],
+)
+def test_the_manager_knows_the_topic_of_a_stream(
+    managed: Nodes, name: str, topic: str, message_type: str
+) -> None:
+    assert name in streams(managed, MANAGER)
+    found = managed.obtain(MANAGER, srv.StreamGetTopic, stream_name=name)
+    assert (found.topic_name, found.message_type) == (topic, message_type)
+
+
+def test_a_stream_of_the_manager_is_one_of_the_engine(managed: Nodes) -> None:
+    create(managed, 'twice', 'select level from level', MANAGER)
+    names = streams(managed, MANAGER)
+    assert 'twice' in names
+    assert names == sorted(names)
+    assert 'twice' in streams(managed, ENGINE)
+    managed.obtain(MANAGER, srv.StreamDestroy, stream_name='twice')
+    assert 'twice' not in streams(managed, MANAGER)
+    assert 'twice' not in streams(managed, ENGINE)
+
+
+def test_a_registered_topic_can_be_forgotten(managed: Nodes) -> None:
+    managed.obtain(
+        MANAGER,
+        srv.StreamRegister,
+        stream_name='brief',
+        topic_name='/brief',
+        message_type='std_msgs/msg/Bool',
+    )
+    managed.obtain(MANAGER, srv.StreamDestroy, stream_name='brief')
+    answer = managed.call(MANAGER, srv.StreamGetTopic, stream_name='brief')
+    assert_refused(answer.exit_status, MISSING, "'brief'", 'tank')
+
+
+@pytest.mark.parametrize(
+    ('name', 'text', 'code', 'words'),
+    [
+        ('new', 'select a form "/b"', INVALID, ("'form'", "'from'", '^')),
+        ('level', 'select a from "/b"', EXISTING, ("'level'",)),
+        ('tank', 'select a from "/b"', EXISTING, ("'tank'",)),
+        ('two words', 'select a from "/b"', INVALID, ("'two words'", 'letters')),
+        ('new', 'select a from nowhere', MISSING, ("'nowhere'", 'level', 'tank')),
+        ('new', 'select depth from level', INVALID, ("'depth'", 'has: level', '^')),
+    ],
+)
+def test_a_stream_that_the_manager_cannot_have_made(
+    managed: Nodes, name: str, text: str, code: int, words: tuple[str, ...]
+) -> None:
+    before = streams(managed, MANAGER)
+    spec = StreamSpec(name=name, specification=text)
+    answer = managed.call(MANAGER, srv.StreamCreateFromSpec, spec=spec)
+    assert_refused(answer.exit_status, code, *words)
+    assert streams(managed, MANAGER) == before
+
+
+@pytest.mark.parametrize(
+    ('name', 'topic', 'message_type', 'code', 'word'),
+    [
+        ('level', '/b', 'std_msgs/msg/Bool', EXISTING, "'level'"),
+        ('new', '/b', 'no_msgs/msg/None', MISSING, "'no_msgs/msg/None'"),
+        ('new', '/b', 'Bool', MISSING, 'package/msg/Type'),
+        ('new', '/two words', 'std_msgs/msg/Bool', INVALID, "'/two words'"),
+        ('', '/b', 'std_msgs/msg/Bool', INVALID, 'stream_name'),
+        ('new', '', 'std_msgs/msg/Bool', INVALID, 'topic_name'),
+        ('new', '/b', '', INVALID, 'message_type'),
+    ],
+)
+def test_a_topic_that_cannot_be_registered(
+    managed: Nodes, name: str, topic: str, message_type: str, code: int, word: str
+) -> None:
+    answer = managed.call(
+        MANAGER,
+        srv.StreamRegister,
+        stream_name=name,
+        topic_name=topic,
+        message_type=message_type,
+    )
+    assert_refused(answer.exit_status, code, word)
+    assert streams(managed, MANAGER) == ['level', 'tank']
+
+
+@pytest.mark.parametrize('service', [srv.StreamGetTopic, srv.StreamDestroy])
+def test_a_stream_that_the_manager_does_not_know(managed: Nodes, service: Any) -> None:
+    answer = managed.call(MANAGER, service, stream_name='nowhere')
+    assert_refused(answer.exit_status, MISSING, "'nowhere'", 'level', 'tank')
