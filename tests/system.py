@@ -26,7 +26,7 @@ from dyknow_bringup.processes import (
 from dyknow_bringup.resources import uav_ontology_path
 from dyknow_stream_processing import parse_specification, specifications_by_sink
 from dyknow_stream_processing.ros import nanoseconds_to_duration, nanoseconds_to_time
-from dyknow_stream_processing.ros.runtime import BORN, STATUS
+from dyknow_stream_processing.ros.runtime import BORN, RUNNING, STATUS
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -104,6 +104,7 @@ class System:
 
     def __enter__(self) -> Self:
         self.launcher.start_all(self.processes.values())
+        self.wait_for_coordinator()
         self.wait_for_streams()
         return self
 
@@ -145,6 +146,18 @@ class System:
             lambda: future.done() or self.streams() > self.fleet_streams, 'the state stream'
         )
         assert not future.done(), f'answered already: {future.result()}'
+
+    def wait_for_coordinator(self) -> None:
+        """Waits until the coordinator has found all nodes that it needs."""
+        said: list[str] = []
+        listener = self.client.node.create_subscription(
+            DiagnosticStatus,
+            'stream_reasoning_coordinator/status',
+            lambda status: said.append(status.message),
+            STATUS,
+        )
+        self.client.spin_until(lambda: said[-1:] == [RUNNING], f'the coordinator runs: {said}')
+        self.client.node.destroy_subscription(listener)
 
     def wait_for_streams(self) -> None:
         """Waits until the streams of the fleet, and no others, are made."""

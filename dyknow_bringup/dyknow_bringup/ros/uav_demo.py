@@ -97,10 +97,9 @@ class Demonstration:
 
     def _start_up(self) -> None:
         self._console.print(f'[bold]{self._scenario.name}[/]: {self._scenario.description}')
-        peers = [Peer(self._node, process.executable) for process in self._processes]
+        coordinator = Peer(self._node, 'stream_reasoning_coordinator')
         with self._console.status('starting the nodes of DyKnow'):
-            for peer in peers:
-                self._wait_for(lambda: peer.alive, f'node {peer.name}')  # noqa: B023
+            self._wait_for(lambda: coordinator.is_running, 'the coordinator')
             self._wait_for(self._streams_made, 'the streams of the fleet')
 
     def _monitor(self) -> bool:

@@ -45,6 +45,16 @@ class Clients:
         self.semantic_matching_engine = Peer(node, names['semantic_matching_engine'])
         self.stream_reasoning_engine = Peer(node, names['stream_reasoning_engine'])
 
+    @property
+    def peers(self) -> tuple[Peer, ...]:
+        """The four nodes."""
+        return (
+            self.stream_manager,
+            self.ontology_manager,
+            self.semantic_matching_engine,
+            self.stream_reasoning_engine,
+        )
+
     async def create_group(self, name: str) -> int:
         """The id of a new formula group."""
         response = await self.stream_reasoning_engine.call(

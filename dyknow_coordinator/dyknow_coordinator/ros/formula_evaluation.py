@@ -38,9 +38,6 @@ if TYPE_CHECKING:
     from dyknow_stream_processing import StreamConstraints
     from dyknow_stream_processing.ros import DyKnowNode
 
-FIRST_SIGN = 3.0
-"""Seconds within which an engine that has made a stream gives a sign of life on it."""
-
 
 @dataclass(frozen=True, slots=True)
 class Question:
@@ -185,7 +182,7 @@ class FormulaEvaluation:
                 liveliness=self._lease.changed, use_default_callbacks=False
             ),
         )
-        self._lease.distrust(FIRST_SIGN)
+        self._lease.expect()
 
     def _violated(self, violation: Any) -> None:
         self._evaluation.violate(violation.message)
@@ -199,7 +196,7 @@ class FormulaEvaluation:
         self._evaluation.lose(f'node {self._clients.stream_reasoning_engine.name}')
 
     async def _clean_up(self) -> None:
-        self._lease.trust()
+        self._lease.ignore()
         if self._violations is not None:
             self._node.destroy_subscription(self._violations)
         if self._stream_requested:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from itertools import count
 from typing import TYPE_CHECKING, Any
 
+from diagnostic_msgs.msg import DiagnosticStatus
 from dyknow_interfaces.action import MonitorFormula
 from dyknow_interfaces.msg import FormulaProgress, FormulaResult
 from dyknow_interfaces.srv import EvaluateFormula
@@ -18,6 +19,7 @@ from dyknow_stream_processing import DyKnowError, ExitCode
 from dyknow_stream_processing.ros import (
     LATCHED_HISTORY,
     NO_SUBSCRIPTION_EVENTS,
+    RUNNING,
     DyKnowNode,
     constraints_from_message,
     fill_exit_status,
@@ -54,6 +56,10 @@ class StreamReasoningCoordinator(DyKnowNode):
             callback_group=self.reentrant,
             event_callbacks=NO_SUBSCRIPTION_EVENTS,
         )
+        for peer in self._peers.peers:
+            peer.on_found.append(self._report)
+            peer.on_lost.append(self._report)
+        self._report()
         self.serve(EvaluateFormula, self._evaluate)
         self._action = ActionServer(
             self,
@@ -92,6 +98,13 @@ class StreamReasoningCoordinator(DyKnowNode):
         fill_answer(result, evaluation, outcome)
         _finish(goal, outcome)
         return result
+
+    def _report(self) -> None:
+        missing = [peer.name for peer in self._peers.peers if not peer.alive]
+        if missing:
+            self.set_status(f'waiting for {", ".join(missing)}', level=DiagnosticStatus.WARN)
+        else:
+            self.set_status(RUNNING)
 
     def _start(self, goal: Any) -> FormulaEvaluation:
         question = self._question(goal)

@@ -14,6 +14,8 @@ from dyknow_interfaces.srv import (
     FormulaGroupEvaluate,
     FormulaGroupExtractSymbols,
 )
+from rclpy.exceptions import InvalidTopicNameException
+from rclpy.validate_topic_name import validate_topic_name
 
 from dyknow_reasoning import FormulaGroup, FormulaResult, ReasoningError
 from dyknow_stream_processing import NANOSECONDS, DyKnowError, ExitCode
@@ -133,11 +135,13 @@ class Evaluation:
         """Fixes the domains and listens to the states.
 
         Raises:
-            ReasoningError: when a topic has no name, a sort no domain, or the group has begun.
+            ReasoningError: when a topic has no valid name, a sort no domain, or the group has begun.
         """
         for name, topic in (('state_stream', state_stream), ('result_topic', result_topic)):
-            if not topic:
-                raise ReasoningError(f'{name} is empty; give the name of a topic')
+            try:
+                validate_topic_name(topic)
+            except InvalidTopicNameException as error:
+                raise ReasoningError(f'{name}: {error}') from None
         self.group.begin(domains)
         self._results = self._node.create_publisher(
             FormulaResultMessage,

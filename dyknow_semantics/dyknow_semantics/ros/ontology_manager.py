@@ -16,7 +16,7 @@ from dyknow_interfaces.srv import (
 )
 
 from dyknow_semantics import Ontology, SemanticsError
-from dyknow_stream_processing.ros import DyKnowNode, run
+from dyknow_stream_processing.ros import RUNNING, DyKnowNode, run
 
 
 class OntologyManager(DyKnowNode):
@@ -83,7 +83,7 @@ class OntologyManager(DyKnowNode):
     def _report_change(self) -> None:
         """Tells those who mirror the ontology, before the one who changed it is answered."""
         self._version += 1
-        self.set_status('running', {'version': str(self._version)})
+        self.set_status(RUNNING, {'version': str(self._version)})
 
 
 def main() -> int:

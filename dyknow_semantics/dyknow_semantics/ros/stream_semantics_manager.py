@@ -15,7 +15,7 @@ from dyknow_interfaces.srv import (
 from dyknow_semantics import Annotation, SemanticsError, check_annotation, parse_annotations
 from dyknow_semantics.ros.mirrors import mirror_ontology
 from dyknow_stream_processing import DyKnowError, ExitCode
-from dyknow_stream_processing.ros import DyKnowNode, run
+from dyknow_stream_processing.ros import RUNNING, DyKnowNode, run
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -70,7 +70,7 @@ class StreamSemanticsManager(DyKnowNode):
     def _report_change(self) -> None:
         """Tells those who mirror the annotations, before the one who changed them is answered."""
         self._version += 1
-        self.set_status('running', {'version': str(self._version)})
+        self.set_status(RUNNING, {'version': str(self._version)})
 
     def _check_later(self) -> None:
         self.spawn(self._check_all)

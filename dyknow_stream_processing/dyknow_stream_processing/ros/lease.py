@@ -17,6 +17,9 @@ GRACE = 1.0
 On a busy machine the middleware asserts the liveliness of a healthy node late now and then.
 """
 
+FIRST_SIGN = 2.0
+"""Seconds within which a publisher that was found gives its first sign of life."""
+
 
 class Lease:
     """Judges the liveliness events of a subscription.
@@ -35,28 +38,37 @@ class Lease:
         self._node = node
         self._on_lost = on_lost
         self._on_regained = on_regained
+        self._asserted = False
         self._doubt: Future | None = None
 
     def changed(self, event: Any) -> None:
         """Takes a liveliness event of the subscription."""
-        if event.alive_count > 0:
-            self.trust()
-            if event.not_alive_count_change < 0:
-                self._on_regained()
-        else:
-            self.distrust()
+        self._asserted = event.alive_count > 0
+        if not self._asserted:
+            self._doubt_for(GRACE)
+            return
+        self.ignore()
+        if event.not_alive_count_change < 0:
+            self._on_regained()
 
-    def distrust(self, grace: float = GRACE) -> None:
-        """Expects a sign of life within some seconds."""
-        if self._doubt is None:
-            self._doubt = self._node.deadlines.after(grace)
-            self._doubt.add_done_callback(self._expired)
+    def expect(self) -> None:
+        """Expects a first sign of life from a publisher that is known to be there.
 
-    def trust(self) -> None:
-        """Expects nothing; the middleware tells when the lease is over."""
+        The middleware tells of no lease that was over before it was asserted.
+        """
+        if not self._asserted:
+            self._doubt_for(FIRST_SIGN)
+
+    def ignore(self) -> None:
+        """Expects nothing, until the middleware tells that a lease is over."""
         doubt, self._doubt = self._doubt, None
         if doubt is not None:
             doubt.cancel()
+
+    def _doubt_for(self, seconds: float) -> None:
+        if self._doubt is None:
+            self._doubt = self._node.deadlines.after(seconds)
+            self._doubt.add_done_callback(self._expired)
 
     def _expired(self, doubt: Future) -> None:
         if doubt is self._doubt:

@@ -10,7 +10,7 @@ from rclpy.task import Future
 
 from dyknow_stream_processing.errors import DyKnowError, ExitCode
 from dyknow_stream_processing.ros.lease import Lease
-from dyknow_stream_processing.ros.runtime import BORN, SERVICE, STATUS, snake_case
+from dyknow_stream_processing.ros.runtime import BORN, RUNNING, SERVICE, STATUS, snake_case
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
@@ -47,6 +47,7 @@ class Peer:
         self._calls: set[Future] = set()
         self._alive = False
         self._status: dict[str, str] = {}
+        self._message = ''
         self._lease = Lease(node, on_lost=self._die, on_regained=self._regain)
         self._subscription = node.create_subscription(
             DiagnosticStatus,
@@ -68,6 +69,11 @@ class Peer:
     def status(self) -> Mapping[str, str]:
         """The values that the node published last on its status topic."""
         return self._status
+
+    @property
+    def is_running(self) -> bool:
+        """Whether the node lives and has all that it needs."""
+        return self._alive and self._message == RUNNING
 
     async def call(self, service_type: Any, **fields: Any) -> Any:
         """The response of a service of the node, whose exit status is SUCCESS.
@@ -105,7 +111,7 @@ class Peer:
 
     def destroy(self) -> None:
         """Frees what listens to the node."""
-        self._lease.trust()
+        self._lease.ignore()
         self._node.destroy_subscription(self._subscription)
         for client in self._clients.values():
             self._node.destroy_client(client)
@@ -130,11 +136,13 @@ class Peer:
 
     def _heard(self, message: Any) -> None:
         status = {value.key: value.value for value in message.values}
+        self._message = message.message
         replaced = self._status.get(BORN) not in (None, status.get(BORN))
         self._status = status
         if replaced:
             # It died and came back before its lease was over.
             self._die()
+        self._lease.expect()
         self._revive()
 
     def _regain(self) -> None:

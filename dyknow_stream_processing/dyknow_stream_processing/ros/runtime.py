@@ -49,6 +49,9 @@ STREAM = QoSProfile(depth=1000, reliability=ReliabilityPolicy.RELIABLE)
 SHUTDOWN_LIMIT = 5.0
 """Seconds that a node may take to stop."""
 
+RUNNING = 'running'
+"""What a node says on its status topic when it has all that it needs."""
+
 BORN = 'born'
 """The key in a node's status that tells it from one that had its name before."""
 
@@ -98,7 +101,7 @@ class DyKnowNode(Node):
         self._status = self.create_publisher(
             DiagnosticStatus, '~/status', STATUS, event_callbacks=NO_PUBLISHER_EVENTS
         )
-        self.set_status('running')
+        self.set_status(RUNNING)
 
     def set_status(
         self, message: str, values: Mapping[str, str] | None = None, *, level: bytes | None = None

@@ -32,7 +32,7 @@ from dyknow_stream_processing.ros.conversion import (
     message_class,
 )
 from dyknow_stream_processing.ros.peer import Peer
-from dyknow_stream_processing.ros.runtime import DyKnowNode, run
+from dyknow_stream_processing.ros.runtime import RUNNING, DyKnowNode, run
 from dyknow_stream_processing.sinks import specifications_by_sink
 
 if TYPE_CHECKING:
@@ -219,7 +219,7 @@ class StreamManager(DyKnowNode):
 
     def _report(self) -> None:
         waiting = [stream.name for stream in self._registry.waiting()]
-        message = f'{len(waiting)} streams wait for an engine' if waiting else 'running'
+        message = f'{len(waiting)} streams wait for an engine' if waiting else RUNNING
         if self._faults:
             message = f'streams that cannot be made: {", ".join(self._faults)}'
         self.set_status(

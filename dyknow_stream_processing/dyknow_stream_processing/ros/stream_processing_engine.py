@@ -21,6 +21,7 @@ from dyknow_stream_processing.ros.conversion import (
 )
 from dyknow_stream_processing.ros.runtime import (
     NO_PUBLISHER_EVENTS,
+    RUNNING,
     STREAM,
     VIOLATIONS,
     DyKnowNode,
@@ -104,7 +105,7 @@ class StreamProcessingEngine(DyKnowNode):
 
     def _report(self) -> None:
         self.set_status(
-            'running', {name: _account(self._dataflow.statistics(name)) for name in self._outputs}
+            RUNNING, {name: _account(self._dataflow.statistics(name)) for name in self._outputs}
         )
 
     def _publish_violation(self, name: str, violation: Violation) -> None:
