@@ -131,10 +131,16 @@ class Nodes:
         )
         return messages
 
+    def request(self, node: str, service_type: Any, **fields: Any) -> Any:
+        """The future of the response of a service."""
+        name = service_name(node, service_type.__name__)
+        return self.client.request(service_type, name, **fields)
+
     def call(self, node: str, service_type: Any, **fields: Any) -> Any:
         """The response of a service, whatever its exit status."""
-        name = service_name(node, service_type.__name__)
-        response = self.client.call(service_type, name, **fields)
+        future = self.request(node, service_type, **fields)
+        self.client.spin_until(future.done, f'answer of {node}')
+        response = future.result()
         assert bool(response.exit_status.message) == bool(response.exit_status.code)
         return response
 

@@ -22,8 +22,8 @@ INVALID = ExitStatus.INVALID_ARGUMENT
 MISSING = ExitStatus.NOT_FOUND
 EXISTING = ExitStatus.ALREADY_EXISTS
 
-POWER = 'stream uav1_power contains Power[uav1] = power'
-FLEET = 'stream fleet contains Altitude[u] = pose.z for every u in UAV where u = id'
+POWER = 'stream uav1_power contains Power[uav1] = power;'
+FLEET = 'stream fleet contains Altitude[u] = pose.z for every u in UAV where u = id;'
 KITE = """\
 <http://example.org/kites> {is_a} <http://www.w3.org/2002/07/owl#Ontology> .
 <http://example.org/kites#kite> {is_a} <http://www.w3.org/2002/07/owl#NamedIndividual> .
@@ -42,7 +42,7 @@ def nodes(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Nodes]:
     with Nodes(tmp_path_factory.mktemp('semantics'), **executables) as nodes:
         for name in ('uav1', 'uav2'):
             nodes.obtain(ONTOLOGY, srv.InstanceCreate, instance_name=name, concept_names=['UAV'])
-        nodes.obtain(SEMANTICS, srv.AddSemanticSpecification, ssl_statement=f'{POWER};\n{FLEET};')
+        nodes.obtain(SEMANTICS, srv.AddSemanticSpecification, ssl_statement=f'{POWER}\n{FLEET}')
         yield nodes
 
 
@@ -140,7 +140,7 @@ def test_annotations_come_and_go(nodes: Nodes) -> None:
     assert before == [POWER, FLEET]
     text = 'stream   uav2_power contains\n Power[ uav2 ] = power ;'
     nodes.obtain(SEMANTICS, srv.AddSemanticSpecification, ssl_statement=text)
-    assert annotations(nodes) == [*before, 'stream uav2_power contains Power[uav2] = power']
+    assert annotations(nodes) == [*before, 'stream uav2_power contains Power[uav2] = power;']
     nodes.obtain(SEMANTICS, srv.RemoveSemanticSpecification, stream_name='uav2_power')
     assert annotations(nodes) == before
 

@@ -135,7 +135,8 @@ class Evaluation:
         """Fixes the domains and listens to the states.
 
         Raises:
-            ReasoningError: when a topic has no valid name, a sort no domain, or the group has begun.
+            ReasoningError: when a topic has no valid name or a sort no domain, or the group has
+                begun.
         """
         for name, topic in (('state_stream', state_stream), ('result_topic', result_topic)):
             try:
