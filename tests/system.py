@@ -26,13 +26,16 @@ from dyknow_bringup.processes import (
 from dyknow_bringup.resources import uav_ontology_path
 from dyknow_stream_processing import parse_specification, specifications_by_sink
 from dyknow_stream_processing.ros import nanoseconds_to_duration, nanoseconds_to_time
-from dyknow_stream_processing.ros.runtime import BORN, RUNNING, STATUS
+from dyknow_stream_processing.ros.runtime import BORN, RUNNING, SERVICE, STATUS
 
 if TYPE_CHECKING:
     from collections.abc import Callable
     from pathlib import Path
 
 _domains = itertools.count(os.getpid())
+
+PATIENCE = 3.0
+"""Seconds after which a request that is not answered is sent again."""
 
 LIMIT = 20.0
 """Seconds after which a wait has failed."""
@@ -74,7 +77,9 @@ class Client:
     def request(self, service_type: Any, service: str, **fields: Any) -> Any:
         """Sends a request and returns the future of its response."""
         if service not in self._clients:
-            self._clients[service] = self.node.create_client(service_type, service)
+            self._clients[service] = self.node.create_client(
+                service_type, service, qos_profile=SERVICE
+            )
         client = self._clients[service]
         self.spin_until(client.service_is_ready, f'service {service}')
         return client.call_async(service_type.Request(**fields))
@@ -137,8 +142,21 @@ class System:
         self.client.node.destroy_subscription(listener)
 
     def streams(self) -> set[str]:
-        """The streams that flow."""
-        return set(self.client.call(ListStreams, 'stream_manager/list_streams').stream_names)
+        """The streams that flow.
+
+        A request may go to a manager that was killed: then it is asked again.
+        """
+        end = time.monotonic() + LIMIT
+        while True:
+            answer = self.client.request(ListStreams, 'stream_manager/list_streams')
+            again = time.monotonic() + PATIENCE
+            self.client.spin_until(
+                lambda: answer.done() or time.monotonic() > min(again, end),  # noqa: B023
+                'a list of streams',
+            )
+            if answer.done():
+                return set(answer.result().stream_names)
+            assert time.monotonic() < end, f'the stream manager has not answered within {LIMIT} s'
 
     def wait_until_running(self, future: Any) -> None:
         """Waits until the state stream of an evaluation flows."""

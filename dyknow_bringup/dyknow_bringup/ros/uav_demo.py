@@ -98,9 +98,10 @@ class Demonstration:
     def _start_up(self) -> None:
         self._console.print(f'[bold]{self._scenario.name}[/]: {self._scenario.description}')
         coordinator = Peer(self._node, 'stream_reasoning_coordinator')
+        manager = Peer(self._node, 'stream_manager', patience=START_LIMIT)
         with self._console.status('starting the nodes of DyKnow'):
             self._wait_for(lambda: coordinator.is_running, 'the coordinator')
-            self._wait_for(self._streams_made, 'the streams of the fleet')
+            self._wait_for(lambda: self._streams_made(manager), 'the streams of the fleet')
 
     def _monitor(self) -> bool:
         monitor = FormulaMonitor(on_change=lambda _: None)
@@ -122,11 +123,9 @@ class Demonstration:
         with self._console.status('starting the simulation'):
             self._wait_for(lambda: self._start is not None, 'the simulation')
 
-    def _streams_made(self) -> bool:
-        manager = Peer(self._node, 'stream_manager', patience=START_LIMIT)
+    def _streams_made(self, manager: Peer) -> bool:
         listing = self._executor.create_task(manager.call, ListStreams)
         self._wait_for(listing.done, 'the stream manager')
-        manager.destroy()
         names = set(listing.result().stream_names)
         return names >= set(self._fleet_streams)
 

@@ -11,13 +11,13 @@ if TYPE_CHECKING:
 
     from dyknow_stream_processing.ros.runtime import DyKnowNode
 
-GRACE = 1.0
+GRACE = 1.5
 """Seconds beyond the lease after which a publisher is taken for dead.
 
 On a busy machine the middleware asserts the liveliness of a healthy node late now and then.
 """
 
-FIRST_SIGN = 2.0
+FIRST_SIGN = 3.0
 """Seconds within which a publisher that was found gives its first sign of life."""
 
 

@@ -46,6 +46,9 @@ LATCHED_HISTORY = QoSProfile(
 STREAM = QoSProfile(depth=1000, reliability=ReliabilityPolicy.RELIABLE)
 """Samples: none is lost between two nodes."""
 
+PULSE = 0.05
+"""Seconds between two looks for waits that are over."""
+
 SHUTDOWN_LIMIT = 5.0
 """Seconds that a node may take to stop."""
 
@@ -98,16 +101,22 @@ class DyKnowNode(Node):
         self.wall_clock = Clock(clock_type=ClockType.STEADY_TIME)
         self.deadlines = Deadlines(self)
         self._born = str(Clock(clock_type=ClockType.SYSTEM_TIME).now().nanoseconds)
+        self._status: Any = None
+        self._last_status: Any = None
+        self.set_status(RUNNING)
+
+    def announce(self) -> None:
+        """Begins to tell its status, once all its services are there: then others call them."""
         self._status = self.create_publisher(
             DiagnosticStatus, '~/status', STATUS, event_callbacks=NO_PUBLISHER_EVENTS
         )
-        self.set_status(RUNNING)
+        self._status.publish(self._last_status)
 
     def set_status(
         self, message: str, values: Mapping[str, str] | None = None, *, level: bytes | None = None
     ) -> None:
         """Says on `~/status` how the node is, and when it was born."""
-        status = DiagnosticStatus(
+        self._last_status = DiagnosticStatus(
             level=DiagnosticStatus.OK if level is None else level,
             name=self.get_fully_qualified_name(),
             message=message,
@@ -116,7 +125,8 @@ class DyKnowNode(Node):
                 for key, value in {BORN: self._born, **(values or {})}.items()
             ],
         )
-        self._status.publish(status)
+        if self._status is not None:
+            self._status.publish(self._last_status)
 
     def parameter(
         self,
@@ -205,15 +215,18 @@ def snake_case(name: str) -> str:
 
 
 class Deadlines:
-    """Ends waits: one timer of the wall clock for all that a node waits for."""
+    """Ends waits: one timer of the wall clock for all that a node waits for.
+
+    It ticks always: under load the middleware now and then fails to wake a wait set for a message
+    or a signal, and the tick does.
+    """
 
     def __init__(self, node: DyKnowNode) -> None:
         self._clock = node.wall_clock
         self._due: dict[Future, tuple[int, DyKnowError | None]] = {}
-        self._timer = node.create_timer(
-            1.0, self._expire, clock=self._clock, callback_group=ReentrantCallbackGroup()
+        node.create_timer(
+            PULSE, self._expire, clock=self._clock, callback_group=ReentrantCallbackGroup()
         )
-        self._timer.cancel()
 
     def fail(self, future: Future, seconds: float, error: DyKnowError) -> None:
         """Gives a future an error after a time, unless it is done before."""
@@ -228,15 +241,6 @@ class Deadlines:
     def _add(self, future: Future, seconds: float, error: DyKnowError | None) -> None:
         self._due[future] = (self._clock.now().nanoseconds + round(seconds * 1e9), error)
         future.add_done_callback(lambda done: self._due.pop(done, None))
-        self._arm()
-
-    def _arm(self) -> None:
-        if not self._due:
-            self._timer.cancel()
-            return
-        wait = min(due for due, _ in self._due.values()) - self._clock.now().nanoseconds
-        self._timer.timer_period_ns = max(wait, 1)
-        self._timer.reset()
 
     def _expire(self) -> None:
         now = self._clock.now().nanoseconds
@@ -247,7 +251,6 @@ class Deadlines:
                 future.set_result(None)
             else:
                 future.set_exception(error)
-        self._arm()
 
 
 def _exit_in_any_case() -> None:
@@ -260,18 +263,19 @@ def _exit_in_any_case() -> None:
     watchdog.start()
 
 
-def run(make_node: Callable[[], Node], arguments: Sequence[str] | None = None) -> int:
+def run(make_node: Callable[[], DyKnowNode], arguments: Sequence[str] | None = None) -> int:
     """Runs a node until SIGINT or SIGTERM; the main function of every executable.
 
     Returns:
         The exit code: 0 after a clean stop, 1 when the node cannot start.
     """
     rclpy.init(args=None if arguments is None else list(arguments))
-    node: Node | None = None
+    node: DyKnowNode | None = None
     executor = SingleThreadedExecutor()
     try:
         node = make_node()
         executor.add_node(node)
+        node.announce()
         executor.spin()
     except (KeyboardInterrupt, ExternalShutdownException):
         pass
