@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import os
+import socket
 import time
 from typing import TYPE_CHECKING, Any, Self
 
@@ -44,9 +45,23 @@ LIMIT = 20.0
 def private_environment() -> dict[str, str]:
     """Variables for processes that nobody else on this machine or network shall hear."""
     return {
-        'ROS_DOMAIN_ID': str(1 + next(_domains) % 100),
+        'ROS_DOMAIN_ID': str(_free_domain()),
         'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST',
     }
+
+
+def _free_domain() -> int:
+    """A domain in which nobody listens: the ports of its first participant are free."""
+    for number in itertools.islice(_domains, 100):
+        domain = 1 + number % 100
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+            try:
+                # DDS gives the first participant of a domain this port.
+                probe.bind(('', 7410 + 250 * domain))
+            except OSError:
+                continue
+        return domain
+    raise AssertionError('no ROS domain is free')
 
 
 class Client:
@@ -109,8 +124,13 @@ class System:
 
     def __enter__(self) -> Self:
         self.launcher.start_all(self.processes.values())
-        self.wait_for_coordinator()
-        self.wait_for_streams()
+        try:
+            self.wait_for_coordinator()
+            self.wait_for_streams()
+        except BaseException:
+            self.client.close()
+            self.launcher.stop_all()
+            raise
         return self
 
     def __exit__(self, *_: object) -> None:

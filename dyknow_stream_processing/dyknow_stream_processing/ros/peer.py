@@ -127,12 +127,12 @@ class Peer:
         return self._clients[service_type]
 
     async def _found(self, client: Any) -> None:
-        waited = 0.0
+        clock = self._node.wall_clock
+        end = clock.now().nanoseconds + round(self._patience * 1e9)
         while not (self._alive and client.service_is_ready()):
-            if waited >= self._patience:
+            if clock.now().nanoseconds > end:
                 raise self._unavailable('is not running')
             await self._node.deadlines.after(POLL)
-            waited += POLL
 
     def _heard(self, message: Any) -> None:
         status = {value.key: value.value for value in message.values}

@@ -17,6 +17,7 @@ from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.clock import Clock, ClockType
 from rclpy.duration import Duration
 from rclpy.event_handler import PublisherEventCallbacks, SubscriptionEventCallbacks
+from rclpy.exceptions import ParameterException
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.qos import (
@@ -217,8 +218,8 @@ def snake_case(name: str) -> str:
 class Deadlines:
     """Ends waits: one timer of the wall clock for all that a node waits for.
 
-    It ticks always: under load the middleware now and then fails to wake a wait set for a message
-    or a signal, and the tick does.
+    It ticks always: a node without timers was seen to sleep on in its wait set though a signal or a
+    request had come, and the tick wakes it.
     """
 
     def __init__(self, node: DyKnowNode) -> None:
@@ -279,7 +280,7 @@ def run(make_node: Callable[[], DyKnowNode], arguments: Sequence[str] | None = N
         executor.spin()
     except (KeyboardInterrupt, ExternalShutdownException):
         pass
-    except DyKnowError as error:
+    except (DyKnowError, ParameterException) as error:
         print(error, file=sys.stderr)  # noqa: T201 - there is no node to log with
         return 1
     except Exception:

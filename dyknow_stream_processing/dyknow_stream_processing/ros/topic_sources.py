@@ -55,7 +55,10 @@ def _type_of_class(class_: Any) -> SourceType:
 
 
 def _published_type(node: Node, topic: str) -> str | None:
-    types = {info.topic_type for info in node.get_publishers_info_by_topic(topic)}
+    try:
+        types = {info.topic_type for info in node.get_publishers_info_by_topic(topic)}
+    except ValueError as error:
+        raise StreamError(f"'{topic}' cannot be the name of a topic: {error}") from None
     if len(types) > 1:
         raise StreamError(
             f"topic '{topic}' is published with several types ({', '.join(sorted(types))}); "
