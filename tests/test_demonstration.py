@@ -172,6 +172,14 @@ class Rover:
         return process.returncode, process.communicate()[0]
 
 
+@pytest.fixture(scope='module')
+def vehicle(rover: dict[str, str]) -> Iterator[Rover]:
+    """The rover; its topics must not fall silent between two tests."""
+    publishing = Rover(rover)
+    yield publishing
+    publishing.client.close()
+
+
 @pytest.mark.parametrize(
     ('formula', 'timeout', 'code', 'verdict'),
     [
@@ -181,26 +189,18 @@ class Rover:
     ],
 )
 def test_a_formula_is_asked_from_a_shell(
-    rover: dict[str, str], formula: str, timeout: str, code: int, verdict: str
+    rover: dict[str, str], vehicle: Rover, formula: str, timeout: str, code: int, verdict: str
 ) -> None:
     line = command('dyknow', 'evaluate', formula, '--timeout', timeout, '--json')
-    vehicle = Rover(rover)
-    try:
-        returned, printed = vehicle.run(line, rover)
-    finally:
-        vehicle.client.close()
+    returned, printed = vehicle.run(line, rover)
     answer = json.loads(printed)
     assert (returned, answer['verdict']) == (code, verdict), printed
     assert answer['exit_status'] == ('TIMEOUT' if code == 2 else 'SUCCESS')
 
 
-def test_the_node_of_the_readme(rover: dict[str, str]) -> None:
-    vehicle = Rover(rover)
+def test_the_node_of_the_readme(rover: dict[str, str], vehicle: Rover) -> None:
     vehicle.client.node.create_timer(1.5, lambda: setattr(vehicle, 'charge', 0.1))
-    try:
-        returned, printed = vehicle.run(['python3', str(EXAMPLES / 'stop_when_empty.py')], rover)
-    finally:
-        vehicle.client.close()
+    returned, printed = vehicle.run(['python3', str(EXAMPLES / 'stop_when_empty.py')], rover)
     assert returned == 0, printed
     assert 'a rover did not stop' in printed
     assert 'Speed[rover1] < 0.1' in printed

@@ -128,7 +128,7 @@ class StreamRegistry:
             StreamError: NOT_FOUND or UNAVAILABLE, for a stream that it is made of.
         """
         parsed = parse_specification(specification)
-        aliases = [self._alias(name, engine) for name in free_names(parsed).streams]
+        aliases = [self._alias(name, engine) for name in sorted(free_names(parsed).streams)]
         return ';\n'.join([*filter(None, aliases), str(parsed)])
 
     def _alias(self, name: str, engine: str) -> str | None:

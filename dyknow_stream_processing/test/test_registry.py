@@ -60,10 +60,8 @@ def test_an_adopted_stream_cannot_be_made_anew(registry: StreamRegistry) -> None
 
 
 def test_what_another_engine_makes_is_read_from_its_topic(registry: StreamRegistry) -> None:
-    text = registry.text_for('sync(a, c, battery)', 'e1')
-    assert (
-        text
-        == 'stream c = "/streams/c";\nstream battery = "/uav1/battery";\nsink sync(a, c, battery)'
+    assert registry.text_for('sync(a, c, battery)', 'e1') == (
+        'stream battery = "/uav1/battery";\nstream c = "/streams/c";\nsink sync(a, c, battery)'
     )
 
 
