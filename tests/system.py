@@ -105,6 +105,18 @@ class Client:
         self.spin_until(future.done, f'answer of {service}', limit)
         return future.result()
 
+    def wait_for_coordinator(self) -> None:
+        """Waits until the coordinator has found all nodes that it needs."""
+        said: list[str] = []
+        listener = self.node.create_subscription(
+            DiagnosticStatus,
+            'stream_reasoning_coordinator/status',
+            lambda status: said.append(status.message),
+            STATUS,
+        )
+        self.spin_until(lambda: said[-1:] == [RUNNING], f'the coordinator runs: {said}')
+        self.node.destroy_subscription(listener)
+
 
 class System:
     """All seven nodes of DyKnow, configured for a fleet, and a client.
@@ -125,7 +137,7 @@ class System:
     def __enter__(self) -> Self:
         self.launcher.start_all(self.processes.values())
         try:
-            self.wait_for_coordinator()
+            self.client.wait_for_coordinator()
             self.wait_for_streams()
         except BaseException:
             self.client.close()
@@ -184,18 +196,6 @@ class System:
             lambda: future.done() or self.streams() > self.fleet_streams, 'the state stream'
         )
         assert not future.done(), f'answered already: {future.result()}'
-
-    def wait_for_coordinator(self) -> None:
-        """Waits until the coordinator has found all nodes that it needs."""
-        said: list[str] = []
-        listener = self.client.node.create_subscription(
-            DiagnosticStatus,
-            'stream_reasoning_coordinator/status',
-            lambda status: said.append(status.message),
-            STATUS,
-        )
-        self.client.spin_until(lambda: said[-1:] == [RUNNING], f'the coordinator runs: {said}')
-        self.client.node.destroy_subscription(listener)
 
     def wait_for_streams(self) -> None:
         """Waits until the streams of the fleet, and no others, are made."""

@@ -176,6 +176,7 @@ class Rover:
 def vehicle(rover: dict[str, str]) -> Iterator[Rover]:
     """The rover; its topics must not fall silent between two tests."""
     publishing = Rover(rover)
+    publishing.client.wait_for_coordinator()
     yield publishing
     publishing.client.close()
 

@@ -32,6 +32,8 @@ if TYPE_CHECKING:
 GROUNDINGS = {'auto': 0, 'syntactic': 1, 'semantic': 2}
 VERDICTS = ('undecided', 'true', 'false')
 CHECK_PERIOD = 0.5
+PATIENCE = 10.0
+"""Seconds to wait for the coordinator, which may just have been started."""
 GRACE = 5.0
 """Seconds beyond the timeout of a formula that its answer may take."""
 
@@ -89,7 +91,7 @@ def _ask(chosen: argparse.Namespace) -> Any:
     executor = SingleThreadedExecutor()
     executor.add_node(node)
     try:
-        coordinator = Peer(node, chosen.coordinator, timeout=seconds + GRACE)
+        coordinator = Peer(node, chosen.coordinator, PATIENCE, seconds + GRACE)
         asking = executor.create_task(
             coordinator.ask,
             EvaluateFormula,
