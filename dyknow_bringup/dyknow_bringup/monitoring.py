@@ -13,6 +13,9 @@ if TYPE_CHECKING:
 
 UNDECIDED = 'undecided'
 
+VERDICTS = (UNDECIDED, 'true', 'false')
+"""The names of verdicts, by their numbers in dyknow_interfaces/msg/FormulaResult."""
+
 
 @dataclass(slots=True)
 class MonitoredFormula:

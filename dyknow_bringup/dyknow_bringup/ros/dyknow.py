@@ -17,6 +17,7 @@ from rclpy.utilities import remove_ros_args
 
 from dyknow_bringup.errors import BringupError
 from dyknow_bringup.launcher import Launcher
+from dyknow_bringup.monitoring import VERDICTS
 from dyknow_bringup.processes import Configuration, dyknow_processes
 from dyknow_stream_processing import DyKnowError, ExitCode, parse_duration, round_time
 from dyknow_stream_processing.ros import (
@@ -30,7 +31,6 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
 GROUNDINGS = {'auto': 0, 'syntactic': 1, 'semantic': 2}
-VERDICTS = ('undecided', 'true', 'false')
 CHECK_PERIOD = 0.5
 PATIENCE = 10.0
 """Seconds to wait for the coordinator, which may just have been started."""

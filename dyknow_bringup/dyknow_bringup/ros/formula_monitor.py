@@ -10,7 +10,7 @@ from rclpy.action import ActionClient
 from rclpy.task import Future
 
 from dyknow_bringup.formulas import load_formulas
-from dyknow_bringup.monitoring import MonitoredFormula
+from dyknow_bringup.monitoring import VERDICTS, MonitoredFormula
 from dyknow_bringup.resources import formulas_path
 from dyknow_stream_processing import ExitCode, round_time
 from dyknow_stream_processing.ros import (
@@ -30,8 +30,6 @@ START_UP = 10_000_000_000
 
 RETRY_PERIOD = 0.5
 """Seconds until a formula is asked again."""
-
-VERDICTS = ('undecided', 'true', 'false')
 
 
 class FormulaMonitor(DyKnowNode):

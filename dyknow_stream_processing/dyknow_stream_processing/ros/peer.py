@@ -49,7 +49,7 @@ class Peer:
         self._status: dict[str, str] = {}
         self._message = ''
         self._lease = Lease(node, on_lost=self._die, on_regained=self._regain)
-        self._subscription = node.create_subscription(
+        node.create_subscription(
             DiagnosticStatus,
             f'{name}/status',
             self._heard,
@@ -108,13 +108,6 @@ class Peer:
         finally:
             self._calls.discard(answer)
             client.remove_pending_request(call)
-
-    def destroy(self) -> None:
-        """Frees what listens to the node."""
-        self._lease.ignore()
-        self._node.destroy_subscription(self._subscription)
-        for client in self._clients.values():
-            self._node.destroy_client(client)
 
     def _client(self, service_type: Any) -> Any:
         if service_type not in self._clients:
