@@ -14,10 +14,10 @@ BEGINNING: Final = -(1 << 63)
 
 
 class Agenda:
-    """Wakes operators at their deadlines, in order of time and then from inputs to outputs.
+    """Wakes operators at the times that they ask for, in order of time, inputs before outputs.
 
-    An operator stays on its place if its deadline moves away, and moves on when its turn comes; so
-    a deadline that moves with each sample costs nothing.
+    What an operator asked for once stays planned even if nothing is left to do by then: it is woken
+    for nothing and asks anew. So a deadline that moves on with each sample costs nothing.
     """
 
     def __init__(self) -> None:
@@ -31,7 +31,8 @@ class Agenda:
     def wake_at(self, operator: Operator, time: int) -> None:
         """Wake an operator at a time, or before if it is planned so."""
         time = max(time, self._reached)
-        if time < self._planned.get(operator, time + 1):
+        planned = self._planned.get(operator)
+        if planned is None or time < planned:
             self._planned[operator] = time
             heappush(self._heap, (time, operator.rank, next(self._serial), operator))
 
@@ -42,27 +43,20 @@ class Agenda:
             heapify(self._heap)
 
     def next_deadline(self) -> int | None:
-        """The earliest time at which an operator has something to do."""
-        while self._heap:
-            time, _, _, operator = self._heap[0]
-            if self._planned.get(operator) == time:
-                due = operator.deadline()
-                if due is not None and due <= time:
-                    return time
-                del self._planned[operator]
-                if due is not None:
-                    self.wake_at(operator, due)
-            heappop(self._heap)
-        return None
+        """The earliest time at which an operator may have something to do."""
+        return self._heap[0][0] if self._heap else None
 
     def run(self, now: int) -> None:
-        """Wake every operator whose deadline is not after `now`."""
-        self.now = max(self.now, now)
-        while (time := self.next_deadline()) is not None and time <= self.now:
-            self._reached = time
-            operator = heappop(self._heap)[-1]
+        """Wake every operator that is to be woken at `now` or before."""
+        if now > self.now:
+            self.now = now
+        while self._heap and self._heap[0][0] <= self.now:
+            self._wake_next()
+        self._reached = self.now
+
+    def _wake_next(self) -> None:
+        time, _, _, operator = heappop(self._heap)
+        self._reached = time
+        if self._planned.get(operator) == time:
             del self._planned[operator]
             operator.wake(time)
-            if (due := operator.deadline()) is not None:
-                self.wake_at(operator, due)
-        self._reached = self.now

@@ -83,12 +83,22 @@ class UnitOperator(SynchronisedOperator):
             tuple(field.name for field in fields) for fields in declaration.parameters
         ]
 
-    def receive(self, port: int, valid_time: int, fields: Mapping[str, Value], now: int) -> None:
+    def receive(
+        self, port: int, valid_time: int, fields: Mapping[str, Value], watermark: int, now: int
+    ) -> None:
         """Compute at once from a single input, which has nothing to wait for; else synchronise."""
         if len(self.inputs) == 1:
-            self._tick(valid_time, (fields,), now)
+            self._tick(valid_time, [fields], now)
+            self._promise(watermark, now)
         else:
-            super().receive(port, valid_time, fields, now)
+            super().receive(port, valid_time, fields, watermark, now)
+
+    def promise(self, port: int, watermark: int, now: int) -> None:
+        """Promise the same for a single input; else synchronise."""
+        if len(self.inputs) == 1:
+            self._promise(watermark, now)
+        else:
+            super().promise(port, watermark, now)
 
     def _tick(self, valid_time: int, values: Values, now: int) -> None:
         try:
@@ -110,7 +120,7 @@ class UnitOperator(SynchronisedOperator):
             self._reject(Broken.COMPUTATIONAL_UNIT, valid_time, message)
         else:
             if result is not None:
-                self._emit(valid_time, {self._output.name: result}, now)
+                self._emit(valid_time, {self._output.name: result}, self.watermark, now)
 
 
 def _instance(unit: Unit, name: str) -> Any:

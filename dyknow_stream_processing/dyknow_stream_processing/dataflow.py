@@ -152,16 +152,17 @@ class Dataflow:
 
     def found(self, topic: str, source_type: SourceType) -> None:
         """Learn of a topic what was not known when streams were made of it."""
-        for source in self._wiring.sources(topic):
-            source.learn(receipt_time=source_type.receipt_time)
+        if source_type.receipt_time:
+            for source in self._wiring.sources(topic):
+                source.become_timed()
 
     def push(self, topic: str, sample: Sample) -> None:
         """Take a sample of a topic; its available time is the time of receipt, and is now."""
-        self.advance(sample.available_time)
-        now = self._agenda.now
+        agenda = self._agenda
+        agenda.run(sample.available_time)
         for source in self._wiring.sources(topic):
-            source.receive(0, sample.valid_time, sample.fields, now)
-        self.advance(now)
+            source.push(sample.valid_time, sample.fields, agenda.now)
+        agenda.run(agenda.now)
 
     def advance(self, now: int) -> None:
         """Do what is due until a time, nanoseconds; a time before the last one is ignored."""
@@ -216,7 +217,7 @@ class _Stream:
 
     def attach(self, root: Operator) -> None:
         """Begin to take the samples of an operator, and to observe it and all before it."""
-        root.consumers.append((self, 0))
+        root.listeners.append(self)
         pending = [root]
         while pending:
             operator = pending.pop()
@@ -228,7 +229,7 @@ class _Stream:
     def detach(self) -> None:
         """Take no more samples, and observe no more."""
         root = self._operators[0]
-        root.consumers = [entry for entry in root.consumers if entry[0] is not self]
+        root.listeners.remove(self)
         for operator in self._operators:
             operator.observers.remove(self)
 
@@ -236,14 +237,12 @@ class _Stream:
         """What has come of it so far."""
         return Statistics(self._samples, self._violations, dict(self._drops))
 
-    def receive(self, port: int, valid_time: int, fields: Mapping[str, Value], now: int) -> None:  # noqa: ARG002
+    def take(self, valid_time: int, fields: Mapping[str, Value]) -> None:
         """Emit a sample; two that come at once are available one after the other."""
-        self._available_time = max(self._agenda.now, self._available_time + 1)
+        now, earliest = self._agenda.now, self._available_time + 1
+        self._available_time = available_time = now if now > earliest else earliest
         self._samples += 1
-        self._on_sample(Sample(valid_time, self._available_time, fields))
-
-    def promise(self, port: int, watermark: int, now: int) -> None:
-        """Those who receive the samples are not told about watermarks."""
+        self._on_sample(Sample(valid_time, available_time, fields))
 
     def dropped(self, reason: str) -> None:
         """Count a sample that was dropped."""

@@ -4,7 +4,8 @@ An operator promises two things about the valid times of the samples that it wil
 
 - Data raises its *watermark* `w`: nobody has to wait for a sample valid at `w` or before. None
   valid before `w` will come. One valid at `w` exactly may, as valid times may be equal, but whoever
-  needs each time once need not wait for it.
+  needs each time once need not wait for it. Each sample carries the watermark that holds from then
+  on; where there is a promise without a sample, it is told by itself.
 - The clock makes the same certain for a valid time `t` at `certain_at(t)`: a stream with a maximum
   delay has delivered by then whatever it will deliver.
 
@@ -14,7 +15,7 @@ then of rank, so that whoever asks another what is certain is woken after it.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING, Final, Protocol
 
 from dyknow_stream_processing.agenda import BEGINNING
 
@@ -25,14 +26,15 @@ if TYPE_CHECKING:
     from dyknow_stream_processing.sample import Value
 
 
-class Consumer(Protocol):
-    """Whatever an operator hands its samples to."""
+NO_PROMISE: Final = BEGINNING - 1
+"""The watermark that comes with a sample of whoever never promises anything."""
 
-    def receive(self, port: int, valid_time: int, fields: Mapping[str, Value], now: int) -> None:
-        """Take a sample of the input with the number `port`."""
 
-    def promise(self, port: int, watermark: int, now: int) -> None:
-        """Note that an input promises more, and may have raised its watermark."""
+class Listener(Protocol):
+    """Whoever is given the samples of an operator and is no operator itself."""
+
+    def take(self, valid_time: int, fields: Mapping[str, Value]) -> None:
+        """Take a sample."""
 
 
 class Observer(Protocol):
@@ -76,12 +78,17 @@ class Operator:
         self.in_order = in_order
         self.rank: int = 1 + max((each.rank for each in inputs), default=0)
         self.watermark: int = min((each.watermark for each in inputs), default=BEGINNING)
-        self.consumers: list[tuple[Consumer, int]] = []
+        self.timed: bool = any(each.timed for each in inputs)
+        """Whether the clock may make something certain; if not, `certain_at` need not be asked."""
+        self.consumers: list[tuple[Operator, int]] = []
+        self.listeners: list[Listener] = []
         self.observers: list[Observer] = []
         self._agenda = agenda
 
-    def receive(self, port: int, valid_time: int, fields: Mapping[str, Value], now: int) -> None:
-        """Take a sample of the input with the number `port`."""
+    def receive(
+        self, port: int, valid_time: int, fields: Mapping[str, Value], watermark: int, now: int
+    ) -> None:
+        """Take a sample of the input with the number `port`, and what the input promises with it."""
         raise NotImplementedError
 
     def promise(self, port: int, watermark: int, now: int) -> None:  # noqa: ARG002
@@ -103,20 +110,29 @@ class Operator:
             latest = max(latest, certain)
         return latest
 
-    def deadline(self) -> int | None:
-        """The earliest time at which `wake` would do something; `None` for never."""
-        return None
-
     def wake(self, now: int) -> None:
-        """Do what has to be done once the clock shows `now`."""
+        """Do what has to be done once the clock shows `now`; it may be woken for nothing."""
 
-    def _emit(self, valid_time: int, fields: Mapping[str, Value], now: int) -> None:
+    def become_timed(self) -> None:
+        """Note that the clock may make something certain, and tell all that depend on this."""
+        self.timed = True
+        for consumer, _ in self.consumers:
+            consumer.become_timed()
+
+    def _emit(
+        self, valid_time: int, fields: Mapping[str, Value], watermark: int, now: int
+    ) -> None:
+        if watermark > self.watermark:
+            self.watermark = watermark
+        for listener in self.listeners:
+            listener.take(valid_time, fields)
         for consumer, port in self.consumers:
-            consumer.receive(port, valid_time, fields, now)
+            consumer.receive(port, valid_time, fields, watermark, now)
 
     def _promise(self, watermark: int, now: int) -> None:
         # Told even where the watermark stays: what the clock makes certain may come earlier now.
-        self.watermark = max(watermark, self.watermark)
+        if watermark > self.watermark:
+            self.watermark = watermark
         for consumer, port in self.consumers:
             consumer.promise(port, self.watermark, now)
 
@@ -152,19 +168,16 @@ class SourceOperator(Operator):
         receipt_time: bool,  # noqa: FBT001
     ) -> None:
         super().__init__(agenda, topic, inputs, in_order=False)
-        self._receipt_time = receipt_time
+        self.timed = receipt_time
 
-    def receive(self, port: int, valid_time: int, fields: Mapping[str, Value], now: int) -> None:  # noqa: ARG002
+    def push(self, valid_time: int, fields: Mapping[str, Value], now: int) -> None:
         """Pass a sample on; it promises nothing about the next."""
-        self._emit(valid_time, fields, now)
-
-    def learn(self, *, receipt_time: bool) -> None:
-        """Takes note of what the topic is, once that is known."""
-        self._receipt_time = receipt_time
+        for consumer, port in self.consumers:
+            consumer.receive(port, valid_time, fields, NO_PROMISE, now)
 
     def certain_at(self, valid_time: int) -> int | None:
         """A time of receipt that has passed cannot come again."""
-        return valid_time + 1 if self._receipt_time else None
+        return valid_time + 1 if self.timed else None
 
 
 class MergeOperator(Operator):
@@ -174,11 +187,18 @@ class MergeOperator(Operator):
         super().__init__(agenda, label, inputs, in_order=False)
         self._watermarks = [each.watermark for each in inputs]
 
-    def receive(self, port: int, valid_time: int, fields: Mapping[str, Value], now: int) -> None:  # noqa: ARG002
-        """Pass a sample on."""
-        self._emit(valid_time, fields, now)
+    def receive(
+        self, port: int, valid_time: int, fields: Mapping[str, Value], watermark: int, now: int
+    ) -> None:
+        """Pass a sample on; the slowest input decides what is promised."""
+        self._note(port, watermark)
+        self._emit(valid_time, fields, min(self._watermarks), now)
 
     def promise(self, port: int, watermark: int, now: int) -> None:
         """The slowest input decides."""
-        self._watermarks[port] = watermark
+        self._note(port, watermark)
         self._promise(min(self._watermarks), now)
+
+    def _note(self, port: int, watermark: int) -> None:
+        if watermark > self._watermarks[port]:
+            self._watermarks[port] = watermark

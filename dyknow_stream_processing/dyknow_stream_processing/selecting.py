@@ -55,11 +55,14 @@ class SelectOperator(Operator):
             self._plain = {each.name: each.field for each in selections}
         self._emitted = BEGINNING
 
-    def receive(self, port: int, valid_time: int, fields: Mapping[str, Value], now: int) -> None:  # noqa: ARG002
+    def receive(
+        self, port: int, valid_time: int, fields: Mapping[str, Value], watermark: int, now: int
+    ) -> None:
         """Pass on what is selected."""
         try:
             for field, test in self._tests:
                 if not test(fields[field]):
+                    self.promise(port, watermark, now)
                     return
             selected = self._select(fields)
         except KeyError as error:
@@ -70,7 +73,9 @@ class SelectOperator(Operator):
             self._reject(Broken.FIELDS, valid_time, str(error))
         else:
             self._emitted = valid_time
-            self._emit(valid_time, selected, now)
+            self._emit(valid_time, selected, watermark if self.in_order else watermark - 1, now)
+            return
+        self.promise(port, watermark, now)
 
     def promise(self, port: int, watermark: int, now: int) -> None:  # noqa: ARG002
         """Promise the same, but for a time at which nothing was selected.

@@ -1,144 +1,49 @@
-"""Bringing streams together at common valid times: the operator of `sync`, and its algorithm."""
+"""Bringing streams together at common valid times: the operator of `sync`."""
 
 from __future__ import annotations
 
-from collections import deque
-from collections.abc import Callable
-from typing import TYPE_CHECKING
+from bisect import bisect_left
+from typing import TYPE_CHECKING, ClassVar, Final
 
 from dyknow_stream_processing.agenda import BEGINNING
+from dyknow_stream_processing.durations import round_duration, round_time
 from dyknow_stream_processing.operators import Operator
+from dyknow_stream_processing.tracks import LinearTrack, Track
 from dyknow_stream_processing.violation import Broken
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping, Sequence
+    from collections.abc import Mapping, Sequence
 
     from dyknow_stream_processing.agenda import Agenda
     from dyknow_stream_processing.sample import Value
 
-Certainty = Callable[[int], int | None]
-"""When a valid time is certain; `None` if only another sample can tell."""
-
-Values = tuple['Mapping[str, Value]', ...]
+Values = list['Mapping[str, Value]']
 """The fields of each input at one time."""
 
+MOST_WAITING: Final = 10_000
+"""How many samples of an input may wait for those of another."""
 
-class Synchronisation:
-    """The values of several streams at the same valid times, each as soon as it is certain.
+MOST_TICKS: Final = 10_000
+"""How many ticks are made at once when the time leaps."""
 
-    The value of a stream at t is its latest sample with valid time <= t. Without a period the ticks
-    are the valid times of all samples; with one, they are `start + n * period`. A tick before every
-    stream has a value is skipped. The samples of each stream are put in the order of valid time.
+
+class SynchronisedOperator(Operator):
+    """Does something with the values that its inputs have at the same time, a tick.
+
+    Without a period the ticks are the valid times of all samples; with one, they are
+    `start + n * period`. A tick before every input has a value is skipped. Each tick is made as
+    soon as all inputs are settled until then.
+
+    One time is waited for, the *target*: the next tick, or else the first sample that waits. The
+    tracks before the number `unsettled` are settled until then, the one with that number is not.
+    So the sample of any other input costs no more than its place in the queue.
 
     Args:
-        watermarks: of the streams at the beginning.
-        certainties: when a valid time of each stream is certain by the clock (see `operators`).
         start: the first tick, nanoseconds; `None` is the least first valid time.
         period: nanoseconds; `None` makes each valid time a tick.
     """
 
-    def __init__(
-        self,
-        watermarks: Sequence[int],
-        certainties: Sequence[Certainty],
-        start: int | None = None,
-        period: int | None = None,
-    ) -> None:
-        self._watermarks = list(watermarks)
-        self._certainties = tuple(certainties)
-        self._period = period
-        self._next = start
-        self._last = BEGINNING
-        self._waiting: list[deque[tuple[int, Mapping[str, Value]]]] = [deque() for _ in watermarks]
-        self._values: list[Mapping[str, Value] | None] = [None] * len(self._watermarks)
-
-    @property
-    def horizon(self) -> int:
-        """The valid time up to which everything is known."""
-        return min(self._watermarks)
-
-    def put(self, port: int, valid_time: int, fields: Mapping[str, Value]) -> bool:
-        """Take a sample; false if it comes after the tick of its own valid time."""
-        if valid_time <= self._last:
-            self._values[port] = fields
-            return False
-        self._waiting[port].append((valid_time, fields))
-        return True
-
-    def promise(self, port: int, watermark: int) -> None:
-        """Note that the watermark of a stream has risen."""
-        self._watermarks[port] = max(watermark, self._watermarks[port])
-
-    def deadline(self) -> int | None:
-        """When the clock makes the next tick certain; `None` if only samples can."""
-        tick = self._next_to_settle()
-        if tick is None:
-            return None
-        due = BEGINNING
-        for watermark, certainty in zip(self._watermarks, self._certainties, strict=True):
-            if watermark < tick:
-                certain = certainty(tick)
-                if certain is None:
-                    return None
-                due = max(due, certain)
-        return due
-
-    def ticks_until(self, now: int) -> Iterator[tuple[int, Values]]:
-        """The ticks that the clock has made certain, with the values of all streams."""
-        while (due := self.deadline()) is not None and due <= now:
-            tick = self._next_to_settle()
-            if tick is not None:
-                self._watermarks = [max(tick, watermark) for watermark in self._watermarks]
-            yield from self.ticks()
-
-    def ticks(self) -> Iterator[tuple[int, Values]]:
-        """The ticks that have become certain, with the values of all streams."""
-        horizon = self.horizon
-        while (tick := self._next_tick()) is not None and tick <= horizon:
-            self._take_until(tick)
-            if self._period is not None:
-                # The first time that is certain of all is where ticks without a start begin.
-                self._next = tick + self._period
-            values = tuple(value for value in self._values if value is not None)
-            if len(values) == len(self._values):
-                self._last = tick
-                yield tick, values
-        # Ticks until the horizon that were not made never will be, for want of a value.
-        self._take_until(horizon)
-        if self._period is not None and self._next is not None:
-            self._next = _tick_from(max(self._next, horizon + 1), self._next, self._period)
-
-    def _next_tick(self) -> int | None:
-        if self._period is None or self._next is None:
-            return self._first_waiting()
-        earliest = self._next
-        for value, waiting in zip(self._values, self._waiting, strict=True):
-            if value is None:
-                if not waiting:
-                    return None
-                earliest = max(earliest, waiting[0][0])
-        return _tick_from(earliest, self._next, self._period)
-
-    def _next_to_settle(self) -> int | None:
-        tick = self._next_tick()
-        return self._first_waiting() if tick is None else tick
-
-    def _first_waiting(self) -> int | None:
-        return min((queue[0][0] for queue in self._waiting if queue), default=None)
-
-    def _take_until(self, time: int) -> None:
-        for port, queue in enumerate(self._waiting):
-            while queue and queue[0][0] <= time:
-                self._values[port] = queue.popleft()[1]
-
-
-def _tick_from(earliest: int, tick: int, period: int) -> int:
-    """The first tick that is not before a time, given any one tick."""
-    return earliest + (tick - earliest) % period
-
-
-class SynchronisedOperator(Operator):
-    """Does something with the values that its inputs have at the same time."""
+    _track: ClassVar[type[Track]] = Track
 
     def __init__(
         self,
@@ -149,37 +54,161 @@ class SynchronisedOperator(Operator):
         period: int | None = None,
     ) -> None:
         super().__init__(agenda, label, inputs, in_order=True)
-        watermarks = [each.watermark for each in inputs]
-        certainties = [each.certain_at for each in inputs]
-        self._synchronisation = Synchronisation(watermarks, certainties, start, period)
+        self._tracks = [self._track(each) for each in inputs]
+        self._period = period
+        self._next_tick = None if period is None else start
+        self._target: int | None = None
+        self._unsettled = 0
+        self._complete = False
+        self._last = BEGINNING
+        self._floor = BEGINNING
+        self._overflowing = False
 
-    def receive(self, port: int, valid_time: int, fields: Mapping[str, Value], now: int) -> None:  # noqa: ARG002
+    def receive(
+        self, port: int, valid_time: int, fields: Mapping[str, Value], watermark: int, now: int
+    ) -> None:
         """Keep a sample until the others have come."""
-        if not self._synchronisation.put(port, valid_time, fields):
+        track, target = self._tracks[port], self._target
+        if valid_time <= self._last:
+            track.correct(valid_time, fields)
             self._drop('superseded')
+        else:
+            track.put(valid_time, fields)
+            self._aim_at(track, valid_time)
+        track.promise(watermark)
+        if self._target != target:
+            self._settle(now)
+        else:
+            self._proceed(port, now)
 
     def promise(self, port: int, watermark: int, now: int) -> None:
         """Make the ticks that have become certain."""
-        self._synchronisation.promise(port, watermark)
-        self._make(self._synchronisation.ticks(), now)
-        if (due := self.deadline()) is not None:
-            self._agenda.wake_at(self, due)
-
-    def deadline(self) -> int | None:
-        """When the next tick becomes certain by the clock."""
-        return self._synchronisation.deadline()
+        self._tracks[port].promise(watermark)
+        self._proceed(port, now)
 
     def wake(self, now: int) -> None:
         """Make the ticks that the clock has made certain."""
-        self._make(self._synchronisation.ticks_until(now), now)
-
-    def _make(self, ticks: Iterator[tuple[int, Values]], now: int) -> None:
-        for valid_time, values in ticks:
-            self._tick(valid_time, values, now)
-        self._promise(self._synchronisation.horizon, now)
+        self._settle(now, clock=now)
 
     def _tick(self, valid_time: int, values: Values, now: int) -> None:
         raise NotImplementedError
+
+    def _proceed(self, port: int, now: int) -> None:
+        """Go on after an input has promised something."""
+        if port == self._unsettled:
+            self._settle(now)
+        elif self.consumers:
+            self._promise(self._horizon(), now)
+
+    def _settle(self, now: int, clock: int | None = None) -> None:
+        """Make all ticks that samples, or the clock, have made certain."""
+        made = 0
+        while (target := self._target) is not None and self._is_settled(target, clock):
+            made += 1
+            if made > MOST_TICKS and self._complete and self._period is not None:
+                target, made = self._leap(target, self._period, clock), 0
+            self._make(target, now)
+        if target is not None and self.timed:
+            certain = self._tracks[self._unsettled].certain_at(target)
+            if certain is not None:
+                self._agenda.wake_at(self, certain)
+        if self.consumers:
+            self._promise(self._horizon(), now)
+
+    def _is_settled(self, target: int, clock: int | None) -> bool:
+        tracks = self._tracks
+        for number in range(self._unsettled, len(tracks)):
+            track = tracks[number]
+            if track.settled < target:
+                certain = None if clock is None else track.certain_at(target)
+                if clock is None or certain is None or certain > clock:
+                    self._unsettled = number
+                    return False
+                track.settled = target
+        self._unsettled = 0
+        return True
+
+    def _make(self, target: int, now: int) -> None:
+        values = [track.reach(target) for track in self._tracks]
+        is_tick = self._advance(target)
+        known = values if self._complete else [each for each in values if each is not None]
+        self._complete = len(known) == len(values)
+        self._overflowing = False
+        self._target = self._find_target()
+        if is_tick and self._complete and target >= self._floor:
+            self._last = target
+            self._tick(target, known, now)
+
+    def _advance(self, target: int) -> bool:
+        """Leave a time behind; true if it was a tick."""
+        if self._period is None:
+            return True
+        # The first time that is certain of all is where ticks without a start begin.
+        tick = target if self._next_tick is None else self._next_tick
+        self._next_tick = _tick_from(max(tick, target + 1), tick, self._period)
+        return target >= tick and (target - tick) % self._period == 0
+
+    def _aim_at(self, track: Track, valid_time: int) -> None:
+        """See whether a new sample changes what is waited for."""
+        if self._next_tick is None or self._period is None:
+            if self._target is None or valid_time < self._target:
+                self._target = valid_time
+        else:
+            track.thin(self._next_tick, self._period)
+            if not self._complete:
+                self._wait_for(self._find_target())
+        if len(track.waiting) > MOST_WAITING:
+            self._overflow(track)
+
+    def _wait_for(self, target: int | None) -> None:
+        if target != self._target:
+            self._target, self._unsettled = target, 0
+
+    def _find_target(self) -> int | None:
+        heads = [track.waiting[0][0] for track in self._tracks if track.waiting]
+        if self._next_tick is None or self._period is None:
+            return min(heads, default=None)
+        if self._complete:
+            return self._next_tick
+        missing = [track for track in self._tracks if track.latest is None]
+        if not all(track.waiting for track in missing):
+            return min(heads, default=None)
+        earliest = max([self._next_tick, *(track.waiting[0][0] for track in missing)])
+        return _tick_from(earliest, self._next_tick, self._period)
+
+    def _horizon(self) -> int:
+        return min([track.settled for track in self._tracks])
+
+    def _leap(self, target: int, period: int, clock: int | None) -> int:
+        """Leave out all but the last of the ticks that are settled."""
+        most = (max(BEGINNING if clock is None else clock, self._horizon()) - target) // period
+        ticks = range(target, target + (most + 1) * period, period)
+        unsettled = bisect_left(ticks, True, key=lambda tick: not self._is_settled(tick, clock))
+        self._next_tick = last = ticks[max(unsettled - 1, 0)]
+        message = (
+            f'the time leapt by {round_duration(last - target)} at {round_time(target)}: '
+            f'{(last - target) // period} ticks are left out (at most {MOST_TICKS} are made at once)'
+        )
+        self._violate(Broken.SAMPLE_PERIOD, target, message, last - target, period)
+        return last
+
+    def _overflow(self, track: Track) -> None:
+        """Drop the oldest sample that waits; ticks before the next one cannot be made any more."""
+        valid_time = track.waiting[0][0]
+        track.reach(valid_time)
+        self._floor = max(self._floor, track.waiting[0][0])
+        self._wait_for(self._find_target())
+        self._drop(Broken.BUFFER)
+        if not self._overflowing:
+            self._overflowing = True
+            self._violate(Broken.BUFFER, valid_time, self._overflow_text(track))
+
+    def _overflow_text(self, track: Track) -> str:
+        silent = min(self._tracks, key=lambda each: each.settled).source.label
+        return (
+            f'{MOST_WAITING} samples of {track.source.label} wait for one of {silent}; the oldest '
+            f'are dropped; with a max_delay of {silent}, the clock decides how long to wait'
+        )
 
 
 class SyncOperator(SynchronisedOperator):
@@ -190,7 +219,7 @@ class SyncOperator(SynchronisedOperator):
         for fields in values:
             joined.update(fields)
         if len(joined) == sum(map(len, values)):
-            self._emit(valid_time, joined, now)
+            self._emit(valid_time, joined, valid_time, now)
         else:
             self._reject(Broken.FIELDS, valid_time, self._collision(values))
 
@@ -204,6 +233,21 @@ class SyncOperator(SynchronisedOperator):
         raise AssertionError  # pragma: no cover - called for a collision only
 
 
+class LinearSyncOperator(SyncOperator):
+    """Joins the fields of all inputs, numbers by linear interpolation."""
+
+    _track = LinearTrack
+
+    def certain_at(self, valid_time: int) -> int | None:
+        """Only samples tell what lies before them."""
+        return BEGINNING if valid_time <= self.watermark else None
+
+
 def collision_text(field: str, first: str, second: str) -> str:
     """What is said of a field that two inputs of a sync have."""
     return f"field '{field}' comes from both {first} and {second}; rename it in one of them"
+
+
+def _tick_from(earliest: int, tick: int, period: int) -> int:
+    """The first tick that is not before a time, given any one tick."""
+    return earliest + (tick - earliest) % period

@@ -13,7 +13,7 @@ from dyknow_stream_processing.durations import (
     round_duration,
     round_time,
 )
-from dyknow_stream_processing.operators import Operator
+from dyknow_stream_processing.operators import NO_PROMISE, Operator
 from dyknow_stream_processing.violation import Broken
 
 if TYPE_CHECKING:
@@ -30,13 +30,14 @@ class OrderOperator(Operator):
     def __init__(self, agenda: Agenda, label: str, inputs: Sequence[Operator]) -> None:
         super().__init__(agenda, label, inputs, in_order=True)
 
-    def receive(self, port: int, valid_time: int, fields: Mapping[str, Value], now: int) -> None:  # noqa: ARG002
+    def receive(
+        self, port: int, valid_time: int, fields: Mapping[str, Value], watermark: int, now: int
+    ) -> None:
         """Pass a sample on unless a later one has been passed on."""
         if valid_time < self.watermark:
             self._reject(*_out_of_order(valid_time, self.watermark))
-            return
-        self._emit(valid_time, fields, now)
-        self._promise(valid_time, now)
+        else:
+            self._emit(valid_time, fields, valid_time, now)
 
 
 class ReorderOperator(Operator):
@@ -58,6 +59,7 @@ class ReorderOperator(Operator):
         shortest_period: int | None = None,
     ) -> None:
         super().__init__(agenda, label, inputs, in_order=True)
+        self.timed = self.timed or max_delay is not None
         self._max_delay = max_delay
         self._room = 2 * (shortest_period or 0)
         self._held: list[tuple[int, int, Mapping[str, Value]]] = []
@@ -65,49 +67,70 @@ class ReorderOperator(Operator):
         self._promised = self.watermark
         self._released = BEGINNING
 
-    def receive(self, port: int, valid_time: int, fields: Mapping[str, Value], now: int) -> None:  # noqa: ARG002
+    def receive(
+        self, port: int, valid_time: int, fields: Mapping[str, Value], watermark: int, now: int
+    ) -> None:
         """Hold a sample, unless it comes too late."""
         if self._max_delay is not None and now - valid_time > self._max_delay:
             self._reject(*_late(valid_time, now - valid_time, self._max_delay))
         elif valid_time < self._released:
             self._reject(*_out_of_order(valid_time, self._released))
         else:
-            heappush(self._held, (valid_time, next(self._serial), fields))
-            self._release(self._promised, now)
+            self._hold(valid_time, fields, now)
+        if watermark > NO_PROMISE:
+            self.promise(port, watermark, now)
 
     def promise(self, port: int, watermark: int, now: int) -> None:  # noqa: ARG002
         """Release what the promise covers."""
-        self._promised = watermark
-        self._release(watermark, now)
-        self._promise(watermark, now)
+        if watermark > self._promised:
+            self._promised = watermark
+        self._release(self._promised, now)
+        self._promise(self._promised, now)
+        self._plan()
 
     def certain_at(self, valid_time: int) -> int | None:
         """At the latest when the maximum delay has passed."""
-        certain = super().certain_at(valid_time)
+        if valid_time <= self.watermark:
+            return BEGINNING
+        source = self.inputs[0]
+        certain = source.certain_at(valid_time) if source.timed else None
         if self._max_delay is None:
             return certain
         bound = valid_time + self._max_delay + 1
-        return bound if certain is None else min(bound, certain)
+        return bound if certain is None or bound < certain else certain
 
-    def deadline(self) -> int | None:
+    def wake(self, now: int) -> None:
+        """Release what no earlier sample can precede any more."""
+        while (due := self._due()) is not None:
+            if due > now:
+                self._agenda.wake_at(self, due)
+                break
+            self._release(self._held[0][0], now)
+
+    def _hold(self, valid_time: int, fields: Mapping[str, Value], now: int) -> None:
+        entry = (valid_time, next(self._serial), fields)
+        heappush(self._held, entry)
+        if self._held[0] is entry:
+            self._release(self._promised, now)
+            self._plan()
+
+    def _release(self, until: int, now: int) -> None:
+        held = self._held
+        while held and (held[0][0] <= until or held[0][0] < self._released + self._room):
+            valid_time, _, fields = heappop(held)
+            self._released = valid_time
+            # Another of the same time may follow at once, and whoever needs one takes the last.
+            alone = not held or held[0][0] > valid_time
+            self._emit(valid_time, fields, valid_time if alone else valid_time - 1, now)
+
+    def _due(self) -> int | None:
         """When no sample can come any more that is valid before the first of those held."""
         certain = self.certain_at(self._held[0][0]) if self._held else None
         # One valid at the same time may follow it, and come a nanosecond later than one before it.
         return None if certain is None else certain - 1
 
-    def wake(self, now: int) -> None:
-        """Release what no earlier sample can precede any more."""
-        while (due := self.deadline()) is not None and due <= now:
-            self._release(self._held[0][0], now)
-
-    def _release(self, until: int, now: int) -> None:
-        while self._held and (
-            self._held[0][0] <= until or self._held[0][0] < self._released + self._room
-        ):
-            self._released, _, fields = heappop(self._held)
-            self._emit(self._released, fields, now)
-        self._promise(self._released, now)
-        if (due := self.deadline()) is not None:
+    def _plan(self) -> None:
+        if (due := self._due()) is not None:
             self._agenda.wake_at(self, due)
 
 
@@ -127,14 +150,18 @@ class BoundsOperator(Operator):
         self._start = start
         self._end = end
 
-    def receive(self, port: int, valid_time: int, fields: Mapping[str, Value], now: int) -> None:  # noqa: ARG002
+    def receive(
+        self, port: int, valid_time: int, fields: Mapping[str, Value], watermark: int, now: int
+    ) -> None:
         """Pass on what is valid within the bounds."""
         if self._start is not None and valid_time < self._start:
             self._drop('start_time')
         elif self._end is not None and valid_time > self._end:
             self._drop('end_time')
         else:
-            self._emit(valid_time, fields, now)
+            self._emit(valid_time, fields, watermark, now)
+            return
+        self.promise(port, watermark, now)
 
 
 class PeriodOperator(Operator):
@@ -161,25 +188,28 @@ class PeriodOperator(Operator):
         self._last: int | None = None
         self._due: int | None = None
 
-    def receive(self, port: int, valid_time: int, fields: Mapping[str, Value], now: int) -> None:  # noqa: ARG002
+    def receive(
+        self, port: int, valid_time: int, fields: Mapping[str, Value], watermark: int, now: int
+    ) -> None:
         """Pass a sample on unless it is too early."""
         if self._last is not None:
             distance = valid_time - self._last
             if distance < self._shortest:
                 self._reject(*self._broken(valid_time, distance, self._shortest))
+                self.promise(port, watermark, now)
                 return
             if distance > self._longest and self._due is not None:
                 self._violate(*self._broken(valid_time, distance, self._longest))
         self._expect_next(valid_time, now)
-        self._emit(valid_time, fields, now)
-
-    def deadline(self) -> int | None:
-        """When it is certain that the next sample is not in time."""
-        return self._due
+        self._emit(valid_time, fields, watermark, now)
 
     def wake(self, now: int) -> None:
-        """Report the gap."""
-        if self._last is not None and self._due is not None:
+        """Report the gap once it is certain that the next sample is not in time."""
+        if self._last is None or self._due is None:
+            return
+        if now < self._due:
+            self._agenda.wake_at(self, self._due)
+        else:
             self._due = None
             missing = self._last + self._longest
             message = f'no sample after the one valid at {round_time(self._last)}; {self._demand}'

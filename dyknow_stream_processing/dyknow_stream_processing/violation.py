@@ -13,6 +13,7 @@ class Broken(StrEnum):
     SAMPLE_PERIOD = 'sample_period'
     VALID_TIME_ORDER = 'valid_time_order'
     FIELDS = 'fields'
+    BUFFER = 'buffer'
     COMPUTATIONAL_UNIT = 'computational_unit'
 
 
@@ -24,7 +25,8 @@ class Violation:
         stream_name: the stream in which it happened.
         constraint: the constraint's name in the language; `valid_time_order` for a sample that was
             dropped because it is older than its predecessor, `fields` for one whose fields are not
-            those that the specification needs, `computational_unit` for an error in user code.
+            those that the specification needs, `buffer` when too many samples wait for those of
+            another stream, `computational_unit` for an error in user code.
         valid_time: of the sample at fault, or when a missing one was due; nanoseconds.
         available_time: when it was noticed, nanoseconds.
         observed: the delay or distance that was found, nanoseconds; 0 where nothing is measured.

@@ -53,7 +53,7 @@ class Wiring:
         return self._sources.get(topic, ())
 
     def connect(self, term: Term) -> Operator:
-        """The operator that makes a stream; it has to be given a consumer before the next `sweep`.
+        """The operator that makes a stream; it has to be given a listener before the next `sweep`.
 
         Raises:
             StreamError: if a computational unit cannot be made.
@@ -64,7 +64,7 @@ class Wiring:
         """Free every operator whose samples nobody takes."""
         by_rank = sorted(self._operators.items(), key=lambda item: item[1].rank, reverse=True)
         for key, operator in by_rank:
-            if not operator.consumers:
+            if not operator.consumers and not operator.listeners:
                 del self._operators[key]
                 self._agenda.forget(operator)
                 for each in operator.inputs:
