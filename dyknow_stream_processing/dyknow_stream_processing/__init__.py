@@ -19,6 +19,8 @@ from dyknow_stream_processing.resolution import FreeNames, Resolved, free_names,
 from dyknow_stream_processing.sample import Sample, Value, ValueType
 from dyknow_stream_processing.sinks import specifications_by_sink
 from dyknow_stream_processing.specification import (
+    Approximation,
+    Argument,
     Call,
     Condition,
     Declaration,
@@ -44,6 +46,8 @@ __all__ = [
     'NANOSECONDS',
     'NOWHERE',
     'NO_CONSTRAINTS',
+    'Approximation',
+    'Argument',
     'Broken',
     'Call',
     'Condition',

@@ -5,8 +5,11 @@ and declared in the specification that uses it:
 
     compunit power: float electrical_power((voltage: float, current: float));
 
-It is a function, or a class of which one instance is made, without arguments, for each use and
-which is then called. It is called with one mapping for each of its streams: the fields in the order
+It is a function, or a class of which one instance is made for each use and which is then called.
+What a use settles by name, `mean(power, window = 5 s)`, goes to the constructor, or to the
+keyword-only parameters of the function; a duration is in nanoseconds.
+
+It is called with one mapping for each of its streams: the fields in the order
 of the declaration, each with its value. If it has a parameter `valid_time`, the valid time of the
 sample is passed by that name, in nanoseconds. What it returns is the value of the declared field;
 `None` makes no sample. It should end quickly: the whole dataflow waits for it.
@@ -15,8 +18,9 @@ sample is passed by that name, in nanoseconds. What it returns is the value of t
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from functools import partial
 from importlib.metadata import entry_points
-from inspect import isclass, signature
+from inspect import Parameter, isclass, signature
 from typing import TYPE_CHECKING, Any, Final
 
 from dyknow_stream_processing import units
@@ -30,11 +34,14 @@ if TYPE_CHECKING:
 
     from dyknow_stream_processing.agenda import Agenda
     from dyknow_stream_processing.operators import Operator
-    from dyknow_stream_processing.specification import UnitDeclaration
+    from dyknow_stream_processing.specification import Argument, UnitDeclaration
     from dyknow_stream_processing.synchronisation import Values
 
 Unit = Callable[..., Any]
 """A computational unit as it is registered: a function, or a class whose instances are called."""
+
+TIME: Final = 'valid_time'
+"""The parameter of a unit that is given the valid time of the sample."""
 
 ENTRY_POINTS: Final = 'dyknow.computational_units'
 """The entry point group that units are registered in."""
@@ -73,9 +80,11 @@ class UnitOperator(SynchronisedOperator):
         inputs: Sequence[Operator],
         unit: Unit,
         declaration: UnitDeclaration,
+        arguments: Sequence[Argument],
     ) -> None:
         super().__init__(agenda, label, inputs)
-        self._call: Unit = _instance(unit, declaration.name)
+        named = {each.name: each.value for each in arguments}
+        self._call: Unit = _instance(unit, declaration.name, named)
         self._takes_time = _takes_time(self._call)
         self._name = declaration.name
         self._output = declaration.output
@@ -110,7 +119,7 @@ class UnitOperator(SynchronisedOperator):
             message = f"computational unit '{self._name}' finds no field '{error.args[0]}'"
             self._reject(Broken.FIELDS, valid_time, message)
             return
-        timing = {'valid_time': valid_time} if self._takes_time else {}
+        timing = {TIME: valid_time} if self._takes_time else {}
         try:
             value = self._call(*arguments, **timing)
             result = None if value is None else _typed(value, self._output.type)
@@ -123,11 +132,24 @@ class UnitOperator(SynchronisedOperator):
                 self._emit(valid_time, {self._output.name: result}, self.watermark, now)
 
 
-def _instance(unit: Unit, name: str) -> Any:
-    if not isclass(unit):
-        return unit
+def settings(unit: Unit) -> tuple[str, ...]:
+    """The parameters that a use of a unit may settle by name, as in `mean(power, window = 5 s)`.
+
+    They are those of the constructor of a class, and the keyword-only ones of a function.
+    """
     try:
-        return unit()
+        parameters = signature(unit).parameters.values()
+    except ValueError:  # Some functions written in C have no signature.
+        return ()
+    kinds = [Parameter.KEYWORD_ONLY, *([Parameter.POSITIONAL_OR_KEYWORD] * isclass(unit))]
+    return tuple(each.name for each in parameters if each.kind in kinds and each.name != TIME)
+
+
+def _instance(unit: Unit, name: str, arguments: Mapping[str, Value]) -> Any:
+    if not isclass(unit):
+        return partial(unit, **arguments) if arguments else unit
+    try:
+        return unit(**arguments)
     # The constructor is user code, too.
     except Exception as error:
         raise StreamError(
@@ -137,7 +159,7 @@ def _instance(unit: Unit, name: str) -> Any:
 
 def _takes_time(call: Unit) -> bool:
     try:
-        return 'valid_time' in signature(call).parameters
+        return TIME in signature(call).parameters
     except ValueError:  # Some functions written in C have no signature.
         return False
 

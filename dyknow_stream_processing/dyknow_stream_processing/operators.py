@@ -88,7 +88,7 @@ class Operator:
     def receive(
         self, port: int, valid_time: int, fields: Mapping[str, Value], watermark: int, now: int
     ) -> None:
-        """Take a sample of the input with the number `port`, and what the input promises with it."""
+        """Take a sample of the input with the number `port`, and the promise that it carries."""
         raise NotImplementedError
 
     def promise(self, port: int, watermark: int, now: int) -> None:  # noqa: ARG002
@@ -119,9 +119,7 @@ class Operator:
         for consumer, _ in self.consumers:
             consumer.become_timed()
 
-    def _emit(
-        self, valid_time: int, fields: Mapping[str, Value], watermark: int, now: int
-    ) -> None:
+    def _emit(self, valid_time: int, fields: Mapping[str, Value], watermark: int, now: int) -> None:
         if watermark > self.watermark:
             self.watermark = watermark
         for listener in self.listeners:

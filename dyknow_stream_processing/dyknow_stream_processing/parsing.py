@@ -16,6 +16,8 @@ from dyknow_stream_processing.language import NOWHERE, Language, Place
 from dyknow_stream_processing.sample import Value, ValueType
 from dyknow_stream_processing.specification import (
     LANGUAGE,
+    Approximation,
+    Argument,
     Call,
     Condition,
     Declaration,
@@ -46,6 +48,9 @@ _SPELLINGS: Final = {
         'a constraint (start_time, end_time, max_delay, sample_period, sample_period_deviation)'
     ),
     'RENAMING': 'a new name',
+    'CHOICE': 'approximation',
+    'APPROXIMATION': 'latest or linear',
+    'QUANTITY': 'a number or a duration',
     '_ANOTHER': "','",
 }
 
@@ -100,8 +105,17 @@ class _Builder(Transformer[Any]):
     def reference(self, name: Token) -> Reference:
         return Reference(_name(name), name.type == 'QUOTED', place=Place.of(name))
 
-    def call(self, unit: Token, *inputs: Term) -> Call:
-        return Call(str(unit), inputs, place=Place.of(unit))
+    def call(self, unit: Token, *parts: Term | Argument) -> Call:
+        inputs = tuple(part for part in parts if not isinstance(part, Argument))
+        arguments = tuple(part for part in parts if isinstance(part, Argument))
+        if (*inputs, *arguments) != parts:
+            raise ValueError('write the streams before the parameters', Place.of(unit))
+        return Call(str(unit), inputs, arguments, place=Place.of(unit))
+
+    def argument(self, name: Token, value: Token) -> Argument:
+        if value.type == 'QUANTITY' and value[-1].isalpha():
+            return Argument(str(name), _duration(value), is_duration=True, place=Place.of(name))
+        return Argument(str(name), _value(value), place=Place.of(name))
 
     @v_args(inline=False, meta=True)
     def merge(self, meta: Any, inputs: list[Term]) -> Merge:
@@ -139,19 +153,21 @@ class _Builder(Transformer[Any]):
     def condition(self, field: Token, comparison: Token, value: Token) -> Condition:
         return Condition(_name(field), str(comparison), _value(value), place=Place.of(field))
 
-    def constraints(self, *constraints: tuple[Token, int]) -> _Constraints:
-        values: dict[str, int] = {}
+    def constraints(self, *constraints: tuple[Token, Any]) -> _Constraints:
+        values: dict[str, Any] = {}
         for name, value in constraints:
             if name in values:
                 raise ValueError(f'{name} is given twice', Place.of(name))
             values[name] = value
-        return _Constraints(StreamConstraints(**values), Place.of(constraints[0][0]))
+        approximation = values.pop('approximation', None)
+        place = Place.of(constraints[0][0])
+        return _Constraints(StreamConstraints(**values), approximation, place)
 
     def constraint(self, name: Token, duration: Token) -> tuple[Token, int]:
-        try:
-            return name, parse_duration(duration)
-        except ValueError as error:
-            raise ValueError(str(error), Place.of(duration)) from None
+        return name, _duration(duration)
+
+    def approximation(self, name: Token, approximation: Token) -> tuple[Token, Approximation]:
+        return name, Approximation(approximation)
 
 
 @dataclass(frozen=True, slots=True)
@@ -159,6 +175,7 @@ class _Constraints:
     """Constraints before they are given to a stream."""
 
     values: StreamConstraints = NO_CONSTRAINTS
+    approximation: Approximation | None = None
     place: Place = NOWHERE
 
     def on(self, stream: Term) -> Term:
@@ -167,7 +184,13 @@ class _Constraints:
             merged = stream.constraints.merged(self.values)
         except StreamError as error:
             raise ValueError(error.message, self.place) from None
-        return replace(stream, constraints=merged)
+        constrained = replace(stream, constraints=merged)
+        if self.approximation is None:
+            return constrained
+        if not isinstance(constrained, Sync):
+            message = 'only a sync has an approximation; others keep the samples as they are'
+            raise ValueError(message, self.place)  # noqa: TRY004 - an error in the text
+        return replace(constrained, approximation=self.approximation)
 
 
 def _start(meta: Any) -> Place:
@@ -192,6 +215,13 @@ def _renaming(token: Token) -> str:
             Place.of(token),
         )
     return name
+
+
+def _duration(token: Token) -> int:
+    try:
+        return parse_duration(token)
+    except ValueError as error:
+        raise ValueError(str(error), Place.of(token)) from None
 
 
 def _value(token: Token) -> Value:

@@ -6,11 +6,13 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
+from dyknow_stream_processing.computational_units import settings
 from dyknow_stream_processing.constraints import NO_CONSTRAINTS
 from dyknow_stream_processing.errors import ExitCode, StreamError
 from dyknow_stream_processing.sample import ValueType
 from dyknow_stream_processing.selecting import comparable_types
 from dyknow_stream_processing.specification import (
+    Approximation,
     Call,
     Merge,
     Reference,
@@ -28,8 +30,9 @@ from dyknow_stream_processing.specification import (
 from dyknow_stream_processing.synchronisation import collision_text
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Collection, Iterable, Sequence
+    from collections.abc import Callable, Iterable, Sequence
 
+    from dyknow_stream_processing.computational_units import Unit
     from dyknow_stream_processing.constraints import StreamConstraints
     from dyknow_stream_processing.language import LanguageError, Place
     from dyknow_stream_processing.specification import Declaration, Specification, Term, TypedField
@@ -88,7 +91,7 @@ def resolve(
     constraints: StreamConstraints,
     streams: Mapping[str, Resolved],
     topic_fields: Callable[[str], Fields | None],
-    units: Collection[str],
+    units: Mapping[str, Unit],
 ) -> Resolved:
     """The stream that a specification makes.
 
@@ -97,7 +100,7 @@ def resolve(
         constraints: are added to those of the stream.
         streams: what an identifier may refer to besides what the specification declares.
         topic_fields: the fields of a topic; `None` if they are not known.
-        units: the names of the computational units that there are.
+        units: the computational units that there are, by name.
 
     Raises:
         LanguageError: with the place, for a name that means nothing and for fields, types and
@@ -121,7 +124,7 @@ class _Resolver:
         specification: Specification,
         streams: Mapping[str, Resolved],
         topic_fields: Callable[[str], Fields | None],
-        units: Collection[str],
+        units: Mapping[str, Unit],
     ) -> None:
         self.names: dict[str, str] = {}
         self._specification = specification
@@ -257,6 +260,7 @@ class _Resolver:
             source, fields = self.term(each)
             self._check_argument(each, fields, parameter, call.unit)
             inputs.append(source)
+        self._check_settings(call)
         output = {declaration.output.name: declaration.output.type}
         return replace(call, inputs=tuple(inputs), declaration=declaration), output
 
@@ -271,6 +275,16 @@ class _Resolver:
                     f"but computational unit '{unit}' takes {_typed(field.type)}"
                 )
                 raise self._error(message, argument.place)
+
+    def _check_settings(self, call: Call) -> None:
+        possible = settings(self._units[call.unit])
+        names = [each.name for each in call.arguments]
+        for each in call.arguments:
+            if each.name not in possible:
+                message = f"computational unit '{call.unit}' has no parameter '{each.name}'"
+                raise self._error(f'{message} (it has: {_listing(possible)})', each.place)
+            if names.count(each.name) > 1:
+                raise self._error(f"parameter '{each.name}' is given twice", each.place)
 
     def _merge(self, merge: Merge) -> tuple[Term, Fields | None]:
         inputs, fields = zip(*map(self.term, merge.inputs), strict=True)
@@ -287,6 +301,8 @@ class _Resolver:
                     raise self._error(collision_text(name, _title(first), _title(each)), each.place)
         known = [fields for fields in all_fields if fields is not None]
         joined = {name: found for fields in known for name, found in fields.items()}
+        if sync.approximation is Approximation.LINEAR:
+            joined = {name: _interpolated(found) for name, found in joined.items()}
         return replace(sync, inputs=inputs), joined if len(known) == len(all_fields) else None
 
     def _field(
@@ -323,6 +339,10 @@ class _Resolver:
         self, message: str, place: Place, code: ExitCode = ExitCode.INVALID_ARGUMENT
     ) -> LanguageError:
         return self._specification.error(message, place, code)
+
+
+def _interpolated(found: ValueType | None) -> ValueType | None:
+    return ValueType.FLOAT if found is ValueType.INT else found
 
 
 def _fits(found: ValueType | None, wanted: ValueType) -> bool:

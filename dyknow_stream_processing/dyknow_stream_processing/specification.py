@@ -5,9 +5,11 @@ from __future__ import annotations
 import dataclasses
 import json
 import re
+from enum import StrEnum
 from typing import TYPE_CHECKING, Final
 
 from dyknow_stream_processing.constraints import NO_CONSTRAINTS, StreamConstraints
+from dyknow_stream_processing.durations import format_duration
 from dyknow_stream_processing.errors import ExitCode
 from dyknow_stream_processing.language import NOWHERE, LanguageError, Place
 
@@ -57,24 +59,49 @@ class Reference:
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
+class Argument:
+    """What a use of a computational unit settles besides its streams, `window = 5 s`.
+
+    Args:
+        name: of the parameter of the unit.
+        value: a duration is in nanoseconds.
+        is_duration: whether it was written with a unit of time.
+    """
+
+    name: str
+    value: Value
+    is_duration: bool = False
+    place: Place = dataclasses.field(default=NOWHERE, compare=False, kw_only=True)
+
+    def __str__(self) -> str:
+        """The canonical text."""
+        if self.is_duration and isinstance(self.value, int):
+            return f'{self.name} = {format_duration(self.value)}'
+        return f'{self.name} = {value_text(self.value)}'
+
+
+@dataclasses.dataclass(frozen=True, slots=True)
 class Call:
     """A computational unit over streams, `power(select voltage, current from battery)`.
 
     Args:
         unit: the name of the computational unit.
         inputs: one stream for each of its parameters.
+        arguments: what it takes besides.
         declaration: how the unit is declared; known once names have been resolved.
     """
 
     unit: str
     inputs: tuple[Term, ...]
+    arguments: tuple[Argument, ...] = ()
     declaration: UnitDeclaration | None = dataclasses.field(default=None, kw_only=True)
     place: Place = dataclasses.field(default=NOWHERE, compare=False, kw_only=True)
     constraints: StreamConstraints = dataclasses.field(default=NO_CONSTRAINTS, kw_only=True)
 
     def __str__(self) -> str:
         """The canonical text."""
-        return _constrained(f'{self.unit}({_listed(self.inputs)})', self.constraints)
+        listed = _listed((*self.inputs, *self.arguments))
+        return _constrained(f'{self.unit}({listed})', self.constraints)
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
@@ -146,8 +173,7 @@ class Select:
 
     def __str__(self) -> str:
         """The canonical text."""
-        simple = not isinstance(self.source, Select) and self.source.constraints.is_empty
-        source = str(self.source) if simple else f'({self.source})'
+        source = f'({self.source})' if _ends_open(self.source) else str(self.source)
         parts = ['select', _listed(self.selections), 'from', source]
         if self.conditions:
             parts += ['where', ' and '.join(map(str, self.conditions))]
@@ -167,17 +193,29 @@ class Merge:
         return _constrained(f'merge({_listed(self.inputs)})', self.constraints)
 
 
+class Approximation(StrEnum):
+    """How a value between two samples is found (paper, section III)."""
+
+    LATEST = 'latest'
+    LINEAR = 'linear'
+
+
 @dataclasses.dataclass(frozen=True, slots=True)
 class Sync:
     """Samples that join the values that all inputs have at the same valid time."""
 
     inputs: tuple[Term, ...]
+    approximation: Approximation = Approximation.LATEST
     place: Place = dataclasses.field(default=NOWHERE, compare=False, kw_only=True)
     constraints: StreamConstraints = dataclasses.field(default=NO_CONSTRAINTS, kw_only=True)
 
     def __str__(self) -> str:
         """The canonical text."""
-        return _constrained(f'sync({_listed(self.inputs)})', self.constraints)
+        text = _constrained(f'sync({_listed(self.inputs)})', self.constraints)
+        if self.approximation is Approximation.LATEST:
+            return text
+        link = ' with' if self.constraints.is_empty else ','
+        return f'{text}{link} approximation = {self.approximation}'
 
 
 Term = Reference | Call | Select | Merge | Sync
@@ -329,6 +367,12 @@ def _field_text(name: str) -> str:
 
 def _listed(parts: Iterable[object]) -> str:
     return ', '.join(map(str, parts))
+
+
+def _ends_open(term: Term) -> bool:
+    """Whether constraints that follow the text of a term would be read as its own."""
+    approximated = isinstance(term, Sync) and term.approximation is not Approximation.LATEST
+    return isinstance(term, Select) or approximated or not term.constraints.is_empty
 
 
 def _constrained(text: str, constraints: StreamConstraints) -> str:

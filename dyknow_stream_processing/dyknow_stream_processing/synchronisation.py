@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from bisect import bisect_left
 from typing import TYPE_CHECKING, ClassVar, Final
 
 from dyknow_stream_processing.agenda import BEGINNING
@@ -104,10 +103,14 @@ class SynchronisedOperator(Operator):
         """Make all ticks that samples, or the clock, have made certain."""
         made = 0
         while (target := self._target) is not None and self._is_settled(target, clock):
-            made += 1
-            if made > MOST_TICKS and self._complete and self._period is not None:
-                target, made = self._leap(target, self._period, clock), 0
-            self._make(target, now)
+            # The time that the clock has leapt over, when it wakes the operator late.
+            lateness = 0 if clock is None else self._agenda.now - clock
+            if self._period is not None and self._is_leap(made, lateness // self._period):
+                self._leap(target, max(target + lateness, self._horizon()), self._period)
+                made = 0
+            else:
+                self._make(target, now)
+                made += 1
         if target is not None and self.timed:
             certain = self._tracks[self._unsettled].certain_at(target)
             if certain is not None:
@@ -131,7 +134,7 @@ class SynchronisedOperator(Operator):
     def _make(self, target: int, now: int) -> None:
         values = [track.reach(target) for track in self._tracks]
         is_tick = self._advance(target)
-        known = values if self._complete else [each for each in values if each is not None]
+        known = [each for each in values if each is not None]
         self._complete = len(known) == len(values)
         self._overflowing = False
         self._target = self._find_target()
@@ -179,18 +182,19 @@ class SynchronisedOperator(Operator):
     def _horizon(self) -> int:
         return min([track.settled for track in self._tracks])
 
-    def _leap(self, target: int, period: int, clock: int | None) -> int:
-        """Leave out all but the last of the ticks that are settled."""
-        most = (max(BEGINNING if clock is None else clock, self._horizon()) - target) // period
-        ticks = range(target, target + (most + 1) * period, period)
-        unsettled = bisect_left(ticks, True, key=lambda tick: not self._is_settled(tick, clock))
-        self._next_tick = last = ticks[max(unsettled - 1, 0)]
+    def _is_leap(self, made: int, due: int) -> bool:
+        return self._complete and (made == MOST_TICKS or due > MOST_TICKS)
+
+    def _leap(self, target: int, until: int, period: int) -> None:
+        """Leave out all ticks from the target on but the last until a time."""
+        last = until - (until - target) % period
+        self._next_tick = last
+        self._wait_for(last)
         message = (
             f'the time leapt by {round_duration(last - target)} at {round_time(target)}: '
-            f'{(last - target) // period} ticks are left out (at most {MOST_TICKS} are made at once)'
+            f'{(last - target) // period} ticks are left out; {MOST_TICKS} are made at once'
         )
         self._violate(Broken.SAMPLE_PERIOD, target, message, last - target, period)
-        return last
 
     def _overflow(self, track: Track) -> None:
         """Drop the oldest sample that waits; ticks before the next one cannot be made any more."""

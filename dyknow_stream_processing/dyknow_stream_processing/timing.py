@@ -31,7 +31,12 @@ class OrderOperator(Operator):
         super().__init__(agenda, label, inputs, in_order=True)
 
     def receive(
-        self, port: int, valid_time: int, fields: Mapping[str, Value], watermark: int, now: int
+        self,
+        port: int,  # noqa: ARG002
+        valid_time: int,
+        fields: Mapping[str, Value],
+        watermark: int,  # noqa: ARG002
+        now: int,
     ) -> None:
         """Pass a sample on unless a later one has been passed on."""
         if valid_time < self.watermark:

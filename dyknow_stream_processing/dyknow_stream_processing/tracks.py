@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
-from enum import StrEnum
-from typing import TYPE_CHECKING, ClassVar, Final
+from typing import TYPE_CHECKING, ClassVar
 
 from dyknow_stream_processing.agenda import BEGINNING
 
@@ -13,16 +12,6 @@ if TYPE_CHECKING:
 
     from dyknow_stream_processing.operators import Operator
     from dyknow_stream_processing.sample import Value
-
-LIMIT: Final = 10_000
-"""How many samples may wait for those of other streams."""
-
-
-class Approximation(StrEnum):
-    """How a value at a time between two samples is found."""
-
-    LATEST = 'latest'
-    LINEAR = 'linear'
 
 
 class Track:
@@ -124,9 +113,7 @@ class LinearTrack(Track):
 
 
 def _as_floats(fields: Mapping[str, Value]) -> Mapping[str, Value]:
-    return {
-        name: float(value) if type(value) is int else value for name, value in fields.items()
-    }
+    return {name: float(value) if type(value) is int else value for name, value in fields.items()}
 
 
 def _between(value: Value, following: Value | None, share: float) -> Value:

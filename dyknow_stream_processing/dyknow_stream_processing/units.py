@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING, Final
 from dyknow_stream_processing.durations import NANOSECONDS
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Mapping
+    from collections.abc import Mapping
 
-WINDOW: Final = NANOSECONDS['s']
-"""The span of valid time over which `mean`, `minimum` and `maximum` look back, nanoseconds."""
+SECOND: Final = NANOSECONDS['s']
+"""How far a window looks back unless it is told otherwise, nanoseconds."""
 
 
 def distance(one: Mapping[str, float], other: Mapping[str, float]) -> float:
@@ -48,61 +48,75 @@ class Speed:
         return math.dist(last[1], self._last[1]) / _seconds(valid_time - last[0])
 
 
-class RateOfChange:
-    """The rate of change of a number between its last two samples, per second."""
+class Window:
+    """The samples of a number in the last part of the valid time.
 
-    def __init__(self) -> None:
-        self._last: tuple[int, float] | None = None
+    Args:
+        window: how far it looks back, in nanoseconds.
+
+    Raises:
+        ValueError: if the window is no positive number of nanoseconds.
+    """
+
+    def __init__(self, window: int = SECOND) -> None:
+        if type(window) is not int or window <= 0:
+            raise ValueError(f'window is {window}; write a positive duration, such as 5 s')
+        self._window = window
+        self._samples: deque[tuple[int, float]] = deque()
+
+    def _take(self, number: Mapping[str, float], valid_time: int) -> deque[tuple[int, float]]:
+        """The samples of the window that ends with a new one."""
+        (value,) = number.values()
+        samples, begin = self._samples, valid_time - self._window
+        samples.append((valid_time, value))
+        while samples[0][0] <= begin:
+            samples.popleft()
+        return samples
+
+
+class RateOfChange(Window):
+    """How fast a number changes, per second: between the first and the last sample in the window.
+
+    The first one is the last before the window where there is one, so that two samples are enough.
+    """
 
     def __call__(self, number: Mapping[str, float], valid_time: int) -> float | None:
         """The rate; none for the first sample, which has no predecessor."""
         (value,) = number.values()
-        last, self._last = self._last, (valid_time, value)
-        if last is None or last[0] == valid_time:
+        samples, begin = self._samples, valid_time - self._window
+        while len(samples) > 1 and samples[1][0] <= begin:
+            samples.popleft()
+        samples.append((valid_time, value))
+        first_time, first = samples[0]
+        if first_time == valid_time:
             return None
-        return (value - last[1]) / _seconds(valid_time - last[0])
-
-
-class Window:
-    """Something about the values of a number in the last second of valid time.
-
-    Args:
-        summary: what is computed from the values.
-    """
-
-    def __init__(self, summary: Callable[[Iterable[float]], float]) -> None:
-        self._summary = summary
-        self._samples: deque[tuple[int, float]] = deque()
-
-    def __call__(self, number: Mapping[str, float], valid_time: int) -> float:
-        """The summary of the window that ends with this sample."""
-        (value,) = number.values()
-        self._samples.append((valid_time, value))
-        while self._samples[0][0] <= valid_time - WINDOW:
-            self._samples.popleft()
-        return self._summary(value for _, value in self._samples)
+        return (value - first) / _seconds(valid_time - first_time)
 
 
 class Mean(Window):
-    """The mean of the values in the last second."""
+    """The mean of the values in the window."""
 
-    def __init__(self) -> None:
-        super().__init__(lambda values: math.fsum(numbers := list(values)) / len(numbers))
+    def __call__(self, number: Mapping[str, float], valid_time: int) -> float:
+        """The mean of the window that ends with this sample."""
+        samples = self._take(number, valid_time)
+        return math.fsum(value for _, value in samples) / len(samples)
 
 
 class Minimum(Window):
-    """The least value in the last second."""
+    """The least value in the window."""
 
-    def __init__(self) -> None:
-        super().__init__(min)
+    def __call__(self, number: Mapping[str, float], valid_time: int) -> float:
+        """The minimum of the window that ends with this sample."""
+        return min(value for _, value in self._take(number, valid_time))
 
 
 class Maximum(Window):
-    """The greatest value in the last second."""
+    """The greatest value in the window."""
 
-    def __init__(self) -> None:
-        super().__init__(max)
+    def __call__(self, number: Mapping[str, float], valid_time: int) -> float:
+        """The maximum of the window that ends with this sample."""
+        return max(value for _, value in self._take(number, valid_time))
 
 
 def _seconds(nanoseconds: int) -> float:
-    return nanoseconds / NANOSECONDS['s']
+    return nanoseconds / SECOND

@@ -3,14 +3,21 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Final
 
 from dyknow_stream_processing.computational_units import UnitOperator
 from dyknow_stream_processing.constraints import NO_CONSTRAINTS
 from dyknow_stream_processing.operators import MergeOperator, SourceOperator
 from dyknow_stream_processing.selecting import SelectOperator
-from dyknow_stream_processing.specification import Call, Merge, Reference, Select, Sync
-from dyknow_stream_processing.synchronisation import SyncOperator
+from dyknow_stream_processing.specification import (
+    Approximation,
+    Call,
+    Merge,
+    Reference,
+    Select,
+    Sync,
+)
+from dyknow_stream_processing.synchronisation import LinearSyncOperator, SyncOperator
 from dyknow_stream_processing.timing import (
     BoundsOperator,
     OrderOperator,
@@ -118,11 +125,12 @@ class Wiring:
             case Sync():
                 inputs = [self._sorted(each) for each in term.inputs]
                 ticks = (term.constraints.start_time, term.constraints.sample_period)
-                return self._operator(SyncOperator, label, inputs, *ticks)
+                return self._operator(_SYNCS[term.approximation], label, inputs, *ticks)
             case Call():
                 inputs = [self._sorted(each) for each in term.inputs]
                 unit = self._units[term.unit]
-                return self._operator(UnitOperator, label, inputs, unit, term.declaration)
+                details = (unit, term.declaration, term.arguments)
+                return self._operator(UnitOperator, label, inputs, *details)
 
     def _selected(self, source: Operator, label: str, details: tuple[object, ...]) -> Operator:
         if not isinstance(source, MergeOperator):
@@ -153,6 +161,12 @@ class Wiring:
                 each.consumers.append((operator, port))
             self._operators[key] = operator
         return self._operators[key]
+
+
+_SYNCS: Final = {
+    Approximation.LATEST: SyncOperator,
+    Approximation.LINEAR: LinearSyncOperator,
+}
 
 
 def _label(term: Term) -> str:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from dyknow_stream_processing import StreamError, computational_units, load_units
+from dyknow_stream_processing import LanguageError, StreamError, computational_units, load_units
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -17,10 +17,10 @@ if TYPE_CHECKING:
 
 
 def run(
-    flow: Flow, unit: str, values: list[Mapping[str, Value]], type_name: str = 'float'
+    flow: Flow, unit: str, values: list[Mapping[str, Value]], settings: str = ''
 ) -> list[Value]:
-    parameters = ', '.join(f'{name}: {type_name}' for name in values[0])
-    flow.create(f'compunit out: float {unit}(({parameters})); sink {unit}("a")')
+    parameters = ', '.join(f'{name}: float' for name in values[0])
+    flow.create(f'compunit out: float {unit}(({parameters})); sink {unit}("a"{settings})')
     for index, fields in enumerate(values):
         flow.push('a', 500 * index, **fields)
     return [fields['out'] for _, fields in flow.take()]
@@ -36,7 +36,21 @@ def test_speed(flow: Flow) -> None:
 
 
 def test_rate_of_change(flow: Flow) -> None:
-    assert run(flow, 'rate_of_change', [{'x': 1.0}, {'x': 2.0}, {'x': 0.0}]) == [2.0, -4.0]
+    values = [{'x': x} for x in (1.0, 2.0, 0.0, 5.0)]
+    assert run(flow, 'rate_of_change', values) == [2.0, -1.0, 3.0]
+
+
+@pytest.mark.parametrize(
+    ('window', 'expected'),
+    [
+        ('400 ms', [2.0, -4.0, 10.0]),
+        ('500 ms', [2.0, -4.0, 10.0]),
+        ('1500 ms', [2.0, -1.0, 8 / 3]),
+    ],
+)
+def test_rate_of_change_over_a_window(flow: Flow, window: str, expected: list[float]) -> None:
+    values = [{'x': x} for x in (1.0, 2.0, 0.0, 5.0)]
+    assert run(flow, 'rate_of_change', values, f', window = {window}') == expected
 
 
 @pytest.mark.parametrize(
@@ -45,6 +59,45 @@ def test_rate_of_change(flow: Flow) -> None:
 )
 def test_windows_span_one_second(flow: Flow, unit: str, expected: list[float]) -> None:
     assert run(flow, unit, [{'x': 1.0}, {'x': 3.0}, {'x': 5.0}]) == expected
+
+
+@pytest.mark.parametrize(
+    ('unit', 'expected'),
+    [('mean', [1.0, 2.0, 3.0]), ('minimum', [1.0, 1.0, 1.0]), ('maximum', [1.0, 3.0, 5.0])],
+)
+def test_windows_of_another_length(flow: Flow, unit: str, expected: list[float]) -> None:
+    values = [{'x': x} for x in (1.0, 3.0, 5.0)]
+    assert run(flow, unit, values, ', window = 1001 ms') == expected
+
+
+@pytest.mark.parametrize('window', ['0', '-5 s', '2.5', 'true', '"long"'])
+def test_a_window_is_a_positive_duration(flow: Flow, window: str) -> None:
+    with pytest.raises(StreamError, match='write a positive duration, such as 5 s'):
+        run(flow, 'mean', [{'x': 1.0}], f', window = {window}')
+    assert flow.dataflow.names() == ()
+
+
+def test_uses_with_other_parameters_are_computed_apart(flow: Flow) -> None:
+    flow.create(
+        'compunit m: float mean(x: float); sink sync('
+        'select m as short from mean("a", window = 1 ms), '
+        'select m as long from mean("a", window = 9 ms))'
+    )
+    flow.push('a', 1, x=1.0)
+    flow.push('a', 2, x=3.0)
+    assert flow.take() == [(1, {'short': 1.0, 'long': 1.0}), (2, {'short': 3.0, 'long': 2.0})]
+
+
+def test_parameters_of_functions_are_keyword_only(flow_class: type[Flow]) -> None:
+    def scaled(number: Mapping[str, float], *, factor: float = 1.0) -> float:
+        return number['x'] * factor
+
+    flow = flow_class({'scaled': scaled})
+    flow.create('compunit y: float scaled(x: float); sink scaled("a", factor = 2.5)')
+    flow.push('a', 1, x=2.0)
+    assert flow.take() == [(1, {'y': 5.0})]
+    with pytest.raises(LanguageError, match=r"has no parameter 'number' \(it has: factor\)"):
+        flow.create('compunit y: float scaled(x: float); sink scaled("a", number = 1)', 't')
 
 
 def test_distance_synchronises_its_inputs(flow: Flow) -> None:

@@ -8,6 +8,8 @@ from hypothesis import strategies as st
 
 from dyknow_stream_processing import (
     NO_CONSTRAINTS,
+    Approximation,
+    Argument,
     Call,
     Condition,
     LanguageError,
@@ -76,12 +78,18 @@ conditions = st.builds(
 )
 
 
+arguments = st.lists(
+    st.builds(Argument, names, values) | st.builds(Argument, names, durations, st.just(True)),
+    max_size=2,
+)
+
+
 def _compound(terms: st.SearchStrategy[Term]) -> st.SearchStrategy[Term]:
     inputs = st.lists(terms, min_size=1, max_size=3).map(tuple)
     return (
         st.builds(Merge, inputs, constraints=some_constraints)
-        | st.builds(Sync, inputs, constraints=some_constraints)
-        | st.builds(Call, names, inputs, constraints=some_constraints)
+        | st.builds(Sync, inputs, st.sampled_from(Approximation), constraints=some_constraints)
+        | st.builds(Call, names, inputs, arguments.map(tuple), constraints=some_constraints)
         | st.builds(
             Select,
             selections.map(tuple),
@@ -162,6 +170,19 @@ def test_the_example_of_the_design_reads_back() -> None:
         (
             '(a with max_delay = 5) with end_time = 0',
             'sink a with end_time = 0 s, max_delay = 5 ms',
+        ),
+        (
+            'sync(a, b) with approximation = linear, max_delay = 5',
+            'sink sync(a, b) with max_delay = 5 ms, approximation = linear',
+        ),
+        ('sync(a, b) with approximation = latest', 'sink sync(a, b)'),
+        (
+            'select a from (sync(a, b) with approximation = linear) with max_delay = 5',
+            'sink select a from (sync(a, b) with approximation = linear) with max_delay = 5 ms',
+        ),
+        (
+            'mean(a, window = 5 s, n = 1, x = -2e3, t = "b", f = true)',
+            'sink mean(a, window = 5 s, n = 1, x = -2000.0, t = "b", f = true)',
         ),
         ('select power as "Power[uav1]" from p', 'sink select power as "Power[uav1]" from p'),
         ('select D as F%C% from S1 where B = 2', 'sink select D as F%C% from S1 where B = 2'),
