@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import ast
+import os
 import re
+import subprocess
+import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -126,6 +129,47 @@ def test_the_computational_units_of_the_manual_are_those_that_come_with_dyknow()
     rows = re.findall(r'^\| (`.*?`) \|', text, re.MULTILINE)
     shipped = {name for name, unit in load_units().items() if unit.__module__ == units.__name__}
     assert {name for row in rows for name in re.findall(r'`(\w+)`', row)} == shipped
+
+
+USE_OF_UNITS = """
+from dyknow_stream_processing import (
+    NO_CONSTRAINTS, Dataflow, Sample, load_units, parse_specification
+)
+
+samples = []
+dataflow = Dataflow(load_units(), lambda topic: None)
+dataflow.create('s', parse_specification('compunit slip: float wheel_slip(speed: float, '
+    'speed: float); sink wheel_slip("wheels", "ground")'), NO_CONSTRAINTS, samples.append, print)
+for topic, speed in ('wheels', 2.0), ('ground', 1.5):
+    dataflow.push(topic, Sample(1, 2, {'speed': speed}))
+print(dict(samples[0].fields))
+"""
+
+
+def test_the_package_of_units_can_be_installed_and_used(tmp_path: Path) -> None:
+    setup, module = (
+        text
+        for text in blocks('docs/languages.md', 'python')
+        if 'rover_units' in text or 'slip' in text
+    )
+    package, installed = tmp_path / 'rover_units', tmp_path / 'installed'
+    package.mkdir()
+    installed.mkdir()
+    (package / 'setup.py').write_text(setup, encoding='utf-8')
+    (package / 'rover_units.py').write_text(module, encoding='utf-8')
+    # What pip does, without fetching the tools that it would build a wheel with.
+    steps = ('--quiet', 'egg_info', '--egg-base', installed, 'build_py', '--build-lib', installed)
+    subprocess.run([sys.executable, 'setup.py', *steps], cwd=package, check=True, timeout=60)
+    paths = os.pathsep.join([str(installed), os.environ.get('PYTHONPATH', '')])
+    used = subprocess.run(
+        [sys.executable, '-c', USE_OF_UNITS],
+        env={**os.environ, 'PYTHONPATH': paths},
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=60,
+    )
+    assert (used.stdout, used.stderr) == ("{'slip': 0.25}\n", '')
 
 
 def test_the_readme_shows_the_node_that_is_shipped() -> None:
