@@ -168,11 +168,11 @@ class SynchronisedOperator(Operator):
             self._target, self._unsettled = target, 0
 
     def _find_target(self) -> int | None:
+        if self._complete and self._next_tick is not None:
+            return self._next_tick
         heads = [track.waiting[0][0] for track in self._tracks if track.waiting]
         if self._next_tick is None or self._period is None:
             return min(heads, default=None)
-        if self._complete:
-            return self._next_tick
         missing = [track for track in self._tracks if track.latest is None]
         if not all(track.waiting for track in missing):
             return min(heads, default=None)

@@ -199,3 +199,66 @@ def test_every_sample_comes_out_or_is_counted(
     assert len(times) + sum(flow.drops.values()) == len(arrivals)
     assert times == sorted(times)
     assert all(later - earlier >= 2 for earlier, later in pairwise(times))
+
+
+@given(
+    st.lists(st.tuples(st.integers(0, 60), st.integers(0, 12)), max_size=30),
+    st.integers(1, 12),
+    st.integers(0, 12),
+    st.none() | st.integers(0, 8),
+)
+def test_a_period_against_its_definition(
+    flow_class: type[Flow],
+    arrivals: list[tuple[int, int]],
+    period: int,
+    deviation: int,
+    max_delay: int | None,
+) -> None:
+    deviation = min(deviation, period)
+    delay = '' if max_delay is None else f', max_delay = {max_delay} ms'
+    flow = flow_class().create(
+        f'"a" with sample_period = {period} ms, sample_period_deviation = {deviation} ms{delay}'
+    )
+    if max_delay is None:
+        flow.receipt_topics.add('a')
+        arrivals = [(now, 0) for now, _ in arrivals]
+    arrivals.sort(key=lambda each: each[0])
+    for now, lateness in arrivals:
+        flow.push('a', now - lateness, now, x=now)
+    flow.advance(200)
+    in_time = sorted(now - late for now, late in arrivals if max_delay is None or late <= max_delay)
+    kept: list[int] = []
+    early = 0
+    for time in in_time:
+        if kept and time - kept[-1] < period - deviation:
+            early += 1
+        else:
+            kept.append(time)
+    gaps = sum(later - earlier > period + deviation for earlier, later in pairwise(kept))
+    assert flow.times() == kept
+    # After the last sample there is a gap, too.
+    told = [constraint for constraint, _ in flow.broken() if constraint == 'sample_period']
+    assert len(told) == early + gaps + bool(kept)
+
+
+@given(
+    st.lists(st.tuples(st.sampled_from('abc'), st.integers(0, 40), st.integers(0, 9)), max_size=30)
+)
+def test_a_merge_is_all_samples_of_all_inputs_by_their_available_times(
+    flow_class: type[Flow], arrivals: list[tuple[str, int, int]]
+) -> None:
+    flow = flow_class().create('merge("a" with max_delay = 9 ms, merge("b", select x from "c"))')
+    arrivals.sort(key=lambda each: each[1])
+    newest = {'b': -100, 'c': -100}
+    expected = []
+    for number, (topic, now, delay) in enumerate(arrivals):
+        flow.push(topic, now - delay, now, x=number)
+        if topic == 'a' or now - delay >= newest[topic]:
+            newest[topic] = now - delay
+            expected.append((now - delay, number))
+    flow.advance(100)
+    available = [each.available_time for each in flow.samples]
+    assert all(earlier < later for earlier, later in pairwise(available))
+    assert sorted((each.valid_time // 1_000_000, each.fields['x']) for each in flow.samples) == (
+        sorted(expected)
+    )
