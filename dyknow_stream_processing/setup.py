@@ -20,6 +20,7 @@ setup(
     license='Apache-2.0',
     entry_points={
         'console_scripts': [
+            'generate_conversions = dyknow_stream_processing.ros.generate_conversions:main',
             'stream_manager = dyknow_stream_processing.ros.stream_manager:main',
             'stream_processing_engine = dyknow_stream_processing.ros.stream_processing_engine:main',
         ],

@@ -78,6 +78,8 @@ def test_matches_say_which_ground_feature_they_deliver() -> None:
     [
         ('"/uav1/battery".voltage', 'voltage', '/uav1/battery', True),
         ('"/uav1/odom".pose.pose.position.z', 'pose.pose.position.z', '/uav1/odom', True),
+        ('"/scan".ranges[0]', 'ranges[0]', '/scan', True),
+        ('cloud.points[2].x', 'points[2].x', 'cloud', False),
         ('uav1_power.power', 'power', 'uav1_power', False),
     ],
 )

@@ -116,7 +116,7 @@ class Reference:
 
     Args:
         stream: the name of a stream or topic.
-        path: the dotted path to the field.
+        path: the path to the field, `ranges[0]`.
     """
 
     stream: str

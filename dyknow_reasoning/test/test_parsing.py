@@ -159,6 +159,16 @@ def test_references() -> None:
     assert canonical('"uav1".in') == 'uav1.in'
 
 
+def test_references_to_elements_of_arrays() -> None:
+    assert parse_formula('scan.ranges[0]') == Reference('scan', 'ranges[0]')
+    assert parse_formula('"/cloud".points[12].x[3]') == Reference('/cloud', 'points[12].x[3]')
+    formula = parse_formula('Power[u] < "/scan".ranges[0] until[0, 5] scan.ranges[1] = 2')
+    assert str(formula) == '(Power[u] < "/scan".ranges[0]) until[0 s, 5 ms] (scan.ranges[1] = 2)'
+    for text in ('scan.ranges[a] < 1', 'Power[0] < 1', 'scan.ranges[-1] < 1', 'scan.x[01] < 1'):
+        with pytest.raises(LanguageError):
+            parse_formula(text)
+
+
 @pytest.mark.parametrize(
     ('text', 'name', 'expected'),
     [
@@ -217,7 +227,9 @@ features = st.one_of(
     st.builds(Feature, names, st.lists(objects | variables, min_size=1, max_size=3).map(tuple)),
 )
 references = st.builds(
-    Reference, st.sampled_from(['a', '/uav1/power', 'true']), st.sampled_from(['b', 'c.in.d'])
+    Reference,
+    st.sampled_from(['a', '/uav1/power', 'true']),
+    st.sampled_from(['b', 'c.in.d', 'e[2].f[0]']),
 )
 numbers = st.one_of(
     st.integers(), st.floats(allow_nan=False, allow_infinity=False).filter(bool)

@@ -8,6 +8,7 @@ import re
 from typing import TYPE_CHECKING, Final
 
 from dyknow_stream_processing import (
+    FIELD_PATH,
     NO_CONSTRAINTS,
     NOWHERE,
     Place,
@@ -24,7 +25,7 @@ CONCEPT: Final = 'concept'
 """What a text that asks for a concept is called in messages."""
 
 _NAME = re.compile(r'(?!(?:for|where|with|contains)\b)[A-Za-z_]\w*(:[A-Za-z_]\w*)?', re.ASCII)
-_FIELD = re.compile(r'(?!(?:for|where|with|contains)\b)[A-Za-z_]\w*(\.[A-Za-z_]\w*)*', re.ASCII)
+_FIELD = re.compile(rf'(?!(?:for|where|with|contains)\b){FIELD_PATH}', re.ASCII)
 
 
 def feature_text(feature: str, arguments: Iterable[str]) -> str:

@@ -100,13 +100,23 @@ def test_words_of_the_language_may_be_names_where_nothing_is_unclear() -> None:
     assert annotation == Annotation('stream', (Content(feature('every', 'in'), 'stream.every'),))
 
 
+def test_an_index_is_part_of_the_field_and_a_unit_is_not() -> None:
+    text = (
+        'stream "/scan" contains Range = ranges[0] [m], Count = points[2].n[1], Share = share [1]'
+    )
+    (annotation,) = parse_annotations(text)
+    found = [(each.field, each.unit) for each in annotation.contents]
+    assert found == [('ranges[0]', 'm'), ('points[2].n[1]', None), ('share', '1')]
+
+
 RESERVED = {'for', 'where', 'with', 'contains'}
 NAMES = st.from_regex(r'[A-Za-z_][A-Za-z0-9_]{0,6}', fullmatch=True).filter(
     lambda name: name not in RESERVED
 )
 CONCEPTS = NAMES | st.builds('{}:{}'.format, NAMES, NAMES)
 TEXTS = st.text(max_size=8)
-FIELDS = st.lists(NAMES, min_size=1, max_size=3).map('.'.join) | TEXTS
+PARTS = NAMES | st.builds('{}[{}]'.format, NAMES, st.integers(0, 99))
+FIELDS = st.lists(PARTS, min_size=1, max_size=3).map('.'.join) | TEXTS
 UNITS = st.none() | st.from_regex(r'[A-Za-z%°/^0-9*-]{0,6}', fullmatch=True)
 DURATIONS = st.none() | st.integers(min_value=1, max_value=10**12)
 PLACES = st.lists(CONCEPTS | TEXTS, max_size=3)

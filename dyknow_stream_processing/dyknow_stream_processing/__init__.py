@@ -3,6 +3,7 @@
 from dyknow_stream_processing.computational_units import Unit, load_units
 from dyknow_stream_processing.constraints import NO_CONSTRAINTS, StreamConstraints
 from dyknow_stream_processing.dataflow import Dataflow, SourceType, Statistics
+from dyknow_stream_processing.demand import ALL
 from dyknow_stream_processing.durations import (
     DURATION_PATTERN,
     NANOSECONDS,
@@ -13,10 +14,11 @@ from dyknow_stream_processing.durations import (
     round_time,
 )
 from dyknow_stream_processing.errors import DyKnowError, ExitCode, StreamError
+from dyknow_stream_processing.field_paths import FIELD_PATH, absence, all_elements, listed_as
 from dyknow_stream_processing.language import NOWHERE, Language, LanguageError, Place
 from dyknow_stream_processing.parsing import parse_specification
 from dyknow_stream_processing.resolution import FreeNames, Resolved, free_names, resolve
-from dyknow_stream_processing.sample import Sample, Value, ValueType
+from dyknow_stream_processing.sample import PartialFields, Sample, Value, ValueType
 from dyknow_stream_processing.sinks import specifications_by_sink
 from dyknow_stream_processing.specification import (
     Approximation,
@@ -42,7 +44,9 @@ from dyknow_stream_processing.specification import (
 from dyknow_stream_processing.violation import Broken, Violation
 
 __all__ = [
+    'ALL',
     'DURATION_PATTERN',
+    'FIELD_PATH',
     'NANOSECONDS',
     'NOWHERE',
     'NO_CONSTRAINTS',
@@ -59,6 +63,7 @@ __all__ = [
     'Language',
     'LanguageError',
     'Merge',
+    'PartialFields',
     'Place',
     'Reference',
     'Resolved',
@@ -81,9 +86,12 @@ __all__ = [
     'Value',
     'ValueType',
     'Violation',
+    'absence',
+    'all_elements',
     'format_duration',
     'format_time',
     'free_names',
+    'listed_as',
     'load_units',
     'made',
     'parse_duration',

@@ -25,7 +25,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 from dyknow_stream_processing import units
 from dyknow_stream_processing.errors import StreamError
-from dyknow_stream_processing.sample import Value, ValueType
+from dyknow_stream_processing.sample import Value, ValueType, missing_text
 from dyknow_stream_processing.synchronisation import SynchronisedOperator
 from dyknow_stream_processing.violation import Broken
 
@@ -116,7 +116,7 @@ class UnitOperator(SynchronisedOperator):
                 for names, fields in zip(self._parameters, values, strict=True)
             ]
         except KeyError as error:
-            message = f"computational unit '{self._name}' finds no field '{error.args[0]}'"
+            message = f"computational unit '{self._name}' finds {missing_text(error)}"
             self._reject(Broken.FIELDS, valid_time, message)
             return
         timing = {TIME: valid_time} if self._takes_time else {}

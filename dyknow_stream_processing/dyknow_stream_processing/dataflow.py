@@ -146,8 +146,11 @@ class Dataflow:
         """
         return self._find(name).statistics()
 
-    def sources(self) -> Mapping[str, frozenset[str] | None]:
-        """The topics that samples are needed of, each with the fields needed; `None` for all."""
+    def sources(self) -> Mapping[str, frozenset[str]]:
+        """The topics that samples are needed of, each with the fields needed.
+
+        The name `ALL` among them stands for all fields but the elements of arrays.
+        """
         return total_demand(each.resolved.term for each in self._streams.values())
 
     def found(self, topic: str, source_type: SourceType) -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Final
 
 from dyknow_stream_processing.specification import Call, Reference, Select, Sync
 
@@ -11,17 +11,19 @@ if TYPE_CHECKING:
 
     from dyknow_stream_processing.specification import Term
 
-Demand = frozenset[str] | None
-"""Names of fields; `None` for all that there are."""
+Demand = frozenset[str]
+"""Names of fields."""
+
+ALL: Final = '*'
+"""Stands among the names for all fields but the elements of arrays, which are named one by one."""
 
 
 def total_demand(terms: Iterable[Term]) -> Mapping[str, Demand]:
     """What resolved streams need of each topic."""
     total: dict[str, Demand] = {}
     for term in terms:
-        for topic, demand in _demands(term, None):
-            known = total.get(topic, frozenset())
-            total[topic] = None if known is None or demand is None else known | demand
+        for topic, demand in _demands(term, frozenset({ALL})):
+            total[topic] = total.get(topic, frozenset()) | demand
     return total
 
 
@@ -36,7 +38,7 @@ def _demands(term: Term, wanted: Demand) -> Iterator[tuple[str, Demand]]:
     else:
         # Which of its inputs has a field that is wanted of a sync is not always known.
         for each in term.inputs:
-            yield from _demands(each, None if isinstance(term, Sync) else wanted)
+            yield from _demands(each, wanted | {ALL} if isinstance(term, Sync) else wanted)
 
 
 def _selected(select: Select) -> frozenset[str]:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 from dyknow_stream_processing.computational_units import settings
 from dyknow_stream_processing.constraints import NO_CONSTRAINTS
 from dyknow_stream_processing.errors import ExitCode, StreamError
+from dyknow_stream_processing.field_paths import absence, listed_as
 from dyknow_stream_processing.sample import ValueType
 from dyknow_stream_processing.selecting import comparable_types
 from dyknow_stream_processing.specification import (
@@ -311,9 +312,10 @@ class _Resolver:
         """The type of a field, as far as it is known."""
         if fields is None:
             return None
-        if name not in fields:
-            raise self._error(f"{owner} has no field '{name}' (it has: {_listing(fields)})", place)
-        return fields[name]
+        listed = listed_as(fields, name)
+        if listed is None:
+            raise self._error(absence(owner, fields, name), place)
+        return fields[listed]
 
     def _check_declared_once(self, declarations: Iterable[Declaration]) -> None:
         streams: set[str] = set()

@@ -35,6 +35,28 @@ _TYPES: Mapping[type, ValueType] = {
 }
 
 
+class PartialFields(dict[str, Value]):
+    """Fields of a sample that lacks others.
+
+    Args:
+        fields: what it has.
+        reasons: why it has not, for each field that it should have.
+    """
+
+    def __init__(self, fields: Mapping[str, Value], reasons: Mapping[str, str]) -> None:
+        super().__init__(fields)
+        self.reasons = reasons
+
+    def __missing__(self, name: str) -> Value:
+        raise KeyError(name, self.reasons[name]) if name in self.reasons else KeyError(name)
+
+
+def missing_text(error: KeyError, otherwise: str = '') -> str:
+    """Which field a sample lacks and, as far as that is known, why."""
+    name, *reasons = error.args
+    return f"no field '{name}'" + (f': {reasons[0]}' if reasons else otherwise)
+
+
 @dataclass(frozen=True, slots=True)
 class Sample:
     """One tuple of a stream.

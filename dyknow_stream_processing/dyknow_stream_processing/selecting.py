@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Final
 
 from dyknow_stream_processing.agenda import BEGINNING
 from dyknow_stream_processing.operators import Operator
-from dyknow_stream_processing.sample import ValueType
+from dyknow_stream_processing.sample import ValueType, missing_text
 from dyknow_stream_processing.specification import value_text
 from dyknow_stream_processing.violation import Broken
 
@@ -67,7 +67,7 @@ class SelectOperator(Operator):
             selected = self._select(fields)
         except KeyError as error:
             known = ', '.join(fields) or 'nothing'
-            message = f"no field '{error.args[0]}' in the sample (it has: {known})"
+            message = missing_text(error, f' in the sample (it has: {known})')
             self._reject(Broken.FIELDS, valid_time, message)
         except _UnfitError as error:
             self._reject(Broken.FIELDS, valid_time, str(error))

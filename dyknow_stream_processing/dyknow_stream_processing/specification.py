@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Final
 from dyknow_stream_processing.constraints import NO_CONSTRAINTS, StreamConstraints
 from dyknow_stream_processing.durations import format_duration
 from dyknow_stream_processing.errors import ExitCode
+from dyknow_stream_processing.field_paths import FIELD_PATH
 from dyknow_stream_processing.language import NOWHERE, LanguageError, Place
 
 if TYPE_CHECKING:
@@ -22,8 +23,8 @@ LANGUAGE: Final = 'stream specification'
 """What a text of the stream language is called in messages."""
 
 _NAME = re.compile(r'[A-Za-z_]\w*', re.ASCII)
-_FIELD = re.compile(r'[A-Za-z_]\w*(\.[A-Za-z_]\w*)*', re.ASCII)
-_RENAMING = re.compile(r'(?![\d.])([\w]|\.(?=\w)|%[A-Za-z_]\w*(\.[A-Za-z_]\w*)*%)+', re.ASCII)
+_FIELD = re.compile(FIELD_PATH, re.ASCII)
+_RENAMING = re.compile(rf'(?![\d.])([\w]|\.(?=\w)|%{FIELD_PATH}%)+', re.ASCII)
 
 
 @dataclasses.dataclass(frozen=True, slots=True)

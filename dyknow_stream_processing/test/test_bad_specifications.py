@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import pytest
 
 from dyknow_stream_processing import (
+    ALL,
     LanguageError,
     StreamConstraints,
     StreamError,
@@ -28,6 +29,7 @@ def known(flow_class: type[Flow]) -> Flow:
     flow = flow_class({name: units[name] for name in ('distance', 'electrical_power', 'mean')})
     flow.types = {
         '/battery': {'voltage': FLOAT, 'current': FLOAT, 'present': ValueType.BOOLEAN},
+        '/scan': {'ranges[0..]': FLOAT, 'covariance[0..35]': FLOAT, 'points[0..].x': FLOAT},
         '/odometry': {'x': FLOAT, 'y': FLOAT},
         '/fleet': {'id': ValueType.STRING, 'pose.position.z': FLOAT, 'speed': FLOAT},
     }
@@ -40,7 +42,7 @@ def test_bad_specifications(known: Flow, path: Path) -> None:
         known.create(path.read_text(encoding='utf-8'))
     assert f'{error.value}\n' == path.with_suffix('.expected').read_text(encoding='utf-8')
     assert known.dataflow.names() == ('fleet',)
-    assert dict(known.dataflow.sources()) == {'/fleet': None}
+    assert dict(known.dataflow.sources()) == {'/fleet': {ALL}}
 
 
 def test_bad_specifications_are_found() -> None:

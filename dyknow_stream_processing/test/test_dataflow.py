@@ -6,7 +6,15 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from dyknow_stream_processing import ExitCode, LanguageError, StreamError, ValueType
+from dyknow_stream_processing import (
+    ALL,
+    ExitCode,
+    LanguageError,
+    PartialFields,
+    Sample,
+    StreamError,
+    ValueType,
+)
 
 if TYPE_CHECKING:
     from conftest import Flow
@@ -131,10 +139,10 @@ def test_the_demand_for_sources_follows_the_streams(flow: Flow) -> None:
     assert dict(flow.dataflow.sources()) == {
         'a': frozenset('xcdz'),
         'b': frozenset('x'),
-        'c': None,
+        'c': frozenset({ALL}),
     }
     flow.create('"a"', 'three')
-    assert flow.dataflow.sources()['a'] is None
+    assert flow.dataflow.sources()['a'] == frozenset({*'xcdz', ALL})
     flow.dataflow.destroy('three')
     flow.dataflow.destroy('one')
     assert flow.dataflow.sources()['a'] == frozenset('z')
@@ -144,7 +152,31 @@ def test_the_demand_for_sources_follows_the_streams(flow: Flow) -> None:
 
 def test_a_sync_needs_all_fields_of_its_inputs(flow: Flow) -> None:
     flow.create('select x from sync("a", select y from "b")')
-    assert dict(flow.dataflow.sources()) == {'a': None, 'b': frozenset('y')}
+    assert dict(flow.dataflow.sources()) == {'a': frozenset({'x', ALL}), 'b': frozenset('y')}
+
+
+def test_elements_of_arrays_are_asked_for_beside_all_the_rest(flow: Flow) -> None:
+    flow.create('"a"', 'whole')
+    flow.create('select ranges[3] from sync("a", "b")', 'element')
+    assert dict(flow.dataflow.sources()) == dict.fromkeys('ab', frozenset({ALL, 'ranges[3]'}))
+
+
+def test_an_element_that_a_sample_lacks_is_reported_with_the_reason(flow: Flow) -> None:
+    flow.types = {'a': {'ranges[0..]': ValueType.FLOAT}}
+    flow.create('select ranges[3] from "a"')
+    unit = 'compunit m: float magnitude(ranges[3]: float); sink magnitude("a")'
+    flow.create(unit, 'unit')
+    partial = PartialFields({'ranges[0]': 1.0}, {'ranges[3]': 'it is short'})
+    flow.dataflow.push('a', Sample(1_000_000, 1_000_000, partial))
+    flow.push('a', 2, **{'ranges[3]': 4.0})
+    assert flow.take() == [(2, {'ranges[3]': 4.0}), (2, {'m': 4.0})]
+    assert [each.message.partition(': ')[2] for each in flow.violations] == [
+        "no field 'ranges[3]': it is short",
+        "computational unit 'magnitude' finds no field 'ranges[3]': it is short",
+    ]
+    assert flow.broken() == [('fields', 1), ('fields', 1)]
+    for name in ('s', 'unit'):
+        assert flow.dataflow.statistics(name).drops == {'fields': 1}
 
 
 def test_a_destroyed_stream_asks_for_nothing(flow: Flow) -> None:

@@ -44,7 +44,9 @@ sink uav1_state
 """
 
 names = st.sampled_from(['a', 'b', 'uav1_power', 'S1', '_x'])
-field_names = st.sampled_from(['a', 'pose.position.z', 'from', 'int', 'Power[uav1]', 'ä "x"', '1'])
+field_names = st.sampled_from(
+    ['a', 'pose.position.z', 'points[2].x', 'ranges[0]', 'from', 'int', 'Power[uav1]', 'ä "x"', '1']
+)
 durations = st.integers(0, 10**19)
 values = (
     st.booleans() | st.integers() | st.floats(allow_nan=False, allow_infinity=False) | st.text()

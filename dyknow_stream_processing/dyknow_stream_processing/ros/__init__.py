@@ -3,14 +3,14 @@
 from dyknow_stream_processing.ros.conversion import (
     constraints_from_message,
     constraints_to_message,
-    message_class,
     nanoseconds_to_duration,
     nanoseconds_to_time,
-    sample_fields,
-    sample_to_message,
     time_to_nanoseconds,
 )
 from dyknow_stream_processing.ros.lease import Lease
+from dyknow_stream_processing.ros.message_conversion import conversion, extractor
+from dyknow_stream_processing.ros.message_types import message_class, scalar_fields, stamp_of
+from dyknow_stream_processing.ros.message_values import FieldReader, without
 from dyknow_stream_processing.ros.peer import Peer
 from dyknow_stream_processing.ros.runtime import (
     LATCHED,
@@ -24,6 +24,11 @@ from dyknow_stream_processing.ros.runtime import (
     fill_exit_status,
     run,
 )
+from dyknow_stream_processing.ros.sample_messages import (
+    SampleWriter,
+    sample_fields,
+    sample_to_message,
+)
 from dyknow_stream_processing.ros.stream_proxy import StreamProxy
 
 __all__ = [
@@ -35,11 +40,15 @@ __all__ = [
     'STREAM',
     'VIOLATIONS',
     'DyKnowNode',
+    'FieldReader',
     'Lease',
     'Peer',
+    'SampleWriter',
     'StreamProxy',
     'constraints_from_message',
     'constraints_to_message',
+    'conversion',
+    'extractor',
     'fill_exit_status',
     'message_class',
     'nanoseconds_to_duration',
@@ -47,5 +56,8 @@ __all__ = [
     'run',
     'sample_fields',
     'sample_to_message',
+    'scalar_fields',
+    'stamp_of',
     'time_to_nanoseconds',
+    'without',
 ]

@@ -29,8 +29,8 @@ from dyknow_stream_processing.registry import (
 from dyknow_stream_processing.ros.conversion import (
     constraints_from_message,
     constraints_to_message,
-    message_class,
 )
+from dyknow_stream_processing.ros.message_types import message_class
 from dyknow_stream_processing.ros.peer import Peer
 from dyknow_stream_processing.ros.runtime import RUNNING, DyKnowNode, run
 from dyknow_stream_processing.sinks import specifications_by_sink

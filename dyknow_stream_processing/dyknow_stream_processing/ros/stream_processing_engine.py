@@ -17,7 +17,6 @@ from dyknow_stream_processing.ros.conversion import (
     constraints_from_message,
     nanoseconds_to_duration,
     nanoseconds_to_time,
-    sample_to_message,
 )
 from dyknow_stream_processing.ros.runtime import (
     NO_PUBLISHER_EVENTS,
@@ -27,6 +26,7 @@ from dyknow_stream_processing.ros.runtime import (
     DyKnowNode,
     run,
 )
+from dyknow_stream_processing.ros.sample_messages import SampleWriter
 from dyknow_stream_processing.ros.topic_sources import TopicSources, source_type
 
 if TYPE_CHECKING:
@@ -70,11 +70,12 @@ class StreamProcessingEngine(DyKnowNode):
             )
         specification = parse_specification(spec.specification)
         constraints = constraints_from_message(spec.constraints)
+        writer = SampleWriter()
         self._dataflow.create(
             spec.name,
             specification,
             constraints,
-            lambda sample: self._outputs[spec.name].samples.publish(sample_to_message(sample)),
+            lambda sample: self._outputs[spec.name].samples.publish(writer.write(sample)),
             lambda violation: self._publish_violation(spec.name, violation),
         )
         topic = f'{self._prefix}/{spec.name}'

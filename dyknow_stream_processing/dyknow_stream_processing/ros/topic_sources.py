@@ -10,15 +10,11 @@ from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 
 from dyknow_stream_processing.dataflow import SourceType
 from dyknow_stream_processing.errors import StreamError
-from dyknow_stream_processing.ros.conversion import (
-    extractor,
-    message_class,
-    sample_fields,
-    scalar_fields,
-    stamp_of,
-    time_to_nanoseconds,
-)
+from dyknow_stream_processing.ros.conversion import time_to_nanoseconds
+from dyknow_stream_processing.ros.message_conversion import tolerant_extractor
+from dyknow_stream_processing.ros.message_types import message_class, scalar_fields, stamp_of
 from dyknow_stream_processing.ros.runtime import NO_SUBSCRIPTION_EVENTS
+from dyknow_stream_processing.ros.sample_messages import sample_fields
 from dyknow_stream_processing.sample import Sample
 
 if TYPE_CHECKING:
@@ -81,7 +77,7 @@ class TopicSources:
         self._dataflow = dataflow
         self._quality_of_service = quality_of_service
         self._group = ReentrantCallbackGroup()
-        self._subscriptions: dict[str, tuple[Collection[str] | None, Any]] = {}
+        self._subscriptions: dict[str, tuple[Collection[str], Any]] = {}
         self._search = node.create_timer(
             SEARCH_PERIOD,
             self.refresh,
@@ -118,7 +114,7 @@ class TopicSources:
         self._node.destroy_timer(self._search)
         self._node.destroy_timer(self._alarm)
 
-    def _prepare(self, topic: str, fields: Collection[str] | None) -> Callable[[], None] | None:
+    def _prepare(self, topic: str, fields: Collection[str]) -> Callable[[], None] | None:
         """How to subscribe to a topic; none while nobody publishes it."""
         try:
             type_name = _published_type(self._node, topic)
@@ -160,9 +156,7 @@ class TopicSources:
             durability=DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE,
         )
 
-    def _receiver(
-        self, topic: str, class_: Any, fields: Collection[str] | None
-    ) -> Callable[[Any], None]:
+    def _receiver(self, topic: str, class_: Any, fields: Collection[str]) -> Callable[[Any], None]:
         extract, stamp = _readers(class_, fields)
         clock, push, logger = self._node.get_clock(), self._dataflow.push, self._node.get_logger()
 
@@ -197,15 +191,13 @@ class TopicSources:
 
 
 def _readers(
-    class_: Any, fields: Collection[str] | None
+    class_: Any, fields: Collection[str]
 ) -> tuple[Callable[[Any], Mapping[str, Value]], Callable[[Any], int] | None]:
     """How to read the fields of a message and its valid time."""
     if _is_sample(class_):
         return sample_fields, lambda message: time_to_nanoseconds(message.valid_time)
-    known = scalar_fields(class_)
     # A field that the messages lack is reported by the operator that asks for it, at each sample.
-    present = None if fields is None else [field for field in fields if field in known]
-    return extractor(class_, present), stamp_of(class_)
+    return tolerant_extractor(class_, fields), stamp_of(class_)
 
 
 def _is_sample(class_: Any) -> bool:
