@@ -252,6 +252,7 @@ class Batteries:
 
     def _battery(self, vehicle: str) -> BatteryState:
         message = BatteryState(voltage=self.VOLTAGE, current=-self.power[vehicle] / self.VOLTAGE)
+        message.cell_voltage = [self.VOLTAGE / 2] * 2
         message.header.stamp = nanoseconds_to_time(self._stamp)
         return message
 

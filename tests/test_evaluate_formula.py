@@ -104,6 +104,14 @@ def test_syntactic_grounding_of_a_topic(system: System) -> None:
     assert answer.verdict == FormulaResult.TRUE
 
 
+def test_syntactic_grounding_of_an_element_of_an_array(system: System) -> None:
+    formula = 'eventually "/uav1/battery".cell_voltage[1] = 5'
+    answer = system.evaluate(formula, grounding=SYNTACTIC)
+    assert answer.exit_status.code == ExitStatus.SUCCESS, answer.exit_status.message
+    assert answer.verdict == FormulaResult.TRUE
+    assert answer.canonical_formula == 'eventually ("/uav1/battery".cell_voltage[1] = 5)'
+
+
 def test_syntactic_grounding_of_a_stream(system: System) -> None:
     answer = system.evaluate('eventually uav1_power.power > 99', grounding=SYNTACTIC)
     assert answer.exit_status.code == ExitStatus.SUCCESS, answer.exit_status.message

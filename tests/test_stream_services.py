@@ -15,6 +15,7 @@ from dyknow_interfaces.msg import (
     StreamConstraints,
     StreamSpec,
 )
+from sensor_msgs.msg import LaserScan
 
 from services import LATCHED, Nodes, Telemetry, assert_refused, nanoseconds, time_of
 
@@ -110,6 +111,29 @@ def test_telemetry_that_stops_violates_its_period(engine: Nodes) -> None:
     assert 'fading' in violations[0].message
 
 
+def test_elements_of_arrays_are_read_where_messages_have_them(engine: Nodes) -> None:
+    text = 'select ranges[1], header.frame_id from "/laser"'
+    spec = StreamSpec(name='laser', specification=text)
+    made = engine.obtain(ENGINE, srv.StreamCreateFromSpec, spec=spec)
+    samples = engine.collect(Sample, made.stream_topic)
+    violations = engine.collect(
+        ConstraintViolation, made.stream_constraint_violation_topic, LATCHED
+    )
+    source = engine.client.node.create_publisher(LaserScan, '/laser', LATCHED)
+    for ranges in ([1.0], [1.0, 2.5, 3.0]):
+        scan = LaserScan(ranges=ranges)
+        scan.header.stamp = engine.client.node.get_clock().now().to_msg()
+        scan.header.frame_id = 'mast'
+        source.publish(scan)
+    engine.client.spin_until(lambda: bool(samples and violations), 'a sample and a violation')
+    assert [(field.name, field.value) for field in samples[0].fields] == [
+        ('ranges[1]', '2.5'),
+        ('header.frame_id', 'mast'),
+    ]
+    assert [each.constraint for each in violations] == ['fields']
+    assert "no field 'ranges[1]': 'ranges' has 1 element, not one at [1]" in violations[0].message
+
+
 def test_the_engine_lists_and_destroys_streams(engine: Nodes) -> None:
     for name in ('zulu', 'alpha'):
         create(engine, name, 'select a from "/nobody"')
@@ -134,6 +158,8 @@ def test_the_engine_lists_and_destroys_streams(engine: Nodes) -> None:
         ('new', 'select a from nowhere', MISSING, ("'nowhere'", 'altitude')),
         ('new', 'select depth from altitude', INVALID, ("'depth'", 'has: altitude', '^')),
         ('new', 'select z from "/robot/odometry"', INVALID, ("'z'", 'pose.pose.position.z', '^')),
+        ('new', 'select pose.covariance[36] from "/robot/odometry"', INVALID, ('is [35]', '^')),
+        ('new', 'select pose.covariance from "/robot/odometry"', INVALID, ('covariance[0]', '^')),
         ('new', 'sorcery("/b")', MISSING, ("'sorcery'", '^')),
         ('new', 'select a from ""', INVALID, ('empty', '^')),
     ],

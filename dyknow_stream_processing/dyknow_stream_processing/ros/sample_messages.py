@@ -35,28 +35,36 @@ _READERS: Final[Mapping[str, Callable[[str], Value]]] = {
 class SampleWriter:
     """Writes the samples of one stream into one message.
 
-    To make the messages takes longer than to fill them in, and the fields of a stream are mostly
-    those of its last sample. A publisher is done with a message when `publish` returns.
+    To make a message takes longer than to fill it in, and the fields of a stream are mostly those
+    of its last sample. A publisher is done with a message when `publish` returns.
     """
 
     def __init__(self) -> None:
         self._message: Any = SampleMessage()
         self._message.header.stamp = self._message.valid_time
         self._names: tuple[str, ...] = ()
+        self._types: list[type] = []
+        self._writers: list[tuple[Any, Callable[[Any], str]]] = []
 
     def write(self, sample: Sample) -> Any:
         """The message, its header stamped with the valid time; it is the same at each call."""
         message, fields = self._message, sample.fields
         _set_time(message.valid_time, sample.valid_time)
         _set_time(message.available_time, sample.available_time)
-        names = tuple(fields)
-        if names != self._names:
-            message.fields = [FieldMessage(name=name) for name in names]
-            self._names = names
-        for field, value in zip(message.fields, fields.values(), strict=True):
-            field.type, text = _TEXTS[type(value)]
+        names, types = tuple(fields), list(map(type, fields.values()))
+        if names != self._names or types != self._types:
+            self._set_layout(names, types)
+        for (field, text), value in zip(self._writers, fields.values(), strict=True):
             field.value = text(value)
         return message
+
+    def _set_layout(self, names: tuple[str, ...], types: list[type]) -> None:
+        writers = [
+            (FieldMessage(type=type_name, name=name), text)
+            for name, (type_name, text) in zip(names, map(_TEXTS.__getitem__, types), strict=True)
+        ]
+        self._names, self._types, self._writers = names, types, writers
+        self._message.fields = [field for field, _ in writers]
 
 
 def _set_time(message: Any, nanoseconds: int) -> None:

@@ -1,0 +1,129 @@
+"""How long it takes to convert messages to samples and samples to messages.
+
+What rclpy itself needs for the same message, measured in the same run, stands beside it: to make it
+new and to serialise it, to deserialise it. Equality is checked before anything is timed.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from timeit import Timer
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from dyknow_interfaces.msg import Field
+from dyknow_interfaces.msg import Sample as SampleMessage
+from nav_msgs.msg import Odometry
+from rclpy.serialization import deserialize_message, serialize_message
+
+from dyknow_stream_processing import Sample
+from dyknow_stream_processing.ros import (
+    SampleWriter,
+    conversion,
+    extractor,
+    sample_fields,
+    stamp_of,
+)
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+SIZES = (10, 100, 1000)
+ODOMETRY_FIELDS = ('pose.pose.position.z', 'twist.twist.linear.x', 'pose.covariance[35]')
+ODOMETRY_GOAL = 3.0
+"""Microseconds for a sample of three fields of an Odometry message."""
+
+REPETITIONS = 7
+SECONDS = 0.05
+"""How long one repetition takes at least."""
+
+_MICROSECONDS = 1e6
+
+
+def microseconds(function: Callable[[], object]) -> float:
+    """What one call takes, in the fastest of several repetitions."""
+    timer = Timer(function)
+    number, taken = timer.autorange()
+    number = max(1, round(number * SECONDS / taken))
+    return min(timer.repeat(REPETITIONS, number)) / number * _MICROSECONDS
+
+
+def odometry_row() -> dict[str, Any]:
+    """From an Odometry message to a sample of three fields."""
+    message = Odometry()
+    message.header.stamp.sec = 7
+    message.pose.pose.position.z, message.twist.twist.linear.x = 12.5, 1.5
+    message.pose.covariance[35] = 0.25
+    message = deserialize_message(serialize_message(message), Odometry)
+    extract, stamp = extractor(Odometry, ODOMETRY_FIELDS), stamp_of(Odometry)
+    assert stamp is not None
+
+    def convert() -> Sample:
+        return Sample(stamp(message), 8_000_000_000, extract(message))
+
+    values = dict(zip(ODOMETRY_FIELDS, (12.5, 1.5, 0.25), strict=True))
+    assert convert() == Sample(7_000_000_000, 8_000_000_000, values)
+    everything = conversion(Odometry)
+    assert everything.from_fields(everything.to_fields(message)) == message
+    return {
+        'row': 'Odometry to a sample of 3 fields',
+        'microseconds': microseconds(convert),
+        'goal': ODOMETRY_GOAL,
+        'rclpy_deserialise': _deserialisation(message),
+    }
+
+
+def sample_row(size: int) -> dict[str, Any]:
+    """A Sample message with a number of fields, made and read; microseconds for each field."""
+    numbers = np.random.default_rng(size).normal(100.0, 30.0, size).tolist()
+    sample = Sample(5, 6, {f'Power[uav{i}]': number for i, number in enumerate(numbers)})
+    texts = [(name, repr(value)) for name, value in sample.fields.items()]
+    writer = SampleWriter()
+
+    def construct() -> Any:
+        return SampleMessage(
+            fields=[Field(type='float', name=name, value=text) for name, text in texts]
+        )
+
+    message = writer.write(sample)
+    assert message.fields == construct().fields
+    received = deserialize_message(serialize_message(message), SampleMessage)
+    assert received == message
+    assert sample_fields(received) == sample.fields
+    times = {
+        'build': microseconds(lambda: writer.write(sample)),
+        'rclpy_construct': microseconds(construct),
+        'rclpy_serialise': microseconds(lambda: serialize_message(message)),
+        'read': microseconds(lambda: sample_fields(received)),
+        'rclpy_deserialise': _deserialisation(message),
+    }
+    return {'row': f'Sample of {size} fields', **{k: each / size for k, each in times.items()}}
+
+
+def _deserialisation(message: Any) -> float:
+    raw = serialize_message(message)
+    return microseconds(lambda: deserialize_message(raw, type(message)))
+
+
+def main() -> None:
+    """Prints a table, or JSON."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
+    parser.add_argument('--json', action='store_true', help='print JSON')
+    as_json = parser.parse_args().json
+    odometry, samples = odometry_row(), [sample_row(size) for size in SIZES]
+    if as_json:
+        json.dump({'rows': [odometry, *samples]}, sys.stdout, indent=2)
+        print()
+        return
+    print(f'{odometry["row"]}: {odometry["microseconds"]:.2f} us (goal: {ODOMETRY_GOAL:.0f} us)')
+    print(f'  rclpy needs {odometry["rclpy_deserialise"]:.1f} us to deserialise the message')
+    columns = list(samples[0])[1:]
+    print(f'{"microseconds for each field":28}', *(f'{column:>18}' for column in columns))
+    for row in samples:
+        print(f'{row["row"]:28}', *(f'{row[column]:18.2f}' for column in columns))
+
+
+if __name__ == '__main__':
+    main()
