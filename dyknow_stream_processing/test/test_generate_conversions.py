@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import subprocess
 import sys
 from importlib import import_module
@@ -119,14 +120,27 @@ def test_help(run: Any) -> None:
 
 
 @pytest.mark.parametrize('package', ['nav_msgs', 'rcl_interfaces', 'visualization_msgs'])
-def test_modules_are_typed_and_as_the_formatter_has_them(package: str, tmp_path: Path) -> None:
+def test_modules_are_as_the_formatter_has_them(package: str, tmp_path: Path) -> None:
     path = tmp_path / 'conversions.py'
     path.write_text(of_package(package), encoding='utf-8')
     configuration = str(ROOT / 'pyproject.toml')
     formatter = ['ruff', 'format', '--check', '--config', configuration, str(path)]
     assert subprocess.run(formatter, check=False).returncode == 0
-    if package == 'visualization_msgs':
-        settings = ['--strict', '--follow-imports=skip', '--ignore-missing-imports']
-        checker = [sys.executable, '-m', 'mypy', *settings, '--config-file=', str(path)]
-        checked = subprocess.run(checker, check=False, capture_output=True, text=True)
-        assert checked.returncode == 0, checked.stdout
+
+
+def test_a_module_is_typed_in_the_package_of_a_user(run: Any, tmp_path: Path) -> None:
+    whole, part = tmp_path / 'whole.py', tmp_path / 'part.py'
+    run('visualization_msgs/msg/Marker', 'sensor_msgs/msg/LaserScan', '--output', str(whole))
+    run('sensor_msgs/msg/LaserScan', '--fields', 'ranges[0]', '--output', str(part))
+    settings = ['--strict', '--follow-imports=silent', '--ignore-missing-imports', '--config-file=']
+    checker = [sys.executable, '-m', 'mypy', *settings, str(whole), str(part)]
+    paths = {'MYPYPATH': str(ROOT / 'dyknow_stream_processing')}
+    checked = subprocess.run(
+        checker,
+        check=False,
+        capture_output=True,
+        text=True,
+        env=os.environ | paths,
+        cwd=tmp_path,
+    )
+    assert checked.returncode == 0, checked.stdout

@@ -10,7 +10,7 @@ from dyknow_stream_processing.ros.conversion import (
 from dyknow_stream_processing.ros.lease import Lease
 from dyknow_stream_processing.ros.message_conversion import conversion, extractor
 from dyknow_stream_processing.ros.message_types import message_class, scalar_fields, stamp_of
-from dyknow_stream_processing.ros.message_values import FieldReader, without
+from dyknow_stream_processing.ros.message_values import FieldReader, without_element
 from dyknow_stream_processing.ros.peer import Peer
 from dyknow_stream_processing.ros.runtime import (
     LATCHED,
@@ -59,5 +59,5 @@ __all__ = [
     'scalar_fields',
     'stamp_of',
     'time_to_nanoseconds',
-    'without',
+    'without_element',
 ]

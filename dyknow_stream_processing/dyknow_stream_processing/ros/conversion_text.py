@@ -103,13 +103,13 @@ def with_imports(functions: str) -> str:
     """The text of functions after the imports that they need."""
     # Types of messages begin with a capital letter, and fields do not.
     packages = sorted(set(re.findall(r'(?<![.\w])(\w+)\.msg\.[A-Z]', functions)))
-    parts = ['FieldReader', 'without'] if 'without(' in functions else ['FieldReader']
+    helpers = [name for name in ('FieldReader', 'without_element') if f'{name}(' in functions]
     lines = [
         'from collections.abc import Mapping',
         '',
         *(f'import {package}.msg' for package in packages),
         'from dyknow_stream_processing import Value',
-        f'from dyknow_stream_processing.ros import {", ".join(parts)}',
+        f'from dyknow_stream_processing.ros import {", ".join(helpers)}',
         '',
     ]
     return '\n'.join([*lines, functions])
@@ -211,7 +211,7 @@ def _read(class_: Any, paths: Iterable[str]) -> list[str]:
             'try:',
             f'    fields[{path}] = {expression}',
             'except IndexError:',
-            f'    fields = without(fields, message, {path})',
+            f'    fields = without_element(fields, message, {path})',
         ]
     return [*lines, 'return fields']
 

@@ -21,7 +21,7 @@ _BITS: Final = {f'int{bits}': bits for bits in (8, 16, 32, 64)}
 _INDEX = re.compile(r'\[(\d+)\]', re.ASCII)
 
 
-def without(fields: dict[str, Value], message: Any, path: str) -> PartialFields:
+def without_element(fields: dict[str, Value], message: Any, path: str) -> PartialFields:
     """The fields of a sample that lacks one, as the message has no such element."""
     reasons = fields.reasons if isinstance(fields, PartialFields) else {}
     return PartialFields(fields, {**reasons, path: _missing_element(message, path)})
