@@ -82,6 +82,12 @@ def test_the_module_and_the_run_time_agree(run: Any, tmp_path: Path) -> None:
     assert run(*reversed(types))[1] == path.read_text(encoding='utf-8')
 
 
+def test_functions_are_named_as_ros_writes_types_in_snake_case(run: Any) -> None:
+    text = run('sensor_msgs/msg/MultiDOFJointState', 'sensor_msgs/msg/PointCloud2')[1]
+    assert 'def multi_dof_joint_state_to_fields(' in text
+    assert 'def point_cloud2_from_fields(' in text
+
+
 def test_certain_fields(run: Any) -> None:
     code, text, _ = run(
         'sensor_msgs/msg/LaserScan', '--fields', 'ranges[1]', 'ranges[9]', 'header.frame_id'

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pytest
 from diagnostic_msgs.msg import DiagnosticStatus
-from geometry_msgs.msg import Point, PoseWithCovariance, Quaternion
+from geometry_msgs.msg import Point, Point32, PoseWithCovariance, Quaternion
 from nav_msgs.msg import Odometry, Path
 from rclpy.serialization import deserialize_message, serialize_message
 from rosidl_parser.definition import (
@@ -150,7 +150,7 @@ def test_values_are_of_the_types_that_are_told(class_: Any) -> None:
 
 def test_an_element_that_a_message_lacks_is_left_out_and_explained() -> None:
     read = extractor(PointCloud, ['points[1].x', 'channels[0].values[7]', 'header.frame_id'])
-    message = PointCloud(points=[Point(), Point(x=2.0)])
+    message = PointCloud(points=[Point32(), Point32(x=2.0)])
     assert dict(read(message)) == {'header.frame_id': '', 'points[1].x': 2.0}
     message.channels = [ChannelFloat32(values=[1.0])]
     message.points = []

@@ -212,7 +212,8 @@ def fill_exit_status(exit_status: Any, error: Exception) -> None:
 
 def snake_case(name: str) -> str:
     """`StreamGetTopic` -> `stream_get_topic`."""
-    return re.sub(r'(?<!^)(?=[A-Z])', '_', name).lower()
+    words = re.sub(r'(.)([A-Z][a-z]+)', r'\1_\2', name)
+    return re.sub(r'([a-z0-9])([A-Z])', r'\1_\2', words).lower()
 
 
 class Deadlines:
