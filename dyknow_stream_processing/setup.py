@@ -23,6 +23,7 @@ setup(
             'generate_conversions = dyknow_stream_processing.ros.generate_conversions:main',
             'stream_manager = dyknow_stream_processing.ros.stream_manager:main',
             'stream_processing_engine = dyknow_stream_processing.ros.stream_processing_engine:main',
+            'streams = dyknow_stream_processing.ros.streams:main',
         ],
     },
 )

@@ -2,21 +2,30 @@
 
 import pytest
 
-from dyknow_stream_processing import NO_CONSTRAINTS, ExitCode, StreamError
+from dyknow_stream_processing import NO_CONSTRAINTS, ExitCode, StreamConstraints, StreamError
+from dyknow_stream_processing.account import SAMPLE_TYPE, StreamAccount, StreamState
+from dyknow_stream_processing.naming import NamingConvention, check_name
 from dyknow_stream_processing.registry import CreatedStream, RegisteredStream, StreamRegistry
 
+E1, E2, FAR = '/e1', '/e2', '/far/e3'
 
-def created(name: str, specification: str | None = 'select a from "/t"') -> CreatedStream:
+
+def created(name: str, specification: str = 'select a from "/t"') -> CreatedStream:
     return CreatedStream(name, specification, NO_CONSTRAINTS)
+
+
+def place(registry: StreamRegistry, name: str, engine: str) -> None:
+    topic = f'{engine.rpartition("/")[0]}/dyknow/streams/{name}'
+    registry.place(name, engine, topic, {})
 
 
 @pytest.fixture
 def registry() -> StreamRegistry:
-    """Two streams on engine `e1`, one on `e2`, one that waits, and a registered topic."""
+    """Two streams on engine `/e1`, one on `/e2`, one that waits, and a registered topic."""
     known = StreamRegistry()
-    for name, engine in (('a', 'e1'), ('b', 'e1'), ('c', 'e2')):
+    for name, engine in (('a', E1), ('b', E1), ('c', E2)):
         known.add(created(name))
-        known.place(name, engine, f'/streams/{name}')
+        place(known, name, engine)
     known.add(created('waiting'))
     known.add(RegisteredStream('battery', '/uav1/battery', 'sensor_msgs/msg/BatteryState'))
     return known
@@ -28,44 +37,176 @@ def test_only_streams_that_flow_are_listed(registry: StreamRegistry) -> None:
 
 
 def test_an_unknown_stream_is_answered_with_those_there_are(registry: StreamRegistry) -> None:
-    with pytest.raises(StreamError, match=r"no stream 'z' \(there are: a, b, battery, c\)") as e:
-        registry.find('z')
-    assert e.value.code is ExitCode.NOT_FOUND
+    for ask in (registry.find, registry.topic, registry.remove):
+        with pytest.raises(
+            StreamError, match=r"no stream 'z' \(there are: a, b, battery, c\)"
+        ) as e:
+            ask('z')
+        assert e.value.code is ExitCode.NOT_FOUND
 
 
-def test_a_name_is_given_once(registry: StreamRegistry) -> None:
-    with pytest.raises(StreamError, match="a stream 'a' already") as error:
-        registry.add(created('a'))
+@pytest.mark.parametrize(
+    ('name', 'words'),
+    [('a', "a stream 'a' already; destroy"), ('waiting', 'already, which is not made yet')],
+)
+def test_a_name_is_given_once(registry: StreamRegistry, name: str, words: str) -> None:
+    with pytest.raises(StreamError, match=words) as error:
+        registry.add(created(name))
     assert error.value.code is ExitCode.ALREADY_EXISTS
 
 
 def test_the_engine_with_the_fewest_streams_is_chosen(registry: StreamRegistry) -> None:
-    assert registry.least_loaded(['e1', 'e2']) == 'e2'
-    assert registry.least_loaded(['e1', 'e2', 'e3']) == 'e3'
+    assert registry.least_loaded([E1, E2]) == E2
+    assert registry.least_loaded([E1, E2, FAR]) == FAR
     assert registry.least_loaded([]) is None
+    registry.assign('waiting', E2)
+    assert registry.least_loaded([E1, E2]) == E1
 
 
 def test_the_streams_of_a_lost_engine_wait_for_another(registry: StreamRegistry) -> None:
-    registry.lose('e1')
+    registry.lose(E1)
     assert [stream.name for stream in registry.waiting()] == ['a', 'b', 'waiting']
     assert registry.names() == ('battery', 'c')
+    assert registry.waiting()[0].message == '/e1 is gone'
 
 
-def test_an_adopted_stream_cannot_be_made_anew(registry: StreamRegistry) -> None:
-    registry.add(created('adopted', specification=None))
-    registry.place('adopted', 'e1', '/streams/adopted')
-    registry.lose('e1')
-    with pytest.raises(StreamError, match="no stream 'adopted'"):
-        registry.find('adopted')
+def test_what_an_engine_is_asked_for_is_left_to_whoever_asks(registry: StreamRegistry) -> None:
+    registry.assign('waiting', E2)
+    registry.lose(E2)
+    assert [stream.name for stream in registry.waiting()] == ['c']
 
 
 def test_what_another_engine_makes_is_read_from_its_topic(registry: StreamRegistry) -> None:
-    assert registry.text_for('sync(a, c, battery)', 'e1') == (
-        'stream battery = "/uav1/battery";\nstream c = "/streams/c";\nsink sync(a, c, battery)'
+    text, sources = registry.text_for(created('x', 'sync(a, c, battery)'), E1)
+    assert text == (
+        'stream battery = "/uav1/battery";\n'
+        'stream c = "/dyknow/streams/c";\nsink sync(a, c, battery)'
     )
+    assert sources == {'battery': '/uav1/battery', 'c': '/dyknow/streams/c'}
 
 
-def test_what_waits_cannot_be_read(registry: StreamRegistry) -> None:
-    with pytest.raises(StreamError, match="stream 'waiting' waits") as error:
-        registry.text_for('select a from waiting', 'e1')
-    assert error.value.code is ExitCode.UNAVAILABLE
+def test_relative_topics_mean_the_same_on_engines_elsewhere() -> None:
+    registry = StreamRegistry(namespace='/robot1')
+    stream = created('x', 'source (v: float) battery; sink sync(battery, "gps", "/clock")')
+    assert registry.text_for(stream, '/robot1/e')[0] == (
+        'source (v: float) battery;\nsink sync(battery, "gps", "/clock")'
+    )
+    assert registry.text_for(stream, FAR)[0] == (
+        'source (v: float) "/robot1/battery";\n'
+        'sink sync("/robot1/battery", "/robot1/gps", "/clock")'
+    )
+    told = registry.told(FAR, 'y', 'select a from "gps"', NO_CONSTRAINTS, '/far/dyknow/streams/y')
+    assert told.specification == 'sink select a from "/far/gps"'
+
+
+@pytest.mark.parametrize(
+    ('text', 'words', 'code'),
+    [
+        ('select a from waiting', "stream 'waiting' waits", ExitCode.UNAVAILABLE),
+        ('select a from nowhere', "no stream 'nowhere'", ExitCode.NOT_FOUND),
+        ('select a from x', 'made from itself', ExitCode.INVALID_ARGUMENT),
+    ],
+)
+def test_what_a_stream_cannot_be_made_from(
+    registry: StreamRegistry, text: str, words: str, code: ExitCode
+) -> None:
+    with pytest.raises(StreamError, match=words) as error:
+        registry.text_for(created('x', text), E1)
+    assert error.value.code is code
+
+
+def test_a_stream_that_others_are_made_from_is_kept(registry: StreamRegistry) -> None:
+    for name in ('x', 'y'):
+        registry.add(created(name, 'sync(a, battery)'))
+    with pytest.raises(StreamError, match="'a' is used: x, y are made from it"):
+        registry.remove('a')
+    registry.remove('y')
+    with pytest.raises(StreamError, match="'battery' is used: x is made from it"):
+        registry.remove('battery')
+    registry.remove('x')
+    registry.remove('a')
+
+
+def test_a_stream_is_made_anew_when_its_sources_move(registry: StreamRegistry) -> None:
+    registry.add(created('x', 'select a from a'))
+    registry.place('x', E2, '/dyknow/streams/x', {'a': '/dyknow/streams/a'})
+    registry.lose(E1)
+    assert registry.outdated() == ()  # It is not known yet where `a` will be.
+    place(registry, 'a', '/e4')
+    assert registry.outdated() == ()  # The topic is the same.
+    place(registry, 'a', FAR)
+    assert [stream.name for stream in registry.outdated()] == ['x']
+
+
+def test_what_a_manager_before_asked_for_is_understood_again() -> None:
+    """A new manager learns a text with the topics that the last one wrote into it."""
+    before = StreamRegistry()
+    before.add(created('c'))
+    place(before, 'c', E1)
+    asked = created('x', 'select a from c')
+    text, _ = before.text_for(asked, E2)
+    assert '"/dyknow/streams/c"' in text
+
+    after = StreamRegistry()
+    told = after.told(E2, 'x', text, NO_CONSTRAINTS, '/dyknow/streams/x')
+    after.add(told)
+    assert after.made_from('c') == ()  # Nothing is known of `c` yet.
+    after.add(created('c'))
+    place(after, 'c', FAR)
+    assert after.made_from('c') == ('x',)
+    assert [stream.name for stream in after.outdated()] == ['x']
+    assert after.text_for(told, FAR)[0] == 'sink select a from c'
+
+
+def test_a_copy_is_told_from_another_stream_of_the_name(registry: StreamRegistry) -> None:
+    registry.add(created('x', 'select a from a'))
+    registry.place('x', E2, '/dyknow/streams/x', {'a': '/dyknow/streams/a'})
+    text, _ = registry.text_for(created('x', 'select a from a'), E2)
+    assert registry.is_copy(registry.told('/e9', 'x', text, NO_CONSTRAINTS, ''))
+    assert registry.is_copy(registry.told('/e9', 'x', 'select a from a', NO_CONSTRAINTS, ''))
+    assert not registry.is_copy(registry.told('/e9', 'x', 'select b from a', NO_CONSTRAINTS, ''))
+    late = StreamConstraints(max_delay=1)
+    assert not registry.is_copy(registry.told('/e9', 'x', text, late, ''))
+    assert not registry.is_copy(registry.told('/e9', 'battery', text, NO_CONSTRAINTS, ''))
+
+
+def test_an_alias_that_is_all_of_a_text_is_no_alias(registry: StreamRegistry) -> None:
+    stream = created('x', 'stream a = "/dyknow/streams/a"')
+    assert registry.text_for(stream, E2)[0] == 'stream a = "/dyknow/streams/a"'
+
+
+def test_the_convention_names_what_is_published() -> None:
+    topics = {'/dyknow/streams/speed': SAMPLE_TYPE}
+    registry = StreamRegistry(
+        NamingConvention('/dyknow/streams/<name>'),
+        published=lambda topic: (topic, topics[topic]) if topic in topics else None,
+    )
+    assert registry.topic('speed') == '/dyknow/streams/speed'
+    assert registry.names() == ()
+    with pytest.raises(StreamError, match="no stream 'height'"):
+        registry.topic('height')
+    registry.add(RegisteredStream('speed', '/explicit', SAMPLE_TYPE))
+    assert registry.topic('speed') == '/explicit'
+
+
+@pytest.mark.parametrize('pattern', ['dyknow/streams', '', '<name>/<name>'])
+def test_a_convention_that_names_nothing(pattern: str) -> None:
+    with pytest.raises(StreamError, match='must hold <name> once'):
+        NamingConvention(pattern)
+
+
+@pytest.mark.parametrize('name', ['', 'two words', '1st', '_a', 'ä', 'a/b', 'select', 'sync'])
+def test_a_name_that_no_text_can_mention(name: str) -> None:
+    with pytest.raises(StreamError, match=f"'{name}' cannot be the name of a stream"):
+        check_name(name)
+
+
+def test_an_account_tells_what_the_manager_and_the_engine_know(registry: StreamRegistry) -> None:
+    told = StreamAccount('a', StreamState.FLOWING, samples=7)
+    flowing = registry.account(registry.find('a'), told)
+    assert (flowing.samples, flowing.engine, flowing.topic) == (7, E1, '/dyknow/streams/a')
+    registry.release('waiting', 'no unit', failed=True)
+    failed = registry.account(registry.find('waiting'), None)
+    assert (failed.state, failed.message, failed.engine) == (StreamState.FAILED, 'no unit', '')
+    battery = registry.account(registry.find('battery'), None)
+    assert (battery.state, battery.topic) == (StreamState.REGISTERED, '/uav1/battery')

@@ -2,22 +2,32 @@
 
 from __future__ import annotations
 
-import re
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 from dyknow_interfaces.msg import ConstraintViolation, Sample
 from dyknow_interfaces.srv import ListStreams, StreamCreateFromSpec, StreamDestroy
+from rclpy.exceptions import InvalidTopicNameException
+from rclpy.validate_topic_name import validate_topic_name
 
+from dyknow_stream_processing.account import (
+    STILL,
+    Flow,
+    FlowMeter,
+    StreamAccount,
+    StreamState,
+)
 from dyknow_stream_processing.computational_units import load_units
 from dyknow_stream_processing.dataflow import Dataflow
 from dyknow_stream_processing.errors import StreamError
+from dyknow_stream_processing.naming import check_name
 from dyknow_stream_processing.parsing import parse_specification
 from dyknow_stream_processing.ros.conversion import (
     constraints_from_message,
     nanoseconds_to_duration,
     nanoseconds_to_time,
 )
+from dyknow_stream_processing.ros.introspection import StreamsReport
 from dyknow_stream_processing.ros.runtime import (
     NO_PUBLISHER_EVENTS,
     RUNNING,
@@ -30,19 +40,22 @@ from dyknow_stream_processing.ros.sample_messages import SampleWriter
 from dyknow_stream_processing.ros.topic_sources import TopicSources, source_type
 
 if TYPE_CHECKING:
-    from dyknow_stream_processing.dataflow import Statistics
+    from dyknow_stream_processing.constraints import StreamConstraints
+    from dyknow_stream_processing.sample import Sample as DataSample
     from dyknow_stream_processing.violation import Violation
 
-REPORT_PERIOD = 1.0
-"""Seconds between two accounts of the streams on the status topic."""
 
-_NAME = re.compile(r'[A-Za-z][A-Za-z0-9_]*')
-
-
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True)
 class _Output:
+    """What a stream is published on, and how it flows."""
+
+    topic: str
+    constraints: StreamConstraints
     samples: Any
     violations: Any
+    meter: FlowMeter
+    writer: SampleWriter = field(default_factory=SampleWriter)
+    flow: Flow = STILL
 
 
 class StreamProcessingEngine(DyKnowNode):
@@ -53,33 +66,47 @@ class StreamProcessingEngine(DyKnowNode):
         self._prefix = self.parameter(
             'stream_prefix', 'dyknow/streams', 'Topics of streams are named <stream_prefix>/<name>.'
         )
+        self._check_prefix()
         self._dataflow = Dataflow(load_units(), lambda topic: source_type(self, topic))
         self._sources = TopicSources(self, self._dataflow)
         self._outputs: dict[str, _Output] = {}
+        self._streams_report = StreamsReport(
+            self, lambda: [self.get_fully_qualified_name()], self._accounts, self._end_period
+        )
         self.serve(StreamCreateFromSpec, self._create)
         self.serve(StreamDestroy, self._destroy)
         self.serve(ListStreams, self._list)
-        self.create_timer(REPORT_PERIOD, self._report, clock=self.wall_clock)
+
+    def _check_prefix(self) -> None:
+        try:
+            validate_topic_name(f'{self._prefix}/name')
+        except InvalidTopicNameException as error:
+            raise StreamError(f"stream_prefix '{self._prefix}' cannot be used: {error}") from None
 
     def _create(self, request: Any, response: Any) -> None:
         spec = request.spec
-        if not _NAME.fullmatch(spec.name):
-            raise StreamError(
-                f"'{spec.name}' cannot be the name of a stream; use letters, digits and _, "
-                f'beginning with a letter'
-            )
+        check_name(spec.name)
         specification = parse_specification(spec.specification)
         constraints = constraints_from_message(spec.constraints)
-        writer = SampleWriter()
         self._dataflow.create(
             spec.name,
             specification,
             constraints,
-            lambda sample: self._outputs[spec.name].samples.publish(writer.write(sample)),
+            lambda sample: self._publish_sample(spec.name, sample),
             lambda violation: self._publish_violation(spec.name, violation),
         )
-        topic = f'{self._prefix}/{spec.name}'
-        self._outputs[spec.name] = _Output(
+        output = self._make_output(spec.name, constraints)
+        self._outputs[spec.name] = output
+        self._sources.refresh()
+        self._streams_report.changed()
+        response.stream_topic = output.topic
+        response.stream_constraint_violation_topic = f'{output.topic}/violations'
+
+    def _make_output(self, name: str, constraints: StreamConstraints) -> _Output:
+        topic = self.resolve_topic_name(f'{self._prefix}/{name}')
+        return _Output(
+            topic=topic,
+            constraints=constraints,
             samples=self.create_publisher(
                 Sample, topic, STREAM, event_callbacks=NO_PUBLISHER_EVENTS
             ),
@@ -89,10 +116,8 @@ class StreamProcessingEngine(DyKnowNode):
                 VIOLATIONS,
                 event_callbacks=NO_PUBLISHER_EVENTS,
             ),
+            meter=FlowMeter(self.now()),
         )
-        self._sources.refresh()
-        response.stream_topic = self.resolve_topic_name(topic)
-        response.stream_constraint_violation_topic = f'{response.stream_topic}/violations'
 
     def _destroy(self, request: Any, _response: Any) -> None:
         self._dataflow.destroy(request.stream_name)
@@ -100,14 +125,40 @@ class StreamProcessingEngine(DyKnowNode):
         self.destroy_publisher(output.samples)
         self.destroy_publisher(output.violations)
         self._sources.refresh()
+        self._streams_report.changed()
 
     def _list(self, _request: Any, response: Any) -> None:
         response.stream_names = sorted(self._dataflow.names())
 
-    def _report(self) -> None:
-        self.set_status(
-            RUNNING, {name: _account(self._dataflow.statistics(name)) for name in self._outputs}
+    def _end_period(self) -> None:
+        now = self.now()
+        for output in self._outputs.values():
+            output.flow = output.meter.measure(now)
+        samples = sum(self._dataflow.statistics(name).samples for name in self._outputs)
+        self.set_status(RUNNING, {'streams': str(len(self._outputs)), 'samples': str(samples)})
+
+    def _accounts(self) -> list[StreamAccount]:
+        return [self._account(name, output) for name, output in self._outputs.items()]
+
+    def _account(self, name: str, output: _Output) -> StreamAccount:
+        statistics = self._dataflow.statistics(name)
+        return StreamAccount(
+            name=name,
+            state=StreamState.FLOWING,
+            engine=self.get_fully_qualified_name(),
+            topic=output.topic,
+            specification=self._dataflow.specification(name),
+            constraints=output.constraints,
+            samples=statistics.samples,
+            violations=statistics.violations,
+            drops=statistics.drops,
+            flow=output.flow,
         )
+
+    def _publish_sample(self, name: str, sample: DataSample) -> None:
+        output = self._outputs[name]
+        output.meter.note(sample)
+        output.samples.publish(output.writer.write(sample))
 
     def _publish_violation(self, name: str, violation: Violation) -> None:
         message = ConstraintViolation(
@@ -122,15 +173,6 @@ class StreamProcessingEngine(DyKnowNode):
         message.header.stamp = self.get_clock().now().to_msg()
         self._outputs[name].violations.publish(message)
         self.get_logger().warning(f'{name}: {violation.message}', throttle_duration_sec=1.0)
-
-
-def _account(statistics: Statistics) -> str:
-    """What has come of a stream, on one line."""
-    drops = ', '.join(f'{count} {reason}' for reason, count in statistics.drops.items())
-    return (
-        f'{statistics.samples} samples, {statistics.violations} violations, '
-        f'dropped: {drops or "none"}'
-    )
 
 
 def main() -> int:

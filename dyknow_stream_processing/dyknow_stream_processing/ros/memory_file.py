@@ -1,0 +1,98 @@
+"""The files from which a stream manager learns at its start what is wanted of it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from dyknow_stream_processing.constraints import NO_CONSTRAINTS
+from dyknow_stream_processing.errors import DyKnowError, ExitCode, StreamError
+from dyknow_stream_processing.memory import read_memory, write_memory
+from dyknow_stream_processing.parsing import parse_specification
+from dyknow_stream_processing.registry import CreatedStream
+from dyknow_stream_processing.sinks import specifications_by_sink
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Iterator
+
+    from dyknow_stream_processing.registry import Stream
+
+
+def read_streams(paths: Iterable[str]) -> Iterator[CreatedStream]:
+    """A stream for each sink in files in the stream language.
+
+    Raises:
+        StreamError: when a file cannot be read, or is in no such language; it names the file.
+    """
+    known: set[str] = set()
+    for path in map(Path, paths):
+        text = _read(path)
+        try:
+            parts = specifications_by_sink(parse_specification(text))
+        except DyKnowError as error:
+            raise StreamError(f'{path}: {error.message}', error.code) from None
+        for name, part in parts.items():
+            if name in known:
+                message = f"{path}: there is a sink '{name}' in another file already; keep one"
+                raise StreamError(message, ExitCode.ALREADY_EXISTS)
+            known.add(name)
+            yield CreatedStream(name, str(part), NO_CONSTRAINTS)
+
+
+class MemoryFile:
+    """Keeps streams over a restart.
+
+    Args:
+        path: of the file; nothing is kept where it is empty.
+    """
+
+    def __init__(self, path: str) -> None:
+        self._path = Path(path) if path else None
+        self._written = ''
+
+    def read(self) -> tuple[Stream, ...]:
+        """The streams in the file; none where there is no file yet.
+
+        Raises:
+            StreamError: when it cannot be read, or somebody else wrote it; it names the file.
+        """
+        if self._path is None or not self._path.exists():
+            return ()
+        text = _read(self._path)
+        try:
+            return read_memory(text)
+        except DyKnowError as error:
+            raise StreamError(f'{self._path}: {error.message}', error.code) from None
+
+    def write(self, streams: Iterable[Stream]) -> None:
+        """Replaces what is in the file; one who dies meanwhile leaves what was there.
+
+        Raises:
+            StreamError: when the file cannot be written.
+        """
+        if self._path is None:
+            return
+        text = write_memory(streams)
+        if text == self._written:
+            return
+        draft = self._path.with_name(f'{self._path.name}.new')
+        try:
+            self._path.parent.mkdir(parents=True, exist_ok=True)
+            draft.write_text(text, encoding='utf-8')
+            draft.replace(self._path)
+        except OSError as error:
+            raise StreamError(
+                f'cannot write the memory {self._path}: {error.strerror}', ExitCode.UNAVAILABLE
+            ) from None
+        self._written = text
+
+
+def _read(path: Path) -> str:
+    try:
+        return path.read_text(encoding='utf-8')
+    except OSError as error:
+        raise StreamError(
+            f'cannot read the streams in {path}: {error.strerror}', ExitCode.NOT_FOUND
+        ) from None
+    except UnicodeDecodeError:
+        raise StreamError(f'cannot read the streams in {path}: it is not in UTF-8') from None

@@ -1,0 +1,179 @@
+"""The streams command: what has become of each stream."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import sys
+from typing import TYPE_CHECKING, Any
+
+import rclpy
+from dyknow_interfaces.msg import StreamStatusArray
+from rclpy.clock import Clock, ClockType
+from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
+from rclpy.node import Node
+from rclpy.utilities import remove_ros_args
+from rich.console import Console
+from rich.live import Live
+
+from dyknow_stream_processing.durations import parse_duration
+from dyknow_stream_processing.errors import DyKnowError, ExitCode, StreamError
+from dyknow_stream_processing.ros.introspection import account_from_message
+from dyknow_stream_processing.ros.runtime import LATCHED
+from dyknow_stream_processing.stream_table import as_json, stream_details, stream_table
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from rich.console import RenderableType
+
+    from dyknow_stream_processing.account import StreamAccount
+
+TICK = 0.1
+"""Seconds between two looks whether a wait is over."""
+
+_TYPE = 'dyknow_interfaces/msg/StreamStatusArray'
+
+
+class StreamsListener:
+    """Hears what a stream manager, or an engine, reports of streams.
+
+    Args:
+        reporter: its name, absolute or relative to the namespace of the command.
+    """
+
+    def __init__(self, reporter: str) -> None:
+        self.report: Any = None
+        self.count = 0
+        self._node = Node(f'streams_{os.getpid()}', start_parameter_services=False)
+        self._clock = Clock(clock_type=ClockType.STEADY_TIME)
+        self._executor = SingleThreadedExecutor()
+        self._executor.add_node(self._node)
+        self._topic = self._node.resolve_topic_name(f'{reporter}/streams')
+        self._node.create_subscription(StreamStatusArray, self._topic, self._hear, LATCHED)
+
+    def close(self) -> None:
+        """Leaves the ROS graph."""
+        self._executor.shutdown()
+        self._node.destroy_node()
+
+    def next(self, seconds: float) -> Any:
+        """The next report.
+
+        Raises:
+            StreamError: UNAVAILABLE, when none comes in time; it says who else reports.
+        """
+        heard = self.count
+        end = self._clock.now().nanoseconds + round(seconds * 1e9)
+        while self.count == heard:
+            if self._clock.now().nanoseconds > end:
+                raise self._silence(seconds)
+            self._executor.spin_once(timeout_sec=TICK)
+        return self.report
+
+    def _hear(self, report: Any) -> None:
+        self.report = report
+        self.count += 1
+
+    def _silence(self, seconds: float) -> StreamError:
+        reporters = sorted(
+            topic.removesuffix('/streams')
+            for topic, types in self._node.get_topic_names_and_types()
+            if _TYPE in types and topic != self._topic and self._node.count_publishers(topic)
+        )
+        name = self._topic.removesuffix('/streams')
+        others = f'; there are: {", ".join(reporters)} (choose one by --node)' if reporters else ''
+        return StreamError(
+            f'nothing was heard of {name} within {seconds:g} s; is DyKnow running, in this '
+            f'namespace and ROS domain?{others}',
+            ExitCode.UNAVAILABLE,
+        )
+
+
+def show(chosen: argparse.Namespace, listener: StreamsListener) -> None:
+    """Prints one report, or each as it comes.
+
+    Raises:
+        StreamError: NOT_FOUND, when the stream asked for is not there; UNAVAILABLE, when nobody
+            reports in time.
+    """
+    seconds = chosen.timeout / 1e9
+    if chosen.json:
+        print(_json(chosen, listener.next(seconds)), flush=True)  # noqa: T201 - this is a command
+        while chosen.watch:
+            print(_json(chosen, listener.next(seconds)), flush=True)  # noqa: T201 - as above
+        return
+    first = _rendered(chosen, listener.next(seconds))
+    if not chosen.watch:
+        Console().print(first)
+        return
+    with Live(first, auto_refresh=False) as live:
+        while True:
+            live.update(_rendered(chosen, listener.next(seconds)), refresh=True)
+
+
+def _json(chosen: argparse.Namespace, report: Any) -> str:
+    if chosen.name:
+        return json.dumps(as_json(_find(report, chosen.name)))
+    accounts = [as_json(account_from_message(status)) for status in report.streams]
+    return json.dumps({'engines': list(report.engines), 'streams': accounts})
+
+
+def _rendered(chosen: argparse.Namespace, report: Any) -> RenderableType:
+    if chosen.name:
+        return stream_details(_find(report, chosen.name))
+    return stream_table(map(account_from_message, report.streams), list(report.engines))
+
+
+def _find(report: Any, name: str) -> StreamAccount:
+    accounts = {status.name: account_from_message(status) for status in report.streams}
+    if name not in accounts:
+        known = ', '.join(accounts) or 'none'
+        raise StreamError(f"there is no stream '{name}' (there are: {known})", ExitCode.NOT_FOUND)
+    return accounts[name]
+
+
+def _duration(text: str) -> int:
+    try:
+        return parse_duration(text)
+    except ValueError as error:
+        raise argparse.ArgumentTypeError(str(error)) from None
+
+
+def options(arguments: Sequence[str]) -> argparse.Namespace:
+    """The options on the command line."""
+    parser = argparse.ArgumentParser(
+        prog='streams',
+        description=f'{__doc__} Exit code 0: shown, 1: no such stream, 2: nobody reports.',
+    )
+    parser.add_argument('name', nargs='?', metavar='NAME', help='show all about this stream')
+    parser.add_argument('--json', action='store_true', help='print a line of JSON a report')
+    parser.add_argument('--watch', action='store_true', help='go on, report by report')
+    parser.add_argument(
+        '--timeout', type=_duration, default='5 s', help='to wait for a report (default: 5 s)'
+    )
+    parser.add_argument(
+        '--node',
+        default='stream_manager',
+        help='the stream manager, or the engine, that is asked (default: stream_manager)',
+    )
+    return parser.parse_args(arguments)
+
+
+def main() -> int:
+    """The executable streams."""
+    chosen = options(remove_ros_args(sys.argv)[1:])
+    rclpy.init(args=sys.argv)
+    listener = StreamsListener(chosen.node)
+    try:
+        show(chosen, listener)
+    except DyKnowError as error:
+        print(f'streams: {error}', file=sys.stderr)  # noqa: T201 - this is a command
+        return 1 if error.code is ExitCode.NOT_FOUND else 2
+    except (KeyboardInterrupt, ExternalShutdownException):
+        return 130
+    finally:
+        listener.close()
+        rclpy.try_shutdown()
+    return 0
