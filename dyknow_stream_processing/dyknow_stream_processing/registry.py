@@ -205,6 +205,15 @@ class StreamRegistry:
             if stream.topic:
                 self.withdraw(stream.name, f'{engine} is gone')
 
+    def recognise(self) -> None:
+        """Notes which topics in what engines told stand for streams, before those move."""
+        for stream in self._created():
+            found = self._aliases(stream)
+            if found:
+                text = str(self._original(stream))
+                sources = {**found, **stream.sources}
+                self._change(stream.name, specification=text, sources=sources)
+
     def made_by(self, engine: str) -> tuple[CreatedStream, ...]:
         """The streams of an engine, and those that it is asked for."""
         return tuple(each for each in self._created() if each.engine == engine)
@@ -246,11 +255,16 @@ class StreamRegistry:
     def is_copy(self, told: CreatedStream) -> bool:
         """Whether what an engine tells of a stream is just what is known of it."""
         known = self._streams.get(told.name)
-        return (
-            isinstance(known, CreatedStream)
-            and known.constraints == told.constraints
-            and self._meaning(known) == self._meaning(told)
-        )
+        if not isinstance(known, CreatedStream) or known.constraints != told.constraints:
+            return False
+        plain = without(_parsed(told.specification), self._told_sources(known, told))
+        return self._meaning(plain) == self._meaning(self._original(known))
+
+    def take_over(self, told: CreatedStream) -> None:
+        """Notes that an engine makes a stream already that waits."""
+        known = self._streams[told.name]
+        if isinstance(known, CreatedStream) and told.engine is not None:
+            self.place(told.name, told.engine, told.topic, self._told_sources(known, told))
 
     def told(
         self,
@@ -302,14 +316,21 @@ class StreamRegistry:
         """A specification with the streams that it is made from as names."""
         return without(_parsed(stream.specification), self._aliases(stream))
 
-    def _meaning(self, stream: CreatedStream) -> str:
-        return str(with_absolute_topics(self._original(stream), self._namespace))
+    def _meaning(self, specification: Specification) -> str:
+        """What tells streams apart: the text that all engines understand alike."""
+        return str(with_absolute_topics(specification, self._namespace))
+
+    def _told_sources(self, known: CreatedStream, told: CreatedStream) -> Mapping[str, str]:
+        """The topics that an engine was told for the streams that one is made from."""
+        names = self._sources_by_name(known)
+        found = aliases(_parsed(told.specification))
+        return {name: topic for name, topic in found.items() if name in names}
 
     def _sources_by_name(self, stream: CreatedStream) -> frozenset[str]:
         return free_names(self._original(stream)).streams
 
     def _is_outdated(self, stream: CreatedStream) -> bool:
-        for name, topic in {**self._aliases(stream), **stream.sources}.items():
+        for name, topic in stream.sources.items():
             source = self._streams.get(name)
             if source is not None and source.topic not in ('', topic):
                 return True

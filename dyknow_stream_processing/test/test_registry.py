@@ -154,8 +154,11 @@ def test_what_a_manager_before_asked_for_is_understood_again() -> None:
     after.add(created('c'))
     place(after, 'c', FAR)
     assert after.made_from('c') == ('x',)
+    after.recognise()
     assert [stream.name for stream in after.outdated()] == ['x']
-    assert after.text_for(told, FAR)[0] == 'sink select a from c'
+    known = after.get('x')
+    assert isinstance(known, CreatedStream)
+    assert after.text_for(known, FAR)[0] == 'sink select a from c'
 
 
 def test_a_copy_is_told_from_another_stream_of_the_name(registry: StreamRegistry) -> None:
@@ -168,6 +171,20 @@ def test_a_copy_is_told_from_another_stream_of_the_name(registry: StreamRegistry
     late = StreamConstraints(max_delay=1)
     assert not registry.is_copy(registry.told('/e9', 'x', text, late, ''))
     assert not registry.is_copy(registry.told('/e9', 'battery', text, NO_CONSTRAINTS, ''))
+
+
+def test_what_an_engine_makes_already_is_taken_over() -> None:
+    """Also where a stream that it is made from is no more where the engine was told."""
+    registry = StreamRegistry()
+    registry.add(created('c'))
+    registry.add(created('x', 'select a from c'))
+    text = 'stream c = "/odd/place/c";\nsink select a from c'
+    told = registry.told(E2, 'x', text, NO_CONSTRAINTS, '/dyknow/streams/x')
+    assert registry.is_copy(told)
+    registry.take_over(told)
+    assert registry.topic('x') == '/dyknow/streams/x'
+    place(registry, 'c', E1)
+    assert [stream.name for stream in registry.outdated()] == ['x']
 
 
 def test_an_alias_that_is_all_of_a_text_is_no_alias(registry: StreamRegistry) -> None:

@@ -116,6 +116,7 @@ class Placement:
                 self._unsettled = False
                 for engine in self._engines.ready():
                     await self._adopt_all(engine)
+                self._registry.recognise()
                 # What an engine that has not spoken yet makes must not be made a second time.
                 if not self._engines.expects_more():
                     await self._place_all()
@@ -183,7 +184,7 @@ class Placement:
             self._registry.forget(told.name)
             self._registry.add(told)
             return
-        self._registry.place(told.name, told.engine or '', told.topic, {})
+        self._registry.take_over(told)
 
     def _note_conflict(self, engine: str, name: str) -> None:
         known = self._registry.get(name)

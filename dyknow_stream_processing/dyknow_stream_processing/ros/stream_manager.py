@@ -123,7 +123,8 @@ class StreamManager(DyKnowNode):
 
     def _engine_reported(self, name: str) -> None:
         known = {stream.name for stream in self._registry.made_by(name) if stream.topic}
-        if known != self._engines.report(name).keys() or self._registry.waiting():
+        told = self._engines.report(name).keys()
+        if known != told or self._registry.waiting() or self._placement.conflicts:
             self._placement.settle()
 
     def _engine_lost(self, name: str) -> None:
