@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+import subprocess
 from typing import TYPE_CHECKING, Any
 
 import pytest
@@ -14,18 +16,25 @@ from dyknow_interfaces.msg import (
     Sample,
     StreamConstraints,
     StreamSpec,
+    StreamStatusArray,
 )
+from rclpy.qos import DurabilityPolicy, QoSProfile
 from sensor_msgs.msg import LaserScan
+from std_msgs.msg import Float64
 
+from dyknow_bringup.resources import executable_path
 from services import LATCHED, Nodes, Telemetry, assert_refused, nanoseconds, time_of
+from system import private_environment
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
+    from pathlib import Path
 
 ENGINE = 'stream_processing_engine'
 MANAGER = 'stream_manager'
 PERIOD = 100_000_000
 INVALID = ExitStatus.INVALID_ARGUMENT
+LATEST = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 MISSING = ExitStatus.NOT_FOUND
 EXISTING = ExitStatus.ALREADY_EXISTS
 
@@ -277,6 +286,8 @@ def test_a_stream_that_the_manager_cannot_have_made(
         ('new', '/b', 'no_msgs/msg/None', MISSING, "'no_msgs/msg/None'"),
         ('new', '/b', 'Bool', MISSING, 'package/msg/Type'),
         ('new', '/two words', 'std_msgs/msg/Bool', INVALID, "'/two words'"),
+        ('two words', '/b', 'std_msgs/msg/Bool', INVALID, "'two words'"),
+        ('select', '/b', 'std_msgs/msg/Bool', INVALID, "'select'"),
         ('', '/b', 'std_msgs/msg/Bool', INVALID, 'stream_name'),
         ('new', '', 'std_msgs/msg/Bool', INVALID, 'topic_name'),
         ('new', '/b', '', INVALID, 'message_type'),
@@ -300,3 +311,108 @@ def test_a_topic_that_cannot_be_registered(
 def test_a_stream_that_the_manager_does_not_know(managed: Nodes, service: Any) -> None:
     answer = managed.call(MANAGER, service, stream_name='nowhere')
     assert_refused(answer.exit_status, MISSING, "'nowhere'", 'level', 'tank')
+
+
+@pytest.mark.parametrize(('name', 'user'), [('level', 'dependent'), ('tank', 'level')])
+def test_a_stream_that_others_are_made_from_is_not_destroyed(
+    managed: Nodes, name: str, user: str
+) -> None:
+    create(managed, 'dependent', 'select level from level', MANAGER)
+    answer = managed.call(MANAGER, srv.StreamDestroy, stream_name=name)
+    assert_refused(answer.exit_status, INVALID, f"'{name}' is used", user)
+    managed.obtain(MANAGER, srv.StreamDestroy, stream_name='dependent')
+    assert streams(managed, MANAGER) == ['level', 'tank']
+
+
+def test_a_published_stream_needs_no_registration(managed: Nodes) -> None:
+    """Its topic is where the naming convention says."""
+    answer = managed.call(MANAGER, srv.StreamGetTopic, stream_name='external')
+    assert_refused(answer.exit_status, MISSING, "'external'")
+    source = managed.client.node.create_publisher(Sample, '/dyknow/streams/external', LATCHED)
+    source.publish(Sample(fields=[Field(type='int', name='data', value='7')]))
+
+    def known() -> bool:
+        found = managed.call(MANAGER, srv.StreamGetTopic, stream_name='external')
+        return bool(found.topic_name == '/dyknow/streams/external')
+
+    managed.client.spin_until(known, 'the manager sees the topic')
+    samples = create(managed, 'convention', 'select data from external', MANAGER)
+    managed.client.spin_until(lambda: bool(samples), 'a sample')
+    managed.obtain(MANAGER, srv.StreamDestroy, stream_name='convention')
+
+
+def test_what_streams_have_in_common_is_done_once(engine: Nodes) -> None:
+    """Two streams over one topic make one subscription, which goes with the last of them."""
+    client = engine.client
+    source = client.node.create_publisher(Float64, '/shared', 10)
+    timer = client.node.create_timer(0.02, lambda: source.publish(Float64(data=1.0)))
+    subscriptions = source.get_subscription_count
+    first = create(engine, 'first', 'select data from "/shared" where data > 0.0')
+    second = create(engine, 'second', 'sink select data as b from "/shared"')
+    third = create(engine, 'third', 'select data from first')
+    client.spin_until(lambda: all((first, second, third)), 'samples of all')
+    assert subscriptions() == 1
+    engine.obtain(ENGINE, srv.StreamDestroy, stream_name='first')
+    engine.obtain(ENGINE, srv.StreamDestroy, stream_name='second')
+    # What is made from a stream keeps what it needs of it.
+    count = len(third)
+    client.spin_until(lambda: len(third) > count, 'more samples')
+    assert subscriptions() == 1
+    engine.obtain(ENGINE, srv.StreamDestroy, stream_name='third')
+    client.spin_until(lambda: subscriptions() == 0, 'no subscription')
+    timer.cancel()
+
+
+def test_the_engine_tells_what_becomes_of_its_streams(engine: Nodes) -> None:
+    reports = engine.collect(StreamStatusArray, f'/{ENGINE}/streams', LATEST)
+    text = 'stream told = select data from "/told" with max_delay = 1 s'
+    samples = create(engine, 'told', text)
+    source = engine.client.node.create_publisher(Sample, '/told', LATCHED)
+    now = engine.client.node.get_clock().now().nanoseconds
+    fields = [Field(type='int', name='data', value='1')]
+    for valid_time in (now, now - 100 * PERIOD):
+        source.publish(Sample(valid_time=time_of(valid_time), fields=fields))
+
+    def told() -> Any:
+        return {each.name: each for each in reports[-1].streams}.get('told') if reports else None
+
+    engine.client.spin_until(
+        lambda: bool(told() and told().samples and told().drops), 'what became of the samples'
+    )
+    account = told()
+    assert (account.state, account.engine) == (account.FLOWING, f'/{ENGINE}')
+    assert account.topic == '/dyknow/streams/told'
+    assert account.message_type == 'dyknow_interfaces/msg/Sample'
+    assert account.specification == text
+    assert (account.samples, len(samples)) == (1, 1)
+    assert [(drop.reason, drop.count) for drop in account.drops] == [('max_delay', 1)]
+    assert account.violations == 1
+
+    def rated() -> list[Any]:
+        all_told = [each for report in reports for each in report.streams]
+        return [each for each in all_told if each.name == 'told' and each.rate]
+
+    engine.client.spin_until(lambda: bool(rated()), 'the period with the sample')
+    assert nanoseconds(rated()[0].mean_delay) == nanoseconds(rated()[0].max_delay) > 0
+    engine.client.spin_until(lambda: told().rate == 0, 'a period without samples')
+    assert list(reports[-1].engines) == [f'/{ENGINE}']
+    assert nanoseconds(reports[-1].stamp) > now
+    engine.obtain(ENGINE, srv.StreamDestroy, stream_name='told')
+    engine.client.spin_until(lambda: told() is None, 'it is told no more')
+
+
+def test_an_engine_cannot_publish_where_no_topic_can_be(tmp_path: Path) -> None:
+    ended = subprocess.run(
+        [
+            executable_path('dyknow_stream_processing', ENGINE),
+            *('--ros-args', '-p', 'stream_prefix:=my streams'),
+        ],
+        env={**os.environ, **private_environment()},
+        capture_output=True,
+        text=True,
+        timeout=20,
+        check=False,
+        cwd=tmp_path,
+    )
+    assert ended.returncode == 1
+    assert ended.stderr.startswith("stream_prefix 'my streams' cannot be used")

@@ -1,0 +1,119 @@
+"""The streams command, as people run it."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+from typing import TYPE_CHECKING
+
+import pytest
+
+from dyknow_bringup.resources import executable_path
+from stream_nodes import PACKAGE, TANK, StreamNodes
+from system import LIMIT
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+ENGINE = '/far/stream_processing_engine'
+
+
+@pytest.fixture(scope='module')
+def nodes(tmp_path_factory: pytest.TempPathFactory) -> Iterator[StreamNodes]:
+    """A manager that has a stream made elsewhere, and one that cannot be made."""
+    folder = tmp_path_factory.mktemp('streams')
+    hopeless = folder / 'hopeless.streams'
+    hopeless.write_text('stream hopeless = select a from nowhere; sink hopeless')
+    with StreamNodes(folder) as running:
+        running.start(ENGINE)
+        running.start_manager(streams=json.dumps([str(hopeless)]))
+        running.wait_for_engines(ENGINE)
+        running.create('level', f'select data as level from "{TANK}" where data > 0.0')
+        running.until(
+            lambda: any(each.rate for each in running.report.streams), 'it is known to flow'
+        )
+        yield running
+
+
+def streams(nodes: StreamNodes, *arguments: str) -> subprocess.CompletedProcess[str]:
+    """Runs the command while the nodes do their work."""
+    running = start(nodes, *arguments)
+    nodes.until(lambda: running.poll() is not None, 'the command ends')
+    out, err = running.communicate(timeout=LIMIT)
+    return subprocess.CompletedProcess(arguments, running.returncode, out, err)
+
+
+def start(nodes: StreamNodes, *arguments: str) -> subprocess.Popen[str]:
+    return subprocess.Popen(
+        [executable_path(PACKAGE, 'streams'), *arguments],
+        env={**os.environ, **nodes.environment, 'COLUMNS': '200'},
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        # A session of its own, in which an interrupt is not ignored as in one of the background.
+        start_new_session=True,
+    )
+
+
+def test_a_line_for_each_stream(nodes: StreamNodes) -> None:
+    shown = streams(nodes)
+    assert shown.returncode == 0, shown.stderr
+    lines = {line.split()[0]: line for line in shown.stdout.splitlines() if line.strip()}
+    assert 'flowing' in lines['level']
+    assert ENGINE in lines['level']
+    assert '/far/dyknow/streams/level' in lines['level']
+    assert 'Hz' in lines['level']
+    assert 'failed' in lines['hopeless']
+    assert "no stream 'nowhere'" in lines['hopeless']
+
+
+def test_everything_about_a_stream(nodes: StreamNodes) -> None:
+    shown = streams(nodes, 'level')
+    assert shown.returncode == 0, shown.stderr
+    for word in ('flowing', ENGINE, 'dyknow_interfaces/msg/Sample', 'dropped', 'violations'):
+        assert word in shown.stdout
+    assert f'select data as level from "{TANK}" where data > 0.0' in shown.stdout
+
+
+def test_streams_for_programs(nodes: StreamNodes) -> None:
+    told = json.loads(streams(nodes, '--json').stdout)
+    assert told['engines'] == [ENGINE]
+    known = {each['name']: each for each in told['streams']}
+    assert known['hopeless']['state'] == 'FAILED'
+    assert known['level']['state'] == 'FLOWING'
+    assert known['level']['samples'] > 0
+    assert json.loads(streams(nodes, 'level', '--json').stdout)['topic'] == known['level']['topic']
+
+
+def test_an_engine_can_be_asked_itself(nodes: StreamNodes) -> None:
+    told = json.loads(streams(nodes, '--json', '--node', ENGINE).stdout)
+    assert [each['name'] for each in told['streams']] == ['level']
+
+
+def test_a_stream_that_is_not_there(nodes: StreamNodes) -> None:
+    shown = streams(nodes, 'height')
+    assert shown.returncode == 1
+    assert shown.stderr == "streams: there is no stream 'height' (there are: hopeless, level)\n"
+
+
+def test_a_namespace_without_a_manager(nodes: StreamNodes) -> None:
+    shown = streams(nodes, '--timeout', '1 s', '--ros-args', '-r', '__ns:=/robot9')
+    assert shown.returncode == 2
+    assert 'nothing was heard of /robot9/stream_manager within 1 s' in shown.stderr
+    assert f'there are: {ENGINE}, /stream_manager' in shown.stderr
+    assert 'Traceback' not in shown.stderr
+
+
+@pytest.mark.parametrize('arguments', [[], ['--json'], ['level']])
+def test_watching_until_one_has_seen_enough(nodes: StreamNodes, arguments: list[str]) -> None:
+    running = start(nodes, '--watch', *arguments)
+    assert running.stdout is not None
+    first = running.stdout.readline()
+    running.send_signal(signal.SIGINT)
+    nodes.until(lambda: running.poll() is not None, 'the command ends')
+    _, err = running.communicate(timeout=LIMIT)
+    assert first.strip()
+    assert running.returncode == 130
+    assert err == ''
