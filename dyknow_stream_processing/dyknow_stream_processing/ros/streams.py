@@ -6,6 +6,7 @@ import argparse
 import json
 import os
 import sys
+from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
 import rclpy
@@ -24,7 +25,7 @@ from dyknow_stream_processing.ros.runtime import LATCHED
 from dyknow_stream_processing.stream_table import as_json, stream_details, stream_table
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Callable, Iterator, Sequence
 
     from rich.console import RenderableType
 
@@ -98,19 +99,23 @@ def show(chosen: argparse.Namespace, listener: StreamsListener) -> None:
         StreamError: NOT_FOUND, when the stream asked for is not there; UNAVAILABLE, when nobody
             reports in time.
     """
-    seconds = chosen.timeout / 1e9
-    if chosen.json:
-        print(_json(chosen, listener.next(seconds)), flush=True)  # noqa: T201 - this is a command
+    with _teller(chosen) as tell:
+        tell(listener.next(chosen.timeout / 1e9))
         while chosen.watch:
-            print(_json(chosen, listener.next(seconds)), flush=True)  # noqa: T201 - as above
-        return
-    first = _rendered(chosen, listener.next(seconds))
-    if not chosen.watch:
-        Console().print(first)
-        return
-    with Live(first, auto_refresh=False) as live:
-        while True:
-            live.update(_rendered(chosen, listener.next(seconds)), refresh=True)
+            tell(listener.next(chosen.timeout / 1e9))
+
+
+@contextmanager
+def _teller(chosen: argparse.Namespace) -> Iterator[Callable[[Any], None]]:
+    """How reports are shown: as JSON, in place on a terminal, or one after the other."""
+    console = Console()
+    if chosen.json:
+        yield lambda report: print(_json(chosen, report), flush=True)  # noqa: T201 - a command
+    elif chosen.watch and console.is_terminal:
+        with Live(console=console, auto_refresh=False) as live:
+            yield lambda report: live.update(_rendered(chosen, report), refresh=True)
+    else:
+        yield lambda report: console.print(_rendered(chosen, report))
 
 
 def _json(chosen: argparse.Namespace, report: Any) -> str:
