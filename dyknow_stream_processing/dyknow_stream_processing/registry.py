@@ -352,7 +352,7 @@ class StreamRegistry:
             message=stream.message,
             engine=stream.engine or '',
             topic=stream.topic,
-            specification=str(self._original(stream)),
+            specification=_canonical(stream.specification),
             constraints=stream.constraints,
         )
 
@@ -373,3 +373,8 @@ def engines_missing(engines: Iterable[str]) -> StreamError:
 @lru_cache(maxsize=4096)
 def _parsed(specification: str) -> Specification:
     return parse_specification(specification)
+
+
+@lru_cache(maxsize=4096)
+def _canonical(specification: str) -> str:
+    return str(_parsed(specification))

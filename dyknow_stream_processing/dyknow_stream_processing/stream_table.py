@@ -41,7 +41,7 @@ def stream_table(accounts: Iterable[StreamAccount], engines: Sequence[str]) -> T
     for header in ('samples', 'rate', 'delay', 'max', 'dropped', 'violations'):
         table.add_column(header, justify='right', no_wrap=True)
     for account in accounts:
-        table.add_row(*_row(account))
+        table.add_row(*map(_verbatim, _row(account)))
     return table
 
 
@@ -51,7 +51,7 @@ def stream_details(account: StreamAccount) -> RenderableType:
     table.add_column(style='dim', no_wrap=True)
     table.add_column(overflow='fold')
     for what, value in _details(account):
-        table.add_row(what, value)
+        table.add_row(what, _verbatim(value))
     if not account.specification:
         return table
     return Group(table, Text(), Text(account.specification))
@@ -76,7 +76,7 @@ def _row(account: StreamAccount) -> list[str | Text]:
     if account.state is StreamState.REGISTERED:
         return [*start, *[''] * 6]
     if account.state is not StreamState.FLOWING:
-        return [*start[:3], account.message, *[''] * 6]
+        return [*start[:3], account.message.partition('\n')[0], *[''] * 6]
     return [
         *start,
         str(account.samples),
@@ -107,6 +107,11 @@ def _details(account: StreamAccount) -> list[tuple[str, str | Text]]:
             ('violations', str(account.violations)),
         ]
     return [(what, value) for what, value in found if value]
+
+
+def _verbatim(value: str | Text) -> Text:
+    """A text whose brackets mean nothing to the terminal."""
+    return value if isinstance(value, Text) else Text(value)
 
 
 def _state(account: StreamAccount) -> Text:

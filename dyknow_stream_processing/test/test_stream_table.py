@@ -1,0 +1,90 @@
+"""How streams look on a terminal."""
+
+import io
+from dataclasses import replace
+
+import pytest
+from rich.console import Console, RenderableType
+
+from dyknow_stream_processing import StreamConstraints
+from dyknow_stream_processing.account import Flow, StreamAccount, StreamState
+from dyknow_stream_processing.stream_table import as_json, stream_details, stream_table
+
+MS = 1_000_000
+FLOWING = StreamAccount(
+    'power',
+    StreamState.FLOWING,
+    engine='/engine',
+    topic='/dyknow/streams/power',
+    specification='stream a = select x from "/t";\nsink a',
+    constraints=StreamConstraints(max_delay=100 * MS),
+    samples=120,
+    violations=2,
+    drops={'max_delay': 2, 'fields': 1},
+    flow=Flow(9.96, 12 * MS, 31 * MS),
+)
+WAITING = StreamAccount('late', StreamState.WAITING, message='no stream F[a]\n  there')
+REGISTERED = StreamAccount(
+    'tank', StreamState.REGISTERED, topic='/tank', message_type='std_msgs/msg/Float64'
+)
+
+
+def shown(what: RenderableType) -> list[str]:
+    """The lines without the space between columns."""
+    console = Console(file=io.StringIO(), width=160)
+    console.print(what)
+    assert isinstance(console.file, io.StringIO)
+    return [' '.join(line.split()) for line in console.file.getvalue().splitlines()]
+
+
+def test_a_line_for_each_stream() -> None:
+    lines = shown(stream_table([FLOWING, WAITING, REGISTERED], ['/engine']))
+    assert lines == [
+        'stream state engine topic samples rate delay max dropped violations',
+        'power flowing /engine /dyknow/streams/power 120 10.0 Hz 12 ms 31 ms 3 2',
+        'late waiting no stream F[a]',
+        'tank registered /tank',
+        '/engine',
+    ]
+
+
+def test_that_there_is_no_engine() -> None:
+    assert shown(stream_table([], []))[-1] == 'no stream processing engine is running'
+
+
+def test_everything_about_a_stream() -> None:
+    assert shown(stream_details(FLOWING)) == [
+        'stream power',
+        'state flowing',
+        'engine /engine',
+        'topic /dyknow/streams/power',
+        'type dyknow_interfaces/msg/Sample',
+        'constraints max_delay = 100 ms',
+        'samples 120 (10.0 Hz now)',
+        'delay 12 ms, 31 ms at most',
+        'dropped 1 fields, 2 max_delay',
+        'violations 2',
+        '',
+        'stream a = select x from "/t";',
+        'sink a',
+    ]
+    still = shown(stream_details(replace(FLOWING, flow=Flow(), drops={})))
+    assert 'dropped none' in still
+    assert not [line for line in still if line.startswith('delay')]
+
+
+@pytest.mark.parametrize('account', [WAITING, REGISTERED])
+def test_what_is_not_known_is_left_out(account: StreamAccount) -> None:
+    assert not [line for line in shown(stream_details(account)) if 'samples' in line]
+
+
+def test_a_stream_for_programs() -> None:
+    told = as_json(FLOWING)
+    assert told['state'] == 'FLOWING'
+    assert told['constraints'] == {'max_delay': 100 * MS}
+    assert told['drops'] == {'max_delay': 2, 'fields': 1}
+    assert (told['rate_hz'], told['mean_delay_ns'], told['max_delay_ns']) == (
+        9.96,
+        12 * MS,
+        31 * MS,
+    )
