@@ -235,6 +235,14 @@ def test_requests_that_come_together(nodes: StreamNodes) -> None:
     assert list(nodes.call(ONE, srv.ListStreams).stream_names) == ['level']
 
 
+def test_an_engine_that_was_just_started(nodes: StreamNodes) -> None:
+    nodes.start_manager()
+    nodes.start(ONE)
+    # It answers; whether the manager has met it by now does not matter.
+    nodes.call(ONE, srv.ListStreams)
+    nodes.create('level', LEVEL)
+
+
 def test_managers_are_no_engines(nodes: StreamNodes) -> None:
     nodes.start('/far/stream_manager', 'stream_manager')
     nodes.start(ONE)

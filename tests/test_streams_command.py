@@ -16,6 +16,7 @@ from system import LIMIT
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
+    from pathlib import Path
 
 ENGINE = '/far/stream_processing_engine'
 
@@ -104,6 +105,14 @@ def test_a_namespace_without_a_manager(nodes: StreamNodes) -> None:
     assert 'nothing was heard of /robot9/stream_manager within 1 s' in shown.stderr
     assert f'there are: {ENGINE}, /stream_manager' in shown.stderr
     assert 'Traceback' not in shown.stderr
+
+
+def test_a_manager_in_a_namespace_that_has_nothing(tmp_path: Path) -> None:
+    with StreamNodes(tmp_path) as alone:
+        alone.start('/robot1/stream_manager', 'stream_manager')
+        shown = streams(alone, '--ros-args', '-r', '__ns:=/robot1')
+        assert shown.returncode == 0, shown.stderr
+        assert 'no stream processing engine is running' in shown.stdout
 
 
 @pytest.mark.parametrize('arguments', [[], ['--json'], ['level']])

@@ -20,6 +20,12 @@ if TYPE_CHECKING:
     from dyknow_stream_processing.ros.engines import Engines
     from dyknow_stream_processing.ros.runtime import DyKnowNode
 
+PATIENCE: Final = 3.0
+"""Seconds that a new stream waits for an engine to be there."""
+
+POLL: Final = 0.05
+"""Seconds between two looks for one."""
+
 RETRY_PERIOD: Final = 1.0
 """Seconds between two attempts to make what waits."""
 
@@ -72,6 +78,7 @@ class Placement:
         async with self._turns.of(stream.name):
             self._registry.add(stream)
             try:
+                await self._wait_for_engine()
                 answer = await self._make(stream)
             except BaseException:
                 self._registry.forget(stream.name)
@@ -242,6 +249,13 @@ class Placement:
             self._registry.release(name, error.message, failed=failed)
             return False
         return True
+
+    async def _wait_for_engine(self) -> None:
+        """Waits for an engine that was just started, for a while."""
+        clock = self._node.wall_clock
+        end = clock.now().nanoseconds + round(PATIENCE * 1e9)
+        while not self._engines.ready() and clock.now().nanoseconds < end:
+            await self._node.deadlines.after(POLL)
 
     async def _make(self, stream: CreatedStream) -> Any:
         """Has a stream made by the engine with the fewest streams; by another, if that one dies."""

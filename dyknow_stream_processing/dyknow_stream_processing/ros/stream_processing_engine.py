@@ -76,6 +76,8 @@ class StreamProcessingEngine(DyKnowNode):
         self.serve(StreamCreateFromSpec, self._create)
         self.serve(StreamDestroy, self._destroy)
         self.serve(ListStreams, self._list)
+        # Who has no streams says so: only then is it given some.
+        self._streams_report.changed()
 
     def _check_prefix(self) -> None:
         try:
