@@ -1,7 +1,16 @@
-"""Imports the packages before pytest meets the folders of the same names that hold them."""
+"""What all tests share.
+
+The packages are imported before pytest meets the folders of the same names that hold them.
+"""
+
+from hypothesis import HealthCheck, settings
 
 import dyknow_bringup  # noqa: F401
 import dyknow_coordinator  # noqa: F401
 import dyknow_reasoning  # noqa: F401
 import dyknow_semantics  # noqa: F401
 import dyknow_stream_processing  # noqa: F401
+
+# Tests assert what comes out, not how fast: other processes may have the machine.
+settings.register_profile('dyknow', deadline=None, suppress_health_check=[HealthCheck.too_slow])
+settings.load_profile('dyknow')

@@ -155,9 +155,8 @@ class Dataflow:
 
     def found(self, topic: str, source_type: SourceType) -> None:
         """Learn of a topic what was not known when streams were made of it."""
-        if source_type.receipt_time:
-            for source in self._wiring.sources(topic):
-                source.become_timed()
+        for source in self._wiring.sources(topic):
+            source.learn(receipt_time=source_type.receipt_time)
 
     def push(self, topic: str, sample: Sample) -> None:
         """Take a sample of a topic; its available time is the time of receipt, and is now."""

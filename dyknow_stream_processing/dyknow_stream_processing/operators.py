@@ -166,16 +166,22 @@ class SourceOperator(Operator):
         receipt_time: bool,  # noqa: FBT001
     ) -> None:
         super().__init__(agenda, topic, inputs, in_order=False)
-        self.timed = receipt_time
+        self.timed = self._receipt_time = receipt_time
 
     def push(self, valid_time: int, fields: Mapping[str, Value], now: int) -> None:
         """Pass a sample on; it promises nothing about the next."""
         for consumer, port in self.consumers:
             consumer.receive(port, valid_time, fields, NO_PROMISE, now)
 
+    def learn(self, *, receipt_time: bool) -> None:
+        """Take note of what the topic is, once that is known, or has changed."""
+        self._receipt_time = receipt_time
+        if receipt_time:
+            self.become_timed()
+
     def certain_at(self, valid_time: int) -> int | None:
         """A time of receipt that has passed cannot come again."""
-        return valid_time + 1 if self.timed else None
+        return valid_time + 1 if self._receipt_time else None
 
 
 class MergeOperator(Operator):
