@@ -166,6 +166,18 @@ class Dataflow:
             source.push(sample.valid_time, sample.fields, agenda.now)
         agenda.run(agenda.now)
 
+    def report(self, topic: str, violation: Violation, dropped: int = 0) -> None:
+        """Tell all streams made of a topic what was broken on the way here.
+
+        Args:
+            topic: whose samples are concerned.
+            violation: is passed on as it is.
+            dropped: how many samples were lost by it.
+        """
+        for source in self._wiring.sources(topic):
+            for observer in source.observers:
+                observer.reported(violation, dropped)
+
     def advance(self, now: int) -> None:
         """Do what is due until a time, nanoseconds; a time before the last one is ignored."""
         self._agenda.run(now)
@@ -249,6 +261,13 @@ class _Stream:
     def dropped(self, reason: str) -> None:
         """Count a sample that was dropped."""
         self._drops[reason] += 1
+
+    def reported(self, violation: Violation, dropped: int) -> None:
+        """Pass on what was broken before the samples came here."""
+        self._violations += 1
+        if dropped:
+            self._drops[violation.constraint] += dropped
+        self._on_violation(violation)
 
     def violated(
         self,

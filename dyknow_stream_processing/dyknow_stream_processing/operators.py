@@ -24,6 +24,7 @@ if TYPE_CHECKING:
 
     from dyknow_stream_processing.agenda import Agenda
     from dyknow_stream_processing.sample import Value
+    from dyknow_stream_processing.violation import Violation
 
 
 NO_PROMISE: Final = BEGINNING - 1
@@ -42,6 +43,9 @@ class Observer(Protocol):
 
     def dropped(self, reason: str) -> None:
         """Note that a sample was dropped."""
+
+    def reported(self, violation: Violation, dropped: int) -> None:
+        """Note what was broken before the samples came to the dataflow."""
 
     def violated(
         self,

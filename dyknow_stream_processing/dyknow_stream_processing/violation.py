@@ -15,6 +15,9 @@ class Broken(StrEnum):
     FIELDS = 'fields'
     BUFFER = 'buffer'
     COMPUTATIONAL_UNIT = 'computational_unit'
+    MESSAGE = 'message'
+    LOST = 'lost'
+    SOURCE = 'source'
 
 
 @dataclass(frozen=True, slots=True)

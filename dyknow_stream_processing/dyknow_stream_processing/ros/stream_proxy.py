@@ -4,12 +4,16 @@ from __future__ import annotations
 
 import json
 import re
-from typing import TYPE_CHECKING
+from collections.abc import Collection, Mapping
+from typing import TYPE_CHECKING, Any
 
 from dyknow_stream_processing.computational_units import load_units
 from dyknow_stream_processing.constraints import NO_CONSTRAINTS, StreamConstraints
 from dyknow_stream_processing.dataflow import Dataflow
+from dyknow_stream_processing.demand import total_demand
+from dyknow_stream_processing.errors import StreamError
 from dyknow_stream_processing.parsing import parse_specification
+from dyknow_stream_processing.resolution import resolve
 from dyknow_stream_processing.ros.topic_sources import TopicSources, source_type
 
 if TYPE_CHECKING:
@@ -18,6 +22,7 @@ if TYPE_CHECKING:
     from rclpy.node import Node
     from rclpy.qos import QoSProfile
 
+    from dyknow_stream_processing.dataflow import SourceType, Statistics
     from dyknow_stream_processing.sample import Sample
     from dyknow_stream_processing.violation import Violation
 
@@ -28,17 +33,24 @@ _NAME = 'proxy'
 class StreamProxy:
     """A stream within a node, made of topics of any type.
 
+    Topics may appear, disappear and come back with other publishers at any time. The valid time of
+    a sample is the stamp of the message's header, or the time of receipt where it has none.
+
     Args:
         node: the node that listens; its clock tells when samples are available.
         stream: the name of a topic, or a specification in the stream language.
         on_sample: is given each sample, in the order of valid times.
         on_violation: is told when a constraint is broken.
         constraints: are added to those in the specification.
+        valid_time: the field of the type `builtin_interfaces/Time` that holds the valid time, as a
+            dotted path; where the specification names several topics, a mapping from some of them.
+        message_type: the class of the messages, to listen before anybody publishes them; where the
+            specification names several topics, a mapping from some of them.
         quality_of_service: by default it is matched to the publishers of each topic.
 
     Raises:
         LanguageError: when the specification makes no sense.
-        StreamError: when constraints contradict each other.
+        StreamError: when constraints contradict each other, or a topic has no such field of time.
     """
 
     def __init__(
@@ -49,21 +61,59 @@ class StreamProxy:
         on_sample: Callable[[Sample], None],
         on_violation: Callable[[Violation], None] = lambda _: None,
         constraints: StreamConstraints = NO_CONSTRAINTS,
+        valid_time: str | Mapping[str, str] | None = None,
+        message_type: Any = None,
         quality_of_service: QoSProfile | None = None,
     ) -> None:
         text = json.dumps(stream) if _TOPIC.fullmatch(stream) else stream
-        self._dataflow = Dataflow(load_units(), lambda topic: source_type(node, topic))
-        self._dataflow.create(
-            _NAME, parse_specification(text), constraints, on_sample, on_violation
+        valid_times: Mapping[str, str] = {}
+        message_types: Mapping[str, Any] = {}
+
+        def type_of(topic: str) -> SourceType | None:
+            return source_type(node, topic, message_types.get(topic), valid_times.get(topic))
+
+        self._dataflow = Dataflow(load_units(), type_of)
+        specification = parse_specification(text)
+        if valid_time is not None or message_type is not None:
+            resolved = resolve(specification, constraints, {}, lambda _: None, load_units())
+            topics = total_demand([resolved.term])
+            valid_times = _by_topic('valid_time', valid_time, topics)
+            message_types = _by_topic('message_type', message_type, topics)
+        self._dataflow.create(_NAME, specification, constraints, on_sample, on_violation)
+        self._sources = TopicSources(
+            node, self._dataflow, quality_of_service, valid_times, message_types
         )
-        self._sources = TopicSources(node, self._dataflow, quality_of_service)
         self._sources.refresh()
+
+    @property
+    def statistics(self) -> Statistics:
+        """What has come of the stream so far: samples, violations and drops."""
+        return self._dataflow.statistics(_NAME)
 
     @property
     def drops(self) -> dict[str, int]:
         """How many samples were dropped, by reason."""
-        return dict(self._dataflow.statistics(_NAME).drops)
+        return dict(self.statistics.drops)
 
     def destroy(self) -> None:
-        """Stops listening."""
+        """Stops listening; a second time does nothing."""
         self._sources.destroy()
+
+
+def _by_topic(argument: str, value: Any, topics: Collection[str]) -> Mapping[str, Any]:
+    """What is said of each topic; a single value is said of the only one."""
+    if value is None:
+        return {}
+    if isinstance(value, Mapping):
+        if unknown := sorted(set(value) - set(topics)):
+            raise StreamError(
+                f"{argument} is given for '{unknown[0]}', which the stream is not made of "
+                f'(it is made of: {", ".join(topics)})'
+            )
+        return value
+    if len(topics) > 1:
+        raise StreamError(
+            f'the stream is made of several topics ({", ".join(topics)}); give {argument} as a '
+            f'mapping from topics'
+        )
+    return dict.fromkeys(topics, value)

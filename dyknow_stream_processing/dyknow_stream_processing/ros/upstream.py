@@ -1,0 +1,129 @@
+"""What is known of a stream that another node makes, beside its samples."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from dyknow_interfaces.msg import ConstraintViolation
+from rclpy.event_handler import SubscriptionEventCallbacks
+
+from dyknow_stream_processing.ros.conversion import time_to_nanoseconds
+from dyknow_stream_processing.ros.lease import FIRST_SIGN, GRACE
+from dyknow_stream_processing.ros.publications import published
+from dyknow_stream_processing.ros.runtime import VIOLATIONS
+from dyknow_stream_processing.violation import Broken, Violation
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from rclpy.callback_groups import CallbackGroup
+    from rclpy.clock import Clock
+    from rclpy.node import Node
+
+_SECOND = 1_000_000_000
+
+
+class Upstream:
+    """Sees to it that whoever is made of a stream learns what breaks in it on the way.
+
+    Its violations are passed on; a sample that is lost between the nodes, and an engine that is
+    gone, are violations of their own.
+
+    Args:
+        topic: that of the samples.
+        watch_clock: goes on while simulated time stands still.
+        report: is told a violation, and how many samples were lost by it.
+    """
+
+    def __init__(
+        self,
+        node: Node,
+        topic: str,
+        group: CallbackGroup,
+        watch_clock: Clock,
+        report: Callable[[Violation, int], None],
+    ) -> None:
+        self._node = node
+        self._topic = topic
+        self._group = group
+        self._watch_clock = watch_clock
+        self._report = report
+        self._begun = node.get_clock().now().nanoseconds
+        self._next_number: int | None = None
+        self._several = False
+        self._subscription: Any = None
+        self._lost_after: int | None = None
+
+    def look(self) -> None:
+        """Listens to the violations once they are published, and judges the lease."""
+        self._several = False
+        violations = f'{self._topic}/violations'
+        if self._subscription is None and self._node.count_publishers(violations):
+            self._expect_sign_within(FIRST_SIGN)
+            self._subscription = self._node.create_subscription(
+                ConstraintViolation,
+                violations,
+                self._violated,
+                VIOLATIONS,
+                callback_group=self._group,
+                event_callbacks=SubscriptionEventCallbacks(
+                    liveliness=self._liveliness_changed, use_default_callbacks=False
+                ),
+            )
+        if self._lost_after is not None and self._watch_clock.now().nanoseconds > self._lost_after:
+            self._lost_after = None
+            self._tell(Broken.SOURCE, 'its engine is gone; samples may be missing until it is back')
+
+    def destroy(self) -> None:
+        """Stops listening."""
+        if self._subscription is not None:
+            self._node.destroy_subscription(self._subscription)
+            self._subscription = None
+
+    def count(self, number: int | None) -> None:
+        """Takes the number that the middleware gave a sample, and reports those before it lost."""
+        if number is None:
+            return  # Not all middleware numbers its messages.
+        expected, self._next_number = self._next_number, number + 1
+        if expected in {None, number} or self._has_several_publishers():
+            return
+        if number > expected:
+            lost = number - expected
+            self._tell(Broken.LOST, f'{lost} samples were lost between its node and this one', lost)
+        else:
+            self._tell(Broken.SOURCE, 'it was made anew; samples may be missing before this one')
+
+    def _has_several_publishers(self) -> bool:
+        """Where a topic has several publishers, each numbers its messages for itself."""
+        if not self._several:
+            found = published(self._node, self._topic)
+            self._several = found is not None and len(found.publishers) > 1
+        return self._several
+
+    def _liveliness_changed(self, event: Any) -> None:
+        if event.alive_count > 0:
+            self._lost_after = None
+        else:
+            self._expect_sign_within(GRACE)
+
+    def _expect_sign_within(self, seconds: float) -> None:
+        self._lost_after = self._watch_clock.now().nanoseconds + round(seconds * _SECOND)
+
+    def _violated(self, message: Any) -> None:
+        violation = Violation(
+            stream_name=message.stream_name,
+            constraint=message.constraint,
+            valid_time=time_to_nanoseconds(message.valid_time),
+            available_time=time_to_nanoseconds(message.available_time),
+            observed=time_to_nanoseconds(message.observed),
+            allowed=time_to_nanoseconds(message.allowed),
+            message=message.message,
+        )
+        # The topic is latched: what was broken before anybody here cared is kept in it.
+        if violation.available_time >= self._begun:
+            self._report(violation, 0)
+
+    def _tell(self, constraint: str, message: str, dropped: int = 0) -> None:
+        now = self._node.get_clock().now().nanoseconds
+        text = f"stream '{self._topic}': {message}"
+        self._report(Violation(self._topic, constraint, now, now, 0, 0, text), dropped)

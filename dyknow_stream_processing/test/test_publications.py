@@ -1,0 +1,54 @@
+"""What a subscription asks of publishers that come and go."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from hypothesis import given
+from hypothesis import strategies as st
+
+from dyknow_stream_processing.ros.publications import Publication, followed
+
+PUBLISHERS = st.frozensets(st.tuples(st.integers(1, 4)), min_size=1)
+FOUND = st.builds(Publication, st.sampled_from(['a/msg/A', 'b/msg/B']), PUBLISHERS)
+OFFERS = st.builds(
+    lambda found, reliable, latched: replace(found, reliable=reliable, latched=latched),
+    FOUND,
+    st.booleans(),
+    st.booleans(),
+)
+
+
+@given(st.lists(OFFERS, min_size=1))
+def test_every_publisher_is_heard(offers: list[Publication]) -> None:
+    held = None
+    for found in offers:
+        held = followed(held, found)
+        assert (held.type_name, held.publishers) == (found.type_name, found.publishers)
+        assert found.reliable or not held.reliable
+        assert found.latched or not held.latched
+
+
+@given(OFFERS, st.lists(OFFERS, min_size=1))
+def test_nothing_is_heard_twice(first: Publication, others: list[Publication]) -> None:
+    """As long as a publisher stays, whoever subscribes anew does not ask for what was kept."""
+    held = first
+    for found in others:
+        staying = replace(
+            found, type_name=first.type_name, publishers=found.publishers | first.publishers
+        )
+        before, held = held, followed(held, staying)
+        assert before.asks_the_same_as(held) or not held.latched
+
+
+def test_other_publishers_are_matched_anew() -> None:
+    weak = Publication('a/msg/A', frozenset({(1,)}), reliable=False)
+    strong = Publication('a/msg/A', frozenset({(2,)}), latched=True)
+    assert followed(weak, strong) == strong
+
+
+def test_a_stronger_publisher_is_no_reason_to_subscribe_anew() -> None:
+    weak = Publication('a/msg/A', frozenset({(1,)}), reliable=False)
+    both = Publication('a/msg/A', frozenset({(1,), (2,)}), reliable=False)
+    strong = replace(weak, reliable=True)
+    assert followed(followed(weak, both), strong) == weak

@@ -1,0 +1,35 @@
+"""What is broken before samples come to a dataflow."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import pytest
+
+from dyknow_stream_processing import Violation
+
+if TYPE_CHECKING:
+    from conftest import Flow
+
+VIOLATION = Violation('far', 'max_delay', 5, 7, 2, 1, "stream 'far': too late")
+
+
+@pytest.mark.parametrize(
+    'text',
+    [
+        'select x from "a"',
+        'sync(select x from "a", select x as y from "b")',
+        'merge(select x from "a", select x from "a" where x > 1)',
+    ],
+)
+def test_whoever_is_made_of_a_topic_is_told_once(flow: Flow, text: str) -> None:
+    flow.create(text).dataflow.report('a', VIOLATION)
+    assert flow.violations == [VIOLATION]
+    assert flow.drops == {}
+
+
+def test_lost_samples_are_counted(flow: Flow) -> None:
+    flow.create('select x from "a"').dataflow.report('a', VIOLATION, 3)
+    flow.dataflow.report('b', VIOLATION, 4)
+    assert flow.drops == {'max_delay': 3}
+    assert flow.dataflow.statistics('s').violations == 1

@@ -1,0 +1,382 @@
+"""StreamProxy on real topics: what comes, what is dropped, and how it follows the publishers."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from contextlib import contextmanager
+from typing import TYPE_CHECKING, Any
+
+import pytest
+from dyknow_interfaces import srv
+from dyknow_interfaces.msg import ConstraintViolation, Field, StreamSpec
+from dyknow_interfaces.msg import Sample as SampleMessage
+from nav_msgs.msg import Odometry
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from sensor_msgs.msg import TimeReference
+from std_msgs.msg import Float64, Int32
+
+from dyknow_stream_processing import StreamConstraints, StreamError
+from dyknow_stream_processing.ros import VIOLATIONS, StreamProxy
+from services import Nodes, time_of
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+    from pathlib import Path
+
+    from dyknow_stream_processing import Sample, Violation
+    from system import Client
+
+BEST_EFFORT = QoSProfile(depth=100, reliability=ReliabilityPolicy.BEST_EFFORT)
+RELIABLE = QoSProfile(depth=100)
+LATCHED = QoSProfile(depth=100, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+SECOND = 1_000_000_000
+
+OTHER_PROCESS = """
+import rclpy
+from rclpy.qos import qos_profile_sensor_data
+from std_msgs.msg import Float64
+rclpy.init()
+node = rclpy.create_node('other')
+publisher = node.create_publisher(Float64, '/a', qos_profile_sensor_data)
+node.create_timer(0.05, lambda: publisher.publish(Float64(data=0.5)))
+rclpy.spin(node)
+"""
+
+
+class Recording:
+    """A proxy, and all that it told."""
+
+    def __init__(self, client: Client, stream: str, **arguments: Any) -> None:
+        self.samples: list[Sample] = []
+        self.violations: list[Violation] = []
+        self.proxy = StreamProxy(
+            client.node,
+            stream,
+            on_sample=self.samples.append,
+            on_violation=self.violations.append,
+            **arguments,
+        )
+
+    def values(self, field: str = 'data') -> list[object]:
+        return [sample.fields[field] for sample in self.samples]
+
+    def broken(self) -> list[str]:
+        return [violation.constraint for violation in self.violations]
+
+
+def wait_until_heard(client: Client, recording: Recording, publisher: Any, message: Any) -> None:
+    """Publishes until it comes through."""
+    count = len(recording.samples)
+
+    def heard() -> bool:
+        publisher.publish(message)
+        return len(recording.samples) > count
+
+    client.spin_until(heard, f'a sample of {publisher.topic_name}')
+
+
+def odometry(stamp: int, x: float = 0.0) -> Odometry:
+    message = Odometry()
+    message.header.stamp = time_of(stamp)
+    message.pose.pose.position.x = x
+    return message
+
+
+@contextmanager
+def other_process() -> Iterator[None]:
+    """Another process publishes floats on /a, with the best effort."""
+    # In one process the middleware allows a topic one type.
+    with subprocess.Popen([sys.executable, '-c', OTHER_PROCESS], start_new_session=True) as process:
+        try:
+            yield
+        finally:
+            process.kill()
+
+
+@pytest.fixture
+def entities(client: Client) -> Iterator[None]:
+    """Nothing is left on the node."""
+
+    def count() -> tuple[int, int]:
+        return len(list(client.node.subscriptions)), len(list(client.node.timers))
+
+    before = count()
+    yield
+    assert count() == before
+
+
+@pytest.mark.parametrize('quality_of_service', [BEST_EFFORT, RELIABLE, LATCHED])
+def test_the_quality_of_service_is_that_of_the_publisher(
+    client: Client, quality_of_service: QoSProfile
+) -> None:
+    publisher = client.node.create_publisher(Float64, '/a', quality_of_service)
+    publisher.publish(Float64(data=1.0))
+    recording = Recording(client, '/a')
+    if quality_of_service is not LATCHED:
+        wait_until_heard(client, recording, publisher, Float64(data=1.0))
+    client.spin_until(lambda: bool(recording.samples), 'a sample')
+    assert recording.values()[0] == 1.0
+
+
+def test_what_was_kept_is_given_to_each_proxy(client: Client) -> None:
+    publisher = client.node.create_publisher(Float64, '/a', LATCHED)
+    publisher.publish(Float64(data=1.0))
+    for _ in range(3):
+        recording = Recording(client, '/a')
+        client.spin_until(lambda: bool(recording.samples), 'a sample')  # noqa: B023
+        assert recording.values() == [1.0]
+
+
+def test_the_quality_of_service_can_be_overridden(client: Client) -> None:
+    publisher = client.node.create_publisher(Float64, '/a', RELIABLE)
+    recording = Recording(client, '/a', quality_of_service=BEST_EFFORT)
+    wait_until_heard(client, recording, publisher, Float64())
+    (info,) = client.node.get_subscriptions_info_by_topic('/a')
+    assert info.qos_profile.reliability is ReliabilityPolicy.BEST_EFFORT
+
+
+@pytest.mark.usefixtures('entities')
+def test_a_topic_is_waited_for(client: Client) -> None:
+    recording = Recording(client, 'select data as level from "a" where data > 1')
+    publisher = client.node.create_publisher(Float64, '/a', RELIABLE)
+    wait_until_heard(client, recording, publisher, Float64(data=2.0))
+    assert recording.values('level')[0] == 2.0
+    recording.proxy.destroy()
+    recording.proxy.destroy()
+
+
+def test_with_a_type_the_first_message_is_heard(client: Client) -> None:
+    recording = Recording(client, '/a', message_type=Float64)
+    publisher = client.node.create_publisher(Float64, '/a', RELIABLE)
+    client.spin_until(lambda: publisher.get_subscription_count() == 1, 'the match')
+    publisher.publish(Float64(data=1.0))
+    client.spin_until(lambda: bool(recording.samples), 'a sample')
+    assert recording.values() == [1.0]
+
+
+def test_with_a_type_a_weaker_publisher_is_heard(client: Client) -> None:
+    recording = Recording(client, '/a', message_type=Float64)
+    publisher = client.node.create_publisher(Float64, '/a', BEST_EFFORT)
+    wait_until_heard(client, recording, publisher, Float64())
+
+
+def test_a_weaker_publisher_that_joins_is_heard(client: Client) -> None:
+    reliable = client.node.create_publisher(Float64, '/a', LATCHED)
+    recording = Recording(client, '/a')
+    reliable.publish(Float64(data=1.0))
+    client.spin_until(lambda: bool(recording.samples), 'a sample')
+    best_effort = client.node.create_publisher(Float64, '/a', BEST_EFFORT)
+
+    def heard() -> bool:
+        best_effort.publish(Float64(data=2.0))
+        return 2.0 in recording.values()
+
+    client.spin_until(heard, 'the weaker publisher')
+    wait_until_heard(client, recording, reliable, Float64(data=3.0))
+    assert recording.values().count(1.0) == 1
+
+
+def test_publishers_that_come_back_with_another_type(client: Client) -> None:
+    publisher = client.node.create_publisher(Int32, '/a', RELIABLE)
+    recording = Recording(client, '/a')
+    wait_until_heard(client, recording, publisher, Int32(data=1))
+    client.node.destroy_publisher(publisher)
+    with other_process():
+        client.spin_until(lambda: recording.values()[-1] == 0.5, 'samples of the other type')
+
+
+def test_samples_are_put_in_order_and_late_ones_dropped(client: Client) -> None:
+    publisher = client.node.create_publisher(Odometry, '/a', RELIABLE)
+    recording = Recording(
+        client,
+        'select pose.pose.position.x as x from "/a"',
+        constraints=StreamConstraints(max_delay=SECOND),
+    )
+    now = client.node.get_clock().now().nanoseconds
+    client.spin_until(lambda: publisher.get_subscription_count() == 1, 'the match')
+    for x in (3, 1, 2):
+        publisher.publish(odometry(now + x, float(x)))
+    publisher.publish(odometry(now - 2 * SECOND))
+    client.spin_until(lambda: len(recording.samples) == 3, 'samples')
+    assert recording.values('x') == [1.0, 2.0, 3.0]
+    available = [sample.available_time for sample in recording.samples]
+    assert available == sorted(set(available))
+    assert recording.proxy.drops == {'max_delay': 1}
+    assert recording.broken() == ['max_delay']
+    assert recording.proxy.statistics.samples == 3
+
+
+def test_stamps_that_are_zero_negative_or_equal(client: Client) -> None:
+    publisher = client.node.create_publisher(Odometry, '/a', RELIABLE)
+    recording = Recording(client, 'select pose.pose.position.x as x from "/a"')
+    client.spin_until(lambda: publisher.get_subscription_count() == 1, 'the match')
+    begun = client.node.get_clock().now().nanoseconds
+    negative = odometry(begun)
+    negative.header.stamp.sec = -5
+    for message in (odometry(0), negative, odometry(begun + SECOND), odometry(begun + SECOND)):
+        publisher.publish(message)
+    client.spin_until(lambda: len(recording.samples) == 3, 'samples')
+    zero, *equal = recording.samples
+    assert zero.valid_time == zero.available_time > begun
+    assert {sample.valid_time for sample in equal} == {begun + SECOND}
+    assert equal[0].available_time < equal[1].available_time
+    assert recording.proxy.drops == {'message': 1}
+    (violation,) = recording.violations
+    assert 'before 1970' in violation.message
+    assert violation.valid_time == -5 * SECOND + begun % SECOND
+
+
+def test_the_field_of_the_valid_time_can_be_named(client: Client) -> None:
+    publisher = client.node.create_publisher(TimeReference, '/a', RELIABLE)
+    recording = Recording(client, 'select source from "/a"', valid_time='time_ref')
+    message = TimeReference(time_ref=time_of(5), source='gps')
+    message.header.stamp = time_of(7)
+    wait_until_heard(client, recording, publisher, message)
+    assert recording.samples[0].valid_time == 5
+
+
+def test_a_field_of_the_valid_time_that_is_none(client: Client) -> None:
+    client.node.create_publisher(TimeReference, '/a', RELIABLE)
+    client.spin_until(lambda: client.node.count_publishers('/a') == 1, 'the publisher')
+    with pytest.raises(StreamError, match=r'header\.stamp, time_ref'):
+        Recording(client, '/a', valid_time='stamp')
+    with pytest.raises(StreamError, match=r'header\.stamp'):
+        Recording(client, '/b', valid_time='stamp', message_type=Odometry)
+
+
+def test_arguments_for_several_topics(client: Client) -> None:
+    text = 'sync(select a from "/a", select b from "/b")'
+    with pytest.raises(StreamError, match='several topics') as caught:
+        Recording(client, text, valid_time='stamp')
+    assert '/a, /b' in caught.value.message
+    with pytest.raises(StreamError, match=r"'/c'.*/a, /b"):
+        Recording(client, text, message_type={'/c': Odometry})
+
+
+def test_a_topic_with_several_types_is_an_error_once(
+    client: Client, capfd: pytest.CaptureFixture[str]
+) -> None:
+    client.node.create_publisher(Int32, '/a', RELIABLE)
+    client.spin_until(lambda: client.node.count_publishers('/a') == 1, 'the publisher')
+    recording = Recording(client, '/a')
+    said = ''
+
+    def complained() -> bool:
+        nonlocal said
+        said += capfd.readouterr().err
+        return 'several types' in said
+
+    with other_process():
+        client.spin_until(complained, 'the error')
+        ticks: list[bool] = []
+        client.node.create_timer(0.5, lambda: ticks.append(complained()))
+        client.spin_until(lambda: len(ticks) >= 5, 'two more looks')
+    assert said.count('several types') == 1
+    assert not recording.samples
+
+
+def test_a_message_that_cannot_be_read_is_dropped(client: Client) -> None:
+    publisher = client.node.create_publisher(SampleMessage, '/a', RELIABLE)
+    recording = Recording(client, '/a')
+    client.spin_until(lambda: publisher.get_subscription_count() == 1, 'the match')
+    for second, value in enumerate(('1', 'many', '2'), start=1):
+        fields = [Field(type='int', name='data', value=value)]
+        publisher.publish(SampleMessage(valid_time=time_of(second), fields=fields))
+    client.spin_until(lambda: len(recording.samples) == 2, 'samples')
+    assert recording.values() == [1, 2]
+    assert recording.proxy.drops == {'message': 1}
+    (violation,) = recording.violations
+    assert (violation.stream_name, violation.valid_time) == ('/a', 2)
+    assert "'many'" in violation.message
+
+
+def test_samples_that_are_lost_between_two_nodes_are_reported(client: Client) -> None:
+    publisher = client.node.create_publisher(SampleMessage, '/a', RELIABLE)
+    recording = Recording(client, '/a', quality_of_service=QoSProfile(depth=1))
+    sent = 0
+
+    def lost() -> bool:
+        nonlocal sent
+        for _ in range(5):
+            sent += 1
+            publisher.publish(SampleMessage(valid_time=time_of(sent)))
+        return 'lost' in recording.broken()
+
+    client.spin_until(lost, 'a loss')
+    first = recording.samples[0].valid_time
+    assert set(recording.broken()) == {'lost'}
+    last = recording.samples[-1].valid_time
+    assert recording.proxy.drops['lost'] + len(recording.samples) == last - first + 1
+
+
+def test_several_publishers_of_one_topic_lose_nothing(client: Client) -> None:
+    publishers = [client.node.create_publisher(SampleMessage, '/a', RELIABLE) for _ in range(2)]
+    recording = Recording(client, '/a')
+    client.spin_until(lambda: all(p.get_subscription_count() for p in publishers), 'the matches')
+    for number in range(1, 21):
+        publishers[number % 3 == 0].publish(SampleMessage(valid_time=time_of(number)))
+    client.spin_until(lambda: recording.proxy.statistics.samples > 5, 'samples')
+    assert 'lost' not in recording.broken()
+    assert 'source' not in recording.broken()
+
+
+def test_violations_of_a_stream_reach_who_is_made_of_it(client: Client) -> None:
+    client.node.create_publisher(SampleMessage, '/a', RELIABLE)
+    violations = client.node.create_publisher(ConstraintViolation, '/a/violations', VIOLATIONS)
+
+    def break_it(constraint: str) -> None:
+        now = time_of(client.node.get_clock().now().nanoseconds)
+        violations.publish(
+            ConstraintViolation(stream_name='far', constraint=constraint, available_time=now)
+        )
+
+    break_it('before')
+    recording = Recording(client, '/a')
+    break_it('after')
+    client.spin_until(lambda: bool(recording.violations), 'a violation')
+    assert recording.broken() == ['after']
+    assert recording.violations[0].stream_name == 'far'
+    client.node.destroy_publisher(violations)
+    client.spin_until(lambda: len(recording.violations) == 2, 'the end of the lease')
+    assert recording.broken()[1] == 'source'
+    assert 'gone' in recording.violations[1].message
+
+
+def test_violations_cross_engines(tmp_path: Path) -> None:
+    with Nodes(tmp_path, stream_processing_engine={}) as nodes:
+        near = 'select data from "/tank" with max_delay = 1 s'
+        spec = StreamSpec(name='near', specification=near)
+        made = nodes.obtain('stream_processing_engine', srv.StreamCreateFromSpec, spec=spec)
+        recording = Recording(nodes.client, made.stream_topic)
+        publisher = nodes.client.node.create_publisher(SampleMessage, '/tank', RELIABLE)
+        late = SampleMessage(
+            valid_time=time_of(1), fields=[Field(type='int', name='data', value='1')]
+        )
+
+        def told() -> bool:
+            publisher.publish(late)
+            return bool(recording.violations)
+
+        nodes.client.spin_until(told, 'a violation')
+        violation = recording.violations[0]
+        assert (violation.stream_name, violation.constraint) == ('near', 'max_delay')
+        assert recording.proxy.drops == {}
+
+
+@pytest.mark.usefixtures('entities')
+def test_proxies_on_one_node_share_a_subscription(client: Client) -> None:
+    publisher = client.node.create_publisher(Odometry, '/a', RELIABLE)
+    client.spin_until(lambda: client.node.count_publishers('/a') == 1, 'the publisher')
+    before = len(list(client.node.subscriptions))
+    text = 'select pose.pose.position.{} as value from "/a"'
+    recordings = [Recording(client, text.format(field)) for field in 'xyzx']
+    assert len(list(client.node.subscriptions)) == before + 1
+    wait_until_heard(client, recordings[-1], publisher, odometry(1, 4.0))
+    assert [each.values('value')[0] for each in recordings] == [4.0, 0.0, 0.0, 4.0]
+    recordings[0].proxy.destroy()
+    count = len(recordings[0].samples)
+    wait_until_heard(client, recordings[1], publisher, odometry(2))
+    assert len(recordings[0].samples) == count
+    for each in recordings:
+        each.proxy.destroy()
