@@ -1,0 +1,102 @@
+"""The operators by themselves: microseconds for each sample that goes in."""
+
+from __future__ import annotations
+
+import statistics
+import time
+from typing import TYPE_CHECKING
+
+from dyknow_stream_processing import (
+    NO_CONSTRAINTS,
+    Dataflow,
+    Sample,
+    load_units,
+    parse_specification,
+)
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+
+PERIOD = 10_000_000
+REPETITIONS = 5
+
+Input = tuple[str, Sample]
+Rows = list[tuple[int, dict[str, object]]]
+
+
+def core_rows(samples: int) -> list[dict[str, object]]:
+    """Select, merge and sync, against an obvious reference that gives the same."""
+    select = 'select x as a, y as b from "/t0" where x >= 0'
+    rows = [
+        _row('select', select, _inputs(1, samples), _reference_select),
+        _row('merge', 'merge("/t0", "/t1")', _inputs(2, samples), _reference_merge),
+    ]
+    return rows + [
+        _row(f'sync of {number}', _sync_text(number), _inputs(number, samples), _reference_sync)
+        for number in (2, 4, 8, 16, 32, 64, 128, 256)
+    ]
+
+
+def _sync_text(number: int) -> str:
+    inputs = (f'select x as x{index} from "/t{index}"' for index in range(number))
+    return f'sync({", ".join(inputs)})'
+
+
+def _inputs(number: int, samples: int) -> list[Input]:
+    """About so many samples, of topics at one rate."""
+    return [
+        (f'/t{topic}', Sample(tick * PERIOD, tick * PERIOD + topic, {'x': tick, 'y': 0.5}))
+        for tick in range(1, 1 + samples // number)
+        for topic in range(number)
+    ]
+
+
+def _row(
+    work: str, text: str, inputs: Sequence[Input], reference: Callable[[Sequence[Input]], Rows]
+) -> dict[str, object]:
+    assert _run(text, inputs)[0] == reference(inputs), f'{work}: not what the reference gives'
+    times = [_run(text, inputs)[1] for _ in range(REPETITIONS)]
+    baseline = []
+    for _ in range(REPETITIONS):
+        begun = time.perf_counter()
+        reference(inputs)
+        baseline.append(time.perf_counter() - begun)
+    return {
+        'work': work,
+        'us_per_input': round(statistics.median(times) / len(inputs) * 1e6, 2),
+        'reference_us_per_input': round(statistics.median(baseline) / len(inputs) * 1e6, 2),
+    }
+
+
+def _run(text: str, inputs: Sequence[Input]) -> tuple[Rows, float]:
+    made: list[Sample] = []
+    flow = Dataflow(load_units(), lambda _: None)
+    flow.create('s', parse_specification(text), NO_CONSTRAINTS, made.append, lambda _: None)
+    push, next_deadline = flow.push, flow.next_deadline
+    begun = time.perf_counter()
+    for topic, sample in inputs:
+        push(topic, sample)
+        next_deadline()
+    elapsed = time.perf_counter() - begun
+    return [(each.valid_time, dict(each.fields)) for each in made], elapsed
+
+
+def _reference_select(inputs: Sequence[Input]) -> Rows:
+    return [
+        (sample.valid_time, {'a': sample.fields['x'], 'b': sample.fields['y']})
+        for _, sample in inputs
+        if float(sample.fields['x']) >= 0
+    ]
+
+
+def _reference_merge(inputs: Sequence[Input]) -> Rows:
+    return [(sample.valid_time, dict(sample.fields)) for _, sample in inputs]
+
+
+def _reference_sync(inputs: Sequence[Input]) -> Rows:
+    """All topics have one rate: each tick is complete with the sample of the last of them."""
+    states: dict[int, dict[str, object]] = {}
+    for topic, sample in inputs:
+        state = states.setdefault(sample.valid_time, {})
+        state[topic.replace('/t', 'x')] = sample.fields['x']
+    return list(states.items())

@@ -1,0 +1,149 @@
+"""What the benchmarks share: processes in a private ROS domain, and what they cost."""
+
+from __future__ import annotations
+
+import json
+import os
+import statistics
+import subprocess
+import sys
+import tempfile
+import time
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import rclpy
+from dyknow_interfaces.srv import StreamCreateFromSpec
+from rclpy.executors import SingleThreadedExecutor
+
+from dyknow_bringup.launcher import Launcher
+from dyknow_bringup.processes import Process
+from dyknow_stream_processing.ros.runtime import SERVICE
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator, Sequence
+
+WORKERS = Path(__file__).with_name('workers.py')
+PACKAGE = 'dyknow_stream_processing'
+ENGINE = 'stream_processing_engine'
+MANAGER = 'stream_manager'
+LIMIT = 30.0
+"""Seconds after which a wait has failed."""
+
+
+def use_private_domain() -> None:
+    """Makes this process, and those that it starts, hear nobody else."""
+    os.environ['ROS_DOMAIN_ID'] = str(1 + os.getpid() % 100)
+    os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
+
+
+@contextmanager
+def worker(*arguments: object) -> Iterator[subprocess.Popen[str]]:
+    """A process of workers.py; it is ended with the block."""
+    with subprocess.Popen(
+        [sys.executable, str(WORKERS), *map(str, arguments)],
+        stdout=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+    ) as process:
+        try:
+            yield process
+        finally:
+            process.kill()
+
+
+def result_of(process: subprocess.Popen[str]) -> Any:
+    """What a worker found out, once it ends."""
+    output, _ = process.communicate(timeout=600.0)
+    return json.loads(output.splitlines()[-1])
+
+
+class Client:
+    """A node that asks for streams and waits."""
+
+    def __init__(self) -> None:
+        rclpy.init()
+        self.node = rclpy.create_node('benchmark')
+        self._executor = SingleThreadedExecutor()
+        self._executor.add_node(self.node)
+        self._clients: dict[str, Any] = {}
+
+    def close(self) -> None:
+        """Leaves the graph."""
+        self._executor.shutdown()
+        self.node.destroy_node()
+        rclpy.try_shutdown()
+
+    def spin_until(self, condition: Callable[[], bool], what: str, limit: float = LIMIT) -> None:
+        """Runs callbacks until a condition holds.
+
+        Raises:
+            TimeoutError: when it does not come to hold.
+        """
+        end = time.monotonic() + limit
+        while not condition():
+            if time.monotonic() > end:
+                raise TimeoutError(f'not within {limit} s: {what}')
+            self._executor.spin_once(timeout_sec=0.05)
+
+    def call(self, service_type: Any, service: str, **fields: Any) -> Any:
+        """The response of a service."""
+        if service not in self._clients:
+            self._clients[service] = self.node.create_client(
+                service_type, service, qos_profile=SERVICE
+            )
+        client = self._clients[service]
+        self.spin_until(client.service_is_ready, service)
+        future = client.call_async(service_type.Request(**fields))
+        self.spin_until(future.done, service)
+        return future.result()
+
+    def create(self, name: str, specification: str, node: str = ENGINE) -> str:
+        """Has a stream made; the topic that it is on."""
+        spec = StreamCreateFromSpec.Request().spec
+        spec.name, spec.specification = name, specification
+        answer = self.call(StreamCreateFromSpec, f'{node}/stream_create_from_spec', spec=spec)
+        if answer.exit_status.code:
+            raise RuntimeError(answer.exit_status.message)
+        return str(answer.stream_topic)
+
+
+@contextmanager
+def nodes(*executables: str) -> Iterator[tuple[Client, dict[str, int]]]:
+    """Nodes of streams and a client, with the ids of the processes."""
+    client = Client()
+    try:
+        with tempfile.TemporaryDirectory() as folder, Launcher(Path(folder)) as launcher:
+            yield (
+                client,
+                {name: launcher.start(Process(PACKAGE, name, {})).pid for name in executables},
+            )
+    finally:
+        client.close()
+
+
+def processor_time(process: int) -> float:
+    """Seconds that a process has computed, its system calls included."""
+    fields = Path(f'/proc/{process}/stat').read_text(encoding='ascii').rpartition(')')[2].split()
+    return (int(fields[11]) + int(fields[12])) / os.sysconf('SC_CLK_TCK')
+
+
+def resident_memory(process: int) -> float:
+    """The memory that a process holds, MB."""
+    pages = int(Path(f'/proc/{process}/statm').read_text(encoding='ascii').split()[1])
+    return pages * os.sysconf('SC_PAGE_SIZE') / 1e6
+
+
+def percentile(values: Sequence[float], percent: float) -> float:
+    """The least value that so many percent of the values do not exceed."""
+    return sorted(values)[min(int(len(values) * percent / 100), len(values) - 1)]
+
+
+def summary(nanoseconds: Sequence[int]) -> dict[str, float]:
+    """Median and 99th percentile of delays, microseconds."""
+    return {
+        'median_us': round(statistics.median(nanoseconds) / 1e3, 1),
+        'p99_us': round(percentile(nanoseconds, 99) / 1e3, 1),
+        'count': len(nanoseconds),
+    }

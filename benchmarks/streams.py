@@ -1,0 +1,164 @@
+"""What streams cost: in the core, in a node, in an engine; each beside its baseline in one run.
+
+python benchmarks/streams.py [--json] [--only core|figure_6|relay|load] [--quick]
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import re
+from typing import TYPE_CHECKING, Any
+
+from core import core_rows
+from diagnostic_msgs.msg import DiagnosticStatus
+from processes import (
+    ENGINE,
+    nodes,
+    processor_time,
+    result_of,
+    summary,
+    use_private_domain,
+    worker,
+)
+from workers import FIELDS
+
+from dyknow_stream_processing.ros.runtime import STATUS
+
+if TYPE_CHECKING:
+    from processes import Client
+
+RELAY_STREAM = (
+    'stream position = select pose.pose.position.x as x, pose.pose.position.y as y '
+    'from "/odometry0"; stream speed = select twist.twist.linear.x as speed from "/odometry0"; '
+    'stream relayed = sync(position, speed); sink relayed'
+)
+TOPICS = 50
+STREAMS_PER_TOPIC = 4
+LOAD_RATE = 20.0
+
+
+def core(*, quick: bool) -> Any:
+    """Operators without ROS."""
+    return core_rows(5_000 if quick else 50_000)
+
+
+def figure_6(*, quick: bool) -> Any:
+    """Delays of n StreamProxies, and of n bare subscriptions, to one topic at 100 Hz."""
+    seconds, repetitions = (2.0, 1) if quick else (4.0, 3)
+    rows = []
+    with worker('publish', '--rate', 100):
+        for number in (1, 2, 4, 8, 16, 32):
+            delays: dict[str, list[int]] = {'proxy': [], 'bare': []}
+            for kind in [*delays] * repetitions:
+                with worker(kind, '--number', number, '--seconds', seconds) as process:
+                    delays[kind] += result_of(process)['delays']
+            rows.append(_compared(number, {kind: summary(each) for kind, each in delays.items()}))
+    return rows
+
+
+def _compared(number: int, found: dict[str, dict[str, float]]) -> dict[str, Any]:
+    ratios = {
+        f'{name}_ratio': round(found['proxy'][f'{name}_us'] / found['bare'][f'{name}_us'], 2)
+        for name in ('median', 'p99')
+    }
+    return {'subscriptions': number, **found, **ratios}
+
+
+def relay(*, quick: bool) -> Any:
+    """Delays from a source at 100 Hz to a sink, through an engine and through a bare relay node."""
+    seconds, repetitions = (3.0, 1) if quick else (6.0, 4)
+    delays: dict[str, list[int]] = {'engine': [], 'bare': [], 'direct': []}
+    with worker('publish', '--rate', 100):
+        for _ in range(repetitions):
+            with nodes(ENGINE) as (client, _):
+                topic = client.create('relayed', RELAY_STREAM)
+                delays['engine'] += _sunk(topic, seconds)
+            with worker('relay'):
+                delays['bare'] += _sunk('/relayed', seconds)
+            with worker('bare', '--seconds', seconds) as process:
+                delays['direct'] += result_of(process)['delays']
+    found = {kind: summary(each) for kind, each in delays.items()}
+    added = {kind: found[kind]['median_us'] - found['direct']['median_us'] for kind in found}
+    ratio = round(added['engine'] / added['bare'], 2)
+    return {**found, 'added_median_ratio': ratio}
+
+
+def _sunk(topic: str, seconds: float) -> Any:
+    with worker('sink', '--topic', topic, '--seconds', seconds) as process:
+        return result_of(process)['delays']
+
+
+def load(*, quick: bool) -> Any:
+    """An engine with 200 streams over 50 topics at 20 Hz, one of them listened to."""
+    messages = 100 if quick else 400
+    with nodes(ENGINE) as (client, processes):
+        accounts = _Accounts(client)
+        for number in range(TOPICS):
+            for part in range(STREAMS_PER_TOPIC):
+                client.create(f's{number}_{part}', f'select {FIELDS} from "/odometry{number}"')
+        arguments = ('--number', TOPICS, '--rate', LOAD_RATE, '--messages', messages)
+        idle = processor_time(processes[ENGINE])
+        with (
+            worker(
+                'sink', '--topic', '/dyknow/streams/s0_0', '--seconds', messages / LOAD_RATE - 2
+            ) as sink,
+            worker('publish', *arguments) as publisher,
+        ):
+            sent = result_of(publisher)['sent']
+            used = processor_time(processes[ENGINE]) - idle
+            delays = result_of(sink)['delays']
+        expected = sent * STREAMS_PER_TOPIC
+        client.spin_until(lambda: accounts.total() >= expected, f'{accounts.total()} of {expected}')
+        return {
+            'messages': sent,
+            'samples_expected': expected,
+            'samples_out': accounts.samples,
+            'dropped': accounts.dropped,
+            'engine_processor_share': round(used / (messages / LOAD_RATE), 2),
+            'delay': summary(delays),
+        }
+
+
+class _Accounts:
+    """What the engine says of its streams."""
+
+    def __init__(self, client: Client) -> None:
+        self.samples = 0
+        self.dropped = 0
+        client.node.create_subscription(DiagnosticStatus, f'{ENGINE}/status', self._take, STATUS)
+
+    def total(self) -> int:
+        """Samples that came out or were dropped and counted."""
+        return self.samples + self.dropped
+
+    def _take(self, status: Any) -> None:
+        accounts = [each.value.partition(', dropped: ') for each in status.values]
+        accounts = [each for each in accounts if each[1]]
+        self.samples = sum(int(made.split()[0]) for made, _, _ in accounts)
+        self.dropped = sum(int(n) for _, _, drops in accounts for n in re.findall(r'\d+', drops))
+
+
+PARTS = {each.__name__: each for each in (core, figure_6, relay, load)}
+
+
+def main() -> None:
+    """Measures and prints."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument('--json', action='store_true', help='print one JSON object')
+    parser.add_argument('--only', choices=PARTS, action='append')
+    parser.add_argument('--quick', action='store_true', help='shorter, less exact')
+    arguments = parser.parse_args()
+    use_private_domain()
+    found = {name: PARTS[name](quick=arguments.quick) for name in arguments.only or PARTS}
+    if arguments.json:
+        print(json.dumps(found))
+        return
+    for name, rows in found.items():
+        print(name)
+        for row in rows if isinstance(rows, list) else [rows]:
+            print('  ', row)
+
+
+if __name__ == '__main__':
+    main()
