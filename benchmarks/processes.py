@@ -53,6 +53,12 @@ def worker(*arguments: object) -> Iterator[subprocess.Popen[str]]:
             process.kill()
 
 
+def wait_for_line(process: subprocess.Popen[str]) -> None:
+    """Waits until a worker says that it has begun."""
+    if process.stdout is None or not process.stdout.readline():
+        raise RuntimeError('a worker ended before it began')
+
+
 def result_of(process: subprocess.Popen[str]) -> Any:
     """What a worker found out, once it ends."""
     output, _ = process.communicate(timeout=600.0)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import json
 import random
+import threading
 import time
 from contextlib import suppress
 from typing import TYPE_CHECKING, Any
@@ -13,6 +14,7 @@ import rclpy
 from dyknow_interfaces.msg import Field, Sample
 from nav_msgs.msg import Odometry
 from rclpy.executors import SingleThreadedExecutor
+from rclpy.qos import QoSProfile
 
 from dyknow_stream_processing.ros import STREAM, StreamProxy
 from dyknow_stream_processing.ros.conversion import nanoseconds_to_time, time_to_nanoseconds
@@ -38,6 +40,7 @@ class Outcome:
         now = time.time_ns()
         if self.begun is None:
             self.begun = time.monotonic()
+            print('begun', flush=True)
         if time.monotonic() > self.begun + WARM_UP:
             self.delays.append(now - stamp)
 
@@ -140,7 +143,17 @@ def sink(node: Node, arguments: argparse.Namespace) -> Outcome:
     return outcome
 
 
-ROLES = {each.__name__: each for each in (publish, bare, proxy, relay, sink)}
+def matched(node: Node, arguments: argparse.Namespace) -> Outcome:
+    """Subscribes to streams of the engine so that they are sent, and takes nothing."""
+    for number in range(arguments.number):
+        topic = f'/dyknow/streams/s{number}'
+        node.create_subscription(Sample, topic, lambda _: None, QoSProfile(depth=1))
+    print('matched', flush=True)
+    threading.Event().wait()
+    return Outcome()
+
+
+ROLES = {each.__name__: each for each in (publish, bare, proxy, relay, sink, matched)}
 
 
 def main() -> None:
