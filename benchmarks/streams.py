@@ -7,11 +7,10 @@ from __future__ import annotations
 
 import argparse
 import json
-import re
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+from accounts import Accounts
 from core import core_rows
-from diagnostic_msgs.msg import DiagnosticStatus
 from processes import (
     ENGINE,
     nodes,
@@ -23,11 +22,6 @@ from processes import (
     worker,
 )
 from workers import FIELDS
-
-from dyknow_stream_processing.ros.runtime import STATUS
-
-if TYPE_CHECKING:
-    from processes import Client
 
 RELAY_STREAM = (
     'stream position = select pose.pose.position.x as x, pose.pose.position.y as y '
@@ -102,7 +96,7 @@ def load(*, quick: bool) -> Any:
     """An engine with 200 streams over 50 topics at 20 Hz: all are sent, one is measured."""
     messages = 100 if quick else 400
     with nodes(ENGINE) as (client, processes):
-        accounts = _Accounts(client)
+        accounts = Accounts(client)
         for number in range(STREAMS):
             client.create(f's{number}', f'select {FIELDS} from "/odometry{number % TOPICS}"')
         arguments = ('--number', TOPICS, '--rate', LOAD_RATE, '--messages', messages)
@@ -116,7 +110,9 @@ def load(*, quick: bool) -> Any:
             with worker('publish', *arguments) as publisher:
                 sent = result_of(publisher)['sent']
             expected = sent * STREAMS // TOPICS
-            client.spin_until(lambda: accounts.total() >= expected, f'{expected} samples')
+            client.spin_until(
+                lambda: accounts.samples + accounts.dropped >= expected, f'{expected} samples'
+            )
             used = processor_time(processes[ENGINE]) - begun
             delays = result_of(sink)['delays']
         return {
@@ -127,25 +123,6 @@ def load(*, quick: bool) -> Any:
             'engine_processor_share': round(used / seconds, 2),
             'delay': summary(delays),
         }
-
-
-class _Accounts:
-    """What the engine says of its streams."""
-
-    def __init__(self, client: Client) -> None:
-        self.samples = 0
-        self.dropped = 0
-        client.node.create_subscription(DiagnosticStatus, f'{ENGINE}/status', self._take, STATUS)
-
-    def total(self) -> int:
-        """Samples that came out or were dropped and counted."""
-        return self.samples + self.dropped
-
-    def _take(self, status: Any) -> None:
-        accounts = [each.value.partition(', dropped: ') for each in status.values]
-        accounts = [each for each in accounts if each[1]]
-        self.samples = sum(int(made.split()[0]) for made, _, _ in accounts)
-        self.dropped = sum(int(n) for _, _, drops in accounts for n in re.findall(r'\d+', drops))
 
 
 PARTS = {each.__name__: each for each in (core, figure_6, relay, load)}

@@ -166,17 +166,17 @@ class Dataflow:
             source.push(sample.valid_time, sample.fields, agenda.now)
         agenda.run(agenda.now)
 
-    def report(self, topic: str, violation: Violation, dropped: int = 0) -> None:
-        """Tell all streams made of a topic what was broken on the way here.
-
-        Args:
-            topic: whose samples are concerned.
-            violation: is passed on as it is.
-            dropped: how many samples were lost by it.
-        """
+    def report(self, topic: str, violation: Violation) -> None:
+        """Tell all streams made of a topic what was broken on the way here."""
         for source in self._wiring.sources(topic):
             for observer in source.observers:
-                observer.reported(violation, dropped)
+                observer.reported(violation)
+
+    def drop(self, topic: str, reason: str, count: int = 1) -> None:
+        """Count samples of a topic that were lost on the way here."""
+        for source in self._wiring.sources(topic):
+            for observer in source.observers:
+                observer.dropped(reason, count)
 
     def advance(self, now: int) -> None:
         """Do what is due until a time, nanoseconds; a time before the last one is ignored."""
@@ -258,15 +258,13 @@ class _Stream:
         self._samples += 1
         self._on_sample(Sample(valid_time, available_time, fields))
 
-    def dropped(self, reason: str) -> None:
-        """Count a sample that was dropped."""
-        self._drops[reason] += 1
+    def dropped(self, reason: str, count: int = 1) -> None:
+        """Count samples that were dropped."""
+        self._drops[reason] += count
 
-    def reported(self, violation: Violation, dropped: int) -> None:
+    def reported(self, violation: Violation) -> None:
         """Pass on what was broken before the samples came here."""
         self._violations += 1
-        if dropped:
-            self._drops[violation.constraint] += dropped
         self._on_violation(violation)
 
     def violated(

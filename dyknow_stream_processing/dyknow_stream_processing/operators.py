@@ -41,10 +41,10 @@ class Listener(Protocol):
 class Observer(Protocol):
     """A stream that is told what happens in the operators that it is made of."""
 
-    def dropped(self, reason: str) -> None:
-        """Note that a sample was dropped."""
+    def dropped(self, reason: str, count: int = 1) -> None:
+        """Note that samples were dropped."""
 
-    def reported(self, violation: Violation, dropped: int) -> None:
+    def reported(self, violation: Violation) -> None:
         """Note what was broken before the samples came to the dataflow."""
 
     def violated(

@@ -29,7 +29,7 @@ def test_whoever_is_made_of_a_topic_is_told_once(flow: Flow, text: str) -> None:
 
 
 def test_lost_samples_are_counted(flow: Flow) -> None:
-    flow.create('select x from "a"').dataflow.report('a', VIOLATION, 3)
-    flow.dataflow.report('b', VIOLATION, 4)
-    assert flow.drops == {'max_delay': 3}
-    assert flow.dataflow.statistics('s').violations == 1
+    flow.create('sync(select x from "a", select x as y from "a")').dataflow.drop('a', 'lost', 3)
+    flow.dataflow.drop('b', 'lost', 4)
+    assert flow.drops == {'lost': 3}
+    assert flow.violations == []

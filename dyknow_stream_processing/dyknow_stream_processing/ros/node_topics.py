@@ -5,7 +5,7 @@ Each subscription and timer of a node costs time at every message, so streams sh
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, ClassVar, Protocol
+from typing import TYPE_CHECKING, Any, ClassVar, Protocol, cast
 from weakref import WeakKeyDictionary, proxy
 
 from rclpy.callback_groups import ReentrantCallbackGroup
@@ -14,6 +14,7 @@ from rclpy.clock import Clock, ClockType
 from dyknow_stream_processing.errors import StreamError
 from dyknow_stream_processing.ros.alarm import Alarm
 from dyknow_stream_processing.ros.message_types import message_class, type_name_of
+from dyknow_stream_processing.ros.numbering import Numbering
 from dyknow_stream_processing.ros.publications import Publication, followed, published
 from dyknow_stream_processing.ros.runtime import NO_SUBSCRIPTION_EVENTS
 from dyknow_stream_processing.ros.upstream import Upstream
@@ -47,8 +48,11 @@ class Listener(Protocol):
     def receive(self, message: Any, now: int) -> None:
         """Takes a message, at the time of its receipt in nanoseconds."""
 
-    def report(self, violation: Violation, dropped: int) -> None:
-        """Learns what is broken in the topic, and how many samples were lost by it."""
+    def lost(self, count: int) -> None:
+        """Learns how many messages were lost on the way here."""
+
+    def report(self, violation: Violation) -> None:
+        """Learns what is broken in the topic."""
 
 
 class NodeTopics:
@@ -156,6 +160,7 @@ class Feed:
         self._informed: tuple[Any, tuple[Listener, ...]] = (None, ())
         self._subscription: Any = None
         self._upstream: Upstream | None = None
+        self._numbering = Numbering(lambda: node.count_publishers(topic), self._missed)
         self._fault = ''
 
     @property
@@ -180,6 +185,7 @@ class Feed:
             return None
         self._fault = ''
         self._inform(class_)
+        self._numbering.look_again()
         held, self._held = self._held, wanted
         if self._upstream is not None:
             self._upstream.look()
@@ -220,35 +226,37 @@ class Feed:
     def _subscribe(self, class_: Any, wanted: Publication) -> None:
         # The middleware refuses two types on one topic: the old subscription goes first.
         self.destroy()
-        receive: Any = self._receive
         if is_sample(class_):
             clock = self._topics.watch_clock
             group = self._topics.group
             self._upstream = Upstream(self._node, self._topic, group, clock, self._report)
             self._upstream.look()
-            receive = self._receive_sample
         self._subscription = self._node.create_subscription(
             class_,
             self._topic,
-            receive,
+            # rclpy is typed as if no callback could ask for the message's info.
+            cast('Any', self._receive),
             self._quality_of_service or wanted.quality_of_service,
             callback_group=self._topics.group,
             event_callbacks=NO_SUBSCRIPTION_EVENTS,
         )
 
-    def _receive_sample(self, message: Any, info: Any) -> None:
-        if self._upstream is not None:
-            self._upstream.count(info.get('publication_sequence_number'))
-        self._receive(message)
-
-    def _receive(self, message: Any) -> None:
+    def _receive(self, message: Any, info: Any) -> None:
+        self._numbering.note(info.get('publication_sequence_number'))
         now = self._node.get_clock().now().nanoseconds
         for listener in self.listeners:
             listener.receive(message, now)
 
-    def _report(self, violation: Violation, dropped: int) -> None:
+    def _missed(self, count: int) -> None:
+        if count:
+            for listener in self.listeners:
+                listener.lost(count)
+        if self._upstream is not None:
+            self._upstream.missed(count)
+
+    def _report(self, violation: Violation) -> None:
         for listener in self.listeners:
-            listener.report(violation, dropped)
+            listener.report(violation)
 
     def _complain(self, fault: str) -> None:
         """Logs an error once, for the graph is looked at again and again."""

@@ -37,12 +37,17 @@ from dyknow_stream_processing.ros.runtime import (
     run,
 )
 from dyknow_stream_processing.ros.sample_messages import SampleWriter
+from dyknow_stream_processing.ros.throttle import Throttle
 from dyknow_stream_processing.ros.topic_sources import TopicSources, source_type
 
 if TYPE_CHECKING:
     from dyknow_stream_processing.constraints import StreamConstraints
     from dyknow_stream_processing.sample import Sample as DataSample
     from dyknow_stream_processing.violation import Violation
+
+
+WARNING_PERIOD = 1.0
+"""Seconds between two violations in the log; each is published."""
 
 
 @dataclass(slots=True)
@@ -73,6 +78,7 @@ class StreamProcessingEngine(DyKnowNode):
         self._streams_report = StreamsReport(
             self, lambda: [self.get_fully_qualified_name()], self._accounts, self._end_period
         )
+        self._warning = Throttle(WARNING_PERIOD)
         self.serve(StreamCreateFromSpec, self._create)
         self.serve(StreamDestroy, self._destroy)
         self.serve(ListStreams, self._list)
@@ -174,7 +180,8 @@ class StreamProcessingEngine(DyKnowNode):
         )
         message.header.stamp = self.get_clock().now().to_msg()
         self._outputs[name].violations.publish(message)
-        self.get_logger().warning(f'{name}: {violation.message}', throttle_duration_sec=1.0)
+        if self._warning.is_due():
+            self.get_logger().warning(f'{name}: {violation.message}')
 
 
 def main() -> int:

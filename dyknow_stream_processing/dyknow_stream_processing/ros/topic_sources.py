@@ -11,6 +11,7 @@ from dyknow_stream_processing.ros.message_types import message_class, scalar_fie
 from dyknow_stream_processing.ros.node_topics import NodeTopics
 from dyknow_stream_processing.ros.publications import published
 from dyknow_stream_processing.ros.sample_messages import sample_fields
+from dyknow_stream_processing.ros.throttle import Throttle
 from dyknow_stream_processing.ros.valid_times import is_sample, valid_time_of
 from dyknow_stream_processing.sample import Sample
 from dyknow_stream_processing.violation import Broken, Violation
@@ -23,6 +24,9 @@ if TYPE_CHECKING:
 
     from dyknow_stream_processing.dataflow import Dataflow
     from dyknow_stream_processing.sample import Value
+
+WARNING_PERIOD = 60.0
+"""Seconds between two warnings of one kind about a topic."""
 
 
 def source_type(
@@ -138,6 +142,7 @@ class _Source:
         self._valid_time_field = valid_time
         self._dataflow = dataflow
         self._arm = arm
+        self._zero_warning = Throttle(WARNING_PERIOD)
         self._class: Any = None
         self._stamp: Callable[[Any], int] | None = None
         self._extract: Callable[[Any], Mapping[str, Value]] | None = None
@@ -181,20 +186,25 @@ class _Source:
         self._dataflow.push(self._topic, sample)
         self._arm()
 
-    def report(self, violation: Violation, dropped: int) -> None:
+    def lost(self, count: int) -> None:
+        """Counts messages that were lost on the way here."""
+        self._dataflow.drop(self._topic, Broken.LOST, count)
+
+    def report(self, violation: Violation) -> None:
         """Passes on what is broken before the topic comes here."""
-        self._dataflow.report(self._topic, violation, dropped)
+        self._dataflow.report(self._topic, violation)
 
     def _reject(self, valid_time: int, now: int, fault: str) -> None:
         message = f"stream '{self._topic}': a message cannot be used: {fault}"
         violation = Violation(self._topic, Broken.MESSAGE, valid_time, now, 0, 0, message)
-        self.report(violation, 1)
+        self._dataflow.drop(self._topic, Broken.MESSAGE)
+        self.report(violation)
 
     def _warn_of_zero(self) -> None:
-        self._node.get_logger().warning(
-            f"topic '{self._topic}' leaves its stamps at zero: the time of receipt is used",
-            throttle_duration_sec=60.0,
-        )
+        if self._zero_warning.is_due():
+            self._node.get_logger().warning(
+                f"topic '{self._topic}' leaves its stamps at zero: the time of receipt is used"
+            )
 
 
 def _reader(class_: Any, fields: Collection[str]) -> Callable[[Any], Mapping[str, Value]]:

@@ -9,7 +9,6 @@ from rclpy.event_handler import SubscriptionEventCallbacks
 
 from dyknow_stream_processing.ros.conversion import time_to_nanoseconds
 from dyknow_stream_processing.ros.lease import FIRST_SIGN, GRACE
-from dyknow_stream_processing.ros.publications import published
 from dyknow_stream_processing.ros.runtime import VIOLATIONS
 from dyknow_stream_processing.violation import Broken, Violation
 
@@ -32,7 +31,7 @@ class Upstream:
     Args:
         topic: that of the samples.
         watch_clock: goes on while simulated time stands still.
-        report: is told a violation, and how many samples were lost by it.
+        report: is told each violation.
     """
 
     def __init__(
@@ -41,7 +40,7 @@ class Upstream:
         topic: str,
         group: CallbackGroup,
         watch_clock: Clock,
-        report: Callable[[Violation, int], None],
+        report: Callable[[Violation], None],
     ) -> None:
         self._node = node
         self._topic = topic
@@ -49,14 +48,11 @@ class Upstream:
         self._watch_clock = watch_clock
         self._report = report
         self._begun = node.get_clock().now().nanoseconds
-        self._next_number: int | None = None
-        self._several = False
         self._subscription: Any = None
         self._lost_after: int | None = None
 
     def look(self) -> None:
         """Listens to the violations once they are published, and judges the lease."""
-        self._several = False
         violations = f'{self._topic}/violations'
         if self._subscription is None and self._node.count_publishers(violations):
             self._expect_sign_within(FIRST_SIGN)
@@ -80,25 +76,12 @@ class Upstream:
             self._node.destroy_subscription(self._subscription)
             self._subscription = None
 
-    def count(self, number: int | None) -> None:
-        """Takes the number that the middleware gave a sample, and reports those before it lost."""
-        if number is None:
-            return  # Not all middleware numbers its messages.
-        expected, self._next_number = self._next_number, number + 1
-        if expected in {None, number} or self._has_several_publishers():
-            return
-        if number > expected:
-            lost = number - expected
-            self._tell(Broken.LOST, f'{lost} samples were lost between its node and this one', lost)
+    def missed(self, count: int) -> None:
+        """Reports samples that were lost; none where they were numbered anew."""
+        if count:
+            self._tell(Broken.LOST, f'{count} samples were lost between its node and this one')
         else:
             self._tell(Broken.SOURCE, 'it was made anew; samples may be missing before this one')
-
-    def _has_several_publishers(self) -> bool:
-        """Where a topic has several publishers, each numbers its messages for itself."""
-        if not self._several:
-            found = published(self._node, self._topic)
-            self._several = found is not None and len(found.publishers) > 1
-        return self._several
 
     def _liveliness_changed(self, event: Any) -> None:
         if event.alive_count > 0:
@@ -121,9 +104,9 @@ class Upstream:
         )
         # The topic is latched: what was broken before anybody here cared is kept in it.
         if violation.available_time >= self._begun:
-            self._report(violation, 0)
+            self._report(violation)
 
-    def _tell(self, constraint: str, message: str, dropped: int = 0) -> None:
+    def _tell(self, constraint: str, message: str) -> None:
         now = self._node.get_clock().now().nanoseconds
         text = f"stream '{self._topic}': {message}"
-        self._report(Violation(self._topic, constraint, now, now, 0, 0, text), dropped)
+        self._report(Violation(self._topic, constraint, now, now, 0, 0, text))

@@ -1,0 +1,168 @@
+"""An engine and a manager under load for minutes: is their memory flat, is nothing lost?
+
+python benchmarks/soak_streams.py [--minutes 10] [--json]
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import statistics
+import time
+from contextlib import suppress
+from itertools import count
+from typing import TYPE_CHECKING, Any
+
+from accounts import Accounts
+from dyknow_interfaces.srv import StreamDestroy
+from processes import (
+    ENGINE,
+    MANAGER,
+    nodes,
+    processor_time,
+    resident_memory,
+    result_of,
+    use_private_domain,
+    worker,
+)
+from workers import FIELDS
+
+if TYPE_CHECKING:
+    from processes import Client
+
+TOPICS = 10
+RATE = 50.0
+JITTER = 60.0
+"""Milliseconds by which stamps are late at most."""
+
+LASTING = {
+    # Half of the samples come too late, none is late, those out of order are dropped.
+    'punctual': ' with max_delay = 30 ms',
+    'patient': ' with max_delay = 5 s',
+    'plain': '',
+}
+PASSING = (
+    'stream a = select pose.pose.position.x as x from "/odometry0" with max_delay = 100 ms; '
+    'stream b = select pose.pose.position.y as y from "/odometry1" with max_delay = 100 ms; '
+    'stream s = sync(a, b) with sample_period = 20 ms, sample_period_deviation = 0 ms; sink s'
+)
+ALIVE = 5
+"""How many of the streams that come and go there are at a time."""
+
+LIMIT = 0.25
+"""MB per minute that memory may seem to grow."""
+
+WARM_UP = 0.4
+"""The part of the run in which the histories of violations, which are bounded, fill up."""
+
+
+class Churn:
+    """Creates a stream and destroys the oldest, again and again."""
+
+    def __init__(self, client: Client) -> None:
+        self.created = 0
+        self._client = client
+        self._alive: list[str] = []
+        self._numbers = count()
+
+    def turn(self) -> None:
+        """Creates a stream, and destroys one where there are many."""
+        name = f'passing{next(self._numbers)}'
+        self._client.create(name, PASSING, MANAGER)
+        self.created += 1
+        self._alive.append(name)
+        if len(self._alive) > ALIVE:
+            service = f'{MANAGER}/stream_destroy'
+            answer = self._client.call(StreamDestroy, service, stream_name=self._alive.pop(0))
+            assert not answer.exit_status.code, answer.exit_status.message
+
+
+def soak(minutes: float) -> dict[str, Any]:
+    """Runs the load, and tells how memory grew and what became of the samples."""
+    memory: dict[str, list[tuple[float, float]]] = {ENGINE: [], MANAGER: []}
+    messages = round(minutes * 60 * RATE)
+    with nodes(ENGINE, MANAGER) as (client, processes):
+        accounts, churn = Accounts(client), Churn(client)
+        _create_lasting(client)
+        arguments = ('--number', TOPICS, '--rate', RATE, '--jitter', JITTER)
+        begun = time.monotonic()
+        with worker('publish', *arguments, '--messages', messages) as publisher:
+            while publisher.poll() is None:
+                churn.turn()
+                _wait(client, 0.5)
+                for name, found in memory.items():
+                    found.append((time.monotonic() - begun, resident_memory(processes[name])))
+            assert result_of(publisher)['sent'] == messages * TOPICS
+        lost = _lost(client, accounts, messages)
+        share = processor_time(processes[ENGINE]) / (time.monotonic() - begun)
+    growth = {name: _growth(found) for name, found in memory.items()}
+    return {
+        'minutes': minutes,
+        'messages': messages * TOPICS,
+        'streams_created': churn.created,
+        'samples_out': accounts.samples,
+        'dropped': accounts.dropped,
+        'samples_lost': lost,
+        'engine_processor_share': round(share, 2),
+        'memory_mb': {name: [found[0][1], found[-1][1]] for name, found in memory.items()},
+        'growth_mb_per_minute': growth,
+        'flat': all(each < LIMIT for each in growth.values()),
+    }
+
+
+def _create_lasting(client: Client) -> None:
+    def made() -> bool:
+        try:
+            client.create('first', f'select {FIELDS} from "/odometry0"', MANAGER)
+        except RuntimeError:
+            return False
+        return True
+
+    client.spin_until(made, 'the manager has found the engine')
+    for topic in range(TOPICS):
+        for name, constraints in LASTING.items():
+            text = f'select {FIELDS} from "/odometry{topic}"{constraints}'
+            client.create(f'{name}{topic}', text, MANAGER)
+
+
+def _lost(client: Client, accounts: Accounts, messages: int) -> int:
+    """How many samples neither came out of the lasting streams nor were counted as dropped."""
+    names = [f'{name}{topic}' for name in LASTING for topic in range(TOPICS)]
+
+    def missing() -> int:
+        return sum(messages - accounts.streams[name].total for name in names)
+
+    with suppress(TimeoutError):
+        client.spin_until(lambda: bool(accounts.streams) and not missing(), 'all samples')
+    return missing()
+
+
+def _wait(client: Client, seconds: float) -> None:
+    end = time.monotonic() + seconds
+    client.spin_until(lambda: time.monotonic() > end, 'the next turn')
+
+
+def _growth(found: list[tuple[float, float]]) -> float:
+    """MB per minute after the warm-up, by least squares."""
+    times, sizes = zip(*found[int(len(found) * WARM_UP) :], strict=True)
+    return round(statistics.linear_regression(times, sizes).slope * 60, 3)
+
+
+def main() -> None:
+    """Runs and prints; the exit code is 1 where memory grows or samples are lost."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument('--minutes', type=float, default=10.0)
+    parser.add_argument('--json', action='store_true', help='print one JSON object')
+    arguments = parser.parse_args()
+    use_private_domain()
+    found = soak(arguments.minutes)
+    if arguments.json:
+        print(json.dumps(found))
+    else:
+        for name, value in found.items():
+            print(f'{name}: {value}')
+    raise SystemExit(not found['flat'] or found['samples_lost'] != 0)
+
+
+if __name__ == '__main__':
+    main()
