@@ -310,6 +310,24 @@ def test_samples_that_are_lost_between_two_nodes_are_reported(client: Client) ->
     assert recording.proxy.drops['lost'] + len(recording.samples) == last - first + 1
 
 
+def test_messages_that_are_lost_on_the_way_are_counted(client: Client) -> None:
+    publisher = client.node.create_publisher(Float64, '/a', RELIABLE)
+    recording = Recording(client, '/a', quality_of_service=QoSProfile(depth=1))
+    sent = 0
+
+    def lost() -> bool:
+        nonlocal sent
+        for _ in range(5):
+            sent += 1
+            publisher.publish(Float64(data=float(sent)))
+        return bool(recording.proxy.drops)
+
+    client.spin_until(lost, 'a loss')
+    values = recording.values()
+    assert recording.proxy.drops['lost'] + len(values) == values[-1] - values[0] + 1
+    assert not recording.violations
+
+
 def test_several_publishers_of_one_topic_lose_nothing(client: Client) -> None:
     publishers = [client.node.create_publisher(SampleMessage, '/a', RELIABLE) for _ in range(2)]
     recording = Recording(client, '/a')
