@@ -105,11 +105,12 @@ class Dataflow:
         resolved = resolve(specification, constraints, known, self._fields_of, self._units)
         try:
             root = self._wiring.connect(resolved.term)
-            inherited = {k: v for each in self._streams.values() for k, v in each.names.items()}
-            names = {**inherited, **resolved.names, str(resolved.term): name}
+            own_names = {**resolved.names, str(resolved.term): name}
+            others = [each.own_names for each in self._streams.values()]
             stream = _Stream(
-                name, str(specification), resolved, names, self._agenda, on_sample, on_violation
+                name, str(specification), resolved, own_names, self._agenda, on_sample, on_violation
             )
+            stream.names = {k: v for names in (*others, own_names) for k, v in names.items()}
             stream.attach(root)
             self._streams[name] = stream
         finally:
@@ -211,7 +212,7 @@ class _Stream:
         name: str,
         specification: str,
         resolved: Resolved,
-        names: Mapping[str, str],
+        own_names: Mapping[str, str],
         agenda: Agenda,
         on_sample: Callable[[Sample], None],
         on_violation: Callable[[Violation], None],
@@ -219,7 +220,9 @@ class _Stream:
         self.name = name
         self.specification = specification
         self.resolved = resolved
-        self.names = names
+        # Those of others are not kept in `own_names`, or they would be handed down for ever.
+        self.own_names = own_names
+        self.names = own_names
         self._agenda = agenda
         self._on_sample = on_sample
         self._on_violation = on_violation

@@ -33,3 +33,14 @@ def test_lost_samples_are_counted(flow: Flow) -> None:
     flow.dataflow.drop('b', 'lost', 4)
     assert flow.drops == {'lost': 3}
     assert flow.violations == []
+
+
+def test_streams_that_are_gone_are_not_named(flow: Flow) -> None:
+    """Their names were handed down from stream to stream, and memory grew with each."""
+    late = 'select x from "a" with max_delay = 1 ms'
+    flow.create(late, 'gone').create('select x from "b"', 'between')
+    flow.dataflow.destroy('gone')
+    flow.create(f'merge({late}, "b")')
+    flow.push('a', 0, 5, x=1)
+    assert len(flow.violations) == 1
+    assert flow.violations[0].stream_name == late
