@@ -1,20 +1,17 @@
-"""What an engine says of its streams on its status topic."""
+"""What an engine says of its streams on its topic `streams`."""
 
 from __future__ import annotations
 
-import re
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from diagnostic_msgs.msg import DiagnosticStatus
+from dyknow_interfaces.msg import StreamStatusArray
 from processes import ENGINE
 
-from dyknow_stream_processing.ros.runtime import STATUS
+from dyknow_stream_processing.ros.runtime import LATCHED
 
 if TYPE_CHECKING:
     from processes import Client
-
-_ACCOUNT = re.compile(r'(?P<samples>\d+) samples, .*dropped: (?P<drops>.*)')
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,7 +32,7 @@ class Accounts:
 
     def __init__(self, client: Client) -> None:
         self.streams: dict[str, Account] = {}
-        client.node.create_subscription(DiagnosticStatus, f'{ENGINE}/status', self._take, STATUS)
+        client.node.create_subscription(StreamStatusArray, f'{ENGINE}/streams', self._take, LATCHED)
 
     @property
     def samples(self) -> int:
@@ -47,13 +44,8 @@ class Accounts:
         """In all streams."""
         return sum(each.dropped for each in self.streams.values())
 
-    def _take(self, status: Any) -> None:
+    def _take(self, report: Any) -> None:
         self.streams = {
-            each.key: Account(int(found['samples']), _sum(found['drops']))
-            for each in status.values
-            if (found := _ACCOUNT.fullmatch(each.value))
+            each.name: Account(each.samples, sum(drop.count for drop in each.drops))
+            for each in report.streams
         }
-
-
-def _sum(drops: str) -> int:
-    return sum(map(int, re.findall(r'\d+', drops)))
