@@ -166,7 +166,9 @@ class StreamProcessingEngine(DyKnowNode):
     def _publish_sample(self, name: str, sample: DataSample) -> None:
         output = self._outputs[name]
         output.meter.note(sample)
-        output.samples.publish(output.writer.write(sample))
+        # Many streams are there for others of this engine alone, and messages are what costs most.
+        if output.samples.get_subscription_count():
+            output.samples.publish(output.writer.write(sample))
 
     def _publish_violation(self, name: str, violation: Violation) -> None:
         message = ConstraintViolation(
