@@ -75,15 +75,18 @@ class SynchronisedOperator(Operator):
             track.put(valid_time, fields)
             self._aim_at(track, valid_time)
         track.promise(watermark)
-        if self._target != target:
+        if port == self._unsettled or self._target != target:
             self._settle(now)
-        else:
-            self._proceed(port, now)
+        elif self.consumers:
+            self._promise(self._horizon(), now)
 
     def promise(self, port: int, watermark: int, now: int) -> None:
         """Make the ticks that have become certain."""
         self._tracks[port].promise(watermark)
-        self._proceed(port, now)
+        if port == self._unsettled:
+            self._settle(now)
+        elif self.consumers:
+            self._promise(self._horizon(), now)
 
     def wake(self, now: int) -> None:
         """Make the ticks that the clock has made certain."""
@@ -92,21 +95,11 @@ class SynchronisedOperator(Operator):
     def _tick(self, valid_time: int, values: Values, now: int) -> None:
         raise NotImplementedError
 
-    def _proceed(self, port: int, now: int) -> None:
-        """Go on after an input has promised something."""
-        if port == self._unsettled:
-            self._settle(now)
-        elif self.consumers:
-            self._promise(self._horizon(), now)
-
     def _settle(self, now: int, clock: int | None = None) -> None:
         """Make all ticks that samples, or the clock, have made certain."""
         made = 0
         while (target := self._target) is not None and self._is_settled(target, clock):
-            # The time that the clock has leapt over, when it wakes the operator late.
-            lateness = 0 if clock is None else self._agenda.now - clock
-            if self._period is not None and self._is_leap(made, lateness // self._period):
-                self._leap(target, max(target + lateness, self._horizon()), self._period)
+            if self._period is not None and self._leaps(target, self._period, made, clock):
                 made = 0
             else:
                 self._make(target, now)
@@ -182,11 +175,13 @@ class SynchronisedOperator(Operator):
     def _horizon(self) -> int:
         return min([track.settled for track in self._tracks])
 
-    def _is_leap(self, made: int, due: int) -> bool:
-        return self._complete and (made == MOST_TICKS or due > MOST_TICKS)
-
-    def _leap(self, target: int, until: int, period: int) -> None:
-        """Leave out all ticks from the target on but the last until a time."""
+    def _leaps(self, target: int, period: int, made: int, clock: int | None) -> bool:
+        """Leave out all ticks that are due but the last, if they are too many."""
+        # The time that the clock has leapt over, when it wakes the operator late.
+        lateness = 0 if clock is None else self._agenda.now - clock
+        if not self._complete or (made < MOST_TICKS and lateness <= MOST_TICKS * period):
+            return False
+        until = max(target + lateness, self._horizon())
         last = until - (until - target) % period
         self._next_tick = last
         self._wait_for(last)
@@ -195,6 +190,7 @@ class SynchronisedOperator(Operator):
             f'{(last - target) // period} ticks are left out; {MOST_TICKS} are made at once'
         )
         self._violate(Broken.SAMPLE_PERIOD, target, message, last - target, period)
+        return True
 
     def _overflow(self, track: Track) -> None:
         """Drop the oldest sample that waits; ticks before the next one cannot be made any more."""
