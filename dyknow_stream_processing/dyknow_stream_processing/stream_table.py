@@ -27,6 +27,9 @@ _STYLES = {
 }
 
 
+_FIGURES = ('samples', 'rate', 'delay', 'max', 'dropped', 'violations')
+
+
 def stream_table(accounts: Iterable[StreamAccount], engines: Sequence[str]) -> Table:
     """A line for each stream.
 
@@ -36,12 +39,17 @@ def stream_table(accounts: Iterable[StreamAccount], engines: Sequence[str]) -> T
     """
     running = ', '.join(engines) or 'no stream processing engine is running'
     table = Table(caption=running, box=None, pad_edge=False)
-    for header in ('stream', 'state', 'engine', 'topic'):
-        table.add_column(header, overflow='fold')
-    for header in ('samples', 'rate', 'delay', 'max', 'dropped', 'violations'):
+    for header in ('stream', 'state'):
+        table.add_column(header, no_wrap=True)
+    for header in _FIGURES:
         table.add_column(header, justify='right', no_wrap=True)
+    table.add_column('', overflow='fold')
     for account in accounts:
-        table.add_row(*map(_verbatim, _row(account)))
+        figures = (
+            _figures(account) if account.state is StreamState.FLOWING else [''] * len(_FIGURES)
+        )
+        remark = _remark(account, several_engines=len(engines) > 1)
+        table.add_row(account.name, _state(account), *figures, _verbatim(remark))
     return table
 
 
@@ -71,14 +79,17 @@ def as_json(account: StreamAccount) -> dict[str, Any]:
     }
 
 
-def _row(account: StreamAccount) -> list[str | Text]:
-    start: list[str | Text] = [account.name, _state(account), account.engine, account.topic]
+def _remark(account: StreamAccount, *, several_engines: bool) -> str:
+    """Where a stream comes from, or why it does not."""
+    if account.state is StreamState.FLOWING:
+        return account.engine if several_engines else ''
     if account.state is StreamState.REGISTERED:
-        return [*start, *[''] * 6]
-    if account.state is not StreamState.FLOWING:
-        return [*start[:3], account.message.partition('\n')[0], *[''] * 6]
+        return account.topic
+    return account.message.partition('\n')[0]
+
+
+def _figures(account: StreamAccount) -> list[str]:
     return [
-        *start,
         str(account.samples),
         _rate(account),
         *_delays(account),

@@ -40,12 +40,18 @@ def shown(what: RenderableType) -> list[str]:
 def test_a_line_for_each_stream() -> None:
     lines = shown(stream_table([FLOWING, WAITING, REGISTERED], ['/engine']))
     assert lines == [
-        'stream state engine topic samples rate delay max dropped violations',
-        'power flowing /engine /dyknow/streams/power 120 10.0 Hz 12 ms 31 ms 3 2',
+        'stream state samples rate delay max dropped violations',
+        'power flowing 120 10.0 Hz 12 ms 31 ms 3 2',
         'late waiting no stream F[a]',
         'tank registered /tank',
         '/engine',
     ]
+
+
+def test_the_engines_where_there_are_several() -> None:
+    lines = shown(stream_table([FLOWING], ['/engine', '/robot1/engine']))
+    assert lines[1].endswith(' 3 2 /engine')
+    assert lines[-1] == '/engine, /robot1/engine'
 
 
 def test_that_there_is_no_engine() -> None:
