@@ -111,10 +111,14 @@ class _UnfitError(Exception):
 
 def _test(condition: Condition) -> Callable[[Value], bool]:
     compare, expected = _COMPARISONS[condition.operator], condition.value
-    types = comparable_types(condition)
+    types = {
+        each
+        for each in (bool, int, float, str)
+        if ValueType.of(each()) in comparable_types(condition)
+    }
 
     def test(value: Value) -> bool:
-        if ValueType.of(value) not in types:
+        if type(value) not in types:
             raise _UnfitError(
                 f"field '{condition.field}' is {value_text(value)} ({ValueType.of(value)}), "
                 f'which cannot be compared with {value_text(expected)}'
