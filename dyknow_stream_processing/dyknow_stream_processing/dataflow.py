@@ -156,26 +156,26 @@ class Dataflow:
 
     def found(self, topic: str, source_type: SourceType) -> None:
         """Learn of a topic what was not known when streams were made of it."""
-        for source in self._wiring.sources(topic):
+        for source in self._wiring.sources.get(topic, ()):
             source.learn(receipt_time=source_type.receipt_time)
 
     def push(self, topic: str, sample: Sample) -> None:
         """Take a sample of a topic; its available time is the time of receipt, and is now."""
         agenda = self._agenda
         agenda.run(sample.available_time)
-        for source in self._wiring.sources(topic):
+        for source in self._wiring.sources.get(topic, ()):
             source.push(sample.valid_time, sample.fields, agenda.now)
         agenda.run(agenda.now)
 
     def report(self, topic: str, violation: Violation) -> None:
         """Tell all streams made of a topic what was broken on the way here."""
-        for source in self._wiring.sources(topic):
+        for source in self._wiring.sources.get(topic, ()):
             for observer in source.observers:
                 observer.reported(violation)
 
     def drop(self, topic: str, reason: str, count: int = 1) -> None:
         """Count samples of a topic that were lost on the way here."""
-        for source in self._wiring.sources(topic):
+        for source in self._wiring.sources.get(topic, ()):
             for observer in source.observers:
                 observer.dropped(reason, count)
 

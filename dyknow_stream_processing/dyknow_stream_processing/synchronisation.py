@@ -70,11 +70,16 @@ class SynchronisedOperator(Operator):
         track, target = self._tracks[port], self._target
         if valid_time <= self._last:
             track.correct(valid_time, fields)
+            track.promise(watermark)
             self._drop('superseded')
         else:
-            track.put(valid_time, fields)
-            self._aim_at(track, valid_time)
-        track.promise(watermark)
+            track.put(valid_time, fields, watermark)
+            if self._next_tick is not None:
+                self._thin(track)
+            elif target is None or valid_time < target:
+                self._target = valid_time
+            if len(track.waiting) > MOST_WAITING:
+                self._overflow(track)
         if port == self._unsettled or self._target != target:
             self._settle(now)
         elif self.consumers:
@@ -144,17 +149,12 @@ class SynchronisedOperator(Operator):
         self._next_tick = _tick_from(max(tick, target + 1), tick, self._period)
         return target >= tick and (target - tick) % self._period == 0
 
-    def _aim_at(self, track: Track, valid_time: int) -> None:
-        """See whether a new sample changes what is waited for."""
-        if self._next_tick is None or self._period is None:
-            if self._target is None or valid_time < self._target:
-                self._target = valid_time
-        else:
+    def _thin(self, track: Track) -> None:
+        """Keep of a new sample's track what ticks need, and see whether they can begin."""
+        if self._next_tick is not None and self._period is not None:
             track.thin(self._next_tick, self._period)
             if not self._complete:
                 self._wait_for(self._find_target())
-        if len(track.waiting) > MOST_WAITING:
-            self._overflow(track)
 
     def _wait_for(self, target: int | None) -> None:
         if target != self._target:

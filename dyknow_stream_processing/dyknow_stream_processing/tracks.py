@@ -33,9 +33,11 @@ class Track:
         self.settled = source.watermark
         """The valid time until which samples, or the clock, have made all values certain."""
 
-    def put(self, valid_time: int, fields: Mapping[str, Value]) -> None:
-        """Take a sample that is valid after the time that was reached."""
+    def put(self, valid_time: int, fields: Mapping[str, Value], watermark: int) -> None:
+        """Take a sample that is valid after the time that was reached, and its promise."""
         self.waiting.append((valid_time, fields))
+        if watermark > self.settled:
+            self.settled = watermark
 
     def correct(self, valid_time: int, fields: Mapping[str, Value]) -> None:  # noqa: ARG002
         """Take a sample that is valid at the time that was reached."""
@@ -80,9 +82,10 @@ class LinearTrack(Track):
         self.settled = BEGINNING
         self._valid_time = BEGINNING
 
-    def put(self, valid_time: int, fields: Mapping[str, Value]) -> None:
-        """Take a sample that is valid after the time that was reached."""
-        super().put(valid_time, _as_floats(fields))
+    def put(self, valid_time: int, fields: Mapping[str, Value], watermark: int) -> None:
+        """Take a sample that is valid after the time that was reached, and its promise."""
+        self.waiting.append((valid_time, _as_floats(fields)))
+        self.promise(watermark)
 
     def correct(self, valid_time: int, fields: Mapping[str, Value]) -> None:
         """Take a sample that is valid at the time that was reached."""

@@ -53,11 +53,8 @@ class Wiring:
         self._units = units
         self._has_receipt_time = has_receipt_time
         self._operators: dict[Hashable, Operator] = {}
-        self._sources: dict[str, tuple[SourceOperator, ...]] = {}
-
-    def sources(self, topic: str) -> tuple[SourceOperator, ...]:
-        """What takes the samples of a topic."""
-        return self._sources.get(topic, ())
+        self.sources: Mapping[str, tuple[SourceOperator, ...]] = {}
+        """What takes the samples of each topic."""
 
     def connect(self, term: Term) -> Operator:
         """The operator that makes a stream; it has to be given a listener before the next `sweep`.
@@ -79,11 +76,11 @@ class Wiring:
         self._index_sources()
 
     def _index_sources(self) -> None:
-        self._sources = {}
+        sources: dict[str, tuple[SourceOperator, ...]] = {}
         for operator in self._operators.values():
             if isinstance(operator, SourceOperator):
-                others = self._sources.get(operator.label, ())
-                self._sources[operator.label] = (*others, operator)
+                sources[operator.label] = (*sources.get(operator.label, ()), operator)
+        self.sources = sources
 
     def _constrained(self, term: Term, *, may_be_late: bool) -> Operator:
         """A term with its constraints.
