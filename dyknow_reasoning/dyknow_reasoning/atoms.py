@@ -98,10 +98,11 @@ def predicate(atom: Atom, kinds: Kinds) -> Predicate:
 
 
 def _is_open(term: Term, kinds: Kinds) -> bool:
-    return isinstance(term, Feature | Reference) and _kind(term, kinds) is None
+    return isinstance(term, Feature | Reference) and kind_of(term, kinds) is None
 
 
-def _kind(term: Feature | Reference, kinds: Kinds) -> Kind | None:
+def kind_of(term: Feature | Reference, kinds: Kinds) -> Kind | None:
+    """The kind of what a feature holds, where the formula tells."""
     return kinds.get(term.name if isinstance(term, Feature) else str(term))
 
 
@@ -128,7 +129,7 @@ def _reader(term: Term, kinds: Kinds) -> _Reader:
         case Arithmetic():
             return _calculation(term, kinds)
         case Feature() | Reference():
-            return _field(term, _kind(term, kinds))
+            return _field(term, kind_of(term, kinds))
         case _:  # pragma: no cover - ground atoms compare values
             raise AssertionError(term)
 

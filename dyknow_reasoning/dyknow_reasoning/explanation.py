@@ -7,10 +7,10 @@ end are open: what remained of the formula before the deciding state, and that s
 from __future__ import annotations
 
 from collections import defaultdict
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, TypeAlias
+from typing import TYPE_CHECKING
 
 from dyknow_reasoning.atoms import NEGATED_COMPARISONS, Values, evaluate
+from dyknow_reasoning.automaton import sides
 from dyknow_reasoning.formula import (
     Comparison,
     Interval,
@@ -29,149 +29,142 @@ from dyknow_reasoning.nodes import (
     constant,
     descendants,
 )
-from dyknow_reasoning.residual import residual_text
+from dyknow_reasoning.residual import interval_of, remaining_text, residual_text
 from dyknow_stream_processing import Value, round_time
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
+    from dyknow_reasoning.automaton import Sides
     from dyknow_reasoning.grounding import Instance
-    from dyknow_reasoning.progression import Progression
+    from dyknow_reasoning.shapes import Finish, Moment
 
 _MOST_REASONS = 4
 _LONGEST_FORMULA = 160
 _MIRRORED = {'<': '>', '<=': '>=', '>': '<', '>=': '<=', '=': '=', '!=': '!='}
 
 
-@dataclass(frozen=True, slots=True)
-class Moment:
-    """The state that decides an instance of a formula.
+def explain(finish: Finish, values: Values) -> str:
+    """What decided the formula: the objects, their values, and what was due since when.
 
     Args:
-        instance: which instance.
-        node: what remained of it before this state.
-        symbol: the truth of its atoms at this state.
-        elapsed: the nanoseconds from the state before; 0 at the first.
-        valid_time: of this state, in nanoseconds.
-        values: of this state.
-        opened: the valid time from which each window without an end has been open.
+        finish: the instance that made the difference.
+        values: of the state that decided it.
     """
-
-    instance: Instance
-    node: Node
-    symbol: int
-    elapsed: int
-    valid_time: int
-    values: Values
-    opened: Mapping[Window, int]
-
-
-def explain(moment: Moment, progression: Progression) -> str:
-    """What decided the formula: the objects, their values, and what was due since when."""
-    return _Explainer(moment, progression).text()
-
-
-_Sides: TypeAlias = tuple[bool, Node, Node]
+    return _Explainer(finish.member.instance, finish.moment, values).text()
 
 
 class _Explainer:
-    def __init__(self, moment: Moment, progression: Progression) -> None:
+    def __init__(self, instance: Instance, moment: Moment, values: Values) -> None:
         self._moment = moment
-        self._progression = progression
-        self._atoms = moment.instance.atoms
-        self._intervals = _fresh_intervals(moment.instance.node)
+        self._values = values
+        self._now = moment.times[-1]
+        self._automaton = moment.shape.automaton
+        self._progression = self._automaton.progressed(moment.location, moment.symbol, moment.times)
+        self._binding = instance.binding
+        self._atoms = instance.atoms
+        self._intervals = _fresh_intervals(instance.node)
 
     def text(self) -> str:
-        moment = self._moment
-        reasons = list(dict.fromkeys(self._reasons(moment.node, moment.elapsed)))
+        location = self._moment.location
+        fresh = location is self._automaton.initial
+        reasons = list(dict.fromkeys(self._reasons(location.node, fresh=fresh)))
         shown = '; '.join(reasons[:_MOST_REASONS])
         more = len(reasons) - _MOST_REASONS
         shown += f'; and {more} more' if more > 0 else ''
-        pairs = moment.instance.binding.items()
-        binding = ', '.join(f'{variable} = {name}' for variable, name in pairs)
+        binding = ', '.join(f'{variable} = {name}' for variable, name in self._binding.items())
         return f'for {binding}: {shown}' if binding else shown
 
-    def _progressed(self, node: Node, elapsed: int) -> Node:
-        return self._progression.progress(node, self._moment.symbol, elapsed)
+    def _progressed(self, node: Node, *, fresh: bool) -> Node:
+        return self._progression.progress(node, fresh=fresh)
 
-    def _reasons(self, node: Node, elapsed: int) -> list[str]:
+    def _reasons(self, node: Node, *, fresh: bool) -> list[str]:
         """Why the state decides a node."""
         match node:
             case Literal():
                 return [self._fact(node)]
             case Junction():
-                return self._reasons_of_junction(node, elapsed)
+                return self._reasons_of_junction(node, fresh=fresh)
             case Window():
-                return self._reasons_of_window(node, elapsed)
+                return self._reasons_of_window(node, fresh=fresh)
             case Constant():
-                return [f'there is a state at {round_time(self._moment.valid_time)}']
+                return [f'there is a state at {round_time(self._now)}']
 
-    def _reasons_of_junction(self, node: Junction, elapsed: int) -> list[str]:
-        verdict = self._progressed(node, elapsed)
-        deciding = [part for part in node.parts if self._progressed(part, elapsed) is verdict]
+    def _reasons_of_junction(self, node: Junction, *, fresh: bool) -> list[str]:
+        verdict = self._progressed(node, fresh=fresh)
+        deciding = [part for part in node.parts if self._progressed(part, fresh=fresh) is verdict]
         if not deciding:
             wanted = 'always be true' if verdict is TRUE else 'never be true'
-            return [f"'{self._formula(node)}' can from now on {wanted}"]
+            return [f"'{self._remaining(node, fresh=fresh)}' can from now on {wanted}"]
         if verdict is constant(value=not node.universal):
             deciding = deciding[:1]
-        return [reason for part in deciding for reason in self._reasons(part, elapsed)]
+        return [reason for part in deciding for reason in self._reasons(part, fresh=fresh)]
 
-    def _reasons_of_window(self, node: Window, elapsed: int) -> list[str]:
-        if self._progressed(node, elapsed) is not constant(value=node.universal):
-            return self._during(node, elapsed, self._reasons(node.right, 0))
-        if node.end is not None and node.end <= elapsed:
-            return self._reasons_of_closed_window(node, node.end, elapsed)
-        return self._during(node, elapsed, self._reasons(node.left, 0))
+    def _reasons_of_window(self, node: Window, *, fresh: bool) -> list[str]:
+        if self._progressed(node, fresh=fresh) is not constant(value=node.universal):
+            return self._during(node, self._reasons(node.right, fresh=True), fresh=fresh)
+        end = self._end(node, fresh=fresh)
+        if end is not None and end <= self._now:
+            return self._reasons_of_closed_window(node, end, fresh=fresh)
+        return self._during(node, self._reasons(node.left, fresh=True), fresh=fresh)
 
-    def _reasons_of_closed_window(self, node: Window, end: int, elapsed: int) -> list[str]:
-        right = self._formula(node.right)
-        closed = self._moment.valid_time - elapsed + end
-        opened = self._opened(node, elapsed)
+    def _reasons_of_closed_window(self, node: Window, end: int, *, fresh: bool) -> list[str]:
+        right = _shortened(residual_text(node.right, self._atoms))
+        opened = self._opened(node, fresh=fresh)
         start = '' if opened is None else f'from {round_time(opened)} '
-        span = f'{start}to {round_time(closed)}'
+        span = f'{start}to {round_time(end)}'
         if node.universal:
             return [f"'{right}' held at every state {span}"]
-        last = self._reasons(node.right, 0) if end == elapsed else []
+        last = self._reasons(node.right, fresh=True) if end == self._now else []
         return [f"'{right}' held at no state {span}", *last]
 
-    def _during(self, node: Window, elapsed: int, reasons: list[str]) -> list[str]:
+    def _during(self, node: Window, reasons: list[str], *, fresh: bool) -> list[str]:
         """The reasons, with the obligation that was pending, if it began at an earlier state."""
-        origin = self._origin(node, elapsed)
-        if origin is None or elapsed == 0:
+        origin = self._origin(node, fresh=fresh)
+        if origin is None or fresh:
             return reasons
-        due = 'awaited' if self._progressed(node, elapsed) is TRUE else 'must hold'
+        due = 'awaited' if self._progressed(node, fresh=fresh) is TRUE else 'must hold'
         return [f'{" and ".join(reasons)} ({_operator(node)} {due} since {round_time(origin)})']
 
-    def _opened(self, node: Window, elapsed: int) -> int | None:
+    def _opened(self, node: Window, *, fresh: bool) -> int | None:
         """The valid time at which a window began to look at its right side."""
-        origin, interval = self._origin(node, elapsed), self._interval(node)
-        return None if origin is None or interval is None else origin + interval.start
-
-    def _origin(self, node: Window, elapsed: int) -> int | None:
-        """The valid time of the state from which a window counts, where that can be told."""
-        before = self._moment.valid_time - elapsed
-        if node.end is None:
-            return self._moment.opened.get(node, before)
-        interval = self._interval(node)
-        if interval is None or interval.end is None:
+        origin, intervals = self._origin(node, fresh=fresh), self._intervals[sides(node)]
+        if origin is None or len(intervals) > 1:
             return None
-        return before + node.end - interval.end
+        return origin + next(iter(intervals)).start
 
-    def _interval(self, node: Window) -> Interval | None:
-        """The interval that a window had when it was fresh, where that can be told."""
-        intervals = self._intervals[node.universal, node.left, node.right]
-        return next(iter(intervals)) if len(intervals) == 1 else None
+    def _origin(self, node: Window, *, fresh: bool) -> int | None:
+        """The valid time of the state from which a window counts, where that can be told."""
+        if fresh:
+            return self._now
+        if node.end is None:
+            return self._moment.opened.get(sides(node))
+        return self._moment.times[node.end.state]
 
-    def _formula(self, node: Node) -> str:
-        text = residual_text(node, self._atoms)
-        return text if len(text) <= _LONGEST_FORMULA else f'{text[:_LONGEST_FORMULA]}...'
+    def _end(self, node: Window, *, fresh: bool) -> int | None:
+        if node.end is None:
+            return None
+        begin = self._now if fresh else self._moment.times[node.end.state]
+        return begin + node.end.offset
+
+    def _remaining(self, node: Junction, *, fresh: bool) -> str:
+        """What remains of the parts of a junction after this state."""
+        word = 'and' if node.universal else 'or'
+        parts = (self._progressed(part, fresh=fresh) for part in node.parts)
+        times = self._moment.times
+        texts = (
+            remaining_text(part, times, self._now, self._atoms)
+            for part in parts
+            if type(part) is not Constant
+        )
+        return _shortened(f' {word} '.join(f'({text})' for text in texts))
 
     def _fact(self, literal: Literal) -> str:
         """The value of an atom, beside what the formula says of it."""
         atom = self._atoms[literal.slot]
-        time = round_time(self._moment.valid_time)
+        time = round_time(self._now)
         if not isinstance(atom, Comparison):
-            return f'{atom} is {_spelled(self._moment.values[str(atom)])} at {time}'
+            return f'{atom} is {_spelled(self._values[str(atom)])} at {time}'
         holds = (self._moment.symbol >> literal.slot & 1) == literal.positive
         operator, left, right = atom.operator, atom.left, atom.right
         if not literal.positive:
@@ -184,8 +177,12 @@ class _Explainer:
     def _with_value(self, term: Term) -> str:
         if isinstance(term, Number | Text | Truth):
             return str(term)
-        value = evaluate(term, self._moment.values)
+        value = evaluate(term, self._values)
         return f'{term} = {_spelled(value)}'
+
+
+def _shortened(text: str) -> str:
+    return text if len(text) <= _LONGEST_FORMULA else f'{text[:_LONGEST_FORMULA]}...'
 
 
 def _operator(node: Window) -> str:
@@ -206,10 +203,9 @@ def _spelled(value: Value) -> str:
             return str(value)
 
 
-def _fresh_intervals(node: Node) -> Mapping[_Sides, set[Interval]]:
-    intervals: defaultdict[_Sides, set[Interval]] = defaultdict(set)
+def _fresh_intervals(node: Node) -> Mapping[Sides, set[Interval]]:
+    intervals: defaultdict[Sides, set[Interval]] = defaultdict(set)
     for window in descendants([node]):
         if type(window) is Window:
-            sides = (window.universal, window.left, window.right)
-            intervals[sides].add(Interval(window.start, window.end))
+            intervals[sides(window)].add(interval_of(window))
     return intervals

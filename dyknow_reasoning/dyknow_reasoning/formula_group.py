@@ -3,29 +3,40 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import reduce
+from itertools import chain
+from operator import attrgetter
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from dyknow_reasoning.bounds import Chronology
+from dyknow_reasoning.ensemble import Ensemble, Outcome
 from dyknow_reasoning.errors import ReasoningError
-from dyknow_reasoning.evaluation import Decision, Evaluation
+from dyknow_reasoning.explanation import explain
 from dyknow_reasoning.grounding import ground
-from dyknow_reasoning.nodes import NodeStore
+from dyknow_reasoning.node_store import NodeStore
+from dyknow_reasoning.nodes import FALSE, Constant
 from dyknow_reasoning.parsing import parse_formula
-from dyknow_reasoning.progression import Progression
+from dyknow_reasoning.residual import remaining_text
 from dyknow_reasoning.results import FormulaResult, Verdict
+from dyknow_reasoning.shapes import Member
 from dyknow_reasoning.symbols import Symbol, ground_symbols, symbols_of
 from dyknow_reasoning.type_checking import Kinds, check_types
 from dyknow_stream_processing import ExitCode, format_time, round_time
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping
+    from collections.abc import Iterable, Iterator, Mapping
 
     from dyknow_reasoning.atoms import Values
     from dyknow_reasoning.formula import Formula
-    from dyknow_reasoning.grounding import Domains
+    from dyknow_reasoning.grounding import Domains, Instance
 
 DEFAULT_NODE_LIMIT = 100_000
+_WHATEVER = {
+    Verdict.TRUE: 'true for these objects, whatever the states are',
+    Verdict.FALSE: 'false for these objects, whatever the states are',
+}
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,10 +69,10 @@ class FormulaGroup:
     def __init__(self, node_limit: int = DEFAULT_NODE_LIMIT) -> None:
         self._node_limit = node_limit
         self._formulas: dict[int, NamedFormula] = {}
-        self._evaluations: dict[int, Evaluation] = {}
-        self._undecided: dict[int, Evaluation] = {}
-        self._progression = Progression(NodeStore())
-        self._begun = False
+        self._instances: dict[int, list[Instance]] = {}
+        self._ends: dict[int, str] = {}
+        self._undecided: set[int] = set()
+        self._ensemble: Ensemble | None = None
         self._latest: int | None = None
 
     @property
@@ -76,7 +87,7 @@ class FormulaGroup:
             LanguageError: for a text that is no formula, or makes no sense; with the place.
             ReasoningError: once the group has begun.
         """
-        if self._begun:
+        if self._ensemble:
             raise ReasoningError(
                 f"the formula group has begun; add '{name}' to a new group", ExitCode.ALREADY_EXISTS
             )
@@ -92,13 +103,8 @@ class FormulaGroup:
         sort that the variable there ranges over. After it they are the ground features that the
         formulas depend on once simplified: the fields that each state must hold.
         """
-        if self._begun:
-            instances = (
-                instance
-                for evaluation in self._evaluations.values()
-                for instance in evaluation.instances
-            )
-            return ground_symbols(instances)
+        if self._ensemble:
+            return ground_symbols(chain.from_iterable(self._instances.values()))
         found = (symbol for each in self._formulas.values() for symbol in symbols_of(each.formula))
         return list(dict.fromkeys(found))
 
@@ -108,24 +114,22 @@ class FormulaGroup:
         Raises:
             ReasoningError: for a sort without a domain, or when the group has begun before.
         """
-        if self._begun:
+        if self._ensemble:
             raise ReasoningError('the formula group has begun already', ExitCode.ALREADY_EXISTS)
-        store = self._progression.store
-        self._evaluations = {
-            formula_id: Evaluation(
-                ground(each.formula, domains, store), each.kinds, self._node_limit
-            )
+        store = NodeStore(Chronology())
+        self._instances = {
+            formula_id: ground(each.formula, domains, store)
             for formula_id, each in self._formulas.items()
         }
-        self._undecided = dict(self._evaluations)
-        self._begun = True
+        self._undecided = set(self._formulas)
+        self._ensemble = Ensemble(list(self._members()), self._node_limit)
 
     def decided_at_once(self) -> list[FormulaResult]:
         """The results of the formulas that are decided whatever the states are.
 
         Who does not ask gets them with the first state.
         """
-        self._require_begun()
+        self._begun()
         return self._decide_at_once(None)
 
     def progress(self, valid_time: int, values: Values) -> list[FormulaResult]:
@@ -141,13 +145,14 @@ class FormulaGroup:
         Raises:
             ReasoningError: before `begin`.
         """
-        if self._latest is None:
-            self._require_begun()
-            known = self._decide_at_once(valid_time)
-            return known + self._progress(valid_time, 0, values)
-        if valid_time <= self._latest:
-            return self.fail(_not_later(valid_time, self._latest), valid_time)
-        return self._progress(valid_time, valid_time - self._latest, values)
+        latest = self._latest
+        if self._ensemble is None or latest is None:
+            return self._progress_first(valid_time, values)
+        if valid_time <= latest:
+            return self.fail(_not_later(valid_time, latest), valid_time)
+        self._latest = valid_time
+        outcome = self._ensemble.progress(valid_time, valid_time - latest, values)
+        return self._take(outcome, valid_time, values) if outcome else []
 
     def progress_many(
         self, valid_times: Iterable[int], columns: Mapping[str, Iterable[Any]]
@@ -181,8 +186,10 @@ class FormulaGroup:
             error: what is wrong with the state.
             valid_time: of that state, in nanoseconds.
         """
-        results = [self._failed(each, error, valid_time) for each in self._undecided]
-        return self._drop(results)
+        results = [self._failed(each, error, valid_time) for each in sorted(self._undecided)]
+        if self._ensemble:
+            self._ensemble.drop(self._undecided)
+        return self._end(results)
 
     def residual(self, formula_id: int) -> str:
         """The canonical text of what remains of a formula.
@@ -196,51 +203,78 @@ class FormulaGroup:
             raise ReasoningError(
                 f'the formula group has no formula {formula_id}', ExitCode.NOT_FOUND
             )
-        if self._latest is None:
+        latest = self._latest
+        if latest is None or self._ensemble is None:
             return str(self._formulas[formula_id])
-        return self._evaluations[formula_id].residual
+        if formula_id not in self._undecided:
+            return self._ends[formula_id]
+        texts = {
+            member.order: remaining_text(location.node, times, latest, member.instance.atoms)
+            for member, location, times in self._ensemble.wheres(latest)
+            if member.formula_id == formula_id
+        }
+        ordered = [texts[order] for order in sorted(texts)]
+        return reduce(lambda left, right: f'({left}) and ({right})', ordered)
 
-    def _progress(self, valid_time: int, elapsed: int, values: Values) -> list[FormulaResult]:
+    def _progress_first(self, valid_time: int, values: Values) -> list[FormulaResult]:
+        ensemble = self._begun()
         self._latest = valid_time
-        results: list[FormulaResult] = []
-        progression = self._progression
-        for formula_id, evaluation in self._undecided.items():
-            try:
-                decision = evaluation.progress(valid_time, elapsed, values, progression)
-            except ReasoningError as error:
-                results.append(self._failed(formula_id, error, valid_time))
-            else:
-                if decision:
-                    results.append(self._decided(formula_id, decision, valid_time))
-        if progression.is_full:
-            evaluations = self._undecided.values()
-            progression.forget(root for evaluation in evaluations for root in evaluation.roots)
-        return self._drop(results)
+        known = self._decide_at_once(valid_time)
+        outcome = ensemble.progress(valid_time, 0, values)
+        return known + (self._take(outcome, valid_time, values) if outcome else [])
 
-    def _require_begun(self) -> None:
-        if not self._begun:
+    def _begun(self) -> Ensemble:
+        if self._ensemble is None:
             raise ReasoningError('the formula group has not begun; give it the domains first')
+        return self._ensemble
+
+    def _members(self) -> Iterator[Member]:
+        """The instances that need states."""
+        for formula_id, instances in self._instances.items():
+            for order, instance in enumerate(instances):
+                if type(instance.node) is not Constant:
+                    yield Member(formula_id, order, instance, self._formulas[formula_id].kinds)
 
     def _decide_at_once(self, valid_time: int | None) -> list[FormulaResult]:
-        return self._drop(
-            [
-                self._decided(formula_id, decision, valid_time)
-                for formula_id, evaluation in self._undecided.items()
-                if (decision := evaluation.decide_at_once())
-            ]
-        )
+        results = []
+        for formula_id in sorted(self._undecided):
+            nodes = [instance.node for instance in self._instances[formula_id]]
+            verdict = Verdict.FALSE if FALSE in nodes else Verdict.TRUE
+            if FALSE in nodes or all(type(node) is Constant for node in nodes):
+                why = _WHATEVER[verdict]
+                results.append(self._decided(formula_id, verdict, valid_time, why))
+        if results:
+            self._begun().drop([result.formula_id for result in results])
+        return self._end(results)
 
-    def _drop(self, results: list[FormulaResult]) -> list[FormulaResult]:
+    def _take(self, outcome: Outcome, valid_time: int, values: Values) -> list[FormulaResult]:
+        """The results that a state brings."""
+        results = [
+            self._failed(formula_id, error, valid_time)
+            for formula_id, error in outcome.failures.items()
+        ]
+        for formula_id, finish in outcome.decisions.items():
+            verdict = Verdict.TRUE if finish.verdict else Verdict.FALSE
+            why = explain(finish, values)
+            results.append(self._decided(formula_id, verdict, valid_time, why))
+        return self._end(sorted(results, key=attrgetter('formula_id')))
+
+    def _end(self, results: list[FormulaResult]) -> list[FormulaResult]:
         """Goes on without the formulas that have a result."""
         for result in results:
-            del self._undecided[result.formula_id]
+            self._undecided.discard(result.formula_id)
+            decided = result.verdict is not Verdict.UNDECIDED
+            true = str(result.verdict is Verdict.TRUE).lower()
+            self._ends[result.formula_id] = (
+                true if decided else str(self._formulas[result.formula_id])
+            )
         return results
 
     def _decided(
-        self, formula_id: int, decision: Decision, valid_time: int | None
+        self, formula_id: int, verdict: Verdict, valid_time: int | None, why: str
     ) -> FormulaResult:
         name = self._formulas[formula_id].name
-        return FormulaResult(formula_id, name, decision.verdict, valid_time, decision.explanation)
+        return FormulaResult(formula_id, name, verdict, valid_time, why)
 
     def _failed(self, formula_id: int, error: ReasoningError, valid_time: int) -> FormulaResult:
         name = self._formulas[formula_id].name

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, TypeAlias, cast
 
 from dyknow_reasoning.atoms import NEGATED_COMPARISONS
+from dyknow_reasoning.bounds import Bound
 from dyknow_reasoning.errors import ReasoningError
 from dyknow_reasoning.formula import (
     Always,
@@ -30,10 +31,12 @@ from dyknow_reasoning.formula import (
     Until,
     Variable,
 )
-from dyknow_reasoning.nodes import FALSE, TRUE, Node, NodeStore, constant
+from dyknow_reasoning.nodes import FALSE, TRUE, Node, constant
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
+
+    from dyknow_reasoning.node_store import NodeStore
 
 Domains: TypeAlias = Mapping[str, Sequence[str]]
 """The objects of each sort."""
@@ -143,9 +146,9 @@ class _Grounder:
                 sides = self.node(left, binding), self.node(right, binding)
             case _:
                 return self._connective(formula, binding)
-        interval = formula.interval
-        universal = isinstance(formula, Always)
-        return self._store.window(interval.start, interval.end, *sides, universal=universal)
+        start, end = formula.interval.start, formula.interval.end
+        bounds = Bound(0, start) if start else None, None if end is None else Bound(0, end)
+        return self._store.window(*bounds, *sides, universal=isinstance(formula, Always))
 
     def _connective(self, formula: And | Or | Implies | Equivalent, binding: Binding) -> Node:
         left, right = self.node(formula.left, binding), self.node(formula.right, binding)

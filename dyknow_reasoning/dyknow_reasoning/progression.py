@@ -1,10 +1,12 @@
 """Progression: what the rest of a stream must satisfy, given its next state (paper, section IV).
 
-A formula is *fresh* until the state at which it is evaluated, and *running* after it. A fresh one
-is progressed over a state with no time elapsed; what that leaves is running, and is progressed over
-each later state with the time since the state before. This is what tells the paper's `until`, whose
-left side need not hold at the first state, from what remains of it, whose left side must hold from
-then on.
+A formula is *fresh* until the state at which it is evaluated, and *running* after it. What a fresh
+one leaves behind is running, and is progressed over each later state. This is what tells the
+paper's `until`, whose left side need not hold at the first state, from what remains of it, whose
+left side must hold from then on.
+
+The bounds of a running window count from the state at which it was fresh. So what remains of a
+formula changes when something happens, and not because time passes: see `automaton`.
 """
 
 from __future__ import annotations
@@ -12,95 +14,88 @@ from __future__ import annotations
 from operator import attrgetter
 from typing import TYPE_CHECKING
 
-from dyknow_reasoning.nodes import (
-    FALSE,
-    TRUE,
-    Constant,
-    Junction,
-    Literal,
-    Node,
-    NodeStore,
-    Window,
-)
+from dyknow_reasoning.bounds import Bound, Chronology
+from dyknow_reasoning.node_store import NodeStore
+from dyknow_reasoning.nodes import FALSE, TRUE, Constant, Junction, Literal, Node, Window
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
+    from collections.abc import Iterable, Sequence
 
-_MEMO_LIMIT = 1 << 15
 _DEEP = 64
 
 
 class Progression:
-    """Progresses formulas, remembering each step.
+    """Progresses formulas over one state at a time.
 
     Args:
-        store: makes the nodes.
+        roots: the formulas.
     """
 
-    def __init__(self, store: NodeStore) -> None:
-        self.store = store
-        self._memo: dict[tuple[Node, int, int], Node] = {}
-        self._limit = _MEMO_LIMIT
+    def __init__(self, roots: Iterable[Node]) -> None:
+        self.chronology = Chronology()
+        self.store = NodeStore(self.chronology, roots)
+        self._memo: dict[tuple[Node, bool], Node] = {}
+        self._symbol = 0
+        self._now = Bound(0, 0)
 
-    def progress(self, node: Node, symbol: int, elapsed: int) -> Node:
-        """What must hold after a state for the formula to hold.
+    def begin(self, symbol: int, times: Sequence[int]) -> None:
+        """Goes to a state.
 
         Args:
-            node: the formula; fresh if no time has elapsed.
             symbol: the truth of the atoms at the state; bit n is the atom of slot n.
-            elapsed: the nanoseconds from the state before.
+            times: of the states that bounds count from, in nanoseconds; this one is the last.
         """
-        key = (node, symbol & node.mask, elapsed)
+        self.chronology.begin(times)
+        self._memo.clear()
+        self._symbol = symbol
+        self._now = Bound(len(times) - 1, 0)
+
+    def progress(self, node: Node, *, fresh: bool) -> Node:
+        """What must hold after the state for the formula to hold."""
+        key = (node, fresh)
         found = self._memo.get(key)
         if found is None:
             if node.depth > _DEEP:
-                self._progress_deep_parts(node, symbol, elapsed)
-            found = self._memo[key] = self._step(node, symbol, elapsed)
+                self._progress_deep_parts(node, fresh=fresh)
+            found = self._memo[key] = self._step(node, fresh=fresh)
         return found
 
-    @property
-    def is_full(self) -> bool:
-        """Whether so much is remembered that it is time to `forget`."""
-        return len(self._memo) > self._limit
-
-    def forget(self, roots: Iterable[Node]) -> None:
-        """Drops all steps, and all nodes but those of some formulas.
-
-        Args:
-            roots: the formulas that are still to be progressed.
-        """
-        self._memo.clear()
-        self.store.keep_only(roots)
-        self._limit = max(_MEMO_LIMIT, 2 * len(self.store))
-
-    def _step(self, node: Node, symbol: int, elapsed: int) -> Node:
+    def _step(self, node: Node, *, fresh: bool) -> Node:
         if type(node) is Window:
-            return self._step_window(node, symbol, elapsed)
+            return self._step_window(node, fresh=fresh)
         if type(node) is Junction:
-            members = [self.progress(part, symbol, elapsed) for part in node.parts]
+            members = [self.progress(part, fresh=fresh) for part in node.parts]
             return self.store.junction(members, universal=node.universal)
         if type(node) is Literal:
-            return TRUE if (symbol >> node.slot & 1) == node.positive else FALSE
+            return TRUE if (self._symbol >> node.slot & 1) == node.positive else FALSE
         return node
 
-    def _step_window(self, node: Window, symbol: int, elapsed: int) -> Node:
+    def _step_window(self, node: Window, *, fresh: bool) -> Node:
         neutral = TRUE if node.universal else FALSE
-        end = None if node.end is None else node.end - elapsed
-        if end is not None and end < 0:
+        start, end = node.start, node.end
+        if fresh:
+            start, end = self._from_now(start), self._from_now(end)
+        later, now = self.chronology.later, self._now
+        last = end is not None and not later(end, now)
+        if end is not None and last and later(now, end):
             return neutral
-        start = max(node.start - elapsed, 0)
-        now = neutral if start else self.progress(node.right, symbol, 0)
-        if end == 0 or (type(now) is Constant and now is not neutral):
-            return now
+        begun = start is None or not later(start, now)
+        current = self.progress(node.right, fresh=True) if begun else neutral
+        if last or (type(current) is Constant and current is not neutral):
+            return current
         # The next state is at least a nanosecond away, so a start of one is already reached then.
-        start = start if start > 1 else 0
+        if start is not None and not later(start, now, 1):
+            start = None
         rest = self.store.window(start, end, node.left, node.right, universal=node.universal)
-        if elapsed:
-            left = self.progress(node.left, symbol, 0)
+        if not fresh:
+            left = self.progress(node.left, fresh=True)
             rest = self.store.junction((left, rest), universal=not node.universal)
-        return self.store.junction((now, rest), universal=node.universal)
+        return self.store.junction((current, rest), universal=node.universal)
 
-    def _progress_deep_parts(self, node: Node, symbol: int, elapsed: int) -> None:
+    def _from_now(self, bound: Bound | None) -> Bound | None:
+        return bound and Bound(self._now.state, bound.offset)
+
+    def _progress_deep_parts(self, node: Node, *, fresh: bool) -> None:
         """Progress deep parts first, the deepest last, so that the recursion stays shallow."""
         deep: set[Node] = set()
         pending: list[Node] = [node]
@@ -111,6 +106,5 @@ class Progression:
                 deep |= found
                 pending.extend(found)
         for part in sorted(deep, key=attrgetter('depth')):
-            key = (part, symbol & part.mask, elapsed)
-            if key not in self._memo:
-                self._memo[key] = self._step(part, symbol, elapsed)
+            if (part, fresh) not in self._memo:
+                self._memo[part, fresh] = self._step(part, fresh=fresh)

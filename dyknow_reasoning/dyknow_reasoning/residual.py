@@ -7,7 +7,9 @@ from operator import attrgetter
 from typing import TYPE_CHECKING
 
 from dyknow_reasoning.atoms import NEGATED_COMPARISONS
+from dyknow_reasoning.bounds import Bound, Chronology
 from dyknow_reasoning.formula import Atom, Comparison, Formula, Interval, Not, operand_text
+from dyknow_reasoning.node_store import NodeStore
 from dyknow_reasoning.nodes import (
     FALSE,
     TRUE,
@@ -16,6 +18,7 @@ from dyknow_reasoning.nodes import (
     Literal,
     Node,
     Window,
+    bounds_of,
     descendants,
 )
 
@@ -26,10 +29,10 @@ if TYPE_CHECKING:
 def residual_text(node: Node, atoms: Sequence[Atom]) -> str:
     """The canonical text of a node.
 
-    Its intervals count from the latest state, and it speaks of the states after that one.
+    It speaks of the states after the latest one.
 
     Args:
-        node: what remains of a formula.
+        node: what remains of a formula; its bounds count from the latest state.
         atoms: the atom of each slot.
     """
     texts: dict[Node, str] = {}
@@ -37,6 +40,25 @@ def residual_text(node: Node, atoms: Sequence[Atom]) -> str:
     for part in sorted(descendants([node]), key=attrgetter('depth')):
         texts[part] = _text(part, texts, atoms)
     return texts[node]
+
+
+def remaining_text(node: Node, times: Sequence[int], now: int, atoms: Sequence[Atom]) -> str:
+    """The canonical text of what remains; its intervals count from the present state.
+
+    Args:
+        node: what remains of a formula.
+        times: of the states that its bounds count from, in nanoseconds.
+        now: the time of the present state.
+        atoms: the atom of each slot.
+    """
+    bounds = {each: Bound(0, times[each.state] + each.offset - now) for each in bounds_of(node)}
+    return residual_text(NodeStore(Chronology()).renumbered(node, bounds), atoms)
+
+
+def interval_of(node: Window) -> Interval:
+    """The interval of a window whose bounds count from one state."""
+    start = node.start.offset if node.start else 0
+    return Interval(start, node.end.offset if node.end else None)
 
 
 def _text(node: Node, texts: Mapping[Node, str], atoms: Sequence[Atom]) -> str:
@@ -56,7 +78,7 @@ def _text(node: Node, texts: Mapping[Node, str], atoms: Sequence[Atom]) -> str:
 
 
 def _window_text(node: Window, texts: Mapping[Node, str], atoms: Sequence[Atom]) -> str:
-    interval = Interval(node.start, node.end).suffix
+    interval = interval_of(node).suffix
     right = _operand(node.right, texts, atoms)
     if node.left is FALSE and node.universal:
         return f'always{interval} {right}'

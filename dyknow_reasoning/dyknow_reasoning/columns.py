@@ -1,0 +1,293 @@
+"""The truth of the atoms of many instances at once, over columns of values.
+
+An array of truth has an entry for each instance; over a recording it has a row for each state. What
+an array could not represent exactly (a value of another type, a missing field, an integer that no
+float equals) raises `UnreadableError`: then the states are to be read value by value.
+"""
+
+from __future__ import annotations
+
+import operator
+from collections.abc import Callable, Mapping, Sequence
+from operator import itemgetter
+from typing import TYPE_CHECKING, Any, TypeAlias
+
+import numpy as np
+
+from dyknow_reasoning.atoms import Values, kind_of
+from dyknow_reasoning.formula import (
+    Arithmetic,
+    Atom,
+    Comparison,
+    Feature,
+    Number,
+    Reference,
+    Term,
+    Text,
+    Truth,
+)
+from dyknow_reasoning.type_checking import Kind, Kinds
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+_EXACT = 1 << 53
+
+Array: TypeAlias = 'np.ndarray[Any, np.dtype[Any]]'
+
+Truths: TypeAlias = Callable[[], Array]
+"""Whether an atom holds, for each instance, of the columns that were last loaded."""
+
+Recording: TypeAlias = Mapping[str, Array]
+"""For each field its values, one for each state."""
+
+_COMPARE: Mapping[str, Callable[[Any, Any], Any]] = {
+    '=': operator.eq,
+    '<': operator.lt,
+    '<=': operator.le,
+}
+
+
+_WIDE: Mapping[str, type] = {'b': bool, 'i': int, 'f': float}
+
+
+class UnreadableError(Exception):
+    """The values do not fit into columns."""
+
+
+class Column:
+    """The values of some fields, one for each instance.
+
+    Args:
+        fields: their names, in the order of the instances.
+        kind: what they hold; None if only the values tell.
+    """
+
+    def __init__(self, fields: Sequence[str], kind: Kind | None) -> None:
+        self.values: Array = np.empty(0)
+        self._fields = fields
+        self._kind = kind
+        self._items: Callable[[Values], Any] = itemgetter(*fields)
+
+    def load(self, values: Values) -> None:
+        """Takes the values of a state.
+
+        Raises:
+            UnreadableError: if they do not fit.
+        """
+        try:
+            items = self._items(values)
+        except KeyError:
+            raise UnreadableError from None
+        self.values = _array(items if len(self._fields) > 1 else (items,), self._kind)
+
+    def load_many(self, recording: Recording) -> None:
+        """Takes the values of many states: a row for each state.
+
+        Raises:
+            UnreadableError: if they do not fit.
+        """
+        try:
+            arrays = [recording[name] for name in self._fields]
+        except KeyError:
+            raise UnreadableError from None
+        if len({array.dtype for array in arrays}) > 1:
+            raise UnreadableError
+        self.values = _checked(np.stack(arrays, axis=1), self._kind)
+
+
+class Columns:
+    """The columns that instances need, each loaded once for all of them."""
+
+    def __init__(self) -> None:
+        self._found: dict[tuple[tuple[str, ...], Kind | None], Column] = {}
+
+    def truths(self, atoms: Sequence[Atom], kinds: Kinds) -> Truths:
+        """The truth of atoms that are alike, one for each instance."""
+        atom = atoms[0]
+        if not isinstance(atom, Comparison):
+            column = self._column(atoms, Kind.BOOLEAN)
+            return lambda: column.values
+        compare = _COMPARE[atom.operator]
+        left = self._terms([each.left for each in atoms if isinstance(each, Comparison)], kinds)
+        right = self._terms([each.right for each in atoms if isinstance(each, Comparison)], kinds)
+        if _is_open(atom.left, kinds) or _is_open(atom.right, kinds):
+            return lambda: _compare_alike(compare, left(), right())
+        return lambda: compare(left(), right())
+
+    def load(self, values: Values) -> None:
+        """Takes the values of a state.
+
+        Raises:
+            UnreadableError: if they do not fit.
+        """
+        for column in self._found.values():
+            column.load(values)
+
+    def load_many(self, recording: Recording) -> None:
+        """Takes the values of many states.
+
+        Raises:
+            UnreadableError: if they do not fit.
+        """
+        for column in self._found.values():
+            column.load_many(recording)
+
+    def _column(self, terms: Iterable[Term | Atom], kind: Kind | None) -> Column:
+        fields = tuple(map(str, terms))
+        return self._found.setdefault((fields, kind), Column(fields, kind))
+
+    def _terms(self, terms: Sequence[Term], kinds: Kinds) -> Callable[[], Any]:
+        match terms[0]:
+            case Number() | Text() | Truth():
+                constant = _constant([term.value for term in terms if isinstance(term, _CONSTANTS)])
+                return lambda: constant
+            case Arithmetic(symbol):
+                parts = [term for term in terms if isinstance(term, Arithmetic)]
+                left = self._terms([part.left for part in parts], kinds)
+                right = self._terms([part.right for part in parts], kinds)
+                return lambda: _calculated(symbol, left(), right())
+            case Feature() | Reference() as term:
+                column = self._column(terms, kind_of(term, kinds))
+                return lambda: column.values
+            case _:  # pragma: no cover - ground atoms compare values
+                raise AssertionError(terms[0])
+
+
+_CONSTANTS = Number | Text | Truth
+
+
+def form(atom: Atom, kinds: Kinds) -> Any:
+    """What atoms must share to be evaluated together: all but their fields and constants.
+
+    None if an atom cannot be evaluated with others.
+    """
+    if not isinstance(atom, Comparison):
+        return ('boolean',)
+    left, right = _form_of_term(atom.left, kinds), _form_of_term(atom.right, kinds)
+    return None if left is None or right is None else (atom.operator, left, right)
+
+
+def fits(recording: Mapping[str, Sequence[Any] | Array]) -> Recording:
+    """The columns of a recording as arrays: numbers, booleans, or else objects."""
+    return {name: _plain_array(column) for name, column in recording.items()}
+
+
+def _form_of_term(term: Term, kinds: Kinds) -> Any:
+    match term:
+        case Number(value):
+            return None if abs(value) >= _EXACT else ('constant', type(value))
+        case Text(value) | Truth(value):
+            return ('constant', type(value))
+        case Arithmetic(symbol, left, right):
+            sides = _form_of_term(left, kinds), _form_of_term(right, kinds)
+            return None if None in sides else (symbol, *sides)
+        case Feature() | Reference():
+            return ('field', kind_of(term, kinds))
+        case _:  # pragma: no cover - ground atoms compare values
+            raise AssertionError(term)
+
+
+def _is_open(term: Term, kinds: Kinds) -> bool:
+    return isinstance(term, Feature | Reference) and kind_of(term, kinds) is None
+
+
+def _plain_array(column: Sequence[Any] | Array) -> Array:
+    if isinstance(column, np.ndarray):
+        wide = _WIDE.get(column.dtype.kind)
+        narrow = wide is not None and column.dtype.itemsize <= np.dtype(wide).itemsize
+        return column.astype(wide if narrow else object, copy=False)
+    types = set(map(type, column))
+    if types in ({bool}, {float}, {int}):
+        return np.array(column)
+    found = np.empty(len(column), dtype=object)
+    found[:] = column
+    return found
+
+
+def _array(items: Sequence[Any], kind: Kind | None) -> Array:
+    """The values of a state, checked."""
+    if kind is Kind.BOOLEAN:
+        found = np.array(items)
+        if found.dtype.kind != 'b' or found.ndim != 1:
+            raise UnreadableError
+        return found
+    types = set(map(type, items))
+    if len(types) > 1:
+        raise UnreadableError
+    if types == {str}:
+        found = np.empty(len(items), dtype=object)
+        found[:] = items
+        return _checked(found, kind)
+    if types <= {float, int, bool}:
+        return _checked(np.array(items), kind)
+    raise UnreadableError
+
+
+def _checked(found: Array, kind: Kind | None) -> Array:
+    """An array of one type, if it holds what that kind allows."""
+    match found.dtype.kind:
+        case 'f' if kind in {Kind.NUMBER, None}:
+            flat = found.ravel()
+            total = flat.dot(flat)
+            if total != total:  # noqa: PLR0124 - only NaN differs from itself
+                raise UnreadableError
+        case 'i' if kind in {Kind.NUMBER, None}:
+            if found.size and max(-int(found.min()), int(found.max())) >= _EXACT:
+                raise UnreadableError
+        case 'b' if kind in {Kind.BOOLEAN, None}:
+            pass
+        case 'O' if kind in {Kind.STRING, None} and set(map(type, found.flat)) == {str}:
+            pass
+        case _:
+            raise UnreadableError
+    return found
+
+
+def _constant(values: Sequence[Any]) -> Any:
+    if len(set(values)) == 1:
+        return values[0]
+    if isinstance(values[0], str):
+        found = np.empty(len(values), dtype=object)
+        found[:] = values
+        return found
+    return np.array(values)
+
+
+def _compare_alike(compare: Callable[[Any, Any], Any], left: Any, right: Any) -> Array:
+    """Compares values of which only they tell what they are."""
+    if len({_family(side) for side in (left, right)}) > 1:
+        raise UnreadableError
+    result: Array = compare(left, right)
+    return result
+
+
+def _family(side: Any) -> str:
+    kind = np.asarray(side, dtype=object if isinstance(side, str) else None).dtype.kind
+    return 'f' if kind == 'i' else kind
+
+
+def _calculated(symbol: str, left: Any, right: Any) -> Any:
+    """The result of arithmetic, as Python would compute it."""
+    sides = [np.asarray(side, dtype=float) for side in (left, right)]
+    whole = all(np.asarray(side).dtype.kind == 'i' for side in (left, right))
+    if (whole and not _small(sides)) or (symbol == '/' and not sides[1].all()):
+        raise UnreadableError
+    with np.errstate(all='ignore'):
+        result = _CALCULATE[symbol](*sides)
+    if np.isnan(result).any():
+        raise UnreadableError
+    return result.astype(int) if whole and symbol != '/' else result
+
+
+_CALCULATE: Mapping[str, Callable[[Any, Any], Any]] = {
+    '+': operator.add,
+    '-': operator.sub,
+    '*': operator.mul,
+    '/': operator.truediv,
+}
+
+
+def _small(sides: Iterable[Array]) -> bool:
+    """Whether floats hold what integers would give: all products are below 2 ** 53."""
+    return all(bool((np.abs(side) < 1 << 26).all()) for side in sides)

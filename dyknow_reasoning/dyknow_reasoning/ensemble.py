@@ -1,0 +1,278 @@
+"""The undecided instances of a formula group, progressed state by state."""
+
+from __future__ import annotations
+
+from collections import Counter, defaultdict
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+from dyknow_reasoning.batch import Batch
+from dyknow_reasoning.columns import Columns, UnreadableError, form
+from dyknow_reasoning.errors import ReasoningError
+from dyknow_reasoning.pace import Pace
+from dyknow_reasoning.routine import Routine
+from dyknow_reasoning.shapes import Finish, Member, Shape
+from dyknow_reasoning.single import Single
+from dyknow_stream_processing import ExitCode
+
+if TYPE_CHECKING:
+    from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+
+    from dyknow_reasoning.atoms import Values
+    from dyknow_reasoning.automaton import Location, Times
+    from dyknow_reasoning.columns import Array
+    from dyknow_reasoning.nodes import Node
+
+_FEWEST_IN_A_BATCH = 24
+_MOST_SLOTS_IN_A_BATCH = 6
+_MOST_IN_A_ROUTINE = 256
+_ROUTINE_AFTER = 4
+
+
+@dataclass(frozen=True, slots=True)
+class Outcome:
+    """What a state brings.
+
+    Args:
+        decisions: for each formula that it decides, the instance that made the difference.
+        failures: for each formula that it fails, why.
+    """
+
+    decisions: Mapping[int, Finish] = field(default_factory=dict)
+    failures: Mapping[int, ReasoningError] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, slots=True)
+class _Symbols:
+    """The truth of the atoms: of each instance by itself, and of each batch."""
+
+    singles: Sequence[int]
+    batches: Sequence[Array]
+
+
+class Ensemble:
+    """Progresses instances, each by itself or, of many of one shape, together.
+
+    Args:
+        members: the instances, those of a formula in their order.
+        node_limit: the nodes that the instances of a formula may have together.
+    """
+
+    def __init__(self, members: Sequence[Member], node_limit: int) -> None:
+        self._node_limit = node_limit
+        self._pace = Pace()
+        self._remaining = Counter(member.formula_id for member in members)
+        self._shapes: list[Shape] = []
+        self._singles: list[Single] = []
+        self._batches: list[Batch] = []
+        self._distribute(members)
+        self._columns = Columns()
+        self._attach()
+        # For states that take no more than a look-up for each instance by itself.
+        self._routine: Routine | None = None
+        self._former_routine: Routine | None = None
+        self._regular_in_a_row = 0
+        # Whether a formula may be near the node limit.
+        self._is_large = False
+
+    def progress(self, now: int, elapsed: int, values: Values) -> Outcome | None:
+        """Progresses all over a state; drops the formulas that it decides or fails.
+
+        Returns:
+            None if there are none.
+
+        Args:
+            now: the valid time of the state, in nanoseconds.
+            elapsed: since the state before; 0 at the first.
+            values: of the ground features.
+        """
+        if self._routine:
+            if elapsed == self._routine.elapsed and self._routine.step(values):
+                return None
+            self._leave_routine()
+        symbols, failures = self._read(values)
+        return self._step(symbols, now, elapsed, failures)
+
+    def drop(self, formulas: Collection[int], finished: Sequence[Member] = ()) -> None:
+        """Goes on without some formulas and some instances of others."""
+        self._leave_routine()
+        gone = set(map(id, finished))
+        self._singles = [
+            each
+            for each in self._singles
+            if each.member.formula_id not in formulas and id(each.member) not in gone
+        ]
+        for batch in self._batches:
+            batch.drop(gone, formulas)
+        self._batches = [batch for batch in self._batches if len(batch)]
+        for formula_id in formulas:
+            del self._remaining[formula_id]
+        if any(batch.is_sparse for batch in self._batches):
+            self._attach()
+
+    def wheres(self, latest: int) -> Iterator[tuple[Member, Location, Times]]:
+        """Where each instance is; `latest` is the valid time of the latest state."""
+        self._leave_routine()
+        for single in self._singles:
+            yield single.member, *single.where(latest)
+        for batch in self._batches:
+            yield from batch.wheres(latest)
+
+    def _distribute(self, members: Iterable[Member]) -> None:
+        """Members of one shape whose atoms are alike make a batch if they are many."""
+        shapes: dict[Node, Shape] = {}
+        alike: defaultdict[object, list[Member]] = defaultdict(list)
+        for member in members:
+            node = member.instance.node
+            if node not in shapes:
+                shapes[node] = Shape(node)
+            forms = tuple(form(atom, member.kinds) for atom in member.instance.atoms)
+            narrow = node.mask.bit_length() <= _MOST_SLOTS_IN_A_BATCH and None not in forms
+            alike[(node, forms) if narrow else node].append(member)
+        for key, found in alike.items():
+            shape = shapes[found[0].instance.node]
+            if type(key) is tuple and len(found) >= _FEWEST_IN_A_BATCH:
+                self._batches.append(Batch(found, shape))
+            else:
+                self._singles += [Single(member, shape) for member in found]
+        self._shapes = list(shapes.values())
+        for shape in self._shapes:
+            shape.harmless = self._node_limit
+        for members_ in alike.values():
+            most = max(self._remaining[member.formula_id] for member in members_)
+            shape = shapes[members_[0].instance.node]
+            shape.harmless = min(shape.harmless, self._node_limit // most)
+
+    def _attach(self) -> None:
+        self._columns = Columns()
+        for batch in self._batches:
+            batch.attach(self._columns)
+
+    def _read(self, values: Values) -> tuple[_Symbols, Mapping[int, ReasoningError]]:
+        """The truth of the atoms; drops the formulas that the values do not suffice for."""
+        try:
+            self._columns.load(values)
+            singles = [single.read(values) for single in self._singles]
+            return _Symbols(singles, [batch.symbols() for batch in self._batches]), {}
+        except (UnreadableError, ReasoningError):
+            if any(batch.loads_too_much for batch in self._batches):
+                self._attach()
+                return self._read(values)
+            return self._read_one_by_one(values)
+
+    def _read_one_by_one(self, values: Values) -> tuple[_Symbols, Mapping[int, ReasoningError]]:
+        found: list[tuple[Member, ReasoningError]] = []
+        singles: dict[int, int] = {}
+        for single in self._singles:
+            try:
+                singles[id(single)] = single.read(values)
+            except ReasoningError as error:
+                found.append((single.member, error))
+        batches: dict[int, Array] = {}
+        for batch in self._batches:
+            batches[id(batch)], errors = batch.read(values)
+            found += errors
+        found.sort(key=lambda each: each[0].order, reverse=True)
+        failures = {member.formula_id: error for member, error in found}
+        if failures:
+            for batch in self._batches:
+                batches[id(batch)] = batches[id(batch)][batch.without(failures)]
+            self.drop(failures)
+        return _Symbols(
+            [singles[id(single)] for single in self._singles],
+            [batches[id(batch)] for batch in self._batches],
+        ), failures
+
+    def _step(
+        self, symbols: _Symbols, now: int, elapsed: int, failures: Mapping[int, ReasoningError]
+    ) -> Outcome | None:
+        regular = elapsed == 0 or self._pace.is_regular(elapsed)
+        finishes = []
+        for single, symbol in zip(self._singles, symbols.singles, strict=True):
+            finish = single.step(symbol, now, elapsed, regular=regular)
+            if finish:
+                finishes.append(finish)
+        for batch, array in zip(self._batches, symbols.batches, strict=True):
+            finishes += batch.step(array, now, elapsed, regular=regular)
+        decisions = self._decide(finishes) if finishes else {}
+        if any(shape.automaton.has_news for shape in self._shapes):
+            self._take_news(now)
+        if self._is_large:
+            failures = {**failures, **self._check_sizes(now)}
+        if regular and self._singles and not self._batches and not self._is_large:
+            self._enter_routine(elapsed)
+        else:
+            self._regular_in_a_row = 0
+        return Outcome(decisions, failures) if decisions or failures else None
+
+    def _enter_routine(self, elapsed: int) -> None:
+        self._regular_in_a_row += 1
+        former = self._former_routine
+        if former and former.elapsed == elapsed and former.suits(self._singles):
+            self._routine = former
+        elif self._regular_in_a_row >= _ROUTINE_AFTER and len(self._singles) <= _MOST_IN_A_ROUTINE:
+            self._routine = Routine(self._singles, elapsed)
+            self._regular_in_a_row = 0
+        if self._routine:
+            self._routine.enter()
+
+    def _leave_routine(self) -> None:
+        if self._routine:
+            self._routine.leave()
+            self._former_routine, self._routine = self._routine, None
+
+    def _decide(self, finishes: Iterable[Finish]) -> Mapping[int, Finish]:
+        """The formulas that are false for an instance, or true for the last one."""
+        decisions: dict[int, Finish] = {}
+        members = []
+        for finish in sorted(finishes, key=lambda finish: finish.member.order):
+            formula_id = finish.member.formula_id
+            members.append(finish.member)
+            self._remaining[formula_id] -= 1
+            known = decisions.get(formula_id)
+            false = known is not None and not known.verdict
+            if not false and not (finish.verdict and self._remaining[formula_id]):
+                decisions[formula_id] = finish
+        self.drop(decisions, members)
+        return decisions
+
+    def _take_news(self, now: int) -> None:
+        """Looks after memory, and the sizes of formulas, when something has been found."""
+        for shape in self._shapes:
+            shape.automaton.has_news = False
+            if shape.is_full:
+                locations = set()
+                for single in self._singles:
+                    if single.shape is shape:
+                        locations.add(single.leave_configurations(now))
+                for batch in self._batches:
+                    if batch.shape is shape:
+                        locations |= batch.leave_configurations(now)
+                shape.forget(locations)
+        self._is_large = any(shape.is_large for shape in self._shapes)
+
+    def _check_sizes(self, now: int) -> Mapping[int, ReasoningError]:
+        """Drops the formulas that have grown beyond the limit."""
+        sizes: Counter[int] = Counter()
+        for single in self._singles:
+            location, _ = single.where(now)
+            sizes[single.member.formula_id] += location.node.size
+        for batch in self._batches:
+            sizes.update(batch.sizes())
+        limit = self._node_limit
+        failures = {
+            formula_id: _too_large(size, limit)
+            for formula_id, size in sizes.items()
+            if size > limit
+        }
+        if failures:
+            self.drop(failures)
+        return failures
+
+
+def _too_large(size: int, limit: int) -> ReasoningError:
+    return ReasoningError(
+        f'the formula has grown to {size} nodes, more than {limit}; '
+        'bound its intervals, lengthen the sample period, or raise the node limit',
+        ExitCode.UNAVAILABLE,
+    )
