@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from dyknow_reasoning.atoms import Predicate, predicate
+from dyknow_reasoning.columns import bits
 from dyknow_reasoning.errors import ReasoningError
 from dyknow_reasoning.nodes import slots
 from dyknow_reasoning.places import ClockedPlaces, Decided, TabulatedPlaces
@@ -71,19 +72,12 @@ class Batch:
 
     def symbols(self) -> Array:
         """The truth of the atoms as bits, from what was last loaded into the columns."""
-        found: Array | None = None
-        for slot, truths in self._truths:
-            bits = truths().astype(np.intp)
-            if slot:
-                bits <<= slot
-            found = bits if found is None else np.bitwise_or(found, bits, out=found)
-        if found is None:
-            found = np.zeros(len(self._members), dtype=np.intp)
+        found = bits(self._truths)
         return found if self._rows is None else found[..., self._rows]
 
     def read(self, values: Values) -> tuple[Array, list[tuple[Member, ReasoningError]]]:
         """The truth of the atoms value by value, and the errors of those without any."""
-        found = np.zeros(len(self._members), dtype=np.intp)
+        found = np.zeros(len(self._members), dtype=np.uint8)
         errors = []
         for index, member in enumerate(self._members):
             location, _ = self._places.where(index, 0)

@@ -7,6 +7,7 @@ float equals) raises `UnreadableError`: then the states are to be read value by 
 
 from __future__ import annotations
 
+import math
 import operator
 from collections.abc import Callable, Mapping, Sequence
 from operator import itemgetter
@@ -65,6 +66,7 @@ class Column:
 
     def __init__(self, fields: Sequence[str], kind: Kind | None) -> None:
         self.values: Array = np.empty(0)
+        self._recorded: Array = np.empty((0, 0))
         self._fields = fields
         self._kind = kind
         self._items: Callable[[Values], Any] = itemgetter(*fields)
@@ -81,8 +83,8 @@ class Column:
             raise UnreadableError from None
         self.values = _array(items if len(self._fields) > 1 else (items,), self._kind)
 
-    def load_many(self, recording: Recording) -> None:
-        """Takes the values of many states: a row for each state.
+    def open(self, recording: Recording) -> None:
+        """Takes the values of a recording, for `select`.
 
         Raises:
             UnreadableError: if they do not fit.
@@ -93,7 +95,16 @@ class Column:
             raise UnreadableError from None
         if len({array.dtype for array in arrays}) > 1:
             raise UnreadableError
-        self.values = _checked(np.stack(arrays, axis=1), self._kind)
+        self._recorded = np.stack(arrays)
+
+    def select(self, states: slice) -> None:
+        """Takes the values of some states of the recording: a row for each state.
+
+        Raises:
+            UnreadableError: if they do not fit.
+        """
+        selected = np.ascontiguousarray(self._recorded[:, states].T)
+        self.values = _checked(selected, self._kind)
 
 
 class Columns:
@@ -124,14 +135,23 @@ class Columns:
         for column in self._found.values():
             column.load(values)
 
-    def load_many(self, recording: Recording) -> None:
-        """Takes the values of many states.
+    def open(self, recording: Recording) -> None:
+        """Takes the values of a recording, for `select`.
 
         Raises:
             UnreadableError: if they do not fit.
         """
         for column in self._found.values():
-            column.load_many(recording)
+            column.open(recording)
+
+    def select(self, states: slice) -> None:
+        """Takes the values of some states of the recording.
+
+        Raises:
+            UnreadableError: if they do not fit.
+        """
+        for column in self._found.values():
+            column.select(states)
 
     def _column(self, terms: Iterable[Term | Atom], kind: Kind | None) -> Column:
         fields = tuple(map(str, terms))
@@ -157,6 +177,21 @@ class Columns:
 _CONSTANTS = Number | Text | Truth
 
 
+def bits(truths: Sequence[tuple[int, Truths]]) -> Array:
+    """The truth of atoms as bits, from what was last loaded; the atoms by their slots."""
+    first, *others = truths
+    found = _bit(*first)
+    for each in others:
+        found |= _bit(*each)
+    return found
+
+
+def _bit(slot: int, truths: Truths) -> Array:
+    bit = truths().astype(np.uint8)
+    bit <<= slot
+    return bit
+
+
 def form(atom: Atom, kinds: Kinds) -> Any:
     """What atoms must share to be evaluated together: all but their fields and constants.
 
@@ -168,9 +203,9 @@ def form(atom: Atom, kinds: Kinds) -> Any:
     return None if left is None or right is None else (atom.operator, left, right)
 
 
-def fits(recording: Mapping[str, Sequence[Any] | Array]) -> Recording:
+def recorded(columns: Mapping[str, Iterable[Any]]) -> Recording:
     """The columns of a recording as arrays: numbers, booleans, or else objects."""
-    return {name: _plain_array(column) for name, column in recording.items()}
+    return {name: _plain_array(column) for name, column in columns.items()}
 
 
 def _form_of_term(term: Term, kinds: Kinds) -> Any:
@@ -192,16 +227,16 @@ def _is_open(term: Term, kinds: Kinds) -> bool:
     return isinstance(term, Feature | Reference) and kind_of(term, kinds) is None
 
 
-def _plain_array(column: Sequence[Any] | Array) -> Array:
+def _plain_array(column: Iterable[Any]) -> Array:
     if isinstance(column, np.ndarray):
         wide = _WIDE.get(column.dtype.kind)
         narrow = wide is not None and column.dtype.itemsize <= np.dtype(wide).itemsize
         return column.astype(wide if narrow else object, copy=False)
-    types = set(map(type, column))
-    if types in ({bool}, {float}, {int}):
-        return np.array(column)
-    found = np.empty(len(column), dtype=object)
-    found[:] = column
+    values = list(column)
+    if set(map(type, values)) in ({bool}, {float}):
+        return np.array(values)
+    found = np.empty(len(values), dtype=object)
+    found[:] = values
     return found
 
 
@@ -228,20 +263,30 @@ def _checked(found: Array, kind: Kind | None) -> Array:
     """An array of one type, if it holds what that kind allows."""
     match found.dtype.kind:
         case 'f' if kind in {Kind.NUMBER, None}:
-            flat = found.ravel()
-            total = flat.dot(flat)
-            if total != total:  # noqa: PLR0124 - only NaN differs from itself
+            if math.isnan(found.min()):
                 raise UnreadableError
         case 'i' if kind in {Kind.NUMBER, None}:
             if found.size and max(-int(found.min()), int(found.max())) >= _EXACT:
                 raise UnreadableError
         case 'b' if kind in {Kind.BOOLEAN, None}:
             pass
-        case 'O' if kind in {Kind.STRING, None} and set(map(type, found.flat)) == {str}:
-            pass
+        case 'O':
+            return _checked_objects(found, kind)
         case _:
             raise UnreadableError
     return found
+
+
+def _checked_objects(found: Array, kind: Kind | None) -> Array:
+    types = set(map(type, found.flat))
+    if types == {str} and kind in {Kind.STRING, None}:
+        return found
+    if types == {int}:
+        try:
+            return _checked(found.astype(int), kind)
+        except OverflowError:
+            pass
+    raise UnreadableError
 
 
 def _constant(values: Sequence[Any]) -> Any:

@@ -10,6 +10,7 @@ from dyknow_reasoning.batch import Batch
 from dyknow_reasoning.columns import Columns, UnreadableError, form
 from dyknow_reasoning.errors import ReasoningError
 from dyknow_reasoning.pace import Pace
+from dyknow_reasoning.recording import RecordedSymbols, Symbols, values_at
 from dyknow_reasoning.routine import Routine
 from dyknow_reasoning.shapes import Finish, Member, Shape
 from dyknow_reasoning.single import Single
@@ -20,7 +21,7 @@ if TYPE_CHECKING:
 
     from dyknow_reasoning.atoms import Values
     from dyknow_reasoning.automaton import Location, Times
-    from dyknow_reasoning.columns import Array
+    from dyknow_reasoning.columns import Array, Recording
     from dyknow_reasoning.nodes import Node
 
 _FEWEST_IN_A_BATCH = 24
@@ -42,14 +43,6 @@ class Outcome:
     failures: Mapping[int, ReasoningError] = field(default_factory=dict)
 
 
-@dataclass(frozen=True, slots=True)
-class _Symbols:
-    """The truth of the atoms: of each instance by itself, and of each batch."""
-
-    singles: Sequence[int]
-    batches: Sequence[Array]
-
-
 class Ensemble:
     """Progresses instances, each by itself or, of many of one shape, together.
 
@@ -68,10 +61,11 @@ class Ensemble:
         self._distribute(members)
         self._columns = Columns()
         self._attach()
-        # For states that take no more than a look-up for each instance by itself.
+        # Whether a state usually takes no more than a look-up for each instance by itself.
+        self._is_plain = False
         self._routine: Routine | None = None
         self._former_routine: Routine | None = None
-        self._regular_in_a_row = 0
+        self._plain_in_a_row = 0
         # Whether a formula may be near the node limit.
         self._is_large = False
 
@@ -91,7 +85,47 @@ class Ensemble:
                 return None
             self._leave_routine()
         symbols, failures = self._read(values)
-        return self._step(symbols, now, elapsed, failures)
+        outcome = self._step(symbols, now, elapsed, failures)
+        if self._is_plain and self._singles:
+            self._enter_routine(elapsed)
+        return outcome
+
+    def progress_many(
+        self, times: Sequence[int], steps: Sequence[int], recording: Recording
+    ) -> Iterator[tuple[int, Outcome]]:
+        """Progresses all over a recording, as `progress` does state by state.
+
+        Args:
+            times: the valid times of the states, in nanoseconds.
+            steps: for each state, the nanoseconds since the one before.
+            recording: the values of the ground features.
+
+        Returns:
+            The states that bring something, by index, and what.
+        """
+        index, states = 0, range(0)
+        reader: RecordedSymbols | None = None
+        symbols: Sequence[Symbols] | None = None
+        self._leave_routine()
+        while index < len(times) and self._remaining:
+            if reader is None or not reader.reads(self._singles, self._batches):
+                reader = RecordedSymbols(recording, self._singles, self._batches, self._columns)
+                states = range(index, index)
+            if index == states.stop:
+                states = reader.run(index, len(times))
+                symbols = reader.symbols(states)
+            if symbols:
+                index += self._look_up(symbols, steps, index, states)
+                if index == states.stop:
+                    continue
+                found = symbols[index - states.start]
+                outcome = self._step(found, times[index], steps[index], {})
+            else:
+                outcome = self.progress(times[index], steps[index], values_at(recording, index))
+                self._leave_routine()
+            if outcome:
+                yield index, outcome
+            index += 1
 
     def drop(self, formulas: Collection[int], finished: Sequence[Member] = ()) -> None:
         """Goes on without some formulas and some instances of others."""
@@ -127,7 +161,7 @@ class Ensemble:
             if node not in shapes:
                 shapes[node] = Shape(node)
             forms = tuple(form(atom, member.kinds) for atom in member.instance.atoms)
-            narrow = node.mask.bit_length() <= _MOST_SLOTS_IN_A_BATCH and None not in forms
+            narrow = 0 < node.mask.bit_length() <= _MOST_SLOTS_IN_A_BATCH and None not in forms
             alike[(node, forms) if narrow else node].append(member)
         for key, found in alike.items():
             shape = shapes[found[0].instance.node]
@@ -148,19 +182,19 @@ class Ensemble:
         for batch in self._batches:
             batch.attach(self._columns)
 
-    def _read(self, values: Values) -> tuple[_Symbols, Mapping[int, ReasoningError]]:
+    def _read(self, values: Values) -> tuple[Symbols, Mapping[int, ReasoningError]]:
         """The truth of the atoms; drops the formulas that the values do not suffice for."""
         try:
             self._columns.load(values)
             singles = [single.read(values) for single in self._singles]
-            return _Symbols(singles, [batch.symbols() for batch in self._batches]), {}
+            return Symbols(singles, [batch.symbols() for batch in self._batches]), {}
         except (UnreadableError, ReasoningError):
             if any(batch.loads_too_much for batch in self._batches):
                 self._attach()
                 return self._read(values)
             return self._read_one_by_one(values)
 
-    def _read_one_by_one(self, values: Values) -> tuple[_Symbols, Mapping[int, ReasoningError]]:
+    def _read_one_by_one(self, values: Values) -> tuple[Symbols, Mapping[int, ReasoningError]]:
         found: list[tuple[Member, ReasoningError]] = []
         singles: dict[int, int] = {}
         for single in self._singles:
@@ -178,18 +212,18 @@ class Ensemble:
             for batch in self._batches:
                 batches[id(batch)] = batches[id(batch)][batch.without(failures)]
             self.drop(failures)
-        return _Symbols(
+        return Symbols(
             [singles[id(single)] for single in self._singles],
             [batches[id(batch)] for batch in self._batches],
         ), failures
 
     def _step(
-        self, symbols: _Symbols, now: int, elapsed: int, failures: Mapping[int, ReasoningError]
+        self, symbols: Symbols, now: int, elapsed: int, failures: Mapping[int, ReasoningError]
     ) -> Outcome | None:
         regular = elapsed == 0 or self._pace.is_regular(elapsed)
         finishes = []
         for single, symbol in zip(self._singles, symbols.singles, strict=True):
-            finish = single.step(symbol, now, elapsed, regular=regular)
+            finish = single.step(symbol & single.mask, now, elapsed, regular=regular)
             if finish:
                 finishes.append(finish)
         for batch, array in zip(self._batches, symbols.batches, strict=True):
@@ -199,20 +233,46 @@ class Ensemble:
             self._take_news(now)
         if self._is_large:
             failures = {**failures, **self._check_sizes(now)}
-        if regular and self._singles and not self._batches and not self._is_large:
-            self._enter_routine(elapsed)
-        else:
-            self._regular_in_a_row = 0
+        self._is_plain = (
+            regular
+            and not self._batches
+            and not self._is_large
+            and all(single.configuration for single in self._singles)
+        )
         return Outcome(decisions, failures) if decisions or failures else None
 
+    def _look_up(
+        self, symbols: Sequence[Symbols], steps: Sequence[int], begin: int, states: range
+    ) -> int:
+        """How many states of a recording took no more than a look-up for each instance."""
+        if not self._is_plain:
+            return 0
+        rows = []
+        for single in self._singles:
+            if single.configuration is None:
+                return 0
+            rows.append(single.configuration.row(steps[begin]))
+        masks = [row.configuration.location.node.mask for row in rows]
+        index = begin
+        while index < states.stop and steps[index] == steps[begin]:
+            found = zip(rows, symbols[index - states.start].singles, masks, strict=True)
+            try:
+                rows = [row[symbol & mask] for row, symbol, mask in found]
+            except KeyError:
+                break
+            index += 1
+        for single, row in zip(self._singles, rows, strict=True):
+            single.configuration = row.configuration
+        return index - begin
+
     def _enter_routine(self, elapsed: int) -> None:
-        self._regular_in_a_row += 1
+        self._plain_in_a_row += 1
         former = self._former_routine
         if former and former.elapsed == elapsed and former.suits(self._singles):
             self._routine = former
-        elif self._regular_in_a_row >= _ROUTINE_AFTER and len(self._singles) <= _MOST_IN_A_ROUTINE:
+        elif self._plain_in_a_row >= _ROUTINE_AFTER and len(self._singles) <= _MOST_IN_A_ROUTINE:
             self._routine = Routine(self._singles, elapsed)
-            self._regular_in_a_row = 0
+            self._plain_in_a_row = 0
         if self._routine:
             self._routine.enter()
 

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from dyknow_reasoning.bounds import Chronology
+from dyknow_reasoning.columns import recorded
 from dyknow_reasoning.ensemble import Ensemble, Outcome
 from dyknow_reasoning.errors import ReasoningError
 from dyknow_reasoning.explanation import explain
@@ -18,6 +19,7 @@ from dyknow_reasoning.grounding import ground
 from dyknow_reasoning.node_store import NodeStore
 from dyknow_reasoning.nodes import FALSE, Constant
 from dyknow_reasoning.parsing import parse_formula
+from dyknow_reasoning.recording import values_at
 from dyknow_reasoning.residual import remaining_text
 from dyknow_reasoning.results import FormulaResult, Verdict
 from dyknow_reasoning.shapes import Member
@@ -29,6 +31,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Mapping
 
     from dyknow_reasoning.atoms import Values
+    from dyknow_reasoning.columns import Array, Recording
     from dyknow_reasoning.formula import Formula
     from dyknow_reasoning.grounding import Domains, Instance
 
@@ -166,18 +169,24 @@ class FormulaGroup:
         Raises:
             ReasoningError: for columns of different lengths, or before `begin`.
         """
-        times = _plain(valid_times)
-        lists = {name: _plain(column) for name, column in columns.items()}
-        for name, column in lists.items():
+        ensemble = self._begun()
+        times = np.array(valid_times if isinstance(valid_times, np.ndarray) else list(valid_times))
+        recording = recorded(columns)
+        for name, column in recording.items():
             if len(column) != len(times):
                 raise ReasoningError(
                     f"the column '{name}' has {len(column)} values for {len(times)} states"
                 )
+        if not len(times):
+            return []
         results = []
-        for index, valid_time in enumerate(times):
-            values = {name: column[index] for name, column in lists.items()}
-            results += self.progress(valid_time, values)
-        return results
+        latest = self._latest
+        if latest is None:
+            latest = int(times[0])
+            results = self._progress_first(latest, values_at(recording, 0))
+            times, recording = times[1:], {name: each[1:] for name, each in recording.items()}
+        steps = np.diff(times, prepend=latest)
+        return results + self._progress_recording(ensemble, times, steps, recording)
 
     def fail(self, error: ReasoningError, valid_time: int) -> list[FormulaResult]:
         """Gives up all undecided formulas, for a state that cannot be used.
@@ -222,6 +231,20 @@ class FormulaGroup:
         known = self._decide_at_once(valid_time)
         outcome = ensemble.progress(valid_time, 0, values)
         return known + (self._take(outcome, valid_time, values) if outcome else [])
+
+    def _progress_recording(
+        self, ensemble: Ensemble, times: Array, steps: Array, recording: Recording
+    ) -> list[FormulaResult]:
+        usable = int(np.argmax(steps <= 0)) if (steps <= 0).any() else len(times)
+        results: list[FormulaResult] = []
+        ahead = times[:usable].tolist()
+        for index, outcome in ensemble.progress_many(ahead, steps[:usable].tolist(), recording):
+            results += self._take(outcome, ahead[index], values_at(recording, index))
+        if usable:
+            self._latest = ahead[-1]
+        if usable < len(times):
+            results += self.progress(int(times[usable]), values_at(recording, usable))
+        return results
 
     def _begun(self) -> Ensemble:
         if self._ensemble is None:
@@ -288,9 +311,3 @@ def _not_later(valid_time: int, latest: int) -> ReasoningError:
         'that of the state before; valid times must increase',
         ExitCode.CONSTRAINT_VIOLATION,
     )
-
-
-def _plain(column: Iterable[Any]) -> list[Any]:
-    """The values as plain Python objects."""
-    values: list[Any] = column.tolist() if isinstance(column, np.ndarray) else list(column)
-    return values

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from dyknow_reasoning.type_checking import Kinds
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class Member:
     """An instance of a formula of a group.
 

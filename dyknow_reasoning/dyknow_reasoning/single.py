@@ -27,14 +27,23 @@ class Single:
     """
 
     __slots__ = (
-        '_location', '_opened', '_predicates', '_readers', '_times', 'configuration', 'member',
-        'read', 'shape',
-    )  # fmt: skip
+        '_location',
+        '_opened',
+        '_predicates',
+        '_readers',
+        '_times',
+        'configuration',
+        'mask',
+        'member',
+        'read',
+        'shape',
+    )
 
     def __init__(self, member: Member, shape: Shape) -> None:
         self.member = member
         self.shape = shape
         self.configuration: Configuration | None = None
+        self.mask: int
         self.read: Reader
         self._location = shape.automaton.initial
         self._times: Times = ()
@@ -68,7 +77,7 @@ class Single:
         """Progresses the instance over a state.
 
         Args:
-            symbol: what `read` gave.
+            symbol: the truth of the atoms of `mask`, as `read` gives it.
             now: the valid time of the state, in nanoseconds.
             elapsed: since the state before.
             regular: whether steps of time repeat.
@@ -131,4 +140,5 @@ class Single:
             predicates = {slot: self._predicates[slot] for slot in slots(mask)}
             atoms, kinds = self.member.instance.atoms, self.member.kinds
             self._readers[mask] = quick_reader(atoms, kinds, predicates)
+        self.mask = mask
         self.read = self._readers[mask]

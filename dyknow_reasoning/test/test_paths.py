@@ -1,0 +1,194 @@
+"""However formulas are progressed, the results are the same, to the letter."""
+
+from __future__ import annotations
+
+import os
+import re
+from dataclasses import replace
+from itertools import accumulate, product
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from reasoning_reference import formulas
+
+from dyknow_reasoning import FormulaGroup, FormulaResult, automaton, configurations, ensemble
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from dyknow_reasoning.formula import Formula
+
+EXAMPLES = 20_000 if os.environ.get('DYKNOW_LONG_TESTS') else 250
+OBJECTS = ('a', 'b', 'c', 'd')
+Columns = dict[str, list[Any]]
+
+
+def grounded(formula: Formula, name: str) -> str:
+    """A formula about an object: p becomes a comparison, q a boolean feature of it."""
+    text = re.sub(r'\bp\b', f'(N[{name}] < 1)', str(formula))
+    return re.sub(r'\bq\b', f'Q[{name}]', text)
+
+
+def started(formula: Formula) -> FormulaGroup:
+    group = FormulaGroup()
+    group.add_formula('all', f'forall x in S: ({grounded(formula, "x")})')
+    group.add_formula('some', f'exists x in S: ({grounded(formula, "x")})')
+    for name in OBJECTS:
+        group.add_formula(name, grounded(formula, name))
+    group.begin({'S': OBJECTS})
+    return group
+
+
+def one_by_one(group: FormulaGroup, times: Sequence[int], columns: Columns) -> list[FormulaResult]:
+    rows = zip(*columns.values(), strict=True)
+    states = [dict(zip(columns, row, strict=True)) for row in rows]
+    results = (group.progress(time, state) for time, state in zip(times, states, strict=True))
+    return [plain(result) for found in results for result in found]
+
+
+def at_once(group: FormulaGroup, times: Sequence[int], columns: Columns) -> list[FormulaResult]:
+    middle = len(times) // 2
+    arrays = {name: np.array(column) for name, column in columns.items()}
+    results = group.progress_many(times[:middle], {k: v[:middle] for k, v in arrays.items()})
+    results += group.progress_many(times[middle:], {k: v[middle:] for k, v in columns.items()})
+    return [plain(result) for result in results]
+
+
+def plain(result: FormulaResult) -> FormulaResult:
+    """A result that compares by the text of its error."""
+    return replace(result, explanation=result.explanation or str(result.error), error=None)
+
+
+PATHS = list(product((one_by_one, at_once), (1, 1000), (0, 1 << 14), (8, 1 << 16)))
+
+
+def set_limits(patch: pytest.MonkeyPatch, batch: int, configurations_: int, nodes: int) -> None:
+    patch.setattr(ensemble, '_FEWEST_IN_A_BATCH', batch)
+    patch.setattr(ensemble, '_ROUTINE_AFTER', 1)
+    patch.setattr(configurations, '_MOST_CONFIGURATIONS', configurations_)
+    patch.setattr(automaton, '_MOST_NODES', nodes)
+
+
+@st.composite
+def recordings(draw: st.DrawFn, most_step: int) -> tuple[list[int], Columns]:
+    """Few or many states, at a period or not, in which each object has its own values."""
+    states = draw(st.integers(2, 24))
+    steps = draw(st.lists(st.integers(1, most_step), min_size=states, max_size=states))
+    columns: Columns = {}
+    for name in OBJECTS:
+        numbers = st.lists(st.sampled_from([0.5, 1.5]), min_size=states, max_size=states)
+        truths = st.lists(st.booleans(), min_size=states, max_size=states)
+        columns[f'N[{name}]'], columns[f'Q[{name}]'] = draw(numbers), draw(truths)
+    return list(accumulate(steps)), columns
+
+
+def check(formula: Formula, recording: tuple[list[int], Columns]) -> None:
+    expected = None
+    for progressed, *limits in PATHS:
+        with pytest.MonkeyPatch.context() as patch:
+            set_limits(patch, *limits)
+            found = progressed(started(formula), *recording)
+        expected = found if expected is None else expected
+        assert found == expected, (str(formula), progressed.__name__, limits)
+
+
+@pytest.mark.parametrize('most_step', [1, 5])
+@pytest.mark.timeout(3600)
+def test_all_paths_give_the_same_results(most_step: int) -> None:
+    settings(max_examples=EXAMPLES // 10, deadline=None, suppress_health_check=list(HealthCheck))(
+        given(formulas(3), recordings(most_step))(check)
+    )()
+
+
+BAD_VALUES = ['x', True, None, float('nan'), 1 << 60, -(1 << 60)]
+
+
+@settings(max_examples=EXAMPLES // 10, deadline=None)
+@given(formulas(2), recordings(2), st.data())
+def test_bad_values_give_the_same_errors(
+    formula: Formula, recording: tuple[list[int], Columns], data: st.DataObject
+) -> None:
+    times, columns = recording
+    for _ in range(2):
+        name = data.draw(st.sampled_from(sorted(columns)))
+        index = data.draw(st.integers(0, len(times) - 1))
+        columns[name][index] = data.draw(st.sampled_from(BAD_VALUES))
+    check_lists(formula, times, columns)
+
+
+def check_lists(formula: Formula, times: list[int], columns: Columns) -> None:
+    found = []
+    for batch, progressed in product((1, 1000), (one_by_one, lists_at_once)):
+        with pytest.MonkeyPatch.context() as patch:
+            set_limits(patch, batch, 1 << 14, 1 << 16)
+            found.append(progressed(started(formula), times, columns))
+    assert all(each == found[0] for each in found)
+
+
+def lists_at_once(
+    group: FormulaGroup, times: Sequence[int], columns: Columns
+) -> list[FormulaResult]:
+    return [plain(result) for result in group.progress_many(times, columns)]
+
+
+@pytest.mark.parametrize('batch', [1, 1000])
+def test_absent_fields_matter_only_while_needed(
+    batch: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    set_limits(monkeypatch, batch, 1 << 14, 1 << 16)
+    group = FormulaGroup()
+    for name in OBJECTS:
+        group.add_formula(name, f'(eventually P[{name}]) and always Q[{name}]')
+    group.begin({})
+    every = {f'{feature}[{name}]': True for name in OBJECTS for feature in 'PQ'}
+    assert group.progress(0, every) == []
+    assert group.progress(1, {f'Q[{name}]': True for name in OBJECTS}) == []
+    [failed] = group.progress(2, {f'Q[{name}]': True for name in OBJECTS[1:]})
+    assert failed.error is not None
+    assert "no field 'Q[a]'" in failed.error.message
+    values = {f'Q[{name}]': name != 'c' for name in OBJECTS[1:]}
+    [false] = group.progress(3, values)
+    assert false.name == 'c'
+
+
+NUMBERS = st.one_of(
+    st.floats(allow_nan=False),
+    st.integers(-9, 9),
+    st.sampled_from([1 << 30, (1 << 53) + 1, -(1 << 62), 0]),
+)
+TERMS = st.recursive(
+    st.sampled_from(['A[x]', 'B[x]', '2', '0.5', '3']),
+    lambda inner: st.tuples(inner, st.sampled_from('+-*/'), inner).map(
+        lambda parts: f'({" ".join(parts)})'
+    ),
+    max_leaves=4,
+)
+
+
+@settings(max_examples=EXAMPLES, deadline=None)
+@given(
+    TERMS,
+    st.sampled_from(['=', '!=', '<', '<=', '>', '>=']),
+    TERMS,
+    st.lists(st.tuples(NUMBERS, NUMBERS), min_size=len(OBJECTS), max_size=len(OBJECTS)),
+)
+def test_arithmetic_is_the_same_over_columns(
+    left: str, operator: str, right: str, values: list[tuple[float, float]]
+) -> None:
+    found = []
+    state = {}
+    for name, (first, second) in zip(OBJECTS, values, strict=True):
+        state[f'A[{name}]'], state[f'B[{name}]'] = first, second
+    for batch in (1, 1000):
+        with pytest.MonkeyPatch.context() as patch:
+            set_limits(patch, batch, 1 << 14, 1 << 16)
+            group = FormulaGroup()
+            for name in OBJECTS:
+                text = f'A[x] < 1 or {left} {operator} {right}'.replace('[x]', f'[{name}]')
+                group.add_formula(name, text)
+            group.begin({})
+            found.append([plain(result) for result in group.progress(0, state)])
+    assert found[0] == found[1]
