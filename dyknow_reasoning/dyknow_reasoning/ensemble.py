@@ -185,7 +185,8 @@ class Ensemble:
     def _read(self, values: Values) -> tuple[Symbols, Mapping[int, ReasoningError]]:
         """The truth of the atoms; drops the formulas that the values do not suffice for."""
         try:
-            self._columns.load(values)
+            if self._batches:
+                self._columns.load(values)
             singles = [single.read(values) for single in self._singles]
             return Symbols(singles, [batch.symbols() for batch in self._batches]), {}
         except (UnreadableError, ReasoningError):
@@ -223,14 +224,15 @@ class Ensemble:
         regular = elapsed == 0 or self._pace.is_regular(elapsed)
         finishes = []
         for single, symbol in zip(self._singles, symbols.singles, strict=True):
-            finish = single.step(symbol & single.mask, now, elapsed, regular=regular)
+            finish = single.step(symbol & single.mask, now, elapsed, regular)
             if finish:
                 finishes.append(finish)
         for batch, array in zip(self._batches, symbols.batches, strict=True):
-            finishes += batch.step(array, now, elapsed, regular=regular)
+            finishes += batch.step(array, now, elapsed, regular)
         decisions = self._decide(finishes) if finishes else {}
-        if any(shape.automaton.has_news for shape in self._shapes):
-            self._take_news(now)
+        for shape in self._shapes:
+            if shape.automaton.has_news:
+                self._take_news(now)
         if self._is_large:
             failures = {**failures, **self._check_sizes(now)}
         self._is_plain = (

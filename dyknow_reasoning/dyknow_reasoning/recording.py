@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from dyknow_reasoning.columns import Columns, UnreadableError, bits, form
 from dyknow_reasoning.nodes import slots
@@ -19,8 +18,7 @@ _MOST_VALUES = 1 << 22
 _MOST_STATES = 1 << 12
 
 
-@dataclass(frozen=True, slots=True)
-class Symbols:
+class Symbols(NamedTuple):
     """The truth of the atoms at a state: of each instance by itself, and of each batch."""
 
     singles: Sequence[int]

@@ -1,0 +1,257 @@
+"""How fast formulas are progressed, beside other tools in the same run.
+
+`python benchmarks/progression.py [--json] [--peers PYTHON] [--memory]`; see progression.md.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import subprocess
+import sys
+from pathlib import Path
+from statistics import median
+from time import perf_counter
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from dyknow_reasoning import FormulaGroup
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator, Sequence
+
+MS = 1_000_000
+PERIOD = 100 * MS
+REPETITIONS = 5
+NO_LIMIT = 1 << 62
+RESPONSE = 'always (Alt[x] > 2 -> eventually[0, 5 s] Alt[x] < 2)'
+PAPER = 'always (not p[x] -> eventually[0, 1000] always[0, 999] p[x])'
+POWER = 'always (Power[x] > 150 -> Power[x] < 200 until[0 s, 5 s] always[0 s, 3 s] Power[x] <= 150)'
+SAWTOOTH = [3.0] * 20 + [1.0] * 20
+SURGES = [140.0] * 10 + [190.0] * 40 + [140.0] * 50
+STREAMS = {
+    'best': [True],
+    'rare': [False] + [True] * 99,
+    'often': [False] + [True] * 19,
+    'worst': [False] * 5 + [True] * 25,
+}
+
+
+def group_of(text: str, objects: int, *, apart: bool = False) -> FormulaGroup:
+    """A formula for each of some objects: quantified, or apart."""
+    names = [f'o{index}' for index in range(objects)]
+    group = FormulaGroup(node_limit=NO_LIMIT)
+    for name in names if apart else ():
+        group.add_formula(name, text.replace('[x]', f'[{name}]'))
+    if not apart:
+        group.add_formula('all', f'forall x in S: {text}')
+    group.begin({'S': names})
+    return group
+
+
+def times_of(states: int, *, regular: bool) -> list[int]:
+    """Valid times: a period, or half to one and a half of it."""
+    if regular:
+        return [index * PERIOD for index in range(states)]
+    steps = np.random.default_rng(1).integers(PERIOD // 2, 3 * PERIOD // 2, states)
+    found: list[int] = np.cumsum(steps).tolist()
+    return found
+
+
+def repeated(run: Callable[[], float]) -> float:
+    """The median of some runs."""
+    return median(run() for _ in range(REPETITIONS))
+
+
+def one_formula(text: str, feature: str, wave: Sequence[Any], *, regular: bool) -> float:
+    """Microseconds for a state, each a dict of one value."""
+    states = 50_000
+    times = times_of(states, regular=regular)
+    cycle = [{f'{feature}[o0]': value} for value in wave]
+    values = [cycle[index % len(cycle)] for index in range(states)]
+
+    def run() -> float:
+        progress = group_of(text, 1).progress
+        begin = perf_counter()
+        for time, state in zip(times, values, strict=True):
+            if progress(time, state):
+                raise AssertionError('the stream was to keep the formula undecided')
+        return (perf_counter() - begin) / states * 1e6
+
+    return repeated(run)
+
+
+def from_dicts(group: FormulaGroup, feature: str, objects: int, wave: Sequence[Any]) -> list[float]:
+    """Microseconds for each of some states, dicts of a value for each object."""
+    rng = np.random.default_rng(2)
+    phases = rng.integers(0, len(wave), objects).tolist()
+    distinct = min(len(wave), max(4, 400_000 // objects))
+    states = [
+        {
+            f'{feature}[o{number}]': wave[(index + phase) % len(wave)]
+            for number, phase in enumerate(phases)
+        }
+        for index in range(distinct)
+    ]
+    costs = []
+    for index in range(max(distinct, min(1000, 4_000_000 // objects))):
+        begin = perf_counter()
+        results = group.progress(index * PERIOD, states[index % distinct])
+        costs.append((perf_counter() - begin) * 1e6)
+        assert not results
+    return costs
+
+
+def recorded(text: str, feature: str, wave: Sequence[Any], objects: int, *, regular: bool) -> float:
+    """Nanoseconds for a state and an object, from columns at once."""
+    states = 2000
+    phases = np.random.default_rng(3).integers(0, len(wave), objects).tolist()
+    cycle = np.array((list(wave) * (2 + 2 * states // len(wave)))[: 2 * states + len(wave)])
+    columns = {
+        f'{feature}[o{number}]': cycle[phase : phase + states]
+        for number, phase in enumerate(phases)
+    }
+    times = times_of(2 * states, regular=regular)
+    group = group_of(text, objects)
+    assert not group.progress_many(times[:states], columns)
+    begin = perf_counter()
+    assert not group.progress_many(times[states:], columns)
+    return (perf_counter() - begin) / states / objects * 1e9
+
+
+def check_equality() -> None:
+    """All ways to progress tell the same, over streams that violate the formulas."""
+    rng = np.random.default_rng(4)
+    objects, states = 30, 600
+    values = rng.random((objects, states)) * 4
+    for text, feature, data in (
+        (RESPONSE, 'Alt', np.where(rng.random((objects, states)) < 0.05, 1.0, 3.0)),
+        (POWER, 'Power', 100 + 25 * values),
+        (PAPER, 'p', rng.random((objects, states)) < 0.95),
+    ):
+        columns = {f'{feature}[o{index}]': row for index, row in enumerate(data)}
+        for regular in (True, False):
+            times = times_of(states, regular=regular)
+            at_once = group_of(text, objects, apart=True).progress_many(times, columns)
+            group = group_of(text, objects, apart=True)
+            rows = [dict(zip(columns, row.tolist(), strict=True)) for row in data.T]
+            each = [
+                one
+                for time, row in zip(times, rows, strict=True)
+                for one in group.progress(time, row)
+            ]
+            alone = []
+            for index in range(objects):
+                single = FormulaGroup()
+                single.add_formula(f'o{index}', text.replace('[x]', f'[o{index}]'))
+                single.begin({})
+                alone += [
+                    one
+                    for time, row in zip(times, rows, strict=True)
+                    for one in single.progress(time, row)
+                ]
+            assert at_once == each
+            verdicts = {(one.name, one.verdict, one.decided_at) for one in each}
+            assert verdicts == {(one.name, one.verdict, one.decided_at) for one in alone}
+
+
+def measurements() -> Iterator[tuple[str, str, float]]:
+    """What is measured, its unit, and its value."""
+    for regular in (True, False):
+        kind = 'regular' if regular else 'irregular'
+        microseconds = f'us a state, {kind}'
+        yield (
+            'bounded response',
+            microseconds,
+            one_formula(RESPONSE, 'Alt', SAWTOOTH, regular=regular),
+        )
+        yield 'figure 8', microseconds, one_formula(PAPER, 'p', STREAMS['often'], regular=regular)
+        yield 'power', microseconds, one_formula(POWER, 'Power', SURGES, regular=regular)
+    for name, wave in STREAMS.items():
+        group = group_of(PAPER, 1000, apart=True)
+        cost = median(from_dicts(group, 'p', 1000, wave))
+        yield f'figure 8, 1000 formulas apart, {name}', 'formulas in 100 ms', 1000 * 100e3 / cost
+    for name, wave in STREAMS.items():
+        cost = recorded(PAPER, 'p', wave, 20_000, regular=True)
+        yield f'figure 8, 20000 instances, {name}', 'formulas in 100 ms', 100e6 / cost
+    for name, wave in STREAMS.items():
+        cost = recorded(PAPER, 'p', wave, 20_000, regular=False)
+        yield f'figure 8, 20000 instances, {name}', 'ns each, irregular', cost
+    cost = median(from_dicts(group_of(RESPONSE, 100), 'Alt', 100, SAWTOOTH))
+    yield 'bounded response, 100 objects', 'us a state', cost
+    costs = from_dicts(group_of(PAPER, 100_000), 'p', 100_000, STREAMS['often'])
+    yield 'figure 8, 100000 instances, first states from a dict, worst', 'ms', max(costs) / 1000
+    yield 'figure 8, 100000 instances, first states from a dict, median', 'ms', median(costs) / 1000
+    yield from growth()
+
+
+def growth() -> Iterator[tuple[str, str, float]]:
+    """How the cost grows."""
+    for seconds in (1, 10, 100):
+        text = RESPONSE.replace('5 s', f'{10 * seconds} s')
+        for regular in (True, False):
+            kind = 'regular' if regular else 'irregular'
+            cost = one_formula(text, 'Alt', SAWTOOTH, regular=regular)
+            yield f'window of {10 * seconds} s', f'us a state, {kind}', cost
+    for formulas in (10, 100, 1000, 10_000):
+        cost = median(
+            from_dicts(group_of(PAPER, formulas, apart=True), 'p', formulas, STREAMS['often'])
+        )
+        yield f'{formulas} formulas', 'us a state', cost
+    for objects in (10, 100, 1000, 10_000):
+        cost = median(from_dicts(group_of(RESPONSE, objects), 'Alt', objects, SAWTOOTH))
+        yield f'{objects} objects', 'us a state', cost
+
+
+def memory() -> Iterator[tuple[str, str, float]]:
+    """Resident memory over ten million states, at irregular times."""
+    group = group_of(POWER, 1)
+    cycle = [{'Power[o0]': value} for value in SURGES]
+    steps = np.random.default_rng(5).integers(PERIOD // 2, 3 * PERIOD // 2, 1000).tolist()
+    time, index = 0, 0
+    for million in range(11):
+        if million in {1, 10}:
+            pages = int(Path('/proc/self/statm').read_text(encoding='utf-8').split()[1])
+            yield f'resident after {million} million states', 'MiB', pages * 4096 / 2**20
+        for _ in range(1_000_000 if million < 10 else 0):
+            time += steps[index % 1000]
+            assert not group.progress(time, cycle[index % len(cycle)])
+            index += 1
+
+
+def peers(python: str) -> Iterator[tuple[str, str, float]]:
+    """What other tools need, in their own environment."""
+    script = Path(__file__).with_name('progression_peers.py')
+    values = json.dumps([SAWTOOTH[index % len(SAWTOOTH)] for index in range(50_000)])
+    done = subprocess.run(
+        [python, str(script)], input=values, capture_output=True, text=True, check=True
+    )
+    for tool, found in json.loads(done.stdout).items():
+        if 'error' in found:
+            sys.stderr.write(f'{tool} is skipped: {found["error"]}\n')
+        else:
+            yield f'{tool}, bounded response', 'us a state, regular', found['microseconds']
+
+
+def main() -> None:
+    """Checks, measures and prints."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument('--json', action='store_true', help='print a line of JSON for each figure')
+    parser.add_argument('--peers', metavar='PYTHON', help='of an environment with the other tools')
+    parser.add_argument('--memory', action='store_true', help='also progress ten million states')
+    options = parser.parse_args()
+    check_equality()
+    sources = [measurements()]
+    sources += [peers(options.peers)] if options.peers else []
+    sources += [memory()] if options.memory else []
+    for source in sources:
+        for what, unit, value in source:
+            line = {'what': what, 'unit': unit, 'value': round(value, 3)}
+            print(
+                json.dumps(line) if options.json else f'{what:65} {value:14.3f} {unit}', flush=True
+            )
+
+
+if __name__ == '__main__':
+    main()

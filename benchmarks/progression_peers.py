@@ -1,0 +1,113 @@
+"""What other tools need for a state of `always (x > 2 -> eventually[0, 5 s] x < 2)`.
+
+Runs in the environment of those tools, started by progression.py; prints JSON. Each tool is given
+the form of the formula that it takes, and first has to tell a recording that violates it from one
+that does not.
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+from statistics import median
+from time import perf_counter
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+
+PERIOD = 0.1
+STEPS = 50
+REPETITIONS = 5
+
+Watch = 'Callable[[Sequence[float]], bool]'
+
+
+def sentil(values: Sequence[float]) -> bool:
+    """Online; a verdict for each state, some five seconds later."""
+    import sentil as tool  # noqa: PLC0415
+
+    monitor = tool.OnlineMonitor('(x > 2) -> (eventually[0, 5] (x < 2))')
+    violated = False
+    for index, value in enumerate(values):
+        verdict = monitor.update(index * PERIOD, {'x': value})
+        if verdict.resolved and not verdict.satisfied:
+            violated = True
+    return violated
+
+
+def mstlo(values: Sequence[float]) -> bool:
+    """Online, eager qualitative semantics; a verdict for each state."""
+    import mstlo_python as tool  # noqa: PLC0415
+
+    formula = tool.parse_formula('(x > 2) -> (F[0, 5](x < 2))')
+    monitor = tool.Monitor(formula, semantics='EagerQualitative')
+    violated = False
+    for index, value in enumerate(values):
+        for _, verdict in monitor.update('x', value, index * PERIOD).verdicts():
+            violated = violated or not verdict
+    return violated
+
+
+def reelay(values: Sequence[float]) -> bool:
+    """Online, discrete time; past operators only: five seconds ago, and since then."""
+    import reelay as tool  # noqa: PLC0415
+
+    monitor = tool.discrete_timed_monitor(
+        pattern=f'(once[{STEPS}:{STEPS}]{{x > 2}}) -> (once[0:{STEPS}]{{x < 2}})', condense=False
+    )
+    violated = False
+    for value in values:
+        if not monitor.update({'x': value})['value']:
+            violated = True
+    return violated
+
+
+def rtamt(values: Sequence[float]) -> bool:
+    """Online, discrete time; the formula rewritten with past operators by the tool."""
+    import rtamt as tool  # noqa: PLC0415
+
+    monitor = tool.StlDiscreteTimeSpecification()
+    monitor.declare_var('x', 'float')
+    monitor.spec = f'(x > 2) implies (eventually[0,{STEPS}] (x < 2))'
+    monitor.parse()
+    monitor.pastify()
+    violated = False
+    for index, value in enumerate(values):
+        if monitor.update(index, [('x', value)]) < 0 and index >= STEPS:
+            violated = True
+    return violated
+
+
+def measured(
+    watch: Callable[[Sequence[float]], bool], values: Sequence[float]
+) -> dict[str, object]:
+    """The median cost of a state, in microseconds, or why there is none."""
+    try:
+        clean = [3.0 if index % 40 < 20 else 1.0 for index in range(400)]
+        bad = [*clean[:100], *[3.0] * 100, *clean]
+        if watch(clean) or not watch(bad):
+            return {'error': 'tells another verdict'}
+        costs = []
+        for _ in range(REPETITIONS):
+            begin = perf_counter()
+            watch(values)
+            costs.append((perf_counter() - begin) / len(values) * 1e6)
+        return {'microseconds': median(costs)}
+    except ImportError as error:
+        return {'error': f'not installed: {error}'}
+    except Exception as error:  # noqa: BLE001 - a tool that fails must not hide the others
+        return {'error': f'{type(error).__name__}: {error}'}
+
+
+def main() -> None:
+    """Measures all tools over the values on standard input."""
+    values = json.load(sys.stdin)
+    tools = {'sentil': sentil, 'mstlo': mstlo, 'reelay': reelay, 'rtamt': rtamt}
+    fewer = {'rtamt': values[: len(values) // 10]}
+    found = {name: measured(watch, fewer.get(name, values)) for name, watch in tools.items()}
+    json.dump(found, sys.stdout)
+
+
+if __name__ == '__main__':
+    main()
