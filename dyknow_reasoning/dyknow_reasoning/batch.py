@@ -87,7 +87,7 @@ class Batch:
                 errors.append((member, error))
         return found, errors
 
-    def step(self, symbols: Array, now: int, elapsed: int, regular: bool) -> list[Finish]:
+    def step(self, symbols: Array, now: int, elapsed: int, *, regular: bool) -> list[Finish]:
         """Progresses the instances over a state.
 
         Args:

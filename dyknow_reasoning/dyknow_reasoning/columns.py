@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 
-from dyknow_reasoning.atoms import Values, kind_of
+from dyknow_reasoning.atoms import Values, fields, kind_of
 from dyknow_reasoning.formula import (
     Arithmetic,
     Atom,
@@ -195,12 +195,13 @@ def _bit(slot: int, truths: Truths) -> Array:
 def form(atom: Atom, kinds: Kinds) -> Any:
     """What atoms must share to be evaluated together: all but their fields and constants.
 
-    None if an atom cannot be evaluated with others.
+    None if an atom cannot be evaluated with others, or depends on no field.
     """
     if not isinstance(atom, Comparison):
         return ('boolean',)
     left, right = _form_of_term(atom.left, kinds), _form_of_term(atom.right, kinds)
-    return None if left is None or right is None else (atom.operator, left, right)
+    constant = next(fields(atom), None) is None
+    return None if constant or None in {left, right} else (atom.operator, left, right)
 
 
 def recorded(columns: Mapping[str, Iterable[Any]]) -> Recording:

@@ -224,11 +224,11 @@ class Ensemble:
         regular = elapsed == 0 or self._pace.is_regular(elapsed)
         finishes = []
         for single, symbol in zip(self._singles, symbols.singles, strict=True):
-            finish = single.step(symbol & single.mask, now, elapsed, regular)
+            finish = single.step(symbol & single.mask, now, elapsed, regular=regular)
             if finish:
                 finishes.append(finish)
         for batch, array in zip(self._batches, symbols.batches, strict=True):
-            finishes += batch.step(array, now, elapsed, regular)
+            finishes += batch.step(array, now, elapsed, regular=regular)
         decisions = self._decide(finishes) if finishes else {}
         for shape in self._shapes:
             if shape.automaton.has_news:

@@ -73,7 +73,7 @@ class Single:
         self.configuration = None
         return self._location
 
-    def step(self, symbol: int, now: int, elapsed: int, regular: bool) -> Finish | None:
+    def step(self, symbol: int, now: int, elapsed: int, *, regular: bool) -> Finish | None:
         """Progresses the instance over a state.
 
         Args:
