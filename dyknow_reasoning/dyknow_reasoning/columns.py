@@ -243,21 +243,17 @@ def _plain_array(column: Iterable[Any]) -> Array:
 
 def _array(items: Sequence[Any], kind: Kind | None) -> Array:
     """The values of a state, checked."""
-    if kind is Kind.BOOLEAN:
-        found = np.array(items)
-        if found.dtype.kind != 'b' or found.ndim != 1:
-            raise UnreadableError
-        return found
     types = set(map(type, items))
-    if len(types) > 1:
+    found: Array
+    if types == {bool}:
+        found = np.frombuffer(bytes(items), dtype=bool)
+    elif types in ({float}, {np.float64}):
+        found = np.fromiter(items, float, len(items))
+    elif types in ({int}, {str}):
+        found = np.array(items, dtype=object)
+    else:
         raise UnreadableError
-    if types == {str}:
-        found = np.empty(len(items), dtype=object)
-        found[:] = items
-        return _checked(found, kind)
-    if types <= {float, int, bool}:
-        return _checked(np.array(items), kind)
-    raise UnreadableError
+    return _checked(found, kind)
 
 
 def _checked(found: Array, kind: Kind | None) -> Array:

@@ -43,6 +43,10 @@ class Outcome:
     failures: Mapping[int, ReasoningError] = field(default_factory=dict)
 
 
+_NO_DECISIONS: Mapping[int, Finish] = {}
+_NO_FAILURES: Mapping[int, ReasoningError] = {}
+
+
 class Ensemble:
     """Progresses instances, each by itself or, of many of one shape, together.
 
@@ -84,9 +88,14 @@ class Ensemble:
             if elapsed == self._routine.elapsed and self._routine.step(values):
                 return None
             self._leave_routine()
-        symbols, failures = self._read(values)
-        outcome = self._step(symbols, now, elapsed, failures)
-        if self._is_plain and self._singles:
+        failures: Mapping[int, ReasoningError] = _NO_FAILURES
+        try:
+            symbols = [single.read(values) for single in self._singles]
+            arrays = self._read_batches(values) if self._batches else ()
+        except (UnreadableError, ReasoningError):
+            symbols, arrays, failures = self._read_one_by_one(values)
+        outcome = self._step(symbols, arrays, now, elapsed, failures)
+        if self._is_plain:
             self._enter_routine(elapsed)
         return outcome
 
@@ -119,7 +128,7 @@ class Ensemble:
                 if index == states.stop:
                     continue
                 found = symbols[index - states.start]
-                outcome = self._step(found, times[index], steps[index], {})
+                outcome = self._step(*found, times[index], steps[index], _NO_FAILURES)
             else:
                 outcome = self.progress(times[index], steps[index], values_at(recording, index))
                 self._leave_routine()
@@ -182,20 +191,20 @@ class Ensemble:
         for batch in self._batches:
             batch.attach(self._columns)
 
-    def _read(self, values: Values) -> tuple[Symbols, Mapping[int, ReasoningError]]:
-        """The truth of the atoms; drops the formulas that the values do not suffice for."""
+    def _read_batches(self, values: Values) -> Sequence[Array]:
         try:
-            if self._batches:
-                self._columns.load(values)
-            singles = [single.read(values) for single in self._singles]
-            return Symbols(singles, [batch.symbols() for batch in self._batches]), {}
-        except (UnreadableError, ReasoningError):
-            if any(batch.loads_too_much for batch in self._batches):
-                self._attach()
-                return self._read(values)
-            return self._read_one_by_one(values)
+            self._columns.load(values)
+        except UnreadableError:
+            if not any(batch.loads_too_much for batch in self._batches):
+                raise
+            self._attach()
+            self._columns.load(values)
+        return [batch.symbols() for batch in self._batches]
 
-    def _read_one_by_one(self, values: Values) -> tuple[Symbols, Mapping[int, ReasoningError]]:
+    def _read_one_by_one(
+        self, values: Values
+    ) -> tuple[list[int], Sequence[Array], Mapping[int, ReasoningError]]:
+        """The truth of the atoms; drops the formulas that the values do not suffice for."""
         found: list[tuple[Member, ReasoningError]] = []
         singles: dict[int, int] = {}
         for single in self._singles:
@@ -213,35 +222,38 @@ class Ensemble:
             for batch in self._batches:
                 batches[id(batch)] = batches[id(batch)][batch.without(failures)]
             self.drop(failures)
-        return Symbols(
-            [singles[id(single)] for single in self._singles],
-            [batches[id(batch)] for batch in self._batches],
-        ), failures
+        symbols = [singles[id(single)] for single in self._singles]
+        return symbols, [batches[id(batch)] for batch in self._batches], failures
 
     def _step(
-        self, symbols: Symbols, now: int, elapsed: int, failures: Mapping[int, ReasoningError]
+        self,
+        symbols: Sequence[int],
+        arrays: Sequence[Array],
+        now: int,
+        elapsed: int,
+        failures: Mapping[int, ReasoningError],
     ) -> Outcome | None:
         regular = elapsed == 0 or self._pace.is_regular(elapsed)
         finishes = []
-        for single, symbol in zip(self._singles, symbols.singles, strict=True):
+        for single, symbol in zip(self._singles, symbols):  # noqa: B905 - strict costs too much
             finish = single.step(symbol & single.mask, now, elapsed, regular=regular)
             if finish:
                 finishes.append(finish)
-        for batch, array in zip(self._batches, symbols.batches, strict=True):
+        for batch, array in zip(self._batches, arrays, strict=True) if arrays else ():
             finishes += batch.step(array, now, elapsed, regular=regular)
-        decisions = self._decide(finishes) if finishes else {}
+        decisions = self._decide(finishes) if finishes else _NO_DECISIONS
         for shape in self._shapes:
             if shape.automaton.has_news:
                 self._take_news(now)
         if self._is_large:
             failures = {**failures, **self._check_sizes(now)}
-        self._is_plain = (
-            regular
-            and not self._batches
-            and not self._is_large
-            and all(single.configuration for single in self._singles)
-        )
+        self._is_plain = regular and self._takes_look_ups()
         return Outcome(decisions, failures) if decisions or failures else None
+
+    def _takes_look_ups(self) -> bool:
+        """Whether nothing but configurations has to be looked after."""
+        by_themselves = bool(self._singles) and not self._batches and not self._is_large
+        return by_themselves and all(single.configuration for single in self._singles)
 
     def _look_up(
         self, symbols: Sequence[Symbols], steps: Sequence[int], begin: int, states: range
@@ -257,7 +269,7 @@ class Ensemble:
         masks = [row.configuration.location.node.mask for row in rows]
         index = begin
         while index < states.stop and steps[index] == steps[begin]:
-            found = zip(rows, symbols[index - states.start].singles, masks, strict=True)
+            found = zip(rows, symbols[index - states.start].singles, masks)  # noqa: B905
             try:
                 rows = [row[symbol & mask] for row, symbol, mask in found]
             except KeyError:

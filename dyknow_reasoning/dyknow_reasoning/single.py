@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from dyknow_reasoning.atoms import Predicate, predicate
+from dyknow_reasoning.automaton import Move
 from dyknow_reasoning.nodes import slots
 from dyknow_reasoning.readers import Reader, quick_reader
 from dyknow_reasoning.shapes import Finish, Member, Moment, Shape
@@ -88,7 +89,9 @@ class Single:
             self.leave_configurations(now - elapsed)
         times = (*self._times, now)
         location = self._location
-        move = self.shape.automaton.move(location, symbol, times)
+        move = location.moves.get(symbol)
+        if type(move) is not Move:
+            move = self.shape.automaton.move(location, symbol, times)
         target = move.target
         if target is not location:
             if target.verdict is not None:
