@@ -86,7 +86,7 @@ def from_dicts(group: FormulaGroup, feature: str, objects: int, wave: Sequence[A
     """Microseconds for each of some states, dicts of a value for each object."""
     rng = np.random.default_rng(2)
     phases = rng.integers(0, len(wave), objects).tolist()
-    distinct = min(len(wave), max(4, 400_000 // objects))
+    distinct = len(wave)
     states = [
         {
             f'{feature}[o{number}]': wave[(index + phase) % len(wave)]
@@ -95,7 +95,7 @@ def from_dicts(group: FormulaGroup, feature: str, objects: int, wave: Sequence[A
         for index in range(distinct)
     ]
     costs = []
-    for index in range(max(distinct, min(1000, 4_000_000 // objects))):
+    for index in range(max(distinct, min(1000, 3_000_000 // objects))):
         begin = perf_counter()
         results = group.progress(index * PERIOD, states[index % distinct])
         costs.append((perf_counter() - begin) * 1e6)

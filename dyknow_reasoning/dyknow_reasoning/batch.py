@@ -37,10 +37,9 @@ class Batch:
         self._formulas = np.array([member.formula_id for member in members])
         self._slots = slots(shape.automaton.initial.node.mask)
         width = 1 << shape.automaton.initial.node.mask.bit_length()
-        self._width = width
-        begin: tuple[Location, Times] = (shape.automaton.initial, ())
-        self._places: TabulatedPlaces | ClockedPlaces = ClockedPlaces(
-            shape.automaton, [begin], width, np.zeros(len(members), dtype=np.intp)
+        begin = shape.configurations.at(shape.automaton.initial, ())
+        self._places: TabulatedPlaces | ClockedPlaces = TabulatedPlaces(
+            shape.configurations, np.full(len(members), begin.number), width
         )
         self._opened = _Opened(shape)
         self._truths: list[tuple[int, Truths]] = []

@@ -28,7 +28,7 @@ from dyknow_reasoning.type_checking import Kinds, check_types
 from dyknow_stream_processing import ExitCode, format_time, round_time
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator, Mapping
+    from collections.abc import Iterable, Iterator, Mapping, Sequence
 
     from dyknow_reasoning.atoms import Values
     from dyknow_reasoning.columns import Array, Recording
@@ -73,6 +73,8 @@ class FormulaGroup:
         self._node_limit = node_limit
         self._formulas: dict[int, NamedFormula] = {}
         self._instances: dict[int, list[Instance]] = {}
+        # The formulas that need no state, until that has been told.
+        self._known: dict[int, Verdict] = {}
         self._ends: dict[int, str] = {}
         self._undecided: set[int] = set()
         self._ensemble: Ensemble | None = None
@@ -124,6 +126,8 @@ class FormulaGroup:
             formula_id: ground(each.formula, domains, store)
             for formula_id, each in self._formulas.items()
         }
+        verdicts = {each: _verdict(instances) for each, instances in self._instances.items()}
+        self._known = {each: verdict for each, verdict in verdicts.items() if verdict}
         self._undecided = set(self._formulas)
         self._ensemble = Ensemble(list(self._members()), self._node_limit)
 
@@ -259,13 +263,12 @@ class FormulaGroup:
                     yield Member(formula_id, order, instance, self._formulas[formula_id].kinds)
 
     def _decide_at_once(self, valid_time: int | None) -> list[FormulaResult]:
-        results = []
-        for formula_id in sorted(self._undecided):
-            nodes = [instance.node for instance in self._instances[formula_id]]
-            verdict = Verdict.FALSE if FALSE in nodes else Verdict.TRUE
-            if FALSE in nodes or all(type(node) is Constant for node in nodes):
-                why = _WHATEVER[verdict]
-                results.append(self._decided(formula_id, verdict, valid_time, why))
+        known, self._known = self._known, {}
+        results = [
+            self._decided(formula_id, verdict, valid_time, _WHATEVER[verdict])
+            for formula_id, verdict in known.items()
+            if formula_id in self._undecided
+        ]
         if results:
             self._begun().drop([result.formula_id for result in results])
         return self._end(results)
@@ -303,6 +306,14 @@ class FormulaGroup:
         name = self._formulas[formula_id].name
         located = ReasoningError(f'at {round_time(valid_time)}: {error}', error.code)
         return FormulaResult(formula_id, name, Verdict.UNDECIDED, None, '', located)
+
+
+def _verdict(instances: Sequence[Instance]) -> Verdict:
+    """What is known of a formula before any state."""
+    if any(instance.node is FALSE for instance in instances):
+        return Verdict.FALSE
+    decided = all(type(instance.node) is Constant for instance in instances)
+    return Verdict.TRUE if decided else Verdict.UNDECIDED
 
 
 def _not_later(valid_time: int, latest: int) -> ReasoningError:
