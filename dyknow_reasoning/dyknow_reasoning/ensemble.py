@@ -67,7 +67,8 @@ class Ensemble:
         self._attach()
         # Whether a state usually takes no more than a look-up for each instance by itself.
         self._is_plain = False
-        self._routine: Routine | None = None
+        # Progresses all over such a state, or does nothing; to be tried before `progress`.
+        self.routine: Routine | None = None
         self._former_routine: Routine | None = None
         self._plain_in_a_row = 0
         # Whether a formula may be near the node limit.
@@ -84,10 +85,7 @@ class Ensemble:
             elapsed: since the state before; 0 at the first.
             values: of the ground features.
         """
-        if self._routine:
-            if elapsed == self._routine.elapsed and self._routine.step(values):
-                return None
-            self._leave_routine()
+        self._leave_routine()
         failures: Mapping[int, ReasoningError] = _NO_FAILURES
         try:
             symbols = [single.read(values) for single in self._singles]
@@ -115,7 +113,6 @@ class Ensemble:
         index, states = 0, range(0)
         reader: RecordedSymbols | None = None
         symbols: Sequence[Symbols] | None = None
-        self._leave_routine()
         while index < len(times) and self._remaining:
             if reader is None or not reader.reads(self._singles, self._batches):
                 reader = RecordedSymbols(recording, self._singles, self._batches, self._columns)
@@ -123,6 +120,7 @@ class Ensemble:
             if index == states.stop:
                 states = reader.run(index, len(times))
                 symbols = reader.symbols(states)
+            self._leave_routine()
             if symbols:
                 index += self._look_up(symbols, steps, index, states)
                 if index == states.stop:
@@ -131,7 +129,6 @@ class Ensemble:
                 outcome = self._step(*found, times[index], steps[index], _NO_FAILURES)
             else:
                 outcome = self.progress(times[index], steps[index], values_at(recording, index))
-                self._leave_routine()
             if outcome:
                 yield index, outcome
             index += 1
@@ -283,17 +280,17 @@ class Ensemble:
         self._plain_in_a_row += 1
         former = self._former_routine
         if former and former.elapsed == elapsed and former.suits(self._singles):
-            self._routine = former
+            self.routine = former
         elif self._plain_in_a_row >= _ROUTINE_AFTER and len(self._singles) <= _MOST_IN_A_ROUTINE:
-            self._routine = Routine(self._singles, elapsed)
+            self.routine = Routine(self._singles, elapsed)
             self._plain_in_a_row = 0
-        if self._routine:
-            self._routine.enter()
+        if self.routine:
+            self.routine.enter()
 
     def _leave_routine(self) -> None:
-        if self._routine:
-            self._routine.leave()
-            self._former_routine, self._routine = self._routine, None
+        if self.routine:
+            self.routine.leave()
+            self._former_routine, self.routine = self.routine, None
 
     def _decide(self, finishes: Iterable[Finish]) -> Mapping[int, Finish]:
         """The formulas that are false for an instance, or true for the last one."""

@@ -158,7 +158,11 @@ class FormulaGroup:
         if valid_time <= latest:
             return self.fail(_not_later(valid_time, latest), valid_time)
         self._latest = valid_time
-        outcome = self._ensemble.progress(valid_time, valid_time - latest, values)
+        elapsed = valid_time - latest
+        routine = self._ensemble.routine
+        if routine and elapsed == routine.elapsed and routine.step(values):
+            return []
+        outcome = self._ensemble.progress(valid_time, elapsed, values)
         return self._take(outcome, valid_time, values) if outcome else []
 
     def progress_many(
