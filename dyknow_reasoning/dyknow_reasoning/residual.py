@@ -52,7 +52,7 @@ def remaining_text(node: Node, times: Sequence[int], now: int, atoms: Sequence[A
         atoms: the atom of each slot.
     """
     bounds = {each: Bound(0, times[each.state] + each.offset - now) for each in bounds_of(node)}
-    return residual_text(NodeStore(Chronology()).renumbered(node, bounds), atoms)
+    return residual_text(NodeStore(Chronology(), [node]).renumbered(node, bounds), atoms)
 
 
 def interval_of(node: Window) -> Interval:

@@ -195,3 +195,65 @@ def test_arithmetic_is_the_same_over_columns(
             group.begin({})
             found.append([plain(result) for result in group.progress(0, state)])
     assert found[0] == found[1]
+
+
+@pytest.mark.parametrize('configurations_', [0, 1 << 14])
+def test_what_remains_is_the_same_in_a_batch(
+    configurations_: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    texts = []
+    for batch in (1, 1000):
+        set_limits(monkeypatch, batch, configurations_, 1 << 16)
+        group = FormulaGroup()
+        number = group.add_formula(
+            'all', 'forall x in S: always (P[x] -> eventually[1 ms, 5 ms] not P[x])'
+        )
+        group.begin({'S': OBJECTS})
+        for time in range(12):
+            state = {f'P[{name}]': time % 5 > index for index, name in enumerate(OBJECTS)}
+            assert group.progress(time * 1_000_000, state) == []
+            texts.append((batch, time, group.residual(number)))
+    half = len(texts) // 2
+    assert [each[1:] for each in texts[:half]] == [each[1:] for each in texts[half:]]
+    assert any('eventually[0 s, 4 ms]' in text for _, _, text in texts)
+
+
+@pytest.mark.parametrize('batch', [1, 1000])
+def test_the_node_limit_counts_all_instances(batch: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    set_limits(monkeypatch, batch, 1 << 14, 1 << 16)
+    group = FormulaGroup(node_limit=60)
+    group.add_formula('all', 'forall x in S: always (P[x] -> eventually[5 ms, 9 ms] not P[x])')
+    group.add_formula('one', 'always P[a]')
+    group.begin({'S': OBJECTS})
+    state = {f'P[{name}]': True for name in OBJECTS}
+    results = [result for time in range(8) for result in group.progress(time * 1_000_000, state)]
+    [failed] = results
+    assert failed.name == 'all'
+    assert failed.error is not None
+    assert 'more than 60; bound its intervals' in failed.error.message
+
+
+@pytest.mark.parametrize('batch', [1, 1000])
+def test_a_period_that_misses_states_and_one_that_changes(
+    batch: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Regular, irregular and again regular times: the windows stay where they are."""
+    set_limits(monkeypatch, batch, 1 << 14, 1 << 16)
+    steps = [10] * 20 + [30] + [10] * 5 + list(range(1, 30)) + [7] * 30
+    times = list(accumulate(steps))
+    for late in range(40, 84):
+        group = FormulaGroup()
+        for name in OBJECTS:
+            group.add_formula(name, f'eventually[40 ns, 60 ns] P[{name}] or always Q[{name}]')
+            group.add_formula(
+                f'{name} due', f'always (Q[{name}] or eventually[0, 60 ns] P[{name}])'
+            )
+        group.begin({})
+        results = []
+        for index, time in enumerate(times):
+            state = {f'P[{name}]': False for name in OBJECTS}
+            state |= {f'Q[{name}]': index != late for name in OBJECTS}
+            results += group.progress(time, state)
+        due = next((time for time in times if time >= times[late] + 60), None)
+        found = {result.decided_at for result in results if 'due' in result.name}
+        assert found == (set() if due is None else {due})
