@@ -124,6 +124,16 @@ def test_python_compiles(text: str) -> None:
     compile(text, 'example', 'exec')
 
 
+def test_the_formula_group_of_the_manual_finds_the_surge(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    (text,) = (text for text in blocks('docs/languages.md', 'python') if 'FormulaGroup()' in text)
+    exec(compile(text, 'example', 'exec'), {})  # noqa: S102
+    told = capsys.readouterr().out
+    assert told.startswith('power FALSE 5000000000 for u = uav2: ')
+    assert told.endswith(' None\n')
+
+
 def test_the_computational_units_of_the_manual_are_those_that_come_with_dyknow() -> None:
     text = (ROOT / 'docs/languages.md').read_text(encoding='utf-8')
     rows = re.findall(r'^\| (`.*?`) \|', text, re.MULTILINE)
