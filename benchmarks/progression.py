@@ -24,6 +24,7 @@ if TYPE_CHECKING:
 MS = 1_000_000
 PERIOD = 100 * MS
 REPETITIONS = 5
+LAST_MILLION = 10
 NO_LIMIT = 1 << 62
 RESPONSE = 'always (Alt[x] > 2 -> eventually[0, 5 s] Alt[x] < 2)'
 PAPER = 'always (not p[x] -> eventually[0, 1000] always[0, 999] p[x])'
@@ -124,11 +125,10 @@ def check_equality() -> None:
     """All ways to progress tell the same, over streams that violate the formulas."""
     rng = np.random.default_rng(4)
     objects, states = 30, 600
-    values = rng.random((objects, states)) * 4
     for text, feature, data in (
-        (RESPONSE, 'Alt', np.where(rng.random((objects, states)) < 0.05, 1.0, 3.0)),
-        (POWER, 'Power', 100 + 25 * values),
-        (PAPER, 'p', rng.random((objects, states)) < 0.95),
+        (RESPONSE, 'Alt', rng.choice([1.0] + [3.0] * 19, (objects, states))),
+        (POWER, 'Power', rng.uniform(100, 200, (objects, states))),
+        (PAPER, 'p', rng.choice([False] + [True] * 19, (objects, states))),
     ):
         columns = {f'{feature}[o{index}]': row for index, row in enumerate(data)}
         for regular in (True, False):
@@ -156,8 +156,28 @@ def check_equality() -> None:
             assert verdicts == {(one.name, one.verdict, one.decided_at) for one in alone}
 
 
+def nothing(_time: int, _values: dict[str, bool]) -> list[object]:
+    """The least that a function of a time and a state can do."""
+    return []
+
+
+def yardstick() -> float:
+    """Microseconds of the loop around `progress`: how fast this machine is at the moment."""
+    times, state = times_of(50_000, regular=True), {'p': True}
+
+    def run() -> float:
+        begin = perf_counter()
+        for time in times:
+            if nothing(time, state):
+                raise AssertionError
+        return (perf_counter() - begin) / len(times) * 1e6
+
+    return repeated(run)
+
+
 def measurements() -> Iterator[tuple[str, str, float]]:
     """What is measured, its unit, and its value."""
+    yield 'the loop around progress, as a yardstick', 'us a state', yardstick()
     for regular in (True, False):
         kind = 'regular' if regular else 'irregular'
         microseconds = f'us a state, {kind}'
@@ -210,11 +230,11 @@ def memory() -> Iterator[tuple[str, str, float]]:
     cycle = [{'Power[o0]': value} for value in SURGES]
     steps = np.random.default_rng(5).integers(PERIOD // 2, 3 * PERIOD // 2, 1000).tolist()
     time, index = 0, 0
-    for million in range(11):
-        if million in {1, 10}:
+    for million in range(LAST_MILLION + 1):
+        if million in {1, LAST_MILLION}:
             pages = int(Path('/proc/self/statm').read_text(encoding='utf-8').split()[1])
             yield f'resident after {million} million states', 'MiB', pages * 4096 / 2**20
-        for _ in range(1_000_000 if million < 10 else 0):
+        for _ in range(0 if million == LAST_MILLION else 1_000_000):
             time += steps[index % 1000]
             assert not group.progress(time, cycle[index % len(cycle)])
             index += 1

@@ -20,8 +20,6 @@ PERIOD = 0.1
 STEPS = 50
 REPETITIONS = 5
 
-Watch = 'Callable[[Sequence[float]], bool]'
-
 
 def sentil(values: Sequence[float]) -> bool:
     """Online; a verdict for each state, some five seconds later."""
@@ -84,7 +82,7 @@ def measured(
 ) -> dict[str, object]:
     """The median cost of a state, in microseconds, or why there is none."""
     try:
-        clean = [3.0 if index % 40 < 20 else 1.0 for index in range(400)]
+        clean = ([3.0] * 20 + [1.0] * 20) * 10
         bad = [*clean[:100], *[3.0] * 100, *clean]
         if watch(clean) or not watch(bad):
             return {'error': 'tells another verdict'}

@@ -179,17 +179,13 @@ _CONSTANTS = Number | Text | Truth
 
 def bits(truths: Sequence[tuple[int, Truths]]) -> Array:
     """The truth of atoms as bits, from what was last loaded; the atoms by their slots."""
-    first, *others = truths
-    found = _bit(*first)
-    for each in others:
-        found |= _bit(*each)
+    found: Array | None = None
+    for slot, holds in truths:
+        bit = holds().view(np.uint8)
+        shifted = bit << slot if slot else bit
+        found = shifted if found is None else found | shifted
+    assert found is not None  # noqa: S101 - there is an atom
     return found
-
-
-def _bit(slot: int, truths: Truths) -> Array:
-    bit = truths().astype(np.uint8)
-    bit <<= slot
-    return bit
 
 
 def form(atom: Atom, kinds: Kinds) -> Any:
@@ -260,7 +256,7 @@ def _checked(found: Array, kind: Kind | None) -> Array:
     """An array of one type, if it holds what that kind allows."""
     match found.dtype.kind:
         case 'f' if kind in {Kind.NUMBER, None}:
-            if math.isnan(found.min()):
+            if math.isnan(np.minimum.reduce(found, axis=None)):
                 raise UnreadableError
         case 'i' if kind in {Kind.NUMBER, None}:
             if found.size and max(-int(found.min()), int(found.max())) >= _EXACT:

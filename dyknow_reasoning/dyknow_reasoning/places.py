@@ -77,7 +77,7 @@ class TabulatedPlaces:
         codes = before * self._width + symbols
         table = self._table(elapsed)
         after = table.take(codes)
-        if after.size and after.min() < 0:
+        if np.minimum.reduce(after) < 0:
             if (after == _UNKNOWN).any():
                 self._fill(codes[after == _UNKNOWN], elapsed)
                 after = self._tables[elapsed].take(codes)
