@@ -86,9 +86,9 @@ def test_a_recording_is_replayed_with_its_clock() -> None:
     clocks: list[int] = []
     client.node.create_subscription(BatteryState, '/uav1/battery', batteries.append, 100)
     client.node.create_subscription(Clock, '/clock', lambda m: clocks.append(m.clock.sec), 100)
-    with running(
-        command('replay', str(RECORDING), '--clock', '--rate', '10'), environment
-    ) as process:
+    # On a busy machine discovery takes seconds.
+    play = ('--clock', '--rate', '10', '--delay', '5')
+    with running(command('replay', str(RECORDING), *play), environment) as process:
         client.spin_until(lambda: process.poll() is not None, 'the end of the recording')
         assert process.returncode == 0
     client.close()
