@@ -29,7 +29,7 @@ from dyknow_reasoning.nodes import (
     constant,
     descendants,
 )
-from dyknow_reasoning.residual import interval_of, remaining_text, residual_text
+from dyknow_reasoning.residual import interval_of, parts_in_order, remaining_text, residual_text
 from dyknow_stream_processing import Value, round_time
 
 if TYPE_CHECKING:
@@ -92,7 +92,8 @@ class _Explainer:
 
     def _reasons_of_junction(self, node: Junction, *, fresh: bool) -> list[str]:
         verdict = self._progressed(node, fresh=fresh)
-        deciding = [part for part in node.parts if self._progressed(part, fresh=fresh) is verdict]
+        parts = parts_in_order(node, self._atoms)
+        deciding = [part for part in parts if self._progressed(part, fresh=fresh) is verdict]
         if not deciding:
             wanted = 'always be true' if verdict is TRUE else 'never be true'
             return [f"'{self._remaining(node, fresh=fresh)}' can from now on {wanted}"]
@@ -150,11 +151,12 @@ class _Explainer:
     def _remaining(self, node: Junction, *, fresh: bool) -> str:
         """What remains of the parts of a junction after this state."""
         word = 'and' if node.universal else 'or'
-        parts = (self._progressed(part, fresh=fresh) for part in node.parts)
+        parts = parts_in_order(node, self._atoms)
+        progressed = (self._progressed(part, fresh=fresh) for part in parts)
         times = self._moment.times
         texts = (
             remaining_text(part, times, self._now, self._atoms)
-            for part in parts
+            for part in progressed
             if type(part) is not Constant
         )
         return _shortened(f' {word} '.join(f'({text})' for text in texts))

@@ -55,6 +55,15 @@ def remaining_text(node: Node, times: Sequence[int], now: int, atoms: Sequence[A
     return residual_text(NodeStore(Chronology(), [node]).renumbered(node, bounds), atoms)
 
 
+def parts_in_order(node: Junction, atoms: Sequence[Atom]) -> Sequence[Node]:
+    """The parts of a junction in the order of their first atoms, whichever were found first."""
+    return sorted(node.parts, key=lambda part: _place(part, residual_text(part, atoms)))
+
+
+def _place(part: Node, text: str) -> tuple[int, str, list[Bound]]:
+    return part.mask & -part.mask, text, sorted(bounds_of(part))
+
+
 def interval_of(node: Window) -> Interval:
     """The interval of a window whose bounds count from one state."""
     start = node.start.offset if node.start else 0
@@ -69,7 +78,8 @@ def _text(node: Node, texts: Mapping[Node, str], atoms: Sequence[Atom]) -> str:
             return str(_literal(atoms[node.slot], positive=node.positive))
         case Junction():
             word = 'and' if node.universal else 'or'
-            first, *others = (_operand(part, texts, atoms) for part in node.parts)
+            parts = sorted(node.parts, key=lambda part: _place(part, texts[part]))
+            first, *others = (_operand(part, texts, atoms) for part in parts)
             *inner, last = others
             left = reduce(lambda left, right: f'({left} {word} {right})', inner, first)
             return f'{left} {word} {last}'
