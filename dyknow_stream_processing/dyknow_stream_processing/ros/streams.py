@@ -12,8 +12,9 @@ from typing import TYPE_CHECKING, Any
 import rclpy
 from dyknow_interfaces.msg import StreamStatusArray
 from rclpy.clock import Clock, ClockType
-from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
+from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
+from rclpy.signals import SignalHandlerOptions
 from rclpy.utilities import remove_ros_args
 from rich.console import Console
 from rich.live import Live
@@ -169,14 +170,15 @@ def options(arguments: Sequence[str]) -> argparse.Namespace:
 def main() -> int:
     """The executable streams."""
     chosen = options(remove_ros_args(sys.argv)[1:])
-    rclpy.init(args=sys.argv)
+    # An interrupt is to end the command by an exception, with a context that is still whole.
+    rclpy.init(args=sys.argv, signal_handler_options=SignalHandlerOptions.NO)
     listener = StreamsListener(chosen.node)
     try:
         show(chosen, listener)
     except DyKnowError as error:
         print(f'streams: {error}', file=sys.stderr)  # noqa: T201 - this is a command
         return 1 if error.code is ExitCode.NOT_FOUND else 2
-    except (KeyboardInterrupt, ExternalShutdownException):
+    except KeyboardInterrupt:
         return 130
     finally:
         listener.close()
