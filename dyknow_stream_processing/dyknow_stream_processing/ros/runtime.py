@@ -6,6 +6,7 @@ import os
 import re
 import sys
 import threading
+import time
 import traceback
 from inspect import isawaitable
 from typing import TYPE_CHECKING, Any
@@ -256,13 +257,18 @@ class Deadlines:
 
 
 def _exit_in_any_case() -> None:
-    """Ends the process even if the middleware does not come back.
+    """Ends the process some time after it was told to stop, even if the node does not come back.
 
-    It may wait for ever for a lock in shared memory that a killed process held.
+    The middleware may wait for ever for a lock in shared memory that a killed process held.
     """
-    watchdog = threading.Timer(SHUTDOWN_LIMIT, os._exit, (0,))
-    watchdog.daemon = True
-    watchdog.start()
+
+    def watch() -> None:
+        while rclpy.ok():
+            time.sleep(PULSE)
+        time.sleep(SHUTDOWN_LIMIT)
+        os._exit(0)
+
+    threading.Thread(target=watch, daemon=True).start()
 
 
 def run(make_node: Callable[[], DyKnowNode], arguments: Sequence[str] | None = None) -> int:
@@ -272,6 +278,7 @@ def run(make_node: Callable[[], DyKnowNode], arguments: Sequence[str] | None = N
         The exit code: 0 after a clean stop, 1 when the node cannot start.
     """
     rclpy.init(args=None if arguments is None else list(arguments))
+    _exit_in_any_case()
     node: DyKnowNode | None = None
     executor = SingleThreadedExecutor()
     try:
@@ -289,7 +296,6 @@ def run(make_node: Callable[[], DyKnowNode], arguments: Sequence[str] | None = N
         if rclpy.ok():
             raise
     finally:
-        _exit_in_any_case()
         executor.shutdown()
         if node is not None:
             node.destroy_node()
