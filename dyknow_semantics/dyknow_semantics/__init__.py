@@ -9,6 +9,7 @@ from dyknow_semantics.annotation import (
     Key,
     Range,
 )
+from dyknow_semantics.annotation_store import AnnotationStore
 from dyknow_semantics.checking import check_annotation, check_concept
 from dyknow_semantics.errors import SemanticsError
 from dyknow_semantics.features import Feature
@@ -23,6 +24,7 @@ __all__ = [
     'ALL_TRIPLES',
     'UPPER_ONTOLOGY',
     'Annotation',
+    'AnnotationStore',
     'Argument',
     'Concept',
     'Content',

@@ -12,7 +12,13 @@ from dyknow_interfaces.srv import (
     RemoveSemanticSpecification,
 )
 
-from dyknow_semantics import Annotation, SemanticsError, check_annotation, parse_annotations
+from dyknow_semantics import (
+    Annotation,
+    AnnotationStore,
+    SemanticsError,
+    check_annotation,
+    parse_annotations,
+)
 from dyknow_semantics.ros.mirrors import mirror_ontology
 from dyknow_stream_processing import DyKnowError, ExitCode
 from dyknow_stream_processing.ros import RUNNING, DyKnowNode, run
@@ -29,43 +35,40 @@ class StreamSemanticsManager(DyKnowNode):
     def __init__(self) -> None:
         super().__init__('stream_semantics_manager')
         files = self.parameter('annotations', [''], 'Files in SSL to load at the start.')
+        store = self.parameter(
+            'store', '', 'SQLite file that keeps the annotations over restarts; empty: in memory.'
+        )
         self._ontology = mirror_ontology(self)
-        self._annotations: dict[str, Annotation] = {}
+        self._store = AnnotationStore(Path(store) if store else None)
         self._version = 0
         for path in filter(None, files):
-            self._add(_read(Path(path)))
+            self._store.add(each for each in _read(Path(path)) if each not in self._store)
         self._report_change()
         self.serve(AddSemanticSpecification, self._add_specification)
         self.serve(RemoveSemanticSpecification, self._remove_specification)
         self.serve(ListSemanticSpecifications, self._list)
-        if self._annotations:
+        if self._store.annotations:
             self._ontology.peer.on_found.append(self._check_later)
+
+    def destroy_node(self) -> None:
+        """Closes the store too."""
+        self._store.close()
+        super().destroy_node()
 
     async def _add_specification(self, request: Any, _response: Any) -> None:
         annotations = parse_annotations(request.ssl_statement)
         knowledge = await self._ontology.content()
         for annotation in annotations:
             check_annotation(annotation, knowledge)
-        self._add(annotations)
+        self._store.add(annotations)
         self._report_change()
 
     def _remove_specification(self, request: Any, _response: Any) -> None:
-        stream = request.stream_name
-        kept = {text: each for text, each in self._annotations.items() if each.stream != stream}
-        if len(kept) == len(self._annotations):
-            streams = sorted({each.stream for each in kept.values()})
-            raise SemanticsError(
-                f"stream '{stream}' has no annotation (there are: {', '.join(streams) or 'none'})",
-                ExitCode.NOT_FOUND,
-            )
-        self._annotations = kept
+        self._store.remove(request.stream_name)
         self._report_change()
 
     def _list(self, _request: Any, response: Any) -> None:
-        response.ssl_statements = list(self._annotations)
-
-    def _add(self, annotations: Iterable[Annotation]) -> None:
-        self._annotations |= {str(annotation): annotation for annotation in annotations}
+        response.ssl_statements = list(self._store.texts)
 
     def _report_change(self) -> None:
         """Tells those who mirror the annotations, before the one who changed them is answered."""
@@ -82,7 +85,7 @@ class StreamSemanticsManager(DyKnowNode):
         except DyKnowError as error:
             self.get_logger().warning(f'annotations are not checked: {error}')
             return
-        faults = list(_faults(self._annotations.values(), knowledge))
+        faults = list(_faults(self._store.annotations, knowledge))
         for fault in faults:
             self.get_logger().error(fault)
         if faults:

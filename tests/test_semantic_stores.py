@@ -1,0 +1,99 @@
+"""What the nodes of meaning have answered with success outlives their sudden death."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import pytest
+from dyknow_interfaces import srv
+from dyknow_interfaces.msg import ExitStatus
+
+from dyknow_bringup.resources import uav_ontology_path
+from services import Nodes, assert_refused
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+ONTOLOGY = 'ontology_manager'
+SEMANTICS = 'stream_semantics_manager'
+
+
+def instances(nodes: Nodes) -> list[str]:
+    """The UAVs that the ontology knows."""
+    answer = nodes.obtain(ONTOLOGY, srv.ConceptGetInstances, concept_name='UAV')
+    return list(answer.instances)
+
+
+def annotations(nodes: Nodes) -> list[str]:
+    """The annotations that there are."""
+    return list(nodes.obtain(SEMANTICS, srv.ListSemanticSpecifications).ssl_statements)
+
+
+def written_until_killed(
+    nodes: Nodes, node: str, requests: list[tuple[Any, dict[str, str]]], answers: int
+) -> int:
+    """How many of the requests, sent all at once, a node has answered before it was killed.
+
+    Args:
+        nodes: the nodes.
+        node: the one to ask and to kill.
+        requests: the types of the services and what they are asked.
+        answers: after how many the node is killed.
+    """
+    futures = [nodes.request(node, service, **fields) for service, fields in requests]
+    nodes.client.spin_until(
+        lambda: sum(future.done() for future in futures) >= answers, 'some answers'
+    )
+    nodes.kill(node)
+    done = [future.result().exit_status for future in futures if future.done()]
+    assert all(status.code == ExitStatus.SUCCESS for status in done), done
+    return len(done)
+
+
+@pytest.mark.parametrize('answers', [1, 7])
+def test_no_answered_change_of_the_ontology_is_lost(tmp_path: Path, answers: int) -> None:
+    parameters = {'store': str(tmp_path / 'ontology.sqlite')}
+    requests: list[tuple[Any, dict[str, Any]]] = [
+        (srv.InstanceCreate, {'instance_name': f'uav{number}', 'concept_names': ['UAV']})
+        for number in range(1000, 1200)
+    ]
+    with Nodes(tmp_path, **{ONTOLOGY: parameters}) as nodes:
+        nodes.obtain(ONTOLOGY, srv.OntologyLoad, path_or_iri=str(uav_ontology_path()))
+        nodes.obtain(ONTOLOGY, srv.ConceptCreate, concept_name='Kite', parent_concepts=['UAV'])
+        done = written_until_killed(nodes, ONTOLOGY, requests, answers)
+        assert done < len(requests), 'it was killed too late to tell'
+    with Nodes(tmp_path, **{ONTOLOGY: parameters}) as nodes:
+        kept = instances(nodes)
+        # One more may have been written, but not answered.
+        assert kept == [f'uav{1000 + number}' for number in range(len(kept))]
+        assert done <= len(kept)
+        nodes.obtain(ONTOLOGY, srv.ConceptDestroy, concept_name='Kite')
+        nodes.obtain(ONTOLOGY, srv.InstanceCreate, instance_name='last', concept_names=['UAV'])
+
+
+@pytest.mark.parametrize('answers', [1, 30])
+def test_no_answered_annotation_is_lost(tmp_path: Path, answers: int) -> None:
+    executables: dict[str, dict[str, Any]] = {
+        ONTOLOGY: {
+            'ontologies': [str(uav_ontology_path())],
+            'store': str(tmp_path / 'ontology.sqlite'),
+        },
+        SEMANTICS: {'store': str(tmp_path / 'annotations.sqlite')},
+    }
+    texts = [f'stream s{number} contains Power[kite] = w{number};' for number in range(300)]
+    with Nodes(tmp_path, **executables) as nodes:
+        nodes.obtain(ONTOLOGY, srv.InstanceCreate, instance_name='kite', concept_names=['UAV'])
+        requests: list[tuple[Any, dict[str, str]]] = [
+            (srv.AddSemanticSpecification, {'ssl_statement': text}) for text in texts
+        ]
+        done = written_until_killed(nodes, SEMANTICS, requests, answers)
+        assert done < len(requests), 'it was killed too late to tell'
+    with Nodes(tmp_path, **executables) as nodes:
+        kept = annotations(nodes)
+        assert kept == texts[: len(kept)]
+        assert done <= len(kept)
+        answer = nodes.call(SEMANTICS, srv.AddSemanticSpecification, ssl_statement=texts[0])
+        assert_refused(answer.exit_status, ExitStatus.ALREADY_EXISTS, texts[0])
+        nodes.obtain(SEMANTICS, srv.RemoveSemanticSpecification, stream_name='s0')
+        nodes.obtain(SEMANTICS, srv.AddSemanticSpecification, ssl_statement=texts[0])
+        assert annotations(nodes) == [*kept[1:], texts[0]]
