@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 from dyknow_semantics.errors import SemanticsError
 from dyknow_semantics.features import Feature, SignatureReader
-from dyknow_semantics.names import Names
+from dyknow_semantics.names import Names, Prefixes
 from dyknow_semantics.taxonomy import Taxonomy
 from dyknow_semantics.vocabulary import (
     CLASS,
@@ -24,6 +24,7 @@ from dyknow_semantics.vocabulary import (
     NIL,
     NULLARY_FEATURE,
     ONE_OF,
+    PREFIX,
     REST,
     SUBCLASS_OF,
     TYPE,
@@ -62,8 +63,9 @@ class Knowledge:
         }
         self._taxonomy = Taxonomy(statements.order())
         self._types = statements.types_of_instances(self._concepts)
-        self.concept_names = Names('concept', self._concepts)
-        self.instance_names = Names('instance', self._types)
+        self.prefixes = Prefixes(statements.pairs(PREFIX))
+        self.concept_names = Names('concept', self._concepts, self.prefixes)
+        self.instance_names = Names('instance', self._types, self.prefixes)
         reader = SignatureReader(self._taxonomy, statements.of, self.concept_names)
         below = self._taxonomy.below(FEATURE) & self._concepts
         self._features = reader.read(below - {FEATURE, NULLARY_FEATURE})

@@ -10,7 +10,7 @@ from dyknow_semantics.errors import SemanticsError
 from dyknow_stream_processing import ExitCode
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping
+    from collections.abc import Iterable, Iterator, Mapping
 
 _LISTED: Final = 10
 """So many known names are listed where none is near an unknown one."""
@@ -44,6 +44,48 @@ def suggestion(name: str, known: Mapping[str, str]) -> str:
     return f'; there are: {listed}' if names else '; there is none'
 
 
+class Prefixes:
+    """What namespaces are called in prefixed names.
+
+    A namespace goes by the last part of its IRI and by all that is declared for it. Nothing keeps
+    several ontologies from taking the same prefix: it then stands for all of their namespaces, as
+    long as the whole name fits in one of them.
+
+    Args:
+        declared: namespaces, each with a prefix of it.
+    """
+
+    def __init__(self, declared: Iterable[tuple[str, str]] = ()) -> None:
+        self._prefixes: dict[str, set[str]] = defaultdict(set)
+        for namespace, prefix in declared:
+            self._prefixes[namespace].add(prefix)
+
+    def of(self, namespace: str) -> tuple[str, ...]:
+        """The prefixes of a namespace: first the last part of its IRI, then others by name."""
+        own = prefix_of(namespace)
+        return own, *sorted(self._prefixes.get(namespace, set()) - {own})
+
+    def namespace(self, prefix: str, namespaces: Iterable[str]) -> str:
+        """The one of several namespaces that a prefix stands for.
+
+        Raises:
+            SemanticsError: if it stands for none or for several of them.
+        """
+        known = {*namespaces, *self._prefixes}
+        found = sorted(each for each in known if prefix in self.of(each))
+        if len(found) > 1:
+            raise SemanticsError(
+                f"the prefix '{prefix}' is ambiguous; it stands for {' and '.join(found)}: "
+                'give the whole IRI'
+            )
+        if not found:
+            hint = suggestion(prefix, {name: name for each in known for name in self.of(each)})
+            raise SemanticsError(
+                f"no ontology with the prefix '{prefix}' is loaded{hint}", ExitCode.NOT_FOUND
+            )
+        return found[0]
+
+
 class Names:
     """The names of all things of one kind.
 
@@ -53,13 +95,15 @@ class Names:
     Args:
         kind: what the things are called in messages.
         iris: the IRIs of the things.
+        prefixes: those of their namespaces.
     """
 
-    def __init__(self, kind: str, iris: Iterable[str]) -> None:
+    def __init__(self, kind: str, iris: Iterable[str], prefixes: Prefixes | None = None) -> None:
         self._kind = kind
+        self._prefixes = prefixes or Prefixes()
         self._bearers: dict[str, set[str]] = defaultdict(set)
         for iri in iris:
-            for name in _spellings(iri):
+            for name in self._spellings(iri):
                 self._bearers[name].add(iri)
 
     def __contains__(self, name: str) -> bool:
@@ -86,9 +130,11 @@ class Names:
 
     def name(self, iri: str) -> str:
         """The shortest name that only this thing bears."""
-        return next(name for name in _spellings(iri) if len(self._bearers[name]) == 1)
+        return next(name for name in self._spellings(iri) if len(self._bearers[name]) == 1)
 
-
-def _spellings(iri: str) -> tuple[str, str, str]:
-    namespace, local = split_iri(iri)
-    return local, f'{prefix_of(namespace)}:{local}', iri
+    def _spellings(self, iri: str) -> Iterator[str]:
+        namespace, local = split_iri(iri)
+        yield local
+        for prefix in self._prefixes.of(namespace):
+            yield f'{prefix}:{local}'
+        yield iri

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 from dyknow_semantics.errors import SemanticsError
 from dyknow_semantics.knowledge import Knowledge
-from dyknow_semantics.names import prefix_of, split_iri, suggestion
+from dyknow_semantics.names import split_iri
 from dyknow_semantics.sources import read_import, read_source, same_ontology, upper_ontology
 from dyknow_semantics.store import RUNTIME_ONTOLOGY, Store, read_document
 from dyknow_semantics.vocabulary import UPPER_ONTOLOGY
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
     from dyknow_semantics.features import Feature
     from dyknow_semantics.sources import Source
-    from dyknow_semantics.store import Row
+    from dyknow_semantics.store import Document, Row
 
 
 class Ontology:
@@ -76,7 +76,7 @@ class Ontology:
         """Adds an ontology, and all that it imports and that is not loaded yet.
 
         Imports are looked for beside the file that imports them, under the last part of their
-        IRI (`uav.owl` for `http://www.dyknow.org/uav`), and then on the web.
+        IRI (`uav.owl` for `http://www.dyknow.org/uav`); those of an ontology on the web there too.
 
         Raises:
             SemanticsError: if something cannot be read or is not as the upper ontology wants it.
@@ -163,20 +163,23 @@ class Ontology:
         return self._store.select(sparql, self._knowledge.name)
 
     def _load(self, source: Source) -> None:
-        self._change(lambda: self._put(source, read_document(source).iri))
+        self._change(lambda: self._put(read_document(source), source))
         # owlready2 may have cached what the text says otherwise now.
         self._store.reopen()
 
-    def _put(self, source: Source, expected: str) -> None:
-        document = read_document(source)
-        if not same_ontology(document.iri, expected):
-            raise SemanticsError(
-                f'{source.place} holds the ontology <{document.iri}> instead of <{expected}>'
-            )
-        self._store.put(document.iri, source)
+    def _put(self, document: Document, source: Source) -> None:
+        self._store.put(document)
         for imported in document.imports:
             if not any(same_ontology(imported, known) for known in self._store.ontologies):
-                self._put(read_import(imported, source), imported)
+                self._put_import(imported, read_import(imported, source))
+
+    def _put_import(self, iri: str, source: Source) -> None:
+        document = read_document(source)
+        if not same_ontology(document.iri, iri):
+            raise SemanticsError(
+                f'{source.place} holds the ontology <{document.iri}> instead of <{iri}>'
+            )
+        self._put(document, source)
 
     def _change(self, change: Callable[[], None]) -> None:
         """Makes a change and keeps it if what comes of it makes sense."""
@@ -227,10 +230,4 @@ class Ontology:
         prefix, colon, local = name.rpartition(':')
         if not colon:
             return RUNTIME_ONTOLOGY, local
-        prefixes = {prefix_of(iri): iri for iri in sorted(self._store.ontologies)}
-        if prefix not in prefixes:
-            hint = suggestion(prefix, {known: known for known in prefixes})
-            raise SemanticsError(
-                f"no ontology with the prefix '{prefix}' is loaded{hint}", ExitCode.NOT_FOUND
-            )
-        return prefixes[prefix], local
+        return self._knowledge.prefixes.namespace(prefix, self._store.ontologies), local

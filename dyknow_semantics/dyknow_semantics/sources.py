@@ -16,8 +16,8 @@ from dyknow_semantics.names import prefix_of
 from dyknow_semantics.vocabulary import UPPER_ONTOLOGY
 from dyknow_stream_processing import ExitCode
 
-_ENDINGS: Final = ('.owl', '.rdf', '.xml', '.nt', '.ntriples')
-_ACCEPTED: Final = 'application/rdf+xml, application/n-triples, application/owl+xml'
+_ENDINGS: Final = ('.owl', '.rdf', '.xml', '.ttl', '.nt', '.ntriples')
+_ACCEPTED: Final = 'application/rdf+xml, application/n-triples, application/owl+xml, text/turtle'
 _WEB_TIMEOUT: Final = 10.0
 """How long a server may stay silent, in seconds."""
 
@@ -28,7 +28,7 @@ class Source:
 
     Args:
         place: where it was found, for messages.
-        text: in RDF/XML, OWL/XML or N-Triples.
+        text: in RDF/XML, OWL/XML, N-Triples or Turtle.
         folder: where to look for what it imports; none if it came from the web.
     """
 
@@ -57,30 +57,26 @@ def read_source(path_or_iri: str) -> Source:
 
 
 def read_import(iri: str, importer: Source) -> Source:
-    """The ontology that another one imports: from beside it, or else from the web.
+    """The ontology that another one imports: from beside it.
+
+    The web is asked only where the importer was asked for by its address there.
 
     Raises:
-        SemanticsError: if it is in neither place.
+        SemanticsError: if it is not there.
     """
-    beside = (
-        [
-            path
-            for path in (importer.folder / (prefix_of(iri) + ending) for ending in _ENDINGS)
-            if path.is_file()
-        ]
-        if importer.folder
-        else []
+    if same_ontology(iri, UPPER_ONTOLOGY):
+        return upper_ontology()
+    name = prefix_of(iri)
+    if importer.folder is None:
+        return _download(iri)
+    for path in (importer.folder / (name + ending) for ending in _ENDINGS):
+        if path.is_file():
+            return _read(path)
+    raise SemanticsError(
+        f'{importer.place} imports <{iri}>, which is not loaded and not beside it; put it there as '
+        f'{name}.owl (or {", ".join(_ENDINGS[1:])}), or load it first by its path or its address',
+        ExitCode.NOT_FOUND,
     )
-    if beside:
-        return _read(beside[0])
-    try:
-        return read_source(iri)
-    except SemanticsError as error:
-        raise SemanticsError(
-            f'{importer.place} imports <{iri}>, which cannot be read ({error}); '
-            f'load it first, or put it beside as {prefix_of(iri)}.owl',
-            error.code,
-        ) from None
 
 
 def upper_ontology() -> Source:

@@ -16,13 +16,16 @@ from owlready2.rply import LexingError, ParsingError
 from owlready2.sparql.main import PreparedSelectQuery
 
 from dyknow_semantics.errors import SemanticsError
+from dyknow_semantics.forms import recognise
 from dyknow_semantics.names import split_iri
+from dyknow_semantics.vocabulary import PREFIX
 from dyknow_stream_processing import ExitCode
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
     from pathlib import Path
 
+    from dyknow_semantics.forms import Text
     from dyknow_semantics.knowledge import Triple
     from dyknow_semantics.sources import Source
 
@@ -45,6 +48,9 @@ _MAXIMUM_CHECKS: Final = 50
 _LOCK_TIMEOUT: Final = 1.0
 """How long to wait for another process to let go of a store, in seconds."""
 
+_UNKNOWN: Final = 'http://unknown/'
+"""The IRI of an ontology before its text has been read."""
+
 Row = tuple[str, ...]
 """The values of a query's variables in one solution."""
 
@@ -56,10 +62,14 @@ class Document:
     Args:
         iri: the ontology's own, with `#` or `/` at the end.
         imports: the IRIs of the ontologies that it imports.
+        place: where it was found, for messages.
+        text: what it says.
     """
 
     iri: str
     imports: tuple[str, ...]
+    place: str
+    text: Text
 
 
 def read_document(source: Source) -> Document:
@@ -69,10 +79,11 @@ def read_document(source: Source) -> Document:
         SemanticsError: if it is no ontology.
     """
     world = owlready2.World()
+    text = recognise(source, _UNKNOWN)
     try:
-        iri = _parse(world.get_ontology('http://unknown/'), source)
+        iri = _parse(world.get_ontology(_UNKNOWN), text, source.place)
         imports = world.sparql('SELECT DISTINCT (STR(?i) AS ?iri) { ?o owl:imports ?i }')
-        return Document(iri, tuple(sorted(row[0] for row in imports)))
+        return Document(iri, tuple(sorted(row[0] for row in imports)), source.place, text)
     finally:
         world.close()
 
@@ -109,9 +120,13 @@ class Store:
         self._world.close()
         self._world = _open(self._file)
 
-    def put(self, iri: str, source: Source) -> None:
-        """Adds the text of an ontology, in place of what it said before."""
-        _parse(self._world.get_ontology(iri), source)
+    def put(self, document: Document) -> None:
+        """Adds an ontology, in place of what it said before."""
+        ontology = self._world.get_ontology(document.iri)
+        _parse(ontology, document.text, document.place)
+        for prefix, namespace in document.text.prefixes:
+            subject, predicate = map(ontology._abbreviate, (namespace, PREFIX))  # noqa: SLF001
+            ontology._add_data_triple_spod(subject, predicate, prefix, 0)  # noqa: SLF001
 
     def add_class(self, iri: str, parents: tuple[str, ...]) -> None:
         """Adds a class below others."""
@@ -207,19 +222,19 @@ def _open(file: Path) -> Any:
         ) from None
 
 
-def _parse(ontology: Any, source: Source) -> str:
+def _parse(ontology: Any, text: Text, place: str) -> str:
     """Reads a text into an ontology; imports are not followed. Returns the IRI that it declares."""
     try:
         with _silence():
-            iri: str = ontology.graph.parse(BytesIO(source.text), default_base=ontology.base_iri)
+            iri: str = ontology.graph.parse(
+                BytesIO(text.content), format=text.form, default_base=ontology.base_iri
+            )
     except OwlReadyError as error:
         words = error.args[-1]
-        detail = str(words[0] if isinstance(words, tuple) else words).replace('???', source.place)
+        detail = str(words[0] if isinstance(words, tuple) else words).replace('???', place)
         raise SemanticsError(f'cannot read an ontology: {detail}') from None
     if not iri:
-        raise SemanticsError(
-            f'{source.place} declares no ontology; it needs an owl:Ontology with its IRI'
-        )
+        raise SemanticsError(f'{place} declares no ontology; it needs an owl:Ontology with its IRI')
     return iri
 
 

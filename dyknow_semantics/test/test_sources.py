@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import socket
 import threading
 from http.server import BaseHTTPRequestHandler, HTTPServer
 from typing import TYPE_CHECKING
@@ -36,7 +35,11 @@ class Web(BaseHTTPRequestHandler):
         self.send_response(200)
         self.end_headers()
         host, port = self.server.server_address[:2]
-        self.wfile.write(ontology_text(f'http://{host}:{port}{self.path}', 'Remote').encode())
+        iri = f'http://{host}:{port}{self.path}'
+        text = ontology_text(iri, self.path.removeprefix('/').capitalize())
+        if self.path == '/importing':
+            text += f'<{iri}> <{OWL}imports> <http://{host}:{port}/remote> .\n'
+        self.wfile.write(text.encode())
 
     def log_message(self, format: str, *arguments: object) -> None:  # noqa: A002
         """Says nothing."""
@@ -69,15 +72,22 @@ def test_an_ontology_on_the_web(web: str) -> None:
         assert ontology.knowledge.concept_names.iri('Remote') == f'{web}/remote#Remote'
 
 
-def test_an_import_from_the_web(web: str, tmp_path: Path) -> None:
+def test_an_import_on_the_web_is_loaded_if_asked_for(web: str, tmp_path: Path) -> None:
     with Ontology() as ontology:
+        ontology.load(f'{web}/remote')
         ontology.load(importing(tmp_path, f'{web}/remote'))
-        assert ontology.subconcepts('Remote') == ('Remote',)
         assert ontology.subconcepts('Local') == ('Local',)
 
 
-@pytest.mark.parametrize('ending', ['owl', 'rdf', 'xml', 'nt', 'ntriples'])
-def test_an_import_beside_comes_before_the_web(web: str, tmp_path: Path, ending: str) -> None:
+def test_an_import_of_an_ontology_on_the_web_comes_from_there_too(web: str) -> None:
+    with Ontology() as ontology:
+        ontology.load(f'{web}/importing')
+        assert ontology.subconcepts('Importing') == ('Importing',)
+        assert ontology.subconcepts('Remote') == ('Remote',)
+
+
+@pytest.mark.parametrize('ending', ['owl', 'rdf', 'xml', 'ttl', 'nt', 'ntriples'])
+def test_an_import_beside(web: str, tmp_path: Path, ending: str) -> None:
     (tmp_path / f'remote.{ending}').write_text(ontology_text(f'{web}/remote', 'Near'))
     with Ontology() as ontology:
         ontology.load(importing(tmp_path, f'{web}/remote'))
@@ -100,15 +110,13 @@ def test_an_address_without_an_ontology(web: str) -> None:
     assert error.value.message == f'cannot download <{web}/missing>: Not Found'
 
 
-def test_an_import_that_is_nowhere(tmp_path: Path) -> None:
-    with socket.socket() as unused:
-        unused.bind(('127.0.0.1', 0))
-        iri = f'http://127.0.0.1:{unused.getsockname()[1]}/maps'
-        file = importing(tmp_path, iri)
-        with Ontology() as ontology, pytest.raises(SemanticsError) as error:
-            ontology.load(file)
-    assert error.value.code is ExitCode.UNAVAILABLE
+def test_an_import_that_is_not_beside_is_never_downloaded(web: str, tmp_path: Path) -> None:
+    file = importing(tmp_path, f'{web}/remote')
+    with Ontology() as ontology, pytest.raises(SemanticsError) as error:
+        ontology.load(file)
+    assert error.value.code is ExitCode.NOT_FOUND
     assert error.value.message == (
-        f'{file} imports <{iri}>, which cannot be read (cannot download <{iri}>: '
-        '[Errno 111] Connection refused); load it first, or put it beside as maps.owl'
+        f'{file} imports <{web}/remote>, which is not loaded and not beside it; put it there as '
+        'remote.owl (or .rdf, .xml, .ttl, .nt, .ntriples), or load it first by its path or its '
+        'address'
     )
