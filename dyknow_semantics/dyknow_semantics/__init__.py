@@ -17,6 +17,7 @@ from dyknow_semantics.knowledge import Knowledge, Triple
 from dyknow_semantics.matching import Match, match, nearest
 from dyknow_semantics.ontology import Ontology
 from dyknow_semantics.parsing import parse_annotations, parse_concept
+from dyknow_semantics.reasoning import Reasoner, ReasonerProcess, choose_reasoner
 from dyknow_semantics.store import ALL_TRIPLES
 from dyknow_semantics.vocabulary import UPPER_ONTOLOGY
 
@@ -35,10 +36,13 @@ __all__ = [
     'Match',
     'Ontology',
     'Range',
+    'Reasoner',
+    'ReasonerProcess',
     'SemanticsError',
     'Triple',
     'check_annotation',
     'check_concept',
+    'choose_reasoner',
     'match',
     'nearest',
     'parse_annotations',

@@ -11,8 +11,9 @@ from typing import TYPE_CHECKING
 from dyknow_semantics.errors import SemanticsError
 from dyknow_semantics.knowledge import Knowledge
 from dyknow_semantics.names import split_iri
-from dyknow_semantics.sources import read_import, read_source, same_ontology, upper_ontology
-from dyknow_semantics.store import RUNTIME_ONTOLOGY, Store, read_document
+from dyknow_semantics.reasoning import Draft
+from dyknow_semantics.sources import read_source
+from dyknow_semantics.store import RUNTIME_ONTOLOGY, Store, read_with_imports
 from dyknow_semantics.vocabulary import UPPER_ONTOLOGY
 from dyknow_stream_processing import ExitCode
 
@@ -22,7 +23,7 @@ if TYPE_CHECKING:
     from typing import Self
 
     from dyknow_semantics.features import Feature
-    from dyknow_semantics.sources import Source
+    from dyknow_semantics.knowledge import Triple
     from dyknow_semantics.store import Document, Row
 
 
@@ -49,7 +50,8 @@ class Ontology:
             folder = resources.enter_context(TemporaryDirectory(prefix='dyknow_'))
             self._store = Store(Path(store or Path(folder, 'store')))
             resources.callback(self._store.close)
-            self._load(upper_ontology())
+            self._revision = 0
+            self.load(UPPER_ONTOLOGY)
             self._resources = resources.pop_all()
 
     def __enter__(self) -> Self:
@@ -68,6 +70,11 @@ class Ontology:
         self._resources.close()
 
     @property
+    def revision(self) -> int:
+        """How many changes there have been, apart from what a reasoner has added."""
+        return self._revision
+
+    @property
     def knowledge(self) -> Knowledge:
         """All that the ontology says at this moment."""
         return self._knowledge
@@ -81,7 +88,52 @@ class Ontology:
         Raises:
             SemanticsError: if something cannot be read or is not as the upper ontology wants it.
         """
-        self._load(read_source(str(path_or_iri)))
+        self.add(self.read(path_or_iri))
+
+    def read(self, path_or_iri: str | Path) -> tuple[Document, ...]:
+        """What `load` would add.
+
+        Raises:
+            SemanticsError: if something cannot be read.
+        """
+        return read_with_imports(read_source(str(path_or_iri)), self._store.ontologies)
+
+    def add(self, documents: Iterable[Document]) -> None:
+        """Adds ontologies, each in place of what it said before.
+
+        Raises:
+            SemanticsError: if something is not as the upper ontology wants it.
+        """
+        self._change(lambda: self._put(documents))
+        # owlready2 may have cached what the text says otherwise now.
+        self._store.reopen()
+
+    def draft(self, documents: Iterable[Document] = ()) -> Draft:
+        """What there would be for a reasoner with some more ontologies; nothing is changed.
+
+        Raises:
+            SemanticsError: if something is not as the upper ontology wants it.
+        """
+        try:
+            self._put(documents)
+            knowledge = Knowledge(self._store.triples())
+            return Draft(self._revision, self._store.text(), knowledge.name)
+        finally:
+            self._store.reopen()
+
+    def entail(self, entailed: Iterable[Triple], revision: int) -> bool:
+        """Adds what a reasoner found in a draft; returns whether it still holds.
+
+        Args:
+            entailed: it takes the place of what was entailed before.
+            revision: of the ontology when nothing but this is new since the draft.
+        """
+        if revision != self._revision:
+            return False
+        self._change(lambda: self._store.put_entailed(entailed))
+        self._revision = revision
+        self._store.reopen()
+        return True
 
     def create_concept(self, name: str, parents: Iterable[str] = ()) -> None:
         """Adds a concept below others.
@@ -162,24 +214,9 @@ class Ontology:
         """
         return self._store.select(sparql, self._knowledge.name)
 
-    def _load(self, source: Source) -> None:
-        self._change(lambda: self._put(read_document(source), source))
-        # owlready2 may have cached what the text says otherwise now.
-        self._store.reopen()
-
-    def _put(self, document: Document, source: Source) -> None:
-        self._store.put(document)
-        for imported in document.imports:
-            if not any(same_ontology(imported, known) for known in self._store.ontologies):
-                self._put_import(imported, read_import(imported, source))
-
-    def _put_import(self, iri: str, source: Source) -> None:
-        document = read_document(source)
-        if not same_ontology(document.iri, iri):
-            raise SemanticsError(
-                f'{source.place} holds the ontology <{document.iri}> instead of <{iri}>'
-            )
-        self._put(document, source)
+    def _put(self, documents: Iterable[Document]) -> None:
+        for document in documents:
+            self._store.put(document)
 
     def _change(self, change: Callable[[], None]) -> None:
         """Makes a change and keeps it if what comes of it makes sense."""
@@ -190,6 +227,7 @@ class Ontology:
             self._store.reopen()
             raise
         self._store.commit()
+        self._revision += 1
         self._knowledge = knowledge
 
     def _obstacles(self, iri: str) -> Iterator[str]:

@@ -16,21 +16,24 @@ from owlready2.rply import LexingError, ParsingError
 from owlready2.sparql.main import PreparedSelectQuery
 
 from dyknow_semantics.errors import SemanticsError
-from dyknow_semantics.forms import recognise
+from dyknow_semantics.forms import Text, recognise
 from dyknow_semantics.names import split_iri
-from dyknow_semantics.vocabulary import PREFIX
+from dyknow_semantics.sources import read_import, same_ontology
+from dyknow_semantics.vocabulary import ONTOLOGY, PREFIX, TYPE
 from dyknow_stream_processing import ExitCode
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
+    from collections.abc import Callable, Iterable, Iterator
     from pathlib import Path
 
-    from dyknow_semantics.forms import Text
     from dyknow_semantics.knowledge import Triple
     from dyknow_semantics.sources import Source
 
 RUNTIME_ONTOLOGY: Final = 'http://www.dyknow.org/runtime#'
 """The ontology of what is created at run time, apart from what was loaded from files."""
+
+ENTAILED_ONTOLOGY: Final = 'http://www.dyknow.org/entailed#'
+"""The ontology of what a reasoner has found to follow from the others."""
 
 ALL_TRIPLES: Final = """
     SELECT (COALESCE(STR(?s), STORID(?s)) AS ?subject)
@@ -88,6 +91,36 @@ def read_document(source: Source) -> Document:
         world.close()
 
 
+def read_with_imports(source: Source, known: Iterable[str]) -> tuple[Document, ...]:
+    """What the text of an ontology and of all that it imports say of themselves.
+
+    Args:
+        source: the text.
+        known: the IRIs of ontologies that need not be read.
+
+    Raises:
+        SemanticsError: if something is no ontology, or is not to be found.
+    """
+    first = read_document(source)
+    documents, wanted = [first], [(iri, source) for iri in first.imports]
+    while wanted:
+        iri, importer = wanted.pop(0)
+        if any(same_ontology(iri, other) for other in (*known, *(each.iri for each in documents))):
+            continue
+        found = read_import(iri, importer)
+        documents.append(_expect(iri, read_document(found)))
+        wanted += [(each, found) for each in documents[-1].imports]
+    return tuple(documents)
+
+
+def _expect(iri: str, document: Document) -> Document:
+    if not same_ontology(document.iri, iri):
+        raise SemanticsError(
+            f'{document.place} holds the ontology <{document.iri}> instead of <{iri}>'
+        )
+    return document
+
+
 class Store:
     """An ontology in a file: what has not been committed is forgotten when it is opened again.
 
@@ -127,6 +160,23 @@ class Store:
         for prefix, namespace in document.text.prefixes:
             subject, predicate = map(ontology._abbreviate, (namespace, PREFIX))  # noqa: SLF001
             ontology._add_data_triple_spod(subject, predicate, prefix, 0)  # noqa: SLF001
+
+    def put_entailed(self, triples: Iterable[Triple]) -> None:
+        """Adds what follows from the ontologies, in place of what followed before."""
+        lines = [(ENTAILED_ONTOLOGY.rstrip('#'), TYPE, ONTOLOGY), *triples]
+        text = ''.join(
+            f'<{subject}> <{predicate}> <{value}> .\n' for subject, predicate, value in lines
+        )
+        entailed = Text('ntriples', text.encode())
+        _parse(self._world.get_ontology(ENTAILED_ONTOLOGY), entailed, ENTAILED_ONTOLOGY)
+
+    def text(self) -> bytes:
+        """What the ontologies say in N-Triples, but for what is entailed."""
+        with BytesIO() as file, _silence():
+            for iri, ontology in sorted(self._world.ontologies.items()):
+                if iri != ENTAILED_ONTOLOGY:
+                    ontology.save(file, format='ntriples', commit=False)
+            return file.getvalue()
 
     def add_class(self, iri: str, parents: tuple[str, ...]) -> None:
         """Adds a class below others."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
+from diagnostic_msgs.msg import DiagnosticStatus
 from dyknow_interfaces.srv import (
     ConceptCreate,
     ConceptDestroy,
@@ -15,12 +16,17 @@ from dyknow_interfaces.srv import (
     OntologyQuery,
 )
 
-from dyknow_semantics import Ontology, SemanticsError
+from dyknow_semantics import Ontology, Reasoner, ReasonerProcess, SemanticsError, choose_reasoner
+from dyknow_semantics.ros.inference import Inference
 from dyknow_stream_processing.ros import RUNNING, DyKnowNode, run
 
 
 class OntologyManager(DyKnowNode):
-    """Translates services into queries and changes of one ontology."""
+    """Translates services into queries and changes of one ontology.
+
+    What is asked of concepts and instances is answered at once, from what held last, whatever is
+    being loaded or reasoned about meanwhile.
+    """
 
     def __init__(self) -> None:
         super().__init__('ontology_manager')
@@ -28,11 +34,12 @@ class OntologyManager(DyKnowNode):
         store = self.parameter(
             'store', '', 'SQLite file that keeps the ontology over restarts; empty: in memory.'
         )
-        self._ontology = Ontology(store or None)
+        reasoner = self._make_reasoner()
         self._version = 0
+        self._ontology = Ontology(store or None)
         for path_or_iri in filter(None, files):
             self._ontology.load(path_or_iri)
-        self._report_change()
+        self._inference = Inference(self, self._ontology, reasoner, self._report_change)
         self.serve(ConceptCreate, self._create_concept)
         self.serve(ConceptGetInstances, self._get_instances)
         self.serve(ConceptDestroy, self._destroy_concept)
@@ -43,47 +50,68 @@ class OntologyManager(DyKnowNode):
         self.serve(OntologyQuery, self._query)
 
     def destroy_node(self) -> None:
-        """Closes the store too."""
+        """Ends the reasoner and closes the store too."""
+        self._inference.close()
         self._ontology.close()
         super().destroy_node()
 
-    def _create_concept(self, request: Any, _response: Any) -> None:
-        self._ontology.create_concept(request.concept_name, tuple(request.parent_concepts))
-        self._report_change()
+    def _make_reasoner(self) -> ReasonerProcess | None:
+        self._reasoner = choose_reasoner(
+            self.parameter(
+                'reasoner',
+                Reasoner.STRUCTURAL.value,
+                f'What tells what follows from the ontology: {", ".join(Reasoner)}.',
+            )
+        )
+        limit = self.parameter(
+            'reasoning_limit', 300.0, 'Seconds that a reasoner may take.', (1.0, 86400.0)
+        )
+        if self._reasoner is Reasoner.STRUCTURAL:
+            return None
+        return ReasonerProcess(self._reasoner, limit)
 
-    def _destroy_concept(self, request: Any, _response: Any) -> None:
-        self._ontology.destroy_concept(request.concept_name)
-        self._report_change()
+    async def _create_concept(self, request: Any, _response: Any) -> None:
+        await self._inference.change(
+            self._ontology.create_concept, request.concept_name, tuple(request.parent_concepts)
+        )
+
+    async def _destroy_concept(self, request: Any, _response: Any) -> None:
+        await self._inference.change(self._ontology.destroy_concept, request.concept_name)
 
     def _get_instances(self, request: Any, response: Any) -> None:
         response.instances = list(self._ontology.instances(request.concept_name))
 
-    def _create_instance(self, request: Any, _response: Any) -> None:
-        self._ontology.create_instance(request.instance_name, tuple(request.concept_names))
-        self._report_change()
+    async def _create_instance(self, request: Any, _response: Any) -> None:
+        await self._inference.change(
+            self._ontology.create_instance, request.instance_name, tuple(request.concept_names)
+        )
 
-    def _destroy_instance(self, request: Any, _response: Any) -> None:
-        self._ontology.destroy_instance(request.instance_name)
-        self._report_change()
+    async def _destroy_instance(self, request: Any, _response: Any) -> None:
+        await self._inference.change(self._ontology.destroy_instance, request.instance_name)
 
     def _get_concepts(self, request: Any, response: Any) -> None:
         response.concepts = list(self._ontology.concepts(request.instance_name))
 
-    def _load(self, request: Any, _response: Any) -> None:
+    async def _load(self, request: Any, _response: Any) -> None:
         if not request.path_or_iri:
             raise SemanticsError('path_or_iri is empty; give the path or the IRI of an ontology')
-        self._ontology.load(request.path_or_iri)
-        self._report_change()
+        await self._inference.load(request.path_or_iri)
 
-    def _query(self, request: Any, response: Any) -> None:
-        variables, rows = self._ontology.query(request.sparql)
+    async def _query(self, request: Any, response: Any) -> None:
+        variables, rows = await self._inference.query(request.sparql)
         response.variables = list(variables)
         response.values = [value for row in rows for value in row]
 
-    def _report_change(self) -> None:
+    def _report_change(self, fault: str) -> None:
         """Tells those who mirror the ontology, before the one who changed it is answered."""
         self._version += 1
-        self.set_status(RUNNING, {'version': str(self._version)})
+        self.set_status(
+            fault or RUNNING,
+            {'version': str(self._version), 'reasoner': self._reasoner},
+            level=DiagnosticStatus.ERROR if fault else None,
+        )
+        if fault:
+            self.get_logger().error(fault)
 
 
 def main() -> int:

@@ -1,0 +1,106 @@
+"""The program that asks a reasoner: an ontology in N-Triples comes in, a JSON text goes out."""
+
+from __future__ import annotations
+
+import json
+import sys
+from contextlib import redirect_stdout
+from io import BytesIO
+from typing import Any, Final
+
+import owlready2
+from owlready2.base import OwlReadyInconsistentOntologyError, OwlReadyJavaError
+
+from dyknow_semantics.vocabulary import (
+    EQUIVALENT_CLASS,
+    NAMED_INDIVIDUAL,
+    NOTHING,
+    SUBCLASS_OF,
+    THING,
+    TYPE,
+    W3C,
+)
+
+_ENTAILED: Final = 'http://entailed/'
+_TYPE: Final = f'<{TYPE}>'.encode()
+_INDIVIDUAL: Final = f'<{NAMED_INDIVIDUAL}>'.encode()
+_LANGUAGE: Final = f'<{W3C}'.encode()
+
+
+def classify(text: bytes, reasoner: str) -> dict[str, Any]:
+    """What an ontology entails, or why it entails everything.
+
+    Raises:
+        OwlReadyJavaError: if the reasoner fails.
+    """
+    try:
+        world = _reason(text, reasoner)
+    except OwlReadyInconsistentOntologyError:
+        return {'inconsistent': True, 'unsatisfiable': _culprits(text, reasoner), 'entailed': []}
+    unsatisfiable = _unsatisfiable(world)
+    return {
+        'inconsistent': False,
+        'unsatisfiable': unsatisfiable,
+        'entailed': [] if unsatisfiable else _entailed(world),
+    }
+
+
+def _reason(text: bytes, reasoner: str) -> Any:
+    world = owlready2.World()
+    world.get_ontology('http://stated/').graph.parse(BytesIO(text), format='ntriples')
+    with world.get_ontology(_ENTAILED):
+        if reasoner == 'hermit':
+            owlready2.sync_reasoner_hermit(world, debug=0, ignore_unsupported_datatypes=True)
+        else:
+            owlready2.sync_reasoner_pellet(world, debug=0)
+    return world
+
+
+def _culprits(text: bytes, reasoner: str) -> list[str]:
+    """The classes that are unsatisfiable whatever individuals there are."""
+    lines = [(line.split(b' ', 2), line) for line in text.splitlines(keepends=True)]
+    individuals = {
+        subject
+        for (subject, predicate, kind), _ in lines
+        if predicate == _TYPE and (not kind.startswith(_LANGUAGE) or kind.startswith(_INDIVIDUAL))
+    }
+    classes = (line for (subject, *_), line in lines if subject not in individuals)
+    try:
+        return _unsatisfiable(_reason(b''.join(classes), reasoner))
+    except OwlReadyInconsistentOntologyError:
+        return []
+
+
+def _unsatisfiable(world: Any) -> list[str]:
+    return sorted(each.iri for each in world.inconsistent_classes() if each.iri != NOTHING)
+
+
+def _entailed(world: Any) -> list[tuple[str, ...]]:
+    graph = world.get_ontology(_ENTAILED).graph
+    rows = graph.execute('SELECT s, p, o FROM objs WHERE c = ? AND s > 0 AND o > 0', (graph.c,))
+    name = world._unabbreviate  # noqa: SLF001 - nothing public does it
+    triples = (tuple(map(name, row)) for row in rows.fetchall())
+    return [
+        (subject, predicate, value)
+        for subject, predicate, value in triples
+        if predicate in {SUBCLASS_OF, EQUIVALENT_CLASS, TYPE}
+        and subject != _ENTAILED.rstrip('/')
+        and not {subject, value} & {THING, NOTHING}
+    ]
+
+
+def main() -> int:
+    """Answers on the standard output; the exit code is 1 when the reasoner has failed."""
+    try:
+        with redirect_stdout(sys.stderr):
+            answer = classify(sys.stdin.buffer.read(), sys.argv[1])
+    except OwlReadyJavaError as error:
+        _, exception, *_ = [*str(error).splitlines(), '', '']
+        print(exception, file=sys.stderr)  # noqa: T201 - this is a program
+        return 1
+    print(json.dumps(answer))  # noqa: T201
+    return 0
+
+
+if __name__ == '__main__':
+    sys.exit(main())

@@ -1,0 +1,166 @@
+"""What reasoners for the whole of OWL find, and what they refuse."""
+
+from __future__ import annotations
+
+import shutil
+import threading
+from typing import TYPE_CHECKING
+
+import pytest
+
+from dyknow_semantics import (
+    Ontology,
+    Reasoner,
+    ReasonerProcess,
+    SemanticsError,
+    choose_reasoner,
+)
+from dyknow_semantics.sources import Source
+from dyknow_semantics.store import read_with_imports
+from dyknow_stream_processing import ExitCode
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+    from pathlib import Path
+
+HARBOUR = 'http://www.example.org/harbour#'
+MORE = """
+@prefix : <http://www.example.org/harbour#> .
+@prefix owl: <http://www.w3.org/2002/07/owl#> .
+@prefix rdfs: <http://www.w3.org/2000/01/rdf-schema#> .
+<http://www.example.org/more> a owl:Ontology .
+"""
+
+needs_java = pytest.mark.skipif(shutil.which('java') is None, reason='Java is not installed')
+
+
+@pytest.fixture
+def harbour(ontologies: Path) -> Iterator[Ontology]:
+    """An ontology with a class that is defined by a restriction."""
+    with Ontology() as ontology:
+        ontology.load(ontologies / 'harbour.ttl')
+        yield ontology
+
+
+def reason(ontology: Ontology, more: str = '') -> None:
+    """Adds what HermiT finds; with some more text it must not."""
+    documents = read_with_imports(Source('more', f'{MORE}{more}'.encode()), ()) if more else ()
+    draft = ontology.draft(documents)
+    assert ontology.entail(ReasonerProcess(Reasoner.HERMIT, 60.0).entailed(draft), draft.revision)
+
+
+@needs_java
+def test_what_follows_from_restrictions(harbour: Ontology) -> None:
+    assert harbour.instances('Carrier') == ()
+    reason(harbour)
+    assert harbour.instances('Carrier') == ('anna',)
+    assert 'Carrier' in harbour.concepts('anna')
+    assert harbour.subconcepts('Carrier') == ('Carrier', 'Ferry')
+    assert 'subClassOf' in str(harbour.query('SELECT ?p { ?x ?p ?y }'))
+    with pytest.raises(SemanticsError, match=r'it has the subconcepts Ferry.*the instances anna'):
+        harbour.destroy_concept('Carrier')
+
+
+@needs_java
+def test_what_was_entailed_is_kept_until_it_is_replaced(tmp_path: Path, ontologies: Path) -> None:
+    with Ontology(tmp_path / 'store') as ontology:
+        ontology.load(ontologies / 'harbour.ttl')
+        reason(ontology)
+    with Ontology(tmp_path / 'store') as ontology:
+        assert ontology.instances('Carrier') == ('anna',)
+        assert ontology.entail((), ontology.revision)
+        assert ontology.instances('Carrier') == ()
+
+
+@needs_java
+@pytest.mark.parametrize(
+    ('more', 'message'),
+    [
+        (
+            ':Hybrid a owl:Class ; rdfs:subClassOf :Ship , :Crane .',
+            (
+                'no individual can belong to the unsatisfiable classes Hybrid; '
+                'correct what is said of them'
+            ),
+        ),
+        (
+            ':Hybrid a owl:Class ; rdfs:subClassOf :Ship , :Crane . :x a :Hybrid .',
+            (
+                'the ontology is inconsistent: no individual can belong to the unsatisfiable '
+                'classes Hybrid; correct what is said of them'
+            ),
+        ),
+        (
+            ':x a :Ship , :Crane .',
+            (
+                'the ontology is inconsistent: each class can have individuals, but what is said '
+                'of individuals contradicts itself; look for one that belongs to disjoint classes'
+            ),
+        ),
+    ],
+)
+def test_what_contradicts_itself(harbour: Ontology, more: str, message: str) -> None:
+    with pytest.raises(SemanticsError) as error:
+        reason(harbour, more)
+    assert error.value.code is ExitCode.INVALID_ARGUMENT
+    assert error.value.message == message
+    assert 'Hybrid' not in harbour.knowledge.concept_names
+
+
+def test_what_followed_from_a_draft_may_no_longer_hold(harbour: Ontology) -> None:
+    entailed = ((f'{HARBOUR}anna', RDF_TYPE, f'{HARBOUR}Carrier'),)
+    draft = harbour.draft()
+    harbour.create_instance('berta', ['Ship'])
+    assert not harbour.entail(entailed, draft.revision)
+    assert harbour.instances('Carrier') == ()
+    assert harbour.entail(entailed, harbour.draft().revision)
+    assert harbour.instances('Carrier') == ('anna',)
+    assert harbour.instances('Ship') == ('anna', 'berta')
+
+
+RDF_TYPE = 'http://www.w3.org/1999/02/22-rdf-syntax-ns#type'
+
+
+@needs_java
+def test_a_reasoner_that_takes_too_long(harbour: Ontology) -> None:
+    with pytest.raises(SemanticsError) as error:
+        ReasonerProcess(Reasoner.HERMIT, 0.01).entailed(harbour.draft())
+    assert error.value.code is ExitCode.TIMEOUT
+    assert error.value.message == (
+        "the reasoner 'hermit' has found no answer within 0.01 s; "
+        'give it more (reasoning_limit) or choose another'
+    )
+
+
+@needs_java
+def test_a_reasoner_that_is_stopped_answers(harbour: Ontology) -> None:
+    process = ReasonerProcess(Reasoner.HERMIT, 60.0)
+    complaints: list[str] = []
+
+    def ask() -> None:
+        try:
+            process.entailed(harbour.draft())
+        except SemanticsError as error:
+            complaints.append(error.message)
+
+    asking = threading.Thread(target=ask)
+    asking.start()
+    process.stop()
+    asking.join(30.0)
+    assert complaints == ["the reasoner 'hermit' has failed: it was stopped"]
+
+
+def test_a_reasoner_without_java(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv('PATH', '/no/where')
+    with pytest.raises(SemanticsError, match="'hermit' needs Java, which is not inst") as error:
+        ReasonerProcess(Reasoner.HERMIT, 60.0)
+    assert error.value.code is ExitCode.UNAVAILABLE
+
+
+def test_an_unknown_reasoner() -> None:
+    assert choose_reasoner('pellet') is Reasoner.PELLET
+    with pytest.raises(SemanticsError) as error:
+        choose_reasoner('hermti')
+    assert error.value.message == (
+        "unknown reasoner 'hermti'; choose one of structural, hermit, pellet"
+    )
