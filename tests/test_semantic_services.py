@@ -6,10 +6,11 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 from dyknow_interfaces import srv
-from dyknow_interfaces.msg import ExitStatus
+from dyknow_interfaces.msg import ExitStatus, SemanticsVersion
+from sensor_msgs.msg import BatteryState
 
 from dyknow_bringup.resources import uav_ontology_path
-from services import Nodes, assert_refused
+from services import LATCHED, Nodes, assert_refused
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -162,6 +163,73 @@ def test_an_annotation_that_is_refused(
     answer = nodes.call(SEMANTICS, srv.AddSemanticSpecification, ssl_statement=text)
     assert_refused(answer.exit_status, code, *words)
     assert annotations(nodes) == [POWER, FLEET]
+
+
+def test_an_annotation_is_there_once_only(nodes: Nodes) -> None:
+    answer = nodes.call(SEMANTICS, srv.AddSemanticSpecification, ssl_statement=POWER)
+    assert_refused(answer.exit_status, EXISTING, POWER)
+    assert annotations(nodes) == [POWER, FLEET]
+
+
+@pytest.mark.parametrize(
+    ('field', 'code', 'words'),
+    [
+        ('voltage', ExitStatus.SUCCESS, ()),
+        ('volts', MISSING, ("no field 'volts'", 'voltage', '^')),
+        ('location', INVALID, ('float', "'location'", 'string', '^')),
+    ],
+)
+def test_the_fields_of_a_topic_are_checked_once_its_type_is_known(
+    nodes: Nodes, field: str, code: int, words: tuple[str, ...]
+) -> None:
+    topic = f'/battery/{field}'
+    text = f'stream "{topic}" contains Power[uav1] = {field}'
+    nodes.obtain(SEMANTICS, srv.AddSemanticSpecification, ssl_statement=text)
+    nodes.obtain(SEMANTICS, srv.RemoveSemanticSpecification, stream_name=topic)
+    publisher = nodes.client.node.create_publisher(BatteryState, topic, 1)
+
+    def refused() -> Any:
+        answer = nodes.call(SEMANTICS, srv.AddSemanticSpecification, ssl_statement=text)
+        if answer.exit_status.code == ExitStatus.SUCCESS:
+            nodes.obtain(SEMANTICS, srv.RemoveSemanticSpecification, stream_name=topic)
+        return answer.exit_status
+
+    nodes.client.spin_until(lambda: refused().code == code, f'the check of {field}')
+    if words:
+        assert_refused(refused(), code, *words)
+    nodes.client.node.destroy_publisher(publisher)
+
+
+def test_a_version_tells_which_concepts_are_concerned(nodes: Nodes, tmp_path: Path) -> None:
+    meanings = nodes.collect(SemanticsVersion, f'/{SEMANTICS}/version', LATCHED)
+    ontologies = nodes.collect(SemanticsVersion, f'/{ONTOLOGY}/version', LATCHED)
+    nodes.client.spin_until(lambda: bool(meanings and ontologies), 'the versions')
+
+    def told(versions: list[Any], service: Any, **fields: str | list[str]) -> list[str]:
+        """The concepts of the next version, which comes with the answer."""
+        before = versions[-1].version
+        node = ONTOLOGY if versions is ontologies else SEMANTICS
+        nodes.obtain(node, service, **fields)
+        nodes.client.spin_until(lambda: versions[-1].version == before + 1, 'the next version')
+        return list(versions[-1].concepts)
+
+    concepts = ['Altitude', 'Feature', 'Power']
+    text = 'stream x contains Power[uav1] = p; stream x contains Altitude[uav1] = a'
+    assert told(meanings, srv.AddSemanticSpecification, ssl_statement=text) == concepts
+    assert told(meanings, srv.RemoveSemanticSpecification, stream_name='x') == concepts
+
+    kite = {'instance_name': 'kite', 'concept_names': ['UAV']}
+    concerned = told(ontologies, srv.InstanceCreate, **kite)
+    assert {'UAV', 'Vehicle', 'Object', 'Altitude', 'Power'} <= set(concerned)
+    assert told(ontologies, srv.InstanceDestroy, instance_name='kite') == concerned
+    soar = {'concept_name': 'Soar', 'parent_concepts': ['Power']}
+    assert told(ontologies, srv.ConceptCreate, **soar) == ['Feature', 'Power', 'Soar']
+    assert told(ontologies, srv.ConceptDestroy, concept_name='Soar') == [
+        'Feature', 'Power', 'Soar',
+    ]  # fmt: skip
+    (tmp_path / 'kites.nt').write_text(KITE.replace('kite', 'dragon'))
+    assert told(ontologies, srv.OntologyLoad, path_or_iri=str(tmp_path / 'kites.nt')) == []
+    nodes.obtain(ONTOLOGY, srv.InstanceDestroy, instance_name='dragon')
 
 
 def test_annotations_of_an_unknown_stream_cannot_be_removed(nodes: Nodes) -> None:

@@ -13,6 +13,7 @@ from dyknow_semantics.annotation_store import AnnotationStore
 from dyknow_semantics.checking import check_annotation, check_concept
 from dyknow_semantics.errors import SemanticsError
 from dyknow_semantics.features import Feature
+from dyknow_semantics.field_checking import check_fields
 from dyknow_semantics.knowledge import Knowledge, Triple
 from dyknow_semantics.matching import Match, match, nearest
 from dyknow_semantics.ontology import Ontology
@@ -42,6 +43,7 @@ __all__ = [
     'Triple',
     'check_annotation',
     'check_concept',
+    'check_fields',
     'choose_reasoner',
     'match',
     'nearest',

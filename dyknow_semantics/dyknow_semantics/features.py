@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from dyknow_semantics.errors import SemanticsError
-from dyknow_semantics.vocabulary import ARGUMENT, NULLARY_FEATURE, UNIT, VALUE_TYPE
+from dyknow_semantics.vocabulary import ARGUMENT, FEATURE, NULLARY_FEATURE, UNIT, VALUE_TYPE
 from dyknow_stream_processing import ValueType
 
 if TYPE_CHECKING:
@@ -104,11 +104,17 @@ class SignatureReader:
 
     def _sort(self, concept: str, name: str, place: str) -> str:
         try:
-            return self._concepts.name(self._concepts.iri(concept))
+            iri = self._concepts.iri(concept)
         except SemanticsError as error:
             raise SemanticsError(
                 f"argument{place} of feature '{name}' must be a class below Object: {error}"
             ) from None
+        if FEATURE in self._taxonomy.above(iri):
+            raise SemanticsError(
+                f"argument{place} of feature '{name}' must be a class below Object, "
+                f"but '{self._concepts.name(iri)}' is a feature"
+            )
+        return self._concepts.name(iri)
 
     def _value_type(self, iri: str, name: str) -> ValueType:
         stated = self._nearest(iri, name, VALUE_TYPE)

@@ -135,8 +135,8 @@ class Ontology:
         self._store.reopen()
         return True
 
-    def create_concept(self, name: str, parents: Iterable[str] = ()) -> None:
-        """Adds a concept below others.
+    def create_concept(self, name: str, parents: Iterable[str] = ()) -> tuple[str, ...]:
+        """Adds a concept below others. Returns the concepts concerned; none if any may be.
 
         Raises:
             SemanticsError: if the name is taken, a parent is unknown, or the concept is a feature
@@ -145,9 +145,10 @@ class Ontology:
         above = tuple(map(self._knowledge.concept_names.iri, parents))
         iri = self._new_iri(name)
         self._change(lambda: self._store.add_class(iri, above))
+        return self._concerned(iri, self.superconcepts(iri))
 
-    def destroy_concept(self, name: str) -> None:
-        """Removes a concept that nothing rests on.
+    def destroy_concept(self, name: str) -> tuple[str, ...]:
+        """Removes a concept that nothing rests on. Returns the concepts concerned, as above.
 
         Raises:
             SemanticsError: if it is unknown, has subconcepts or instances, is the sort of an
@@ -157,10 +158,12 @@ class Ontology:
         obstacles = '; '.join(self._obstacles(iri))
         if obstacles:
             raise SemanticsError(f"the concept '{name}' cannot be destroyed: {obstacles}")
+        concerned = self._concerned(iri, self.superconcepts(iri))
         self._change(lambda: self._store.remove(iri))
+        return concerned
 
-    def create_instance(self, name: str, concepts: Iterable[str]) -> None:
-        """Adds an instance of one or more concepts.
+    def create_instance(self, name: str, concepts: Iterable[str]) -> tuple[str, ...]:
+        """Adds an instance of one or more concepts. Returns the concepts concerned, as above.
 
         Raises:
             SemanticsError: if the name is taken, a concept is unknown or a feature, or there is
@@ -171,9 +174,10 @@ class Ontology:
             raise SemanticsError(f"the instance '{name}' needs a concept to be an instance of")
         iri = self._new_iri(name)
         self._change(lambda: self._store.add_individual(iri, kinds))
+        return self._concerned(iri, self.concepts(iri))
 
-    def destroy_instance(self, name: str) -> None:
-        """Removes an instance.
+    def destroy_instance(self, name: str) -> tuple[str, ...]:
+        """Removes an instance. Returns the concepts concerned, as above.
 
         Raises:
             SemanticsError: if it is unknown, or a concept too.
@@ -181,7 +185,9 @@ class Ontology:
         iri = self._knowledge.instance_names.iri(name)
         if iri in self._knowledge.concept_names:
             raise SemanticsError(f"the instance '{name}' is a concept too; destroy that")
+        concerned = self._concerned(iri, self.concepts(iri))
         self._change(lambda: self._store.remove(iri))
+        return concerned
 
     def instances(self, concept: str) -> tuple[str, ...]:
         """See `Knowledge.instances`."""
@@ -229,6 +235,17 @@ class Ontology:
         self._store.commit()
         self._revision += 1
         self._knowledge = knowledge
+
+    def _concerned(self, iri: str, concepts: tuple[str, ...]) -> tuple[str, ...]:
+        """Concepts that something belongs to, and the features that take those for arguments."""
+        if self._knowledge.name(iri) != split_iri(iri)[1]:
+            return ()  # Something else has the same short name: then names are concerned too.
+        features = (
+            feature.name
+            for feature in self._knowledge.features
+            if set(concepts) & set(feature.argument_sorts)
+        )
+        return tuple(sorted({*concepts, *features}))
 
     def _obstacles(self, iri: str) -> Iterator[str]:
         """What rests on a concept."""

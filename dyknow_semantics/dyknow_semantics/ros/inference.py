@@ -9,7 +9,7 @@ from dyknow_semantics.ros.worker import Worker
 from dyknow_stream_processing import ExitCode
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Iterable
 
     from dyknow_semantics import Ontology, ReasonerProcess
     from dyknow_stream_processing.ros import DyKnowNode
@@ -25,7 +25,8 @@ class Inference:
         node: the node whose callbacks wait.
         ontology: from now on it is changed by this alone.
         reasoner: none where the order of the concepts is all that is followed.
-        report: is told of each change, and of what is wrong since then, if anything.
+        report: is told after each change what is wrong, if anything, and which concepts are
+            concerned; none if any may be.
 
     Raises:
         SemanticsError: if the reasoner cannot run.
@@ -36,7 +37,7 @@ class Inference:
         node: DyKnowNode,
         ontology: Ontology,
         reasoner: ReasonerProcess | None,
-        report: Callable[[str], None],
+        report: Callable[[str, Iterable[str]], None],
     ) -> None:
         self._node = node
         self._ontology = ontology
@@ -64,7 +65,7 @@ class Inference:
         documents = await self._worker.run(self._ontology.read, path_or_iri)
         if self._reasoner is None:
             await self._worker.run(self._ontology.add, documents)
-            self._report('')
+            self._report('', ())
             return
         draft = await self._worker.run(self._ontology.draft, documents)
         entailed = await self._waiter.run(self._reasoner.entailed, draft)
@@ -73,12 +74,12 @@ class Inference:
             self._fault = ''
         else:
             self._follow()
-        self._report(self._fault)
+        self._report(self._fault, ())
 
-    async def change(self, change: Callable[..., None], *arguments: object) -> None:
-        """Makes a small change."""
-        await self._worker.run(change, *arguments)
-        self._report(self._fault)
+    async def change(self, change: Callable[..., Iterable[str]], *arguments: object) -> None:
+        """Makes a small change, which returns the concepts that are concerned."""
+        concerned = await self._worker.run(change, *arguments)
+        self._report(self._fault, concerned)
         self._follow()
 
     async def query(self, sparql: str) -> tuple[tuple[str, ...], tuple[tuple[str, ...], ...]]:
@@ -97,7 +98,7 @@ class Inference:
                 if error.code is not ExitCode.INVALID_ARGUMENT:
                     raise
                 self._fault = error.message
-        self._report(self._fault)
+        self._report(self._fault, ())
 
     def _follow(self) -> None:
         if self._reasoner is not None and not self._is_reasoning:
@@ -123,5 +124,5 @@ class Inference:
         if draft.revision != self._ontology.revision:
             return False
         self._fault = fault
-        self._report(fault)
+        self._report(fault, ())
         return True

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from diagnostic_msgs.msg import DiagnosticStatus
 from dyknow_interfaces.srv import (
@@ -18,7 +18,11 @@ from dyknow_interfaces.srv import (
 
 from dyknow_semantics import Ontology, Reasoner, ReasonerProcess, SemanticsError, choose_reasoner
 from dyknow_semantics.ros.inference import Inference
+from dyknow_semantics.ros.version import Version
 from dyknow_stream_processing.ros import RUNNING, DyKnowNode, run
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
 
 
 class OntologyManager(DyKnowNode):
@@ -35,7 +39,7 @@ class OntologyManager(DyKnowNode):
             'store', '', 'SQLite file that keeps the ontology over restarts; empty: in memory.'
         )
         reasoner = self._make_reasoner()
-        self._version = 0
+        self._version = Version(self)
         self._ontology = Ontology(store or None)
         for path_or_iri in filter(None, files):
             self._ontology.load(path_or_iri)
@@ -102,9 +106,9 @@ class OntologyManager(DyKnowNode):
         response.variables = list(variables)
         response.values = [value for row in rows for value in row]
 
-    def _report_change(self, fault: str) -> None:
+    def _report_change(self, fault: str, concepts: Iterable[str]) -> None:
         """Tells those who mirror the ontology, before the one who changed it is answered."""
-        self._version += 1
+        self._version.advance(concepts)
         self.set_status(
             fault or RUNNING,
             {'version': str(self._version), 'reasoner': self._reasoner},

@@ -17,9 +17,12 @@ from dyknow_semantics import (
     AnnotationStore,
     SemanticsError,
     check_annotation,
+    check_fields,
     parse_annotations,
 )
 from dyknow_semantics.ros.mirrors import mirror_ontology
+from dyknow_semantics.ros.stream_fields import StreamFields
+from dyknow_semantics.ros.version import Version
 from dyknow_stream_processing import DyKnowError, ExitCode
 from dyknow_stream_processing.ros import RUNNING, DyKnowNode, run
 
@@ -40,7 +43,8 @@ class StreamSemanticsManager(DyKnowNode):
         )
         self._ontology = mirror_ontology(self)
         self._store = AnnotationStore(Path(store) if store else None)
-        self._version = 0
+        self._fields = StreamFields(self)
+        self._version = Version(self)
         for path in filter(None, files):
             self._store.add(each for each in _read(Path(path)) if each not in self._store)
         self._report_change()
@@ -60,19 +64,26 @@ class StreamSemanticsManager(DyKnowNode):
         knowledge = await self._ontology.content()
         for annotation in annotations:
             check_annotation(annotation, knowledge)
+            known = await self._fields.known(annotation)
+            if known is not None:
+                check_fields(annotation, knowledge, *known)
         self._store.add(annotations)
-        self._report_change()
+        self._report_change(_concerned(annotations, knowledge))
 
-    def _remove_specification(self, request: Any, _response: Any) -> None:
-        self._store.remove(request.stream_name)
-        self._report_change()
+    async def _remove_specification(self, request: Any, _response: Any) -> None:
+        removed = self._store.remove(request.stream_name)
+        try:
+            concerned = _concerned(removed, await self._ontology.content())
+        except DyKnowError:
+            concerned = ()  # Nobody knows: then any may be.
+        self._report_change(concerned)
 
     def _list(self, _request: Any, response: Any) -> None:
         response.ssl_statements = list(self._store.texts)
 
-    def _report_change(self) -> None:
+    def _report_change(self, concepts: Iterable[str] = ()) -> None:
         """Tells those who mirror the annotations, before the one who changed them is answered."""
-        self._version += 1
+        self._version.advance(concepts)
         self.set_status(RUNNING, {'version': str(self._version)})
 
     def _check_later(self) -> None:
@@ -113,6 +124,12 @@ def _faults(annotations: Iterable[Annotation], knowledge: Knowledge) -> Iterable
             check_annotation(annotation, knowledge)
         except DyKnowError as error:
             yield error.message
+
+
+def _concerned(annotations: Iterable[Annotation], knowledge: Knowledge) -> tuple[str, ...]:
+    """The features that annotations speak of, and all concepts above them."""
+    features = {each.feature.name for annotation in annotations for each in annotation.contents}
+    return tuple(sorted({above for name in features for above in knowledge.superconcepts(name)}))
 
 
 def main() -> int:
