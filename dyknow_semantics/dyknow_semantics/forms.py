@@ -7,12 +7,14 @@ from dataclasses import dataclass
 from io import BytesIO
 from typing import TYPE_CHECKING, Any, Final, Literal
 from xml.etree.ElementTree import ParseError, iterparse
+from xml.sax import SAXParseException
 
 from rdflib import Graph
+from rdflib.exceptions import ParserError
 from rdflib.plugins.parsers.notation3 import BadSyntax
 
 from dyknow_semantics.errors import SemanticsError
-from dyknow_semantics.vocabulary import OWL, RDF, W3C
+from dyknow_semantics.vocabulary import LANGUAGES, OWL, RDF
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
@@ -27,8 +29,10 @@ Prefixes = frozenset[tuple[str, str]]
 
 _ROOTS: Final[dict[str, Form]] = {f'{{{RDF}}}RDF': 'rdfxml', f'{{{OWL}}}Ontology': 'owlxml'}
 _PREFIX: Final = f'{{{OWL}}}Prefix'
+_BASE: Final = '{http://www.w3.org/XML/1998/namespace}base'
 _TURTLE_ENDINGS: Final = ('.ttl', '.turtle')
 _DIRECTIVE: Final = re.compile(rb'(?:\s|#[^\n]*\n)*@?(?:prefix|base)\s', re.IGNORECASE)
+_TURTLE_PREFIX: Final = r'(?im)^\s*@?prefix\s+([\w.-]*):\s*<([^>\s]*)>'
 _REASON: Final = re.compile(r'Bad syntax \((.*)\) at \^', re.DOTALL)
 
 
@@ -48,7 +52,7 @@ class Text:
 
 
 def recognise(source: Source, base: str) -> Text:
-    """The text of an ontology with its form; what is in Turtle is translated by rdflib.
+    """The text of an ontology with its form; rdflib translates what owlready2 cannot read.
 
     Args:
         source: RDF/XML, OWL/XML, N-Triples or Turtle.
@@ -58,7 +62,9 @@ def recognise(source: Source, base: str) -> Text:
         SemanticsError: if it has none of these forms.
     """
     if source.place.endswith(_TURTLE_ENDINGS) or _DIRECTIVE.match(source.text):
-        return _translate(source, base)
+        # rdflib forgets all but one of several prefixes for a namespace.
+        declarations = re.findall(_TURTLE_PREFIX, source.text.decode(errors='replace'))
+        return Text('ntriples', _translate(source, 'turtle', base), _vocabularies(declarations))
     if source.text.lstrip(b'\xef\xbb\xbf \t\r\n').startswith((b'<?', b'<!', b'<rdf:', b'<Onto')):
         return _recognise_xml(source)
     return Text('ntriples', source.text)
@@ -66,30 +72,34 @@ def recognise(source: Source, base: str) -> Text:
 
 def _recognise_xml(source: Source) -> Text:
     try:
-        root, declarations = _head(source.text)
+        root, base, declarations = _head(source.text)
     except ParseError as error:
         raise _unreadable(source, f'parsing error: {error}') from None
     if root not in _ROOTS:
         raise _unreadable(
             source, f'its root is {root}; write it as RDF/XML, OWL/XML, N-Triples or Turtle'
         )
-    return Text(_ROOTS[root], source.text, _vocabularies(declarations))
+    prefixes = _vocabularies(declarations)
+    if '#' in base:
+        # owlready2 does not drop the fragment of a base: `#Wine` becomes `wine##Wine`.
+        return Text('ntriples', _translate(source, 'xml', base), prefixes)
+    return Text(_ROOTS[root], source.text, prefixes)
 
 
-def _head(text: bytes) -> tuple[str, list[tuple[str, str]]]:
-    """The root of a text in XML, and the prefixes declared at it or right below."""
+def _head(text: bytes) -> tuple[str, str, list[tuple[str, str]]]:
+    """The root of a text in XML, its base, and the prefixes declared at it or right below."""
     declared: list[tuple[str, str]] = []
-    root = ''
+    root = base = ''
     for event, item in _events(text):
         if event == 'start-ns':
             declared.append(item)
         elif not root:
-            root = item.tag
+            root, base = item.tag, item.get(_BASE, '')
         elif item.tag == _PREFIX:
             declared.append((item.get('name', ''), item.get('IRI', '')))
         else:
             break
-    return root, declared
+    return root, base, declared
 
 
 def _events(text: bytes) -> Iterator[tuple[str, Any]]:
@@ -97,20 +107,21 @@ def _events(text: bytes) -> Iterator[tuple[str, Any]]:
     return iterparse(BytesIO(text), ('start-ns', 'start'))  # noqa: S314
 
 
-def _translate(source: Source, base: str) -> Text:
+def _translate(source: Source, form: Literal['turtle', 'xml'], base: str) -> bytes:
+    """A text in N-Triples, by rdflib."""
     graph = Graph(bind_namespaces='none')
     try:
-        graph.parse(data=source.text, format='turtle', publicID=base)
+        graph.parse(data=source.text, format=form, publicID=base)
     except BadSyntax as error:
         reason = _REASON.search(str(error))
         raise _unreadable(
             source, f'line {error.lines + 1}: {reason[1] if reason else error}'
         ) from None
+    except (SAXParseException, ParserError) as error:
+        raise _unreadable(source, f'parsing error: {error}') from None
     except UnicodeDecodeError:
         raise _unreadable(source, 'it is not in UTF-8') from None
-    declarations = ((prefix, str(namespace)) for prefix, namespace in graph.namespaces())
-    content = graph.serialize(format='nt', encoding='utf-8')
-    return Text('ntriples', content, _vocabularies(declarations))
+    return graph.serialize(format='nt', encoding='utf-8')
 
 
 def _vocabularies(declarations: Iterable[tuple[str, str]]) -> Prefixes:
@@ -120,7 +131,7 @@ def _vocabularies(declarations: Iterable[tuple[str, str]]) -> Prefixes:
         for prefix, namespace in declarations
         if re.fullmatch(r'[A-Za-z_][\w-]*', prefix)
         and namespace.endswith(('#', '/'))
-        and not namespace.startswith(W3C)
+        and namespace not in LANGUAGES
     )
 
 

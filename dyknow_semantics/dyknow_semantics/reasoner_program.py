@@ -13,18 +13,18 @@ from owlready2.base import OwlReadyInconsistentOntologyError, OwlReadyJavaError
 
 from dyknow_semantics.vocabulary import (
     EQUIVALENT_CLASS,
+    LANGUAGES,
     NAMED_INDIVIDUAL,
     NOTHING,
     SUBCLASS_OF,
     THING,
     TYPE,
-    W3C,
 )
 
 _ENTAILED: Final = 'http://entailed/'
 _TYPE: Final = f'<{TYPE}>'.encode()
 _INDIVIDUAL: Final = f'<{NAMED_INDIVIDUAL}>'.encode()
-_LANGUAGE: Final = f'<{W3C}'.encode()
+_LANGUAGES: Final = tuple(f'<{language}'.encode() for language in LANGUAGES)
 
 
 def classify(text: bytes, reasoner: str) -> dict[str, Any]:
@@ -62,7 +62,7 @@ def _culprits(text: bytes, reasoner: str) -> list[str]:
     individuals = {
         subject
         for (subject, predicate, kind), _ in lines
-        if predicate == _TYPE and (not kind.startswith(_LANGUAGE) or kind.startswith(_INDIVIDUAL))
+        if predicate == _TYPE and (not kind.startswith(_LANGUAGES) or kind.startswith(_INDIVIDUAL))
     }
     classes = (line for (subject, *_), line in lines if subject not in individuals)
     try:

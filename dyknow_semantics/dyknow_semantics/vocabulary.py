@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from typing import Final
 
-W3C: Final = 'http://www.w3.org/'
-"""Below are languages, which are no vocabularies of the world."""
+RDF: Final = 'http://www.w3.org/1999/02/22-rdf-syntax-ns#'
+RDFS: Final = 'http://www.w3.org/2000/01/rdf-schema#'
+OWL: Final = 'http://www.w3.org/2002/07/owl#'
+XSD: Final = 'http://www.w3.org/2001/XMLSchema#'
 
-RDF: Final = W3C + '1999/02/22-rdf-syntax-ns#'
-RDFS: Final = W3C + '2000/01/rdf-schema#'
-OWL: Final = W3C + '2002/07/owl#'
+LANGUAGES: Final = (RDF, RDFS, OWL, XSD)
+"""The namespaces of what ontologies are written in, which say nothing of the world."""
 
 TYPE: Final = RDF + 'type'
 FIRST: Final = RDF + 'first'

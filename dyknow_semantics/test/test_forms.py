@@ -62,6 +62,7 @@ OWL_XML = f"""<?xml version="1.0"?>
 """
 
 TURTLE = f"""# The vocabulary of a fleet.
+@prefix : <{IRI}#> .
 @prefix uav: <{IRI}#> .
 @prefix dyknow: <http://www.dyknow.org/ontology#> .
 @prefix owl: <http://www.w3.org/2002/07/owl#> .
@@ -102,6 +103,20 @@ def test_texts_that_cannot_be_read(text: str, message: str) -> None:
     with pytest.raises(SemanticsError) as error:
         recognise(Source('/fleet', text.encode('latin-1')), 'http://unknown/')
     assert error.value.message.startswith(f'cannot read an ontology: /fleet: {message}')
+
+
+def test_a_base_with_a_fragment(tmp_path: Path) -> None:
+    text = RDF_XML.replace(f'xml:base="{IRI}"', 'xml:base="&uav;"').replace(
+        'owl:Class rdf:about="#', 'owl:Class rdf:ID="'
+    )
+    (tmp_path / 'a.owl').write_text(text)
+    with Ontology() as ontology:
+        ontology.load(tmp_path / 'a.owl')
+        assert ontology.knowledge.concept_names.iri('uav:UAV') == f'{IRI}#UAV'
+        assert ontology.feature('Altitude').argument_sorts == ('UAV',)
+        (tmp_path / 'a.owl').write_text(text.replace('</rdf:RDF>', ''))
+        with pytest.raises(SemanticsError, match=r'a\.owl: parsing error: .*no element found'):
+            ontology.load(tmp_path / 'a.owl')
 
 
 def test_prefixes_are_kept_in_the_store(tmp_path: Path) -> None:
