@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import re
+from collections import Counter
 from typing import TYPE_CHECKING
 
 import owlready2
 import pytest
 
 from dyknow_semantics import ALL_TRIPLES, Feature, Knowledge, Ontology, SemanticsError
+from dyknow_semantics.store import Store
 from dyknow_stream_processing import ExitCode, ValueType
 
 if TYPE_CHECKING:
@@ -373,6 +375,16 @@ def test_others_get_the_same_knowledge_by_a_query(fleet: Ontology) -> None:
     assert mirrored.sorts == fleet.knowledge.sorts
     for sort in mirrored.sorts:
         assert mirrored.instances(sort) == fleet.instances(sort)
+
+
+def test_the_store_reads_what_the_query_asks_for(tmp_path: Path, ontologies: Path) -> None:
+    with Ontology(tmp_path / 'store') as ontology:
+        ontology.load(ontologies / 'fleet.owl')
+        ontology.load(ontologies / 'harbour.ttl')
+        asked = Counter(ontology.query(ALL_TRIPLES)[1])
+    store = Store(tmp_path / 'store')
+    assert Counter(store.triples()) == asked
+    store.close()
 
 
 def test_a_store_survives(tmp_path: Path, ontologies: Path) -> None:
