@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import os
 import shutil
+import subprocess
 from typing import TYPE_CHECKING, Any
 
 import pytest
@@ -10,7 +12,9 @@ from diagnostic_msgs.msg import DiagnosticStatus
 from dyknow_interfaces import srv
 from dyknow_interfaces.msg import ExitStatus
 
+from dyknow_bringup.resources import executable_path
 from services import LATCHED, Nodes, assert_refused
+from system import private_environment
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -32,7 +36,37 @@ HARBOUR = """
 :crane1 a owl:NamedIndividual , :Crane .
 """
 
-pytestmark = pytest.mark.skipif(shutil.which('java') is None, reason='Java is not installed')
+needs_java = pytest.mark.skipif(shutil.which('java') is None, reason='Java is not installed')
+
+
+@pytest.mark.parametrize(
+    ('reasoner', 'path', 'complaint'),
+    [
+        ('hermti', os.environ['PATH'], "unknown reasoner 'hermti'; choose one of structural, her"),
+        (
+            'hermit',
+            '/no/where',
+            "the reasoner 'hermit' needs Java, which is not installed; ",
+        ),
+    ],
+)
+def test_a_reasoner_that_cannot_run_ends_the_node_with_one_clear_complaint(
+    reasoner: str, path: str, complaint: str
+) -> None:
+    ended = subprocess.run(
+        [
+            executable_path('dyknow_semantics', ONTOLOGY),
+            *('--ros-args', '-p', f'reasoner:={reasoner}'),
+        ],
+        env={**os.environ, **private_environment(), 'PATH': path},
+        capture_output=True,
+        text=True,
+        timeout=20,
+        check=False,
+    )
+    assert ended.returncode == 1
+    assert ended.stderr.startswith(complaint)
+    assert len(ended.stderr.splitlines()) == 1
 
 
 @pytest.fixture(scope='module')
@@ -60,6 +94,7 @@ def load(nodes: Nodes, folder: Path, text: str) -> Any:
     return nodes.request(ONTOLOGY, srv.OntologyLoad, path_or_iri=str(file))
 
 
+@needs_java
 def test_a_reasoner_is_told_of_each_change(nodes: Nodes, tmp_path: Path) -> None:
     statuses = nodes.collect(DiagnosticStatus, f'/{ONTOLOGY}/status', LATCHED)
     loading = load(nodes, tmp_path, HARBOUR)
@@ -91,6 +126,7 @@ def test_a_reasoner_is_told_of_each_change(nodes: Nodes, tmp_path: Path) -> None
     nodes.client.spin_until(lambda: bool(statuses[-1].level == DiagnosticStatus.OK), 'the mend')
 
 
+@needs_java
 def test_an_inconsistent_ontology_is_not_loaded(nodes: Nodes, tmp_path: Path) -> None:
     text = HARBOUR.replace('harbour', 'wrong') + ':Wrong rdfs:subClassOf :Ship , :Crane .'
     loading = load(nodes, tmp_path, f'{text} :Wrong a owl:Class .')

@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import json
+import os
+import signal
 import sys
+import threading
 from contextlib import redirect_stdout
 from io import BytesIO
 from typing import Any, Final
@@ -20,6 +23,9 @@ from dyknow_semantics.vocabulary import (
     THING,
     TYPE,
 )
+
+_LOOK_EVERY: Final = 0.5
+"""Seconds between two looks for the parent process."""
 
 _ENTAILED: Final = 'http://entailed/'
 _TYPE: Final = f'<{TYPE}>'.encode()
@@ -89,8 +95,19 @@ def _entailed(world: Any) -> list[tuple[str, ...]]:
     ]
 
 
+def _end_with(parent: int) -> None:
+    """Ends this process and Java when whoever wants the answer has died."""
+    while os.getppid() == parent:
+        threading.Event().wait(_LOOK_EVERY)
+    os.killpg(0, signal.SIGKILL)
+
+
 def main() -> int:
-    """Answers on the standard output; the exit code is 1 when the reasoner has failed."""
+    """Answers on the standard output; the exit code is 1 when the reasoner has failed.
+
+    It is to be started in a process group of its own, which ends with it.
+    """
+    threading.Thread(target=_end_with, args=(os.getppid(),), daemon=True).start()
     try:
         with redirect_stdout(sys.stderr):
             answer = classify(sys.stdin.buffer.read(), sys.argv[1])

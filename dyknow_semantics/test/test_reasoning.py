@@ -3,7 +3,11 @@
 from __future__ import annotations
 
 import shutil
+import subprocess
+import sys
 import threading
+import time
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import pytest
@@ -21,7 +25,6 @@ from dyknow_stream_processing import ExitCode
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
-    from pathlib import Path
 
 HARBOUR = 'http://www.example.org/harbour#'
 MORE = """
@@ -148,6 +151,26 @@ def test_a_reasoner_that_is_stopped_answers(harbour: Ontology) -> None:
     process.stop()
     asking.join(30.0)
     assert complaints == ["the reasoner 'hermit' has failed: it was stopped"]
+
+
+def test_a_reasoner_ends_with_whoever_asked_it() -> None:
+    program = f'{sys.executable} -m dyknow_semantics.reasoner_program hermit <&0 & echo $!; wait'
+    with subprocess.Popen(
+        ['sh', '-c', program],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+    ) as asking:
+        assert asking.stdout is not None
+        reasoner = Path('/proc', asking.stdout.readline().strip())
+        assert reasoner.exists()
+        asking.kill()
+        # It ends though it still waits for the text.
+        end = time.monotonic() + 30.0
+        while reasoner.exists() and ' Z ' not in (reasoner / 'stat').read_text():
+            assert time.monotonic() < end, 'the reasoner lives on'
+            time.sleep(0.05)
 
 
 def test_a_reasoner_without_java(monkeypatch: pytest.MonkeyPatch) -> None:
