@@ -17,6 +17,7 @@ from dyknow_stream_processing.errors import DyKnowError, ExitCode, StreamError
 from dyknow_stream_processing.field_paths import FIELD_PATH, absence, all_elements, listed_as
 from dyknow_stream_processing.language import NOWHERE, Language, LanguageError, Place
 from dyknow_stream_processing.parsing import parse_specification
+from dyknow_stream_processing.physical_units import check_unit, conversion
 from dyknow_stream_processing.resolution import FreeNames, Resolved, free_names, resolve
 from dyknow_stream_processing.sample import PartialFields, Sample, Value, ValueType
 from dyknow_stream_processing.sinks import specifications_by_sink
@@ -88,6 +89,8 @@ __all__ = [
     'Violation',
     'absence',
     'all_elements',
+    'check_unit',
+    'conversion',
     'format_duration',
     'format_time',
     'free_names',

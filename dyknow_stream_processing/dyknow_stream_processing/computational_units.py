@@ -181,6 +181,7 @@ def _typed(value: object, expected: ValueType) -> Value:
 
 
 _BUILT_IN: Final[Mapping[str, Unit]] = {
+    'convert': units.Convert,
     'distance': units.distance,
     'electrical_power': units.electrical_power,
     'magnitude': units.magnitude,

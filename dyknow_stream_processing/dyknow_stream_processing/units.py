@@ -7,6 +7,7 @@ from collections import deque
 from typing import TYPE_CHECKING, Final
 
 from dyknow_stream_processing.durations import NANOSECONDS
+from dyknow_stream_processing.physical_units import conversion
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -32,6 +33,26 @@ def electrical_power(battery: Mapping[str, float]) -> float:
 def magnitude(vector: Mapping[str, float]) -> float:
     """The Euclidean length of a vector, such as the speed of a velocity."""
     return math.hypot(*vector.values())
+
+
+class Convert:
+    """A number in another unit of measurement.
+
+    Args:
+        given: the unit that it is measured in, such as `ft`.
+        wanted: the unit of the result, such as `m`.
+
+    Raises:
+        StreamError: if a unit is unknown, or one does not convert to the other.
+    """
+
+    def __init__(self, given: str, wanted: str) -> None:
+        self._convert = conversion(given, wanted) or float
+
+    def __call__(self, number: Mapping[str, float]) -> float:
+        """The same quantity in the unit of the result."""
+        (value,) = number.values()
+        return self._convert(value)
 
 
 class Speed:
