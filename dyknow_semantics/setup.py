@@ -22,6 +22,7 @@ setup(
         'console_scripts': [
             'ontology_manager = dyknow_semantics.ros.ontology_manager:main',
             'stream_semantics_manager = dyknow_semantics.ros.stream_semantics_manager:main',
+            'semantics = dyknow_semantics.ros.semantics:main',
             'semantic_matching_engine = dyknow_semantics.ros.semantic_matching_engine:main',
         ],
     },

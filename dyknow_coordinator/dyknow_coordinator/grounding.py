@@ -13,7 +13,13 @@ from enum import IntEnum
 from typing import TYPE_CHECKING
 
 from dyknow_coordinator.errors import CoordinationError
-from dyknow_stream_processing import ExitCode, Select, StreamDeclaration, parse_specification
+from dyknow_stream_processing import (
+    ExitCode,
+    Select,
+    StreamDeclaration,
+    UnitDeclaration,
+    parse_specification,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Iterable, Mapping, Sequence
@@ -64,11 +70,13 @@ class Source:
         feature: the ground feature, `Power[uav1]`.
         stream: the name that the specification declares.
         declaration: `stream NAME = ...`, canonical.
+        units: the declarations of the computational units that it uses, canonical.
     """
 
     feature: str
     stream: str
     declaration: str
+    units: tuple[str, ...] = ()
 
 
 def features(symbols: Iterable[Symbol]) -> tuple[Symbol, ...]:
@@ -121,10 +129,12 @@ def sources(specifications: Iterable[str]) -> tuple[Source, ...]:
 
 
 def _sources_of(text: str) -> Iterable[Source]:
-    for declaration in parse_specification(text).declarations:
+    declarations = parse_specification(text).declarations
+    units = tuple(str(each) for each in declarations if isinstance(each, UnitDeclaration))
+    for declaration in declarations:
         if isinstance(declaration, StreamDeclaration) and isinstance(declaration.stream, Select):
             for selection in declaration.stream.selections:
-                yield Source(selection.name, declaration.name, str(declaration))
+                yield Source(selection.name, declaration.name, str(declaration), units)
 
 
 def referenced(symbol: Symbol, number: int) -> Source:
@@ -170,6 +180,7 @@ def _nearby(missing: Sequence[str], best: Mapping[str, Source]) -> str:
 
 def state_specification(chosen: Sequence[Source]) -> str:
     """The specification of the stream of states: all sources, synchronised (step 6)."""
+    units = dict.fromkeys(unit for source in chosen for unit in source.units)
     declarations = dict.fromkeys(source.declaration for source in chosen)
     names = dict.fromkeys(source.stream for source in chosen)
-    return ';\n'.join([*declarations, f'sink sync({", ".join(names)})'])
+    return ';\n'.join([*units, *declarations, f'sink sync({", ".join(names)})'])

@@ -112,3 +112,17 @@ def test_the_state_stream_synchronises_all_sources() -> None:
     *streams, sink = parse_specification(text).declarations
     assert [stream.name for stream in streams] == ['a', 'b']
     assert sink == SinkDeclaration(Sync((Reference('a'), Reference('b'))))
+
+
+def test_computational_units_are_declared_once() -> None:
+    unit = 'compunit value: float convert(value: float)'
+    texts = [
+        f'# converted\n{unit};\nstream {name} = select value as "Altitude[{name}]" '
+        f'from convert(select z as value from laser, given = "ft", wanted = "m");'
+        for name in ('uav1', 'uav2')
+    ]
+    text = state_specification(sources(texts))
+    specification = parse_specification(text)
+    assert text.count('compunit') == 1
+    assert str(specification.declarations[0]) == unit
+    assert isinstance(specification.declarations[-1], SinkDeclaration)

@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING
 
 from dyknow_semantics.annotation import ANNOTATION, CONCEPT
 from dyknow_semantics.errors import SemanticsError
-from dyknow_stream_processing import LanguageError
+from dyknow_semantics.features import converts
+from dyknow_stream_processing import DyKnowError, LanguageError, check_unit
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Mapping
@@ -23,7 +24,8 @@ def check_annotation(annotation: Annotation, knowledge: Knowledge) -> None:
 
     Raises:
         LanguageError: with the place, for an unknown feature, sort or object, a wrong number of
-            arguments, an argument outside of its sort, or another unit than the feature's.
+            arguments, an argument outside of its sort, or a unit that is unknown or does not
+            convert to the feature's.
     """
     checker = _Checker(ANNOTATION, annotation.text, knowledge)
     sorts = checker.sorts(annotation.ranges)
@@ -90,14 +92,22 @@ class _Checker:
                     self._check_object(argument.name, sort)
 
     def unit(self, content: Content, feature: Feature) -> None:
-        """A field is measured in the unit of its feature."""
+        """The unit of a field converts to the one of its feature."""
         if content.unit is None or content.unit == feature.unit:
             return
         with self._at(content.unit_place):
-            raise SemanticsError(
-                f"feature '{feature.name}' is measured in {feature.unit or 'no unit'}, "
-                f'not in {content.unit or "no unit"}; units are not converted'
-            )
+            if not content.unit:
+                raise SemanticsError('the unit is empty; write one, such as [m], or leave it out')
+            check_unit(content.unit)
+            if not feature.unit:
+                raise SemanticsError(
+                    f"feature '{feature.name}' is measured in no unit; leave it out"
+                )
+            if not converts(content.unit, feature.unit):
+                raise SemanticsError(
+                    f"feature '{feature.name}' is measured in {feature.unit}, "
+                    f'which {content.unit} does not convert to'
+                )
 
     def _check_variable(self, name: str, sort: str, expected: str) -> None:
         if expected not in self._knowledge.superconcepts(sort):
@@ -122,7 +132,7 @@ class _Checker:
     def _at(self, place: Place) -> Iterator[None]:
         try:
             yield
-        except SemanticsError as error:
+        except DyKnowError as error:
             raise LanguageError(
                 error.message, self._language, self._text, place, error.code
             ) from None

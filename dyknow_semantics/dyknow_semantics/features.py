@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from dyknow_semantics.errors import SemanticsError
 from dyknow_semantics.vocabulary import ARGUMENT, FEATURE, NULLARY_FEATURE, UNIT, VALUE_TYPE
-from dyknow_stream_processing import ValueType
+from dyknow_stream_processing import StreamError, ValueType, check_unit, conversion
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
@@ -74,7 +74,7 @@ class SignatureReader:
     def _feature(self, iri: str) -> Feature:
         name = self._concepts.name(iri)
         sorts, value_type = self._sorts(iri, name), self._value_type(iri, name)
-        return Feature(name, sorts, value_type, self._nearest(iri, name, UNIT))
+        return Feature(name, sorts, value_type, self._unit(iri, name))
 
     def _sorts(self, iri: str, name: str) -> tuple[str, ...]:
         above = self._taxonomy.specific_first(self._taxonomy.above(iri))
@@ -125,6 +125,15 @@ class SignatureReader:
             )
         return ValueType(stated)
 
+    def _unit(self, iri: str, name: str) -> str:
+        unit = self._nearest(iri, name, UNIT)
+        try:
+            if unit:
+                check_unit(unit)
+        except StreamError as error:
+            raise SemanticsError(f"feature '{name}': {error}") from None
+        return unit
+
     def _nearest(self, iri: str, name: str, annotation: str) -> str:
         """What a feature, or else the most specific one above it, states once; or nothing."""
         above = self._taxonomy.specific_first(self._taxonomy.above(iri))
@@ -145,11 +154,12 @@ class SignatureReader:
             f"feature '{feature.name}' {fault} as '{features[above].name}' above it"
             for iri, feature in features.items()
             for above in sorted(self._taxonomy.above(iri) & features.keys())
-            for fault in _differences(feature, features[above])
+            for fault in differences(feature, features[above])
         ]
 
 
-def _differences(feature: Feature, above: Feature) -> list[str]:
+def differences(feature: Feature, above: Feature) -> list[str]:
+    """Why a feature may not stand in for another one."""
     faults: list[str] = []
     if len(feature.argument_sorts) != len(above.argument_sorts):
         faults.append('must have as many arguments')
@@ -157,6 +167,17 @@ def _differences(feature: Feature, above: Feature) -> list[str]:
         feature.value_type is ValueType.INT and above.value_type is ValueType.FLOAT
     ):
         faults.append(f'must have the same value_type ({above.value_type})')
-    if feature.unit != above.unit:
-        faults.append(f'must have the same unit ({above.unit or "none"})')
+    if not converts(feature.unit, above.unit):
+        faults.append(f'must measure the same ({above.unit or "no unit"})')
     return faults
+
+
+def converts(unit: str, other: str) -> bool:
+    """Whether numbers of a unit can be told in another one; no unit is none."""
+    if not (unit and other):
+        return unit == other
+    try:
+        conversion(unit, other)
+    except StreamError:
+        return False
+    return True

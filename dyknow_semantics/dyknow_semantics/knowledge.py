@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 from dyknow_semantics.errors import SemanticsError
 from dyknow_semantics.features import Feature, SignatureReader
-from dyknow_semantics.names import Names, Prefixes
+from dyknow_semantics.names import Names, Prefixes, split_iri
 from dyknow_semantics.taxonomy import Taxonomy
 from dyknow_semantics.vocabulary import (
     CLASS,
@@ -26,6 +26,7 @@ from dyknow_semantics.vocabulary import (
     ONE_OF,
     PREFIX,
     REST,
+    SAME_AS,
     SUBCLASS_OF,
     TYPE,
     UNION_OF,
@@ -66,10 +67,14 @@ class Knowledge:
         self.prefixes = Prefixes(statements.pairs(PREFIX))
         self.concept_names = Names('concept', self._concepts, self.prefixes)
         self.instance_names = Names('instance', self._types, self.prefixes)
+        self._identities = self._unite(Taxonomy(statements.same()))
         reader = SignatureReader(self._taxonomy, statements.of, self.concept_names)
         below = self._taxonomy.below(FEATURE) & self._concepts
         self._features = reader.read(below - {FEATURE, NULLARY_FEATURE})
         self._instances = self._instances_of_concepts()
+        self._subconcepts: dict[str, tuple[str, ...]] = {}
+        self._superconcepts: dict[str, tuple[str, ...]] = {}
+        self._identities_of: dict[str, frozenset[str]] = {}
 
     @property
     def features(self) -> tuple[Feature, ...]:
@@ -79,7 +84,7 @@ class Knowledge:
     @property
     def sorts(self) -> tuple[str, ...]:
         """All concepts that are no features."""
-        return self._named(self._concepts - self._taxonomy.below(FEATURE))
+        return self._named(frozenset(self._concepts) - self._taxonomy.below(FEATURE))
 
     def feature(self, name: str) -> Feature:
         """The feature of a name.
@@ -95,13 +100,24 @@ class Knowledge:
             )
         return self._features[iri]
 
+    def is_feature(self, concept: str) -> bool:
+        """Whether a concept is a feature.
+
+        Raises:
+            SemanticsError: if there is no such concept.
+        """
+        return self.concept_names.iri(concept) in self._features
+
     def subconcepts(self, concept: str) -> tuple[str, ...]:
         """A concept, those equivalent to it, and all below it.
 
         Raises:
             SemanticsError: if there is no such concept.
         """
-        return self._named(self._taxonomy.below(self.concept_names.iri(concept)))
+        iri = self.concept_names.iri(concept)
+        if iri not in self._subconcepts:
+            self._subconcepts[iri] = self._named(self._taxonomy.below(iri))
+        return self._subconcepts[iri]
 
     def superconcepts(self, concept: str) -> tuple[str, ...]:
         """A concept, those equivalent to it, and all above it.
@@ -109,7 +125,10 @@ class Knowledge:
         Raises:
             SemanticsError: if there is no such concept.
         """
-        return self._named(self._taxonomy.above(self.concept_names.iri(concept)))
+        iri = self.concept_names.iri(concept)
+        if iri not in self._superconcepts:
+            self._superconcepts[iri] = self._named(self._taxonomy.above(iri))
+        return self._superconcepts[iri]
 
     def instances(self, concept: str) -> tuple[str, ...]:
         """The instances of a concept and of all concepts below it.
@@ -136,6 +155,51 @@ class Knowledge:
         """
         return self.instance_names.name(self.instance_names.iri(name))
 
+    def meaning(self, name: str) -> tuple[object, ...]:
+        """What follows from a name: the same as long as nothing that bears on it has changed."""
+        found: list[object] = []
+        for names, meanings in (
+            (self.concept_names, (self.feature,)),
+            (self.concept_names, (self.superconcepts, self.instances, self.identities)),
+            (self.instance_names, (self.instance, self.concepts)),
+        ):
+            if name not in names:
+                found.append(None)
+                continue
+            try:
+                found += [meaning(name) for meaning in meanings]
+            except SemanticsError as error:
+                found.append(error.code)
+        return (*found, self.identity(name))
+
+    @property
+    def has_synonyms(self) -> bool:
+        """Whether some instance has several names, which owl:sameAs states."""
+        return bool(self._identities)
+
+    def identity(self, instance: str) -> str:
+        """The one of the shortest names of an instance that stands for it, where it has several."""
+        return self._identities.get(instance, instance)
+
+    def identities(self, concept: str) -> frozenset[str]:
+        """The instances of a concept, each by the one name that stands for it.
+
+        Raises:
+            SemanticsError: if there is no such concept.
+        """
+        iri = self.concept_names.iri(concept)
+        if iri not in self._identities_of:
+            self._identities_of[iri] = frozenset(map(self.identity, self.instances(concept)))
+        return self._identities_of[iri]
+
+    def local_name(self, instance: str) -> str:
+        """The name of an instance without any prefix.
+
+        Raises:
+            SemanticsError: if there is no such instance.
+        """
+        return split_iri(self.instance_names.iri(instance))[1]
+
     def name(self, iri: str) -> str:
         """The shortest name of a concept or an instance; the IRI of anything else."""
         for things, names in (
@@ -145,6 +209,16 @@ class Knowledge:
             if iri in things:
                 return names.name(iri)
         return iri
+
+    def _unite(self, same: Taxonomy) -> dict[str, str]:
+        """Gives all names of an instance the same types; the name that stands for each name."""
+        identities: dict[str, str] = {}
+        for iri in list(self._types):
+            names = same.above(iri) & self._types.keys()
+            if len(names) > 1:
+                self._types[iri] = set().union(*(self._types[each] for each in names))
+                identities[self.instance_names.name(iri)] = self.instance_names.name(min(names))
+        return identities
 
     def _concepts_of(self, instance: str) -> set[str]:
         above = (self._taxonomy.above(kind) for kind in self._types[instance])
@@ -157,7 +231,7 @@ class Knowledge:
                 found[concept].append(self.instance_names.name(iri))
         return {concept: tuple(sorted(names)) for concept, names in found.items()}
 
-    def _named(self, concepts: set[str]) -> tuple[str, ...]:
+    def _named(self, concepts: frozenset[str]) -> tuple[str, ...]:
         return tuple(sorted(map(self.concept_names.name, concepts & self._concepts)))
 
 
@@ -186,6 +260,12 @@ class _Statements:
         for predicate in (UNION_OF, DISJOINT_UNION_OF):
             for whole, part in self._parts(predicate):
                 yield part, whole
+
+    def same(self) -> Iterator[tuple[str, str]]:
+        """The individuals that are stated to be the same, in both directions."""
+        for one, other in self.pairs(SAME_AS):
+            yield one, other
+            yield other, one
 
     def types_of_instances(self, concepts: set[str]) -> dict[str, set[str]]:
         """Each instance with the classes, named or not, that it is stated to belong to."""

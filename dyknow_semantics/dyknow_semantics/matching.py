@@ -2,261 +2,238 @@
 
 from __future__ import annotations
 
-import re
-from dataclasses import dataclass, replace
-from itertools import chain, count, product
-from math import inf
+from collections import defaultdict
+from dataclasses import dataclass
+from itertools import product
 from typing import TYPE_CHECKING
 
-from dyknow_semantics.annotation import feature_text
 from dyknow_semantics.checking import check_annotation, check_concept
-from dyknow_stream_processing import (
-    Condition,
-    LanguageError,
-    Reference,
-    Select,
-    Selection,
-    StreamDeclaration,
-)
+from dyknow_semantics.features import converts
+from dyknow_semantics.index import Offer, OfferIndex
+from dyknow_semantics.nearness import Explanation, near_misses, nearest
+from dyknow_semantics.patterns import pattern_of
+from dyknow_semantics.specifications import Match, Question, in_order, make_match
+from dyknow_semantics.speech import Speech
+from dyknow_stream_processing import LanguageError
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator, Mapping
+    from collections.abc import Iterable, Mapping
 
-    from dyknow_semantics.annotation import Annotation, Concept, Content, FeatureTerm, Range
+    from dyknow_semantics.annotation import Annotation, Concept
     from dyknow_semantics.knowledge import Knowledge
-
-
-@dataclass(frozen=True, slots=True)
-class Match:
-    """A stream of one ground feature.
-
-    Args:
-        ground_feature: what it carries, which is also the name of its only field: `Power[uav1]`.
-        declaration: how it is made of the annotated stream.
-        exact: whether the annotation is of the feature that was asked for or an equivalent one,
-            not of one below it.
-        reason: why the annotated stream matches.
-    """
-
-    ground_feature: str
-    declaration: StreamDeclaration
-    exact: bool
-    reason: str
-
-    @property
-    def stream_name(self) -> str:
-        """The name of the stream, which no other match of the same answer has."""
-        return self.declaration.name
-
-    @property
-    def specification(self) -> str:
-        """The text in the stream language, the reason as a comment before it."""
-        return f'# {self.reason}\n{self.declaration};'
+    from dyknow_semantics.patterns import Pattern
 
 
 def match(
     concept: Concept, annotations: Iterable[Annotation], knowledge: Knowledge
 ) -> tuple[Match, ...]:
-    """The streams that carry a concept, one for each ground feature of each annotated field.
-
-    An annotation that makes no sense, such as of an object that is gone, matches nothing.
-
-    Returns:
-        Exact matches before others, then those of a shorter sample period before others, then of
-        a shorter delay, then by name.
+    """The streams that carry a concept; to ask more than once, see `Matcher.match`.
 
     Raises:
         LanguageError: if the concept makes no sense relative to the ontology.
     """
-    check_concept(concept, knowledge)
-    asked = _pattern(concept.feature, concept.ranges, knowledge)
-    below = knowledge.subconcepts(asked.feature)
-    found = [
-        each
-        for offer in _offers(annotations, knowledge)
-        if offer.pattern.feature in below
-        for each in _matches(concept.feature.name, asked, offer, knowledge)
-    ]
-    return _with_unique_names(sorted(found, key=_preference))
-
-
-def nearest(concept: Concept, annotations: Iterable[Annotation], knowledge: Knowledge) -> str:
-    """A sentence on what of the annotations comes nearest to a concept that nothing matches.
-
-    Raises:
-        LanguageError: if the concept makes no sense relative to the ontology.
-    """
-    check_concept(concept, knowledge)
-    asked = _pattern(concept.feature, concept.ranges, knowledge)
-    lack = f'no stream carries {concept}'
-    if not all(asked.domains):
-        return f'{lack}, since there are no objects of its sort'
-    offers = list(_offers(annotations, knowledge))
-    if not offers:
-        return f'{lack}, since no stream is annotated'
-    related = {
-        (_distance(asked, offer.pattern, knowledge), str(offer))
-        for offer in offers
-        if _is_related(asked.feature, offer.pattern.feature, knowledge)
-    }
-    if related:
-        return f'{lack}; nearest: {min(related)[1]}'
-    carried = sorted({offer.pattern.feature for offer in offers})
-    return f'{lack}; the annotated streams carry {", ".join(carried)}'
+    matcher = Matcher(knowledge)
+    matcher.update({str(each): each for each in annotations})
+    return matcher.match(concept)
 
 
 @dataclass(frozen=True, slots=True)
-class _Pattern:
-    """The ground features that a feature with variables stands for.
-
-    Args:
-        feature: its shortest name.
-        arguments: the shortest names of objects, and variables, marked by `?`.
-        domains: the objects that may stand at each place.
-    """
-
-    feature: str
-    arguments: tuple[str, ...]
-    domains: tuple[frozenset[str], ...]
-
-    def covers(self, objects: tuple[str, ...]) -> bool:
-        """Whether the feature of some objects is one of the ground features."""
-        binding: dict[str, str] = {}
-        return all(
-            each in domain and binding.setdefault(argument, each) == each
-            for each, argument, domain in zip(objects, self.arguments, self.domains, strict=True)
-        )
-
-    def bindings(self, other: _Pattern) -> Iterator[dict[str, str]]:
-        """The objects that arguments stand for, where each is possible in the other pattern too."""
-        choices: dict[str, frozenset[str]] = {}
-        for argument, own, others in zip(self.arguments, self.domains, other.domains, strict=True):
-            choices[argument] = choices.get(argument, own) & others
-        for objects in product(*map(sorted, choices.values())):
-            yield dict(zip(choices, objects, strict=True))
-
-
-@dataclass(frozen=True, slots=True)
-class _Offer:
-    """One annotated field of a stream."""
+class _Entry:
+    """An annotation and what it offers, or why it offers nothing."""
 
     annotation: Annotation
-    content: Content
-    pattern: _Pattern
+    offers: tuple[Offer, ...]
+    fault: str = ''
 
-    def __str__(self) -> str:
-        arguments = {argument.name for argument in self.content.feature.arguments}
-        ranges = [each for each in self.annotation.ranges if each.variable in arguments]
-        every = f' for every {", ".join(map(str, ranges))}' if ranges else ''
-        return f'{self.source} carries {self.content.feature}{every}'
+
+class Matcher:
+    """Annotations, indexed by what they mean; a change costs what it changes.
+
+    An annotation that makes no sense, such as of an object that is gone, matches nothing until the
+    ontology is changed so that it does.
+
+    Args:
+        knowledge: the ontologies, with the bridges between them.
+        stated: what the ontologies say by themselves, where there are bridges.
+    """
+
+    def __init__(self, knowledge: Knowledge, stated: Knowledge | None = None) -> None:
+        self.knowledge = knowledge
+        self._stated = stated or knowledge
+        self._speech = Speech(self._stated, knowledge)
+        self._entries: dict[str, _Entry] = {}
+        self._taken: Mapping[str, Annotation] = {}
+        self._mentions: dict[str, dict[str, None]] = defaultdict(dict)
+        self.index = OfferIndex()
 
     @property
-    def source(self) -> Reference:
-        """The stream as the stream language refers to it."""
-        return Reference(self.annotation.stream, self.annotation.is_topic)
+    def faults(self) -> Mapping[str, str]:
+        """What is wrong with each annotation that makes no sense, by its canonical text."""
+        return {text: each.fault for text, each in self._entries.items() if each.fault}
 
+    def update(self, annotations: Mapping[str, Annotation]) -> None:
+        """Takes these annotations, by their canonical texts, in place of those it has."""
+        if annotations is self._taken:
+            return
+        for text in self._entries.keys() - annotations.keys():
+            self.remove(text)
+        for text in annotations.keys() - self._entries.keys():
+            self.add(text, annotations[text])
+        self._taken = annotations
 
-def _offers(annotations: Iterable[Annotation], knowledge: Knowledge) -> Iterator[_Offer]:
-    for annotation in annotations:
+    def add(self, text: str, annotation: Annotation) -> None:
+        """Adds an annotation of this canonical text."""
+        entry = self._entries[text] = self._entry(annotation)
+        for offer in entry.offers:
+            self.index.add(offer)
+        for name in _mentioned(annotation):
+            self._mentions[name][text] = None
+
+    def remove(self, text: str) -> None:
+        """Removes the annotation of a canonical text."""
+        entry = self._entries.pop(text)
+        for offer in entry.offers:
+            self.index.remove(offer)
+        for name in _mentioned(entry.annotation):
+            del self._mentions[name][text]
+            if not self._mentions[name]:
+                del self._mentions[name]
+
+    def learn(self, knowledge: Knowledge, stated: Knowledge | None = None) -> None:
+        """Takes another state of the ontologies; see the class for the arguments."""
+        before, after = (self.knowledge, self._stated), (knowledge, stated or knowledge)
+        if before == after:
+            return
+        self.knowledge, self._stated = after
+        self._speech = Speech(self._stated, knowledge)
+        compared = dict.fromkeys(zip(before, after, strict=True))
+        changed = [
+            name
+            for name in self._mentions
+            if any(old.meaning(name) != new.meaning(name) for old, new in compared)
+        ]
+        for text in dict.fromkeys(text for name in changed for text in self._mentions[name]):
+            annotation = self._entries[text].annotation
+            self.remove(text)
+            self.add(text, annotation)
+
+    def match(self, concept: Concept) -> tuple[Match, ...]:
+        """The streams that carry a concept, one for each ground feature of each annotated field.
+
+        Returns:
+            Exact matches before others, then those of a shorter sample period before others, then
+            of a shorter delay, then by name.
+
+        Raises:
+            LanguageError: if the concept makes no sense relative to the ontology.
+        """
+        asked = self.pattern(concept)
+        unit = self.knowledge.feature(asked.feature).unit
+        found: list[Match] = []
+        for carried in self.knowledge.subconcepts(asked.feature):
+            if carried in self.index.features:
+                exact = asked.feature in self.knowledge.subconcepts(carried)
+                question = Question(concept.feature.name, asked.feature, unit, exact)
+                offers = self.index.candidates(carried, asked)
+                self._answer(question, asked, offers, found)
+        return in_order(found)
+
+    def nearest(self, concept: Concept) -> str:
+        """A sentence on what comes nearest to a concept that nothing matches.
+
+        Raises:
+            LanguageError: if the concept makes no sense relative to the ontology.
+        """
+        sentence = nearest(concept, self.pattern(concept), self.index, self.knowledge)
+        name = concept.feature.name
+        faults = [
+            f'; the annotation of {each.annotation.stream} makes no sense: {each.fault}'
+            for each in self._entries.values()
+            if each.fault and name in _mentioned(each.annotation)
+        ]
+        return ''.join([sentence, *faults[:1]])
+
+    def explain(self, concept: Concept) -> tuple[Explanation, ...]:
+        """Why streams match a concept, in their order, and why others nearly do.
+
+        Raises:
+            LanguageError: if the concept makes no sense relative to the ontology.
+        """
+        matches = (
+            Explanation(str(each.declaration), matches=True, reason=each.reason)
+            for each in self.match(concept)
+        )
+        misses = near_misses(self.pattern(concept), self.index, self.knowledge)
+        faulty = (
+            Explanation(text, matches=False, reason=fault) for text, fault in self.faults.items()
+        )
+        return (*matches, *misses, *faulty)
+
+    def pattern(self, concept: Concept) -> Pattern:
+        """The ground features that are asked for.
+
+        Raises:
+            LanguageError: if the concept makes no sense relative to the ontology.
+        """
+        check_concept(concept, self.knowledge)
+        known = self.knowledge
+        return pattern_of(concept.feature, concept.ranges, known, known.identities)
+
+    def _answer(
+        self, question: Question, asked: Pattern, offers: Iterable[Offer], found: list[Match]
+    ) -> None:
+        """Adds the matches among offers; those made for an earlier question are there already."""
+        unit, has_synonyms = question.unit, self.knowledge.has_synonyms
+        for offer in offers:
+            if offer.unit != unit and offer.unit and not converts(offer.unit, unit):
+                continue
+            for objects in offer.pattern.common_objects(asked):
+                answers = offer.answers.get(question)
+                if answers is None:
+                    answers = offer.answers[question] = {}
+                for names in self._names(asked, objects) if has_synonyms else (objects,):
+                    if names not in answers:
+                        data = self._data(offer, objects)
+                        answers[names] = make_match(question, names, offer, data)
+                    found.append(answers[names])
+
+    def _names(self, asked: Pattern, objects: tuple[str, ...]) -> Iterable[tuple[str, ...]]:
+        """What whoever asks calls some objects."""
+        choices = (
+            self._speech.names(sort, each) if sort else (word,)
+            for each, word, sort in zip(objects, asked.words, asked.sorts, strict=True)
+        )
+        return product(*choices)
+
+    def _data(self, offer: Offer, objects: tuple[str, ...]) -> dict[str, str]:
+        """For each variable of an offer, what its samples call the object that it stands for."""
+        pattern = offer.pattern
+        placed = zip(pattern.arguments, pattern.sorts, objects, strict=True)
+        return {
+            argument.removeprefix('?'): self._speech.datum(sort, each)
+            for argument, sort, each in placed
+            if sort
+        }
+
+    def _entry(self, annotation: Annotation) -> _Entry:
         try:
-            check_annotation(annotation, knowledge)
-        except LanguageError:
-            continue
+            check_annotation(annotation, self._stated)
+        except LanguageError as error:
+            return _Entry(annotation, (), error.reason)
+        offers: list[Offer] = []
         for content in annotation.contents:
-            pattern = _pattern(content.feature, annotation.ranges, knowledge)
-            yield _Offer(annotation, content, pattern)
+            # A bridge into a sort adds to what is asked for, not to what a stream carries.
+            identities = self._speech.identities
+            pattern = pattern_of(content.feature, annotation.ranges, self.knowledge, identities)
+            unit = content.unit or self._stated.feature(pattern.feature).unit
+            offers.append(Offer(annotation, content, pattern, unit))
+        return _Entry(annotation, tuple(offers))
 
 
-def _pattern(term: FeatureTerm, ranges: Iterable[Range], knowledge: Knowledge) -> _Pattern:
-    feature = knowledge.feature(term.name)
-    sorts = {each.variable: each.sort for each in ranges}
-    names = [argument.name for argument in term.arguments]
-    if not names:
-        # A variable for each place: all that the feature can take.
-        names = [str(place) for place, _ in enumerate(feature.argument_sorts)]
-        sorts = dict(zip(names, feature.argument_sorts, strict=True))
-    arguments = [f'?{name}' if name in sorts else knowledge.instance(name) for name in names]
-    domains = [
-        frozenset(knowledge.instances(sorts[name]) if name in sorts else (argument,))
-        for name, argument in zip(names, arguments, strict=True)
-    ]
-    return _Pattern(feature.name, tuple(arguments), tuple(domains))
-
-
-def _matches(name: str, asked: _Pattern, offer: _Offer, knowledge: Knowledge) -> Iterator[Match]:
-    """The matches of what was asked for, under a name, with one annotated field."""
-    exact = asked.feature in knowledge.subconcepts(offer.pattern.feature)
-    for binding in offer.pattern.bindings(asked):
-        objects = tuple(binding[argument] for argument in offer.pattern.arguments)
-        if asked.covers(objects):
-            ground = feature_text(name, objects)
-            reason = _reason(asked.feature, ground, offer, exact=exact)
-            yield Match(ground, _declaration(ground, offer, binding), exact, reason)
-
-
-def _reason(asked: str, ground: str, offer: _Offer, *, exact: bool) -> str:
-    carried = offer.pattern.feature
-    if not exact:
-        return f'subsumed: {carried} is below {asked}'
-    if carried != asked:
-        return f'exact match: {carried} is equivalent to {asked}'
-    return f'exact match: {offer.source} carries {ground}'
-
-
-def _declaration(ground: str, offer: _Offer, binding: Mapping[str, str]) -> StreamDeclaration:
-    conditions = tuple(
-        Condition(key.field, '=', binding[f'?{key.variable}'])
-        for key in offer.annotation.keys
-        if f'?{key.variable}' in binding
-    )
-    stream = Select(
-        (Selection(offer.content.field, ground),),
-        offer.source,
-        conditions,
-        constraints=offer.annotation.constraints,
-    )
-    name = '_'.join(map(_word, (ground, 'from', offer.annotation.stream)))
-    return StreamDeclaration(name, stream)
-
-
-def _word(text: str) -> str:
-    return re.sub('[^A-Za-z0-9]+', '_', text).strip('_')
-
-
-def _preference(match: Match) -> tuple[bool, float, float, str]:
-    constraints = match.declaration.stream.constraints
-    return (
-        not match.exact,
-        inf if constraints.sample_period is None else constraints.sample_period,
-        inf if constraints.max_delay is None else constraints.max_delay,
-        str(match.declaration),
-    )
-
-
-def _with_unique_names(matches: Iterable[Match]) -> tuple[Match, ...]:
-    """The same matches; a stream whose name is taken already gets a number."""
-    taken: set[str] = set()
-    result: list[Match] = []
-    for each in matches:
-        names = chain([each.stream_name], (f'{each.stream_name}_{n}' for n in count(2)))
-        name = next(name for name in names if name not in taken)
-        taken.add(name)
-        result.append(replace(each, declaration=replace(each.declaration, name=name)))
-    return tuple(result)
-
-
-def _is_related(asked: str, carried: str, knowledge: Knowledge) -> bool:
-    """Whether two features lie below a common one, besides the top of all features."""
-    features = {feature.name for feature in knowledge.features}
-    common = set(knowledge.superconcepts(asked)) & set(knowledge.superconcepts(carried))
-    return bool(common & features)
-
-
-def _distance(asked: _Pattern, carried: _Pattern, knowledge: Knowledge) -> tuple[bool, bool, int]:
-    """The lack of a match: of another feature, of one that is not even above, of objects."""
-    other = carried.feature not in knowledge.subconcepts(asked.feature)
-    beside = carried.feature not in knowledge.superconcepts(asked.feature)
-    missed = sum(
-        one.isdisjoint(other) for one, other in zip(asked.domains, carried.domains, strict=False)
-    )
-    return other, other and beside, missed
+def _mentioned(annotation: Annotation) -> dict[str, None]:
+    """The names of features, sorts and objects in an annotation."""
+    names = dict.fromkeys(each.sort for each in annotation.ranges)
+    for content in annotation.contents:
+        names[content.feature.name] = None
+        names |= dict.fromkeys(argument.name for argument in content.feature.arguments)
+    return names

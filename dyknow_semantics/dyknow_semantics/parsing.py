@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from dataclasses import replace
+from functools import lru_cache
 from typing import Any, Final
 
 from lark import Token, Transformer, v_args
@@ -49,8 +50,11 @@ def parse_annotations(text: str) -> tuple[Annotation, ...]:
     return tuple(replace(annotation, text=text) for annotation in _ANNOTATIONS.parse(text))
 
 
+@lru_cache(maxsize=1024)
 def parse_concept(text: str) -> Concept:
     """The concept that a text asks for: `Power`, or `Power[u] for every u in UAV`.
+
+    Whoever asks asks again, so it is remembered.
 
     Raises:
         LanguageError: with the place and what was expected there.

@@ -22,25 +22,31 @@ class Taxonomy:
         for child, parent in pairs:
             self._parents[child].add(parent)
             self._children[parent].add(child)
+        self._above: dict[str, frozenset[str]] = {}
+        self._below: dict[str, frozenset[str]] = {}
 
-    def above(self, concept: str) -> set[str]:
+    def above(self, concept: str) -> frozenset[str]:
         """A concept and all that lie above it."""
-        return _reachable(concept, self._parents)
+        if concept not in self._above:
+            self._above[concept] = _reachable(concept, self._parents)
+        return self._above[concept]
 
-    def below(self, concept: str) -> set[str]:
+    def below(self, concept: str) -> frozenset[str]:
         """A concept and all that lie below it."""
-        return _reachable(concept, self._children)
+        if concept not in self._below:
+            self._below[concept] = _reachable(concept, self._children)
+        return self._below[concept]
 
     def specific_first(self, concepts: Iterable[str]) -> list[str]:
         """Concepts such that each comes before all that lie strictly above it; else by name."""
         return sorted(concepts, key=lambda concept: (-len(self.above(concept)), concept))
 
 
-def _reachable(start: str, edges: Mapping[str, set[str]]) -> set[str]:
+def _reachable(start: str, edges: Mapping[str, set[str]]) -> frozenset[str]:
     reached = {start}
     frontier = [start]
     while frontier:
         new = edges.get(frontier.pop(), set()) - reached
         reached |= new
         frontier.extend(new)
-    return reached
+    return frozenset(reached)

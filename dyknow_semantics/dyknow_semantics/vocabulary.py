@@ -27,6 +27,7 @@ INTERSECTION_OF: Final = OWL + 'intersectionOf'
 UNION_OF: Final = OWL + 'unionOf'
 DISJOINT_UNION_OF: Final = OWL + 'disjointUnionOf'
 ONE_OF: Final = OWL + 'oneOf'
+SAME_AS: Final = OWL + 'sameAs'
 
 UPPER_ONTOLOGY: Final = 'http://www.dyknow.org/ontology#'
 """The namespace of the upper ontology that this package ships."""

@@ -19,20 +19,24 @@ from dyknow_semantics import (
     FeatureTerm,
     Key,
     Knowledge,
+    Matcher,
     Range,
     match,
-    nearest,
     parse_annotations,
     parse_concept,
 )
 from dyknow_stream_processing import (
+    NO_CONSTRAINTS,
     Condition,
+    Dataflow,
     LanguageError,
     Reference,
+    Sample,
     Select,
     Selection,
     StreamConstraints,
     StreamDeclaration,
+    load_units,
     parse_specification,
 )
 
@@ -163,6 +167,12 @@ def test_what_comes_nearest(knowledge: Knowledge, concept: str, ssl: str, messag
     )
 
 
+def nearest(concept: Concept, annotations: Iterable[Annotation], knowledge: Knowledge) -> str:
+    matcher = Matcher(knowledge)
+    matcher.update({str(each): each for each in annotations})
+    return matcher.nearest(concept)
+
+
 RDF_TYPE = 'http://www.w3.org/1999/02/22-rdf-syntax-ns#type'
 SUBCLASS_OF = 'http://www.w3.org/2000/01/rdf-schema#subClassOf'
 OWL_CLASS = 'http://www.w3.org/2002/07/owl#Class'
@@ -261,7 +271,7 @@ def test_matches_are_those_of_the_reference(
 ) -> None:
     expected = []
     asked = {objects for objects, _ in world.groundings(term, ranges)}
-    for annotation in annotations:
+    for annotation in {str(each): each for each in annotations}.values():
         for content in annotation.contents:
             carried = content.feature
             for objects, binding in world.groundings(carried, annotation.ranges):
@@ -320,3 +330,128 @@ def test_without_arguments_a_concept_is_that_of_all_objects(
     bare = replace(everything, feature=FeatureTerm(name), ranges=())
     knowledge = world.knowledge()
     assert match(bare, annotations, knowledge) == match(everything, annotations, knowledge)
+
+
+def matcher_of(annotations: Iterable[Annotation], knowledge: Knowledge) -> Matcher:
+    matcher = Matcher(knowledge)
+    matcher.update({str(each): each for each in annotations})
+    return matcher
+
+
+CHANGES = st.lists(st.lists(ANNOTATIONS, max_size=4) | WORLDS, min_size=1, max_size=4)
+
+
+@given(WORLDS, CHANGES, TERMS, RANGES)
+def test_an_index_that_was_changed_is_like_a_new_one(
+    world: World,
+    changes: list[list[Annotation] | World],
+    term: FeatureTerm,
+    ranges: tuple[Range, ...],
+) -> None:
+    concept, annotations = Concept(term, ranges), list[Annotation]()
+    matcher = Matcher(world.knowledge())
+    for change in changes:
+        if isinstance(change, World):
+            world = change
+            matcher.learn(world.knowledge())
+        else:
+            annotations = change
+            matcher.update({str(each): each for each in annotations})
+        distinct = {str(each): each for each in annotations}.values()
+        assert matcher.match(concept) == match(concept, distinct, world.knowledge())
+
+
+def test_what_an_ontology_learns_is_seen() -> None:
+    world = World([('S1', 'S0')], {'a': 'S1', 'b': 'S1'})
+    other = World([('F1', 'F0'), ('S1', 'S0')], {'a': 'S1'})
+    ssl = """stream s contains F1[x, x] = p for every x in S1 where x = id;
+             stream t contains F0[b, b] = p"""
+    matcher = matcher_of(parse_annotations(ssl), world.knowledge())
+    concept = parse_concept('F0')
+    assert [each.ground_feature for each in matcher.match(concept)] == ['F0[b, b]']
+    matcher.learn(other.knowledge())
+    assert [each.ground_feature for each in matcher.match(concept)] == ['F0[a, a]']
+    assert matcher.faults.keys() == {'stream t contains F0[b, b] = p;'}
+    matcher.learn(world.knowledge())
+    assert [each.ground_feature for each in matcher.match(concept)] == ['F0[b, b]']
+
+
+def test_what_matches_and_what_nearly_does_is_explained(knowledge: Knowledge) -> None:
+    ssl = f"""{SSL} stream a contains Altitude[rover] = z [ft];
+              stream b contains BarometricAltitude[uav2] = v;
+              stream c contains Altitude[rovr] = z"""
+    found = matcher_of(parse_annotations(ssl), knowledge).explain(
+        parse_concept('vehicles:BarometricAltitude[uav1]')
+    )
+    assert [(each.stream, each.matches, each.reason) for each in found] == [
+        (('stream vehicles_BarometricAltitude_uav1_from_barometer = '
+         'select z as "vehicles:BarometricAltitude[uav1]" from barometer '
+         'with sample_period = 10 ms'), True,
+         'exact match: barometer carries vehicles:BarometricAltitude[uav1]'),
+        ('b carries BarometricAltitude[uav2]', False,
+         'it carries none of the objects that are asked for'),
+        ('"/fleet" carries Altitude[u] for every u in UAV', False,
+         'Altitude is above BarometricAltitude, not below it'),
+        ('a carries Altitude[rover]', False, 'Altitude is above BarometricAltitude, not below it'),
+        ('laser carries Height[uav2]', False, 'Height is above BarometricAltitude, not below it'),
+        ('stream c contains Altitude[rovr] = z;', False,
+         ("'rovr' is no variable (add: for every rovr in Vehicle) and no object: "
+         "unknown instance 'rovr'; did you mean 'rover'?")),
+    ]  # fmt: skip
+
+
+def test_units_are_converted(knowledge: Knowledge) -> None:
+    ssl = """stream "/fleet" contains Altitude[u] = z [ft], Power[uav1] = p [kW]
+             for every u in UAV where u = id with max_delay = 100 ms"""
+    assert '\n'.join(specifications('Altitude[uav2]', knowledge, ssl)) == (
+        '# exact match: "/fleet" carries Altitude[uav2]; ft is converted to m\n'
+        'compunit value: float convert(value: float);\n'
+        'stream Altitude_uav2_from_fleet = select value as "Altitude[uav2]" from convert('
+        'select z as value from "/fleet" where id = "uav2" with max_delay = 100 ms, '
+        'given = "ft", wanted = "m");'
+    )
+    (power,) = specifications('Power', knowledge, ssl)
+    assert 'given = "kW", wanted = "W"' in power
+
+
+def test_another_spelling_of_the_unit_is_not_converted(knowledge: Knowledge) -> None:
+    (found,) = specifications('Altitude', knowledge, 'stream a contains Altitude[uav1] = z [meter]')
+    assert 'convert' not in found
+
+
+def test_a_unit_that_does_not_convert_is_a_mismatch_with_the_reason(knowledge: Knowledge) -> None:
+    ssl = 'stream a contains Altitude[uav1] = z [kg]'
+    matcher = matcher_of(parse_annotations(ssl), knowledge)
+    concept = parse_concept('Altitude[uav1]')
+    assert matcher.match(concept) == ()
+    reason = "feature 'Altitude' is measured in m, which kg does not convert to"
+    assert [(each.stream, each.reason) for each in matcher.explain(concept)] == [
+        (f'{ssl};', reason)
+    ]
+    assert matcher.nearest(concept).endswith(f'; the annotation of a makes no sense: {reason}')
+
+
+def test_a_converted_stream_of_many_objects_carries_the_object_that_was_asked_for(
+    knowledge: Knowledge,
+) -> None:
+    ssl = """stream "/fleet" contains Altitude[u] = z [ft] for every u in UAV where u = id
+             with max_delay = 2 s"""
+    (specification,) = specifications('Altitude[uav2]', knowledge, ssl)
+    made: list[Sample] = []
+    broken: list[object] = []
+    flow = Dataflow(load_units(), lambda _: None)
+    parsed = parse_specification(specification)
+    flow.create('s', parsed, NO_CONSTRAINTS, made.append, broken.append)
+    second = 1_000_000_000
+    # The second sample is late, within the delay that the annotation allows.
+    samples = [(20, 'uav2', 2000.0), (19, 'uav1', 3000.0), (19, 'uav2', 1000.0), (30, 'uav2', 0.0)]
+    for number, (valid, name, feet) in enumerate(samples):
+        available = max(valid, 20) * second + number
+        flow.push('/fleet', Sample(valid * second, available, {'id': name, 'z': feet}))
+    flow.advance(40 * second)
+    assert broken == []
+    assert [(each.valid_time // second, dict(each.fields)) for each in made] == [
+        (19, {'Altitude[uav2]': 304.8}),
+        (20, {'Altitude[uav2]': 609.6}),
+        (30, {'Altitude[uav2]': 0.0}),
+    ]

@@ -6,12 +6,21 @@ from typing import TYPE_CHECKING, Generic, TypeVar
 
 from dyknow_interfaces.srv import ListSemanticSpecifications, OntologyQuery
 
-from dyknow_semantics import ALL_TRIPLES, Annotation, Knowledge, parse_annotations
+from dyknow_semantics import (
+    ALL_TRIPLES,
+    Annotation,
+    Bridge,
+    Bridged,
+    Knowledge,
+    bridged,
+    parse_annotations,
+)
 from dyknow_stream_processing.ros import Peer
 
 if TYPE_CHECKING:
-    from collections.abc import Awaitable, Callable
+    from collections.abc import Awaitable, Callable, Iterable, Mapping
 
+    from dyknow_semantics import Triple
     from dyknow_stream_processing.ros import DyKnowNode
 
 Content = TypeVar('Content')
@@ -52,24 +61,49 @@ def mirror_ontology(node: DyKnowNode) -> Mirror[Knowledge]:
     return Mirror(Peer(node, name), _fetch_knowledge)
 
 
-def mirror_annotations(node: DyKnowNode) -> Mirror[tuple[Annotation, ...]]:
-    """The annotations of the stream semantics manager that a parameter of the node names."""
+def mirror_bridged_ontologies(node: DyKnowNode, bridges: tuple[Bridge, ...]) -> Mirror[Bridged]:
+    """The same, with what follows over bridges between its ontologies."""
+    name = node.parameter('ontology_manager', 'ontology_manager', 'Name of the ontology manager.')
+
+    async def fetch(peer: Peer) -> Bridged:
+        return bridged(await _fetch_triples(peer), bridges)
+
+    return Mirror(Peer(node, name), fetch)
+
+
+def mirror_annotations(node: DyKnowNode) -> Mirror[Mapping[str, Annotation]]:
+    """The annotations, by their texts, of the stream semantics manager that a parameter names."""
     name = node.parameter(
         'stream_semantics_manager',
         'stream_semantics_manager',
         'Name of the stream semantics manager.',
     )
-    return Mirror(Peer(node, name), _fetch_annotations)
+    return Mirror(Peer(node, name), _AnnotationReader().fetch)
+
+
+class _AnnotationReader:
+    """Reads annotations; only those that are new are parsed."""
+
+    def __init__(self) -> None:
+        self._known: dict[str, dict[str, Annotation]] = {}
+
+    async def fetch(self, peer: Peer) -> Mapping[str, Annotation]:
+        """All annotations, by their canonical texts."""
+        response = await peer.call(ListSemanticSpecifications)
+        known = self._known
+        self._known = {text: known.get(text) or _read(text) for text in response.ssl_statements}
+        return dict(each for found in self._known.values() for each in found.items())
+
+
+def _read(text: str) -> dict[str, Annotation]:
+    return {str(annotation): annotation for annotation in parse_annotations(text)}
 
 
 async def _fetch_knowledge(peer: Peer) -> Knowledge:
+    return Knowledge(await _fetch_triples(peer))
+
+
+async def _fetch_triples(peer: Peer) -> Iterable[Triple]:
     response = await peer.call(OntologyQuery, sparql=ALL_TRIPLES)
     values = list(response.values)
-    return Knowledge(zip(values[0::3], values[1::3], values[2::3], strict=True))
-
-
-async def _fetch_annotations(peer: Peer) -> tuple[Annotation, ...]:
-    response = await peer.call(ListSemanticSpecifications)
-    return tuple(
-        annotation for text in response.ssl_statements for annotation in parse_annotations(text)
-    )
+    return zip(values[0::3], values[1::3], values[2::3], strict=True)

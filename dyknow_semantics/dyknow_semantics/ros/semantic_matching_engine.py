@@ -2,14 +2,20 @@
 
 from __future__ import annotations
 
-from typing import Any
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
+from diagnostic_msgs.msg import DiagnosticStatus
 from dyknow_interfaces.srv import FindAllMatchingStreams
 
-from dyknow_semantics import SemanticsError, match, nearest, parse_concept
-from dyknow_semantics.ros.mirrors import mirror_annotations, mirror_ontology
+from dyknow_semantics import Knowledge, Matcher, SemanticsError, parse_bridges, parse_concept
+from dyknow_semantics.ros.files import read_all
+from dyknow_semantics.ros.mirrors import mirror_annotations, mirror_bridged_ontologies
 from dyknow_stream_processing import ExitCode
-from dyknow_stream_processing.ros import DyKnowNode, run
+from dyknow_stream_processing.ros import RUNNING, DyKnowNode, run
+
+if TYPE_CHECKING:
+    from dyknow_semantics import Bridged
 
 
 class SemanticMatchingEngine(DyKnowNode):
@@ -17,18 +23,36 @@ class SemanticMatchingEngine(DyKnowNode):
 
     def __init__(self) -> None:
         super().__init__('semantic_matching_engine')
-        self._ontology = mirror_ontology(self)
+        files = self.parameter('bridges', [''], 'Files of bridges between ontologies.')
+        bridges = read_all(map(Path, filter(None, files)), 'bridges', parse_bridges)
+        self._ontologies = mirror_bridged_ontologies(self, bridges)
         self._annotations = mirror_annotations(self)
+        self._index = Matcher(Knowledge(()))
+        self._faults: tuple[str, ...] = ()
         self.serve(FindAllMatchingStreams, self._find_all_matching_streams)
 
     async def _find_all_matching_streams(self, request: Any, response: Any) -> None:
         concept = parse_concept(request.concept)
-        knowledge = await self._ontology.content()
+        ontologies = await self._ontologies.content()
         annotations = await self._annotations.content()
-        matches = match(concept, annotations, knowledge)
+        self._index.learn(ontologies.known, ontologies.stated)
+        self._index.update(annotations)
+        self._report_faults(ontologies)
+        matches = self._index.match(concept)
         if not matches:
-            raise SemanticsError(nearest(concept, annotations, knowledge), ExitCode.NOT_FOUND)
+            raise SemanticsError(self._index.nearest(concept), ExitCode.NOT_FOUND)
         response.stream_specifications = [found.specification for found in matches]
+
+    def _report_faults(self, ontologies: Bridged) -> None:
+        """Tells of bridges that make no sense relative to the ontologies, when that changes."""
+        if ontologies.faults == self._faults:
+            return
+        self._faults = ontologies.faults
+        for fault in self._faults:
+            self.get_logger().error(fault)
+        # It goes on with the other bridges, and those who need it may go on with it.
+        level = DiagnosticStatus.WARN if self._faults else DiagnosticStatus.OK
+        self.set_status(RUNNING, {'faults': '\n'.join(self._faults)}, level=level)
 
 
 def main() -> int:

@@ -1,0 +1,186 @@
+"""The semantics command: what the ontologies say, which streams carry it, and why some match."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import sys
+from dataclasses import asdict
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import rclpy
+from dyknow_interfaces.srv import ListSemanticSpecifications, OntologyQuery
+from rclpy.clock import Clock, ClockType
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+from rclpy.signals import SignalHandlerOptions
+from rclpy.utilities import remove_ros_args
+from rich.console import Console
+
+from dyknow_semantics import (
+    ALL_TRIPLES,
+    Matcher,
+    SemanticsError,
+    as_json,
+    as_tree,
+    bridged,
+    entries,
+    explanation_tree,
+    parse_annotations,
+    parse_bridges,
+    parse_concept,
+)
+from dyknow_semantics.ros.files import read_all
+from dyknow_stream_processing import DyKnowError, ExitCode, parse_duration
+from dyknow_stream_processing.ros.runtime import SERVICE, snake_case
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+TICK = 0.1
+"""Seconds between two looks whether a wait is over."""
+
+
+class Asker:
+    """Asks the nodes of meaning for all that they know.
+
+    Args:
+        timeout: how long to wait for an answer, nanoseconds.
+    """
+
+    def __init__(self, timeout: int) -> None:
+        self._node = Node(f'semantics_{os.getpid()}', start_parameter_services=False)
+        self._clock = Clock(clock_type=ClockType.STEADY_TIME)
+        self._executor = SingleThreadedExecutor()
+        self._executor.add_node(self._node)
+        self._timeout = timeout
+
+    def close(self) -> None:
+        """Leaves the ROS graph."""
+        self._executor.shutdown()
+        self._node.destroy_node()
+
+    def ask(self, service_type: Any, node: str, **fields: Any) -> Any:
+        """The response of a service.
+
+        Raises:
+            SemanticsError: UNAVAILABLE, when none comes in time; what the node refuses.
+        """
+        name = f'{node}/{snake_case(service_type.__name__)}'
+        client = self._node.create_client(service_type, name, qos_profile=SERVICE)
+        end = self._clock.now().nanoseconds + self._timeout
+        while not client.service_is_ready():
+            self._wait(node, end)
+        future = client.call_async(service_type.Request(**fields))
+        while not future.done():
+            self._wait(node, end)
+        response = future.result()
+        if response.exit_status.code != ExitCode.SUCCESS:
+            raise SemanticsError(response.exit_status.message, ExitCode(response.exit_status.code))
+        return response
+
+    def _wait(self, node: str, end: int) -> None:
+        if self._clock.now().nanoseconds > end:
+            name = self._node.resolve_service_name(node)
+            raise SemanticsError(
+                f'{name} has not answered within {self._timeout / 1e9:g} s; is DyKnow running, in '
+                'this namespace and ROS domain?',
+                ExitCode.UNAVAILABLE,
+            )
+        self._executor.spin_once(timeout_sec=TICK)
+
+
+def matcher(chosen: argparse.Namespace, asker: Asker) -> Matcher:
+    """All that the nodes know.
+
+    Raises:
+        DyKnowError: when a node does not answer, or a file of bridges is wrong.
+    """
+    bridges = read_all(map(Path, chosen.bridges), 'bridges', parse_bridges)
+    values = list(asker.ask(OntologyQuery, chosen.ontology_manager, sparql=ALL_TRIPLES).values)
+    texts = asker.ask(ListSemanticSpecifications, chosen.semantics_manager).ssl_statements
+    ontologies = bridged(zip(values[0::3], values[1::3], values[2::3], strict=True), bridges)
+    if ontologies.faults:
+        raise SemanticsError('\n'.join(ontologies.faults))
+    found = Matcher(ontologies.known, ontologies.stated)
+    found.update({str(each): each for text in texts for each in parse_annotations(text)})
+    return found
+
+
+def show(chosen: argparse.Namespace, known: Matcher) -> None:
+    """Prints the hierarchies, or why streams match a concept.
+
+    Raises:
+        LanguageError: if the concept makes no sense relative to the ontologies.
+    """
+    console = Console(highlight=False)
+    if chosen.explain:
+        concept = parse_concept(chosen.explain)
+        explained = known.explain(concept)
+        if chosen.json:
+            print(json.dumps([asdict(each) for each in explained]))  # noqa: T201 - a command
+        else:
+            console.print(explanation_tree(str(concept), explained))
+        return
+    found = entries(known)
+    if chosen.json:
+        answer = {'concepts': as_json(found), 'faults': dict(known.faults)}
+        print(json.dumps(answer))  # noqa: T201 - a command
+        return
+    console.print(as_tree(found))
+    for text, fault in known.faults.items():
+        console.out(f'this annotation makes no sense: {text}\n  {fault}')
+
+
+def _duration(text: str) -> int:
+    try:
+        return parse_duration(text)
+    except ValueError as error:
+        raise argparse.ArgumentTypeError(str(error)) from None
+
+
+def options(arguments: Sequence[str]) -> argparse.Namespace:
+    """The options on the command line."""
+    parser = argparse.ArgumentParser(
+        prog='semantics',
+        description=f'{__doc__} Exit code 0: shown, 1: no such concept, 2: a node does not answer.',
+    )
+    parser.add_argument(
+        '--explain', metavar='CONCEPT', help='why each stream matches it, or nearly does'
+    )
+    parser.add_argument(
+        '--bridges', metavar='FILE', action='append', default=[], help='bridges to follow'
+    )
+    parser.add_argument('--json', action='store_true', help='print a line of JSON')
+    parser.add_argument(
+        '--timeout', type=_duration, default='5 s', help='to wait for an answer (default: 5 s)'
+    )
+    for role, default in (
+        ('ontology-manager', 'ontology_manager'),
+        ('semantics-manager', 'stream_semantics_manager'),
+    ):
+        parser.add_argument(
+            f'--{role}', default=default, help=f'the node that is asked (default: {default})'
+        )
+    return parser.parse_args(arguments)
+
+
+def main() -> int:
+    """The executable semantics."""
+    chosen = options(remove_ros_args(sys.argv)[1:])
+    # An interrupt is to end the command by an exception, with a context that is still whole.
+    rclpy.init(args=sys.argv, signal_handler_options=SignalHandlerOptions.NO)
+    asker = Asker(chosen.timeout)
+    try:
+        show(chosen, matcher(chosen, asker))
+    except DyKnowError as error:
+        print(f'semantics: {error}', file=sys.stderr)  # noqa: T201 - this is a command
+        return 2 if error.code is ExitCode.UNAVAILABLE else 1
+    except KeyboardInterrupt:
+        return 130
+    finally:
+        asker.close()
+        rclpy.try_shutdown()
+    return 0

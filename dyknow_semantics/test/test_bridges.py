@@ -1,0 +1,188 @@
+"""Bridge rules, and matching over the bridges between the ontologies of several robots."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from dyknow_semantics import (
+    Bridge,
+    Knowledge,
+    Matcher,
+    Relation,
+    bridged,
+    parse_annotations,
+    parse_bridges,
+    parse_concept,
+)
+from dyknow_stream_processing import LanguageError, Place
+
+RDF_TYPE = 'http://www.w3.org/1999/02/22-rdf-syntax-ns#type'
+SUBCLASS_OF = 'http://www.w3.org/2000/01/rdf-schema#subClassOf'
+OWL_CLASS = 'http://www.w3.org/2002/07/owl#Class'
+DYKNOW = 'http://www.dyknow.org/ontology#'
+BAD = sorted((Path(__file__).parent / 'bad_bridges').glob('*.bridges'))
+
+
+def robot(
+    prefix: str, sort: str, feature: str, objects: tuple[str, ...], unit: str = 'm', places: int = 1
+) -> list[tuple[str, str, str]]:
+    """The ontology of a robot: a sort with objects, and a feature of them."""
+    here = f'http://www.example.org/{prefix}#'
+    triples = [
+        (here + sort, RDF_TYPE, OWL_CLASS),
+        (here + feature, RDF_TYPE, OWL_CLASS),
+        (here + feature, SUBCLASS_OF, f'{DYKNOW}Feature'),
+        (here + feature, f'{DYKNOW}value_type', 'float'),
+        (here + feature, f'{DYKNOW}unit', unit),
+    ]
+    triples += [(here + feature, f'{DYKNOW}argument{n}', here + sort) for n in range(1, places + 1)]
+    return triples + [(here + each, RDF_TYPE, here + sort) for each in objects]
+
+
+TRIPLES = [
+    *robot('uav', 'UAV', 'Altitude', ('uav1', 'uav2')),
+    *robot('robot2', 'Drone', 'height', ('self', 'spare'), unit='ft'),
+    *robot('robot3', 'Kopter', 'Hoehe', ('self', 'kopter')),
+    *robot('radio', 'Antenna', 'noise', ('mast',), unit='W'),
+    *robot('net', 'Node', 'link', ('n1',), places=2),
+]
+BRIDGES = """
+    robot2:height equivalent uav:Altitude;
+    robot2:Drone into uav:UAV;  # every drone is a UAV, not every UAV a drone
+    robot2:self same uav:uav2;
+    robot3:Hoehe into robot2:height;
+    robot3:Kopter into robot2:Drone;
+    robot3:kopter same robot2:spare
+"""
+SSL = """
+    stream "/uav1/z" contains uav:Altitude[uav1] = z;
+    stream "/robot2/z" contains robot2:height[robot2:self] = z;
+    stream "/robot2/all" contains robot2:height[d] = z for every d in robot2:Drone where d = id;
+    stream "/robot3/z" contains robot3:Hoehe[kopter] = z;
+"""
+
+
+def matches(concept: str, bridges: str = BRIDGES, ssl: str = SSL) -> list[str]:
+    found = bridged(TRIPLES, parse_bridges(bridges))
+    assert not found.faults
+    matcher = Matcher(found.known, found.stated)
+    matcher.update({str(each): each for each in parse_annotations(ssl)})
+    matches = matcher.match(parse_concept(concept))
+    return [f'{each.ground_feature} of {each.declaration.stream}' for each in matches]
+
+
+CONVERTED = ', given = "ft", wanted = "m")'
+
+
+def test_the_answer_speaks_as_the_one_who_asks() -> None:
+    assert matches('Altitude[u] for every u in UAV') == [
+        (
+            'Altitude[spare] of select value as "Altitude[spare]" from convert('
+            f'select z as value from "/robot2/all" where id = "spare"{CONVERTED}'
+        ),
+        'Altitude[uav1] of select z as "Altitude[uav1]" from "/uav1/z"',
+        (
+            'Altitude[uav2] of select value as "Altitude[uav2]" from convert('
+            f'select z as value from "/robot2/all" where id = "self"{CONVERTED}'
+        ),
+        (
+            'Altitude[uav2] of select value as "Altitude[uav2]" from convert('
+            f'select z as value from "/robot2/z"{CONVERTED}'
+        ),
+        'Altitude[spare] of select z as "Altitude[spare]" from "/robot3/z"',
+    ]
+
+
+def test_an_object_may_be_asked_for_by_any_of_its_names() -> None:
+    for name in ('uav2', 'robot2:self'):
+        found = matches(f'Altitude[{name}]')
+        assert [each.partition(' of ')[0] for each in found] == [f'Altitude[{name}]'] * 2
+
+
+def test_bridges_are_crossed_in_their_direction_only() -> None:
+    found = matches('height[d] for every d in Drone')
+    assert [each.rpartition('from "')[2].partition('"')[0] for each in found] == [
+        '/robot2/all', '/robot2/z', '/robot2/all', '/robot3/z',
+    ]  # fmt: skip
+    assert matches('Hoehe') == ['Hoehe[kopter] of select z as "Hoehe[kopter]" from "/robot3/z"']
+
+
+def test_a_chain_of_bridges_is_followed() -> None:
+    links = [
+        'robot3:Hoehe into robot2:height; robot3:kopter same robot2:spare',
+        'robot2:height into uav:Altitude; robot2:spare same uav:uav1',
+    ]
+    found = [
+        len(matches('Altitude[uav1]', each)) for each in (links[0], links[1], '; '.join(links))
+    ]
+    assert found == [1, 2, 3]
+
+
+def test_what_is_bridged_into_a_sort_is_not_in_the_streams_of_that_sort() -> None:
+    # The samples of /robot2/all call a drone of robot 2 self, not the robot 3 of that name.
+    assert matches('Altitude[robot3:self]') == []
+
+
+def test_without_bridges_ontologies_know_nothing_of_each_other() -> None:
+    ontologies = bridged(TRIPLES, ())
+    assert ontologies.known is ontologies.stated
+    assert len(matches('Altitude', '')) == 1
+
+
+def test_equivalent_classes_and_same_individuals_of_owl_are_bridges_too() -> None:
+    triples = [
+        *TRIPLES,
+        ('http://www.example.org/robot2#height', 'http://www.w3.org/2002/07/owl#equivalentClass',
+         'http://www.example.org/uav#Altitude'),
+        ('http://www.example.org/robot2#self', 'http://www.w3.org/2002/07/owl#sameAs',
+         'http://www.example.org/uav#uav2'),
+    ]  # fmt: skip
+    matcher = Matcher(Knowledge(triples))
+    matcher.update({str(each): each for each in parse_annotations(SSL)})
+    found = matcher.match(parse_concept('Altitude[uav2]'))
+    assert {each.ground_feature for each in found} == {'Altitude[uav2]'}
+    assert len(found) == 2
+
+
+def test_an_index_learns_bridges() -> None:
+    ontologies = bridged(TRIPLES, parse_bridges(BRIDGES))
+    stated, known = ontologies.stated, ontologies.known
+    annotations = {str(each): each for each in parse_annotations(SSL)}
+    concept = parse_concept('Altitude[u] for every u in UAV')
+    new, old = Matcher(known, stated), Matcher(stated)
+    new.update(annotations)
+    old.update(annotations)
+    assert old.match(concept) != new.match(concept)
+    old.learn(known, stated)
+    assert old.match(concept) == new.match(concept)
+    old.learn(stated)
+    assert len(old.match(concept)) == 1
+
+
+@pytest.mark.parametrize('path', BAD, ids=lambda path: path.stem)
+def test_bad_bridges(path: Path) -> None:
+    expected = path.with_suffix('.txt').read_text(encoding='utf-8').rstrip('\n')
+    try:
+        found = bridged(TRIPLES, parse_bridges(path.read_text(encoding='utf-8'))).faults
+    except LanguageError as error:
+        found = (error.message,)
+    assert found == (expected,)
+
+
+WORDS = st.from_regex(r'[A-Za-z_][A-Za-z0-9_]{0,6}', fullmatch=True)
+NAMES = WORDS | st.builds('{}:{}'.format, WORDS, WORDS) | st.text(max_size=8)
+RULES = st.builds(Bridge, NAMES, st.sampled_from(Relation), NAMES)
+
+
+@given(st.lists(RULES, max_size=4))
+def test_bridges_survive_writing_and_reading(written: list[Bridge]) -> None:
+    assert parse_bridges('\n'.join(map(str, written))) == tuple(written)
+
+
+def test_names_keep_their_places() -> None:
+    (bridge,) = parse_bridges('# a comment\n a:b into\n  c;')
+    assert (bridge.source_place, bridge.target_place) == (Place(2, 2), Place(3, 3))

@@ -1,0 +1,119 @@
+"""Hierarchies and explanations, as they are shown."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from hypothesis import given
+from hypothesis import strategies as st
+from rich.console import Console
+
+from dyknow_semantics import (
+    Knowledge,
+    Matcher,
+    as_json,
+    as_tree,
+    entries,
+    explanation_tree,
+    parse_annotations,
+    parse_concept,
+)
+
+if TYPE_CHECKING:
+    from rich.tree import Tree
+
+SSL = """
+    stream a contains Altitude[uav1] = z [ft];
+    stream b contains BarometricAltitude[u] = z for every u in UAV where u = id;
+    stream c contains Power[rover] = p;
+"""
+
+
+def matcher_of(ssl: str, knowledge: Knowledge) -> Matcher:
+    matcher = Matcher(knowledge)
+    matcher.update({str(each): each for each in parse_annotations(ssl)})
+    return matcher
+
+
+def text_of(tree: Tree) -> str:
+    console = Console(width=200, highlight=False)
+    with console.capture() as capture:
+        console.print(tree)
+    return '\n'.join(line.rstrip() for line in capture.get().splitlines())
+
+
+def test_the_tree_of_a_fleet(knowledge: Knowledge) -> None:
+    assert (
+        text_of(as_tree(entries(matcher_of(SSL, knowledge))))
+        == """\
+concepts
+├── (sorts)
+│   ├── Machine: eye, rover, uav1, uav2
+│   │   ├── Camera: eye
+│   │   └── Vehicle: rover, uav1, uav2
+│   │       ├── Drone = UAV: uav1, uav2
+│   │       │   └── Observer: uav2
+│   │       └── UGV: rover
+│   └── Object: eye, rover, uav1, uav2
+│       ├── Camera: eye
+│       └── Vehicle: rover, uav1, uav2
+│           └── as above
+└── (features)
+    ├── Altitude = Height[Vehicle]: float in m
+    │   ├── a carries Altitude[uav1]
+    │   └── BarometricAltitude[Vehicle]: float in m
+    │       └── b carries BarometricAltitude[u] for every u in UAV
+    ├── Daylight: boolean (no stream)
+    ├── Power[Vehicle]: float in W
+    │   └── c carries Power[rover]
+    └── XYDist[UAV, Vehicle]: float in m (no stream)"""
+    )
+
+
+def test_an_explanation(knowledge: Knowledge) -> None:
+    ssl = 'stream b contains BarometricAltitude[uav1] = z; stream a contains Altitude[uav1] = z'
+    known = matcher_of(ssl, knowledge)
+    concept = parse_concept('BarometricAltitude[uav1]')
+    assert (
+        text_of(explanation_tree(str(concept), known.explain(concept)))
+        == """\
+BarometricAltitude[uav1]
+├── matches
+│   └── stream BarometricAltitude_uav1_from_b = select z as "BarometricAltitude[uav1]" from b
+│       └── exact match: b carries BarometricAltitude[uav1]
+└── does not match
+    └── a carries Altitude[uav1]
+        └── Altitude is above BarometricAltitude, not below it"""
+    )
+
+
+def test_what_is_provided_from_below_is_provided(knowledge: Knowledge) -> None:
+    ssl = 'stream b contains BarometricAltitude[uav1] = z'
+    found = {each['name']: each for each in as_json(entries(matcher_of(ssl, knowledge)))}
+    assert found['Altitude']['is_provided']
+    assert found['Altitude']['streams'] == ()
+    assert not found['Power']['is_provided']
+
+
+NAMES = [f'C{number}' for number in range(6)]
+
+
+@given(st.lists(st.tuples(st.sampled_from(NAMES), st.sampled_from(NAMES)), max_size=10))
+def test_parents_give_back_the_order(pairs: list[tuple[str, str]]) -> None:
+    here, rdf = 'http://here#', 'http://www.w3.org/1999/02/22-rdf-syntax-ns#'
+    triples = [(here + each, f'{rdf}type', 'http://www.w3.org/2002/07/owl#Class') for each in NAMES]
+    subclass_of = 'http://www.w3.org/2000/01/rdf-schema#subClassOf'
+    knowledge = Knowledge([*triples, *((here + a, subclass_of, here + b) for a, b in pairs)])
+    found = entries(Matcher(knowledge))
+    parents = {each.name: set(each.parents) for each in found}
+    assert sorted(name for each in found for name in (each.name, *each.equivalents)) == NAMES
+
+    def above(name: str) -> set[str]:
+        return parents[name].union(*map(above, parents[name]))
+
+    for entry in found:
+        strictly = set(knowledge.superconcepts(entry.name)) - {entry.name, *entry.equivalents}
+        assert above(entry.name) == strictly & parents.keys()
+        assert not any(above(one) & entry_parents for entry_parents in [parents[entry.name]]
+                       for one in entry_parents)  # fmt: skip
+    assert {line.strip('│├└─ ').partition(' ')[0] for line in text_of(as_tree(found)).splitlines()}
