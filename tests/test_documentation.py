@@ -13,7 +13,14 @@ from typing import TYPE_CHECKING
 import pytest
 
 from dyknow_reasoning import SymbolKind, check_types, parse_formula, symbols_of
-from dyknow_semantics import Ontology, check_annotation, match, parse_annotations, parse_concept
+from dyknow_semantics import (
+    Ontology,
+    check_annotation,
+    match,
+    parse_annotations,
+    parse_bridges,
+    parse_concept,
+)
 from dyknow_stream_processing import (
     NO_CONSTRAINTS,
     LanguageError,
@@ -81,7 +88,7 @@ def rover_annotations() -> tuple[Annotation, ...]:
 
 
 def test_the_manual_shows_every_language() -> None:
-    for language in ('formula', 'python', 'ssl', 'streams'):
+    for language in ('bridges', 'formula', 'python', 'ssl', 'streams'):
         assert blocks('docs/languages.md', language), language
 
 
@@ -117,6 +124,12 @@ def test_streams_can_be_made(text: str) -> None:
 def test_annotations_parse(text: str) -> None:
     annotations = parse_annotations(text)
     assert parse_annotations(''.join(map(str, annotations))) == annotations
+
+
+@pytest.mark.parametrize('text', every('bridges'))
+def test_bridges_parse(text: str) -> None:
+    bridges = parse_bridges(text)
+    assert parse_bridges(''.join(map(str, bridges))) == bridges
 
 
 @pytest.mark.parametrize('text', every('python'))

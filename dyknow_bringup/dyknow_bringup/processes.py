@@ -39,11 +39,13 @@ class Configuration:
         ontologies: OWL files.
         annotations: files in SSL.
         streams: files in the stream language, with a sink for each stream to be made.
+        bridges: files of bridge rules between the ontologies.
     """
 
     ontologies: tuple[Path, ...] = ()
     annotations: tuple[Path, ...] = ()
     streams: tuple[Path, ...] = ()
+    bridges: tuple[Path, ...] = ()
 
 
 def dyknow_processes(configuration: Configuration) -> tuple[Process, ...]:
@@ -61,7 +63,11 @@ def dyknow_processes(configuration: Configuration) -> tuple[Process, ...]:
             'stream_semantics_manager',
             _files('annotations', configuration.annotations),
         ),
-        Process('dyknow_semantics', 'semantic_matching_engine'),
+        Process(
+            'dyknow_semantics',
+            'semantic_matching_engine',
+            _files('bridges', configuration.bridges),
+        ),
         Process('dyknow_reasoning', 'stream_reasoning_engine'),
         Process('dyknow_coordinator', 'stream_reasoning_coordinator'),
     )

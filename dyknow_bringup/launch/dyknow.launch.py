@@ -12,6 +12,7 @@ ARGUMENTS = {
     'ontology': ('', 'OWL files, separated by commas'),
     'annotations': ('', 'files in SSL, separated by commas'),
     'streams': ('', 'files in the stream language, separated by commas'),
+    'bridges': ('', 'files of bridge rules between the ontologies, separated by commas'),
 }
 
 
@@ -22,7 +23,7 @@ def files(text):
 
 def processes(values):
     """The nodes of DyKnow."""
-    names = ('ontology', 'annotations', 'streams')
+    names = ('ontology', 'annotations', 'streams', 'bridges')
     return dyknow_processes(Configuration(*(files(values[name]) for name in names)))
 
 

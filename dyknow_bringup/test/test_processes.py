@@ -56,3 +56,9 @@ def test_scenarios_are_found_by_name_and_by_path(tmp_path: Path) -> None:
     assert scenario_path(str(own)) == own
     with pytest.raises(BringupError, match=r"no scenario 'picnic'; use geofence, .*power_surge"):
         scenario_path('picnic')
+
+
+def test_bridges_go_to_the_matching_engine() -> None:
+    processes = dyknow_processes(Configuration(bridges=(Path('/robots.bridges'),)))
+    parameters = {process.executable: process.parameters for process in processes}
+    assert parameters['semantic_matching_engine'] == {'bridges': ['/robots.bridges']}

@@ -40,13 +40,14 @@ GRACE = 5.0
 
 def up(chosen: argparse.Namespace) -> int:
     """Runs the seven nodes until SIGINT or SIGTERM, or until one of them ends."""
-    for path in (*chosen.ontology, *chosen.annotations, *chosen.streams):
+    for path in (*chosen.ontology, *chosen.annotations, *chosen.streams, *chosen.bridges):
         if not path.is_file():
             raise BringupError(f'there is no file {path}', ExitCode.NOT_FOUND)
     configuration = Configuration(
         tuple(path.resolve() for path in chosen.ontology),
         tuple(path.resolve() for path in chosen.annotations),
         tuple(path.resolve() for path in chosen.streams),
+        tuple(path.resolve() for path in chosen.bridges),
     )
     logs = chosen.logs or Path(tempfile.mkdtemp(prefix='dyknow_'))
     logs.mkdir(parents=True, exist_ok=True)
@@ -141,6 +142,7 @@ def options(arguments: Sequence[str]) -> argparse.Namespace:
         ('ontology', 'OWL files'),
         ('annotations', 'files in SSL'),
         ('streams', 'files in the stream language'),
+        ('bridges', 'files of bridge rules between the ontologies'),
     ):
         starting.add_argument(
             f'--{name}', nargs='*', type=Path, default=[], metavar='FILE', help=what

@@ -1,0 +1,79 @@
+"""The semantics command, as people run it."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+from typing import TYPE_CHECKING
+
+import pytest
+from dyknow_interfaces import srv
+
+from dyknow_bringup.resources import executable_path, uav_ontology_path
+from services import Nodes
+from system import LIMIT
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+ONTOLOGY = 'ontology_manager'
+SEMANTICS = 'stream_semantics_manager'
+
+
+@pytest.fixture(scope='module')
+def nodes(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Nodes]:
+    """An ontology with one vehicle, and a stream of its power."""
+    with Nodes(
+        tmp_path_factory.mktemp('semantics'),
+        ontology_manager={'ontologies': [str(uav_ontology_path())]},
+        stream_semantics_manager={},
+    ) as nodes:
+        nodes.obtain(ONTOLOGY, srv.InstanceCreate, instance_name='uav1', concept_names=['UAV'])
+        ssl = 'stream uav1_power contains Power[uav1] = power [kW];'
+        nodes.obtain(SEMANTICS, srv.AddSemanticSpecification, ssl_statement=ssl)
+        yield nodes
+
+
+def semantics(*arguments: str) -> subprocess.CompletedProcess[str]:
+    # The client of the nodes has put their ROS domain into the environment.
+    return subprocess.run(
+        [executable_path('dyknow_semantics', 'semantics'), *arguments],
+        capture_output=True,
+        text=True,
+        timeout=LIMIT,
+        check=False,
+    )
+
+
+@pytest.mark.usefixtures('nodes')
+def test_the_hierarchies() -> None:
+    shown = semantics()
+    assert shown.returncode == 0, shown.stderr
+    assert 'uav1_power carries Power[uav1]' in shown.stdout
+    assert '(no stream)' in shown.stdout
+    concepts = {each['name']: each for each in json.loads(semantics('--json').stdout)['concepts']}
+    assert concepts['Power']['streams'] == ['uav1_power carries Power[uav1]']
+    assert not concepts['Altitude']['is_provided']
+
+
+@pytest.mark.usefixtures('nodes')
+def test_why_a_stream_matches() -> None:
+    shown = semantics('--explain', 'Power[u] for every u in UAV', '--json')
+    assert shown.returncode == 0, shown.stderr
+    (found,) = json.loads(shown.stdout)
+    assert found['matches']
+    assert found['reason'] == 'exact match: uav1_power carries Power[uav1]; kW is converted to W'
+
+
+@pytest.mark.usefixtures('nodes')
+def test_a_concept_that_is_unknown() -> None:
+    shown = semantics('--explain', 'Powr')
+    assert shown.returncode == 1
+    assert "unknown concept 'Powr'" in shown.stderr
+
+
+@pytest.mark.usefixtures('nodes')
+def test_a_node_that_is_not_there() -> None:
+    shown = semantics('--ontology-manager', 'nobody', '--timeout', '0.5 s')
+    assert shown.returncode == 2
+    assert '/nobody' in shown.stderr
