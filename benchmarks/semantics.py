@@ -1,0 +1,288 @@
+"""What matching costs: alone, after a change, as a service; equality with a scan is checked first.
+
+python benchmarks/semantics.py [--json] [--only matching|changes|ontology|service] [--quick]
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import statistics
+import subprocess
+import sys
+import tempfile
+import time
+from contextlib import suppress
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import rclpy
+from dyknow_interfaces.srv import (
+    AddSemanticSpecification,
+    ConceptGetInstances,
+    FindAllMatchingStreams,
+)
+from processes import Client, use_private_domain
+from rclpy.executors import ExternalShutdownException
+
+from dyknow_bringup.launcher import Launcher
+from dyknow_bringup.processes import Process
+from dyknow_semantics import Knowledge, Matcher, Ontology, parse_annotations, parse_concept
+from dyknow_stream_processing.ros.runtime import SERVICE
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from dyknow_semantics import Annotation, Triple
+
+HERE = 'http://www.example.org/benchmark#'
+RDF_TYPE = 'http://www.w3.org/1999/02/22-rdf-syntax-ns#type'
+SUBCLASS_OF = 'http://www.w3.org/2000/01/rdf-schema#subClassOf'
+OWL_CLASS = 'http://www.w3.org/2002/07/owl#Class'
+DYKNOW = 'http://www.dyknow.org/ontology#'
+EMPTY_SERVICE = '/empty/find_all_matching_streams'
+MATCHING_SERVICE = '/semantic_matching_engine/find_all_matching_streams'
+INSTANCES_SERVICE = '/ontology_manager/concept_get_instances'
+ADDING_SERVICE = '/stream_semantics_manager/add_semantic_specification'
+
+CONCEPT = parse_concept('F0[u] for every u in UAV')
+
+
+def triples(features: int, objects: int) -> list[Triple]:
+    """An ontology of so many features of one sort, and of so many objects of it."""
+    found: list[Triple] = [(f'{HERE}UAV', RDF_TYPE, OWL_CLASS)]
+    for name in (f'{HERE}F{number}' for number in range(features)):
+        found += [
+            (name, RDF_TYPE, OWL_CLASS),
+            (name, SUBCLASS_OF, f'{DYKNOW}Feature'),
+            (name, f'{DYKNOW}argument1', f'{HERE}UAV'),
+            (name, f'{DYKNOW}value_type', 'float'),
+        ]
+    found += [(f'{HERE}uav{number}', RDF_TYPE, f'{HERE}UAV') for number in range(objects)]
+    return found
+
+
+def write_ontology(path: Path, features: int, objects: int) -> Path:
+    """The same as a file of N-Triples."""
+    lines = [f'<{HERE[:-1]}> <{RDF_TYPE}> <http://www.w3.org/2002/07/owl#Ontology> .']
+    for subject, predicate, value in triples(features, objects):
+        text = f'<{value}>' if value.startswith('http') else json.dumps(value)
+        lines.append(f'<{subject}> <{predicate}> {text} .')
+    path.write_text('\n'.join(lines) + '\n', encoding='utf-8')
+    return path
+
+
+def annotations(specifications: int, relevant: int) -> dict[str, Annotation]:
+    """So many annotations, some of F0 and each other one of a feature of its own."""
+    ssl = [
+        f'stream s{number} contains '
+        f'F{max(0, number - relevant + 1)}[uav{min(number, relevant - 1)}] = value;'
+        for number in range(specifications)
+    ]
+    return {text: parse_annotations(text)[0] for text in ssl}
+
+
+def milliseconds(function: Callable[[], object], repetitions: int) -> float:
+    """The median of what a call takes of the processor, which others use as well."""
+    times = []
+    for _ in range(repetitions):
+        begun = time.thread_time()
+        function()
+        times.append(time.thread_time() - begun)
+    return round(statistics.median(times) * 1e3, 4)
+
+
+def scan(found: dict[str, Annotation]) -> list[tuple[str, str]]:
+    """What matches, by a look at every annotation."""
+    contents = ((each.stream, each.contents[0].feature) for each in found.values())
+    return sorted((stream, str(feature)) for stream, feature in contents if feature.name == 'F0')
+
+
+def matching(*, quick: bool) -> Any:
+    """A concept, asked for again and again; the first answer after a start is apart."""
+    rows = []
+    for specifications, relevant, features in (
+        (2_000, 1, 2_000),
+        (2_000, 1, 5_000),
+        (2_000, 10, 2_000),
+        (10_000 if quick else 100_000, 10, 10_000 if quick else 100_000),
+        (2_000, 2_000, 1),
+    ):
+        known = annotations(specifications, relevant)
+        matcher = Matcher(Knowledge(triples(features, max(relevant, 1))))
+        matcher.update(known)
+        begun = time.perf_counter()
+        found = matcher.match(CONCEPT)
+        first = time.perf_counter() - begun
+        carried = [(str(each.declaration.stream.inputs[0]), each.ground_feature) for each in found]
+        assert sorted(carried) == scan(known), 'not what the scan gives'
+        repetitions = 20 if quick else 200
+        rows.append({
+            'specifications': specifications,
+            'relevant': relevant,
+            'features': features,
+            'ms': milliseconds(lambda: matcher.match(CONCEPT), repetitions),  # noqa: B023
+            'first_ms': round(first * 1e3, 4),
+            'scan_ms': milliseconds(lambda: scan(known), 5),  # noqa: B023
+        })  # fmt: skip
+    return rows
+
+
+def changes(*, quick: bool) -> Any:
+    """An annotation more, and an object more, of 2,000 annotations."""
+    matcher = Matcher(Knowledge(triples(2_000, 10)))
+    matcher.update(annotations(2_000, 10))
+    text = 'stream new contains F0[uav0] = value;'
+    new = parse_annotations(text)[0]
+
+    def add_and_remove() -> None:
+        matcher.add(text, new)
+        matcher.remove(text)
+
+    worlds = [Knowledge(triples(2_000, number)) for number in (11, 10)] * (2 if quick else 10)
+    again = iter(worlds)
+    learning = milliseconds(lambda: matcher.learn(next(again)), len(worlds))
+    assert matcher.match(CONCEPT) == match_anew(2_000, 10)
+    return {
+        'add_and_remove_annotation_ms': milliseconds(add_and_remove, 100),
+        'add_or_remove_object_ms': learning,
+        'everything_anew_ms': milliseconds(lambda: match_anew(2_000, 10), 2),
+    }
+
+
+def match_anew(specifications: int, relevant: int) -> object:
+    """The answer of a matcher that begins with nothing, but for the parsing."""
+    matcher = Matcher(Knowledge(triples(specifications, relevant)))
+    matcher.update(annotations(specifications, relevant))
+    return matcher.match(CONCEPT)
+
+
+def ontology(*, quick: bool) -> Any:
+    """Loading classes, and the instances of a sort."""
+    classes, objects = (500, 1_000) if quick else (5_000, 10_000)
+    with tempfile.TemporaryDirectory() as folder, Ontology() as loaded:
+        path = write_ontology(Path(folder, 'benchmark.nt'), classes, 1)
+        begun = time.perf_counter()
+        loaded.load(path)
+        loading = time.perf_counter() - begun
+        assert len(loaded.knowledge.features) == classes
+    knowledge = Knowledge(triples(1, objects))
+    assert len(knowledge.instances('UAV')) == objects
+    return {
+        'classes': classes,
+        'load_seconds': round(loading, 2),
+        'individuals': objects,
+        'instances_ms': milliseconds(lambda: knowledge.instances('UAV'), 50),
+    }
+
+
+def service(*, quick: bool) -> Any:
+    """The round trip of a request, beside that of a service that answers nothing at once."""
+    use_private_domain()
+    rounds = 50 if quick else 500
+    with tempfile.TemporaryDirectory() as folder:
+        ssl = Path(folder, 'benchmark.ssl')
+        ssl.write_text('\n'.join(annotations(2_000, 1)), encoding='utf-8')
+        owl = write_ontology(Path(folder, 'benchmark.nt'), 2_000, 1_000 if quick else 10_000)
+        launcher = Launcher(Path(folder))
+        package = 'dyknow_semantics'
+        launcher.start(Process(package, 'ontology_manager', {'ontologies': [str(owl)]}))
+        launcher.start(Process(package, 'stream_semantics_manager', {'annotations': [str(ssl)]}))
+        launcher.start(Process(package, 'semantic_matching_engine', {}))
+        with subprocess.Popen([sys.executable, __file__, '--serve-nothing']) as empty:
+            client = Client()
+            try:
+                return {**_round_trips(client, rounds), **_changes_by_service(client, rounds // 10)}
+            finally:
+                client.close()
+                empty.terminate()
+                launcher.stop_all()
+
+
+def _round_trips(client: Client, rounds: int) -> dict[str, float]:
+    request = FindAllMatchingStreams.Request(concept=str(CONCEPT))
+    services = {
+        name: client.node.create_client(FindAllMatchingStreams, name, qos_profile=SERVICE)
+        for name in (EMPTY_SERVICE, MATCHING_SERVICE)
+    }
+    times: dict[str, list[float]] = {name: [] for name in services}
+    client.spin_until(
+        lambda: all(each.service_is_ready() for each in services.values()), 'the services are there'
+    )
+    for number in range(2 * rounds + 20):
+        name = [*services][number % 2]
+        begun = time.perf_counter()
+        future = services[name].call_async(request)
+        client.spin_until(future.done, name)
+        if number >= 20:  # noqa: PLR2004 - the first ones find each other
+            times[name].append(time.perf_counter() - begun)
+        if name == MATCHING_SERVICE and number >= 20:  # noqa: PLR2004
+            assert len(future.result().stream_specifications) == 1, future.result()
+    empty, full = (statistics.median(each) * 1e3 for each in times.values())
+    return {
+        'empty_ms': round(empty, 3),
+        'matching_ms': round(full, 3),
+        'ratio': round(full / empty, 2),
+    }
+
+
+def _changes_by_service(client: Client, rounds: int) -> dict[str, float]:
+    """What those wait for who list a sort, add an annotation, and then match anew."""
+    times: dict[str, list[float]] = {'instances_ms': [], 'add_ms': [], 'match_after_add_ms': []}
+    for number in range(rounds):
+        ssl = f'stream new{number} contains F1[uav1] = value;'
+        for name, service_type, service, fields in (
+            ('instances_ms', ConceptGetInstances, INSTANCES_SERVICE, {'concept_name': 'UAV'}),
+            ('add_ms', AddSemanticSpecification, ADDING_SERVICE, {'ssl_statement': ssl}),
+            (
+                'match_after_add_ms',
+                FindAllMatchingStreams,
+                MATCHING_SERVICE,
+                {'concept': 'F1[uav1]'},
+            ),
+        ):
+            begun = time.perf_counter()
+            answer = client.call(service_type, service, **fields)
+            times[name].append((time.perf_counter() - begun) * 1e3)
+            assert answer.exit_status.code == 0, answer
+        assert len(answer.stream_specifications) == number + 1
+    return {name: round(statistics.median(each), 2) for name, each in times.items()}
+
+
+def serve_nothing() -> None:
+    """A node with an empty service."""
+    rclpy.init()
+    node = rclpy.create_node('empty')
+    node.create_service(
+        FindAllMatchingStreams, EMPTY_SERVICE, lambda _, response: response, qos_profile=SERVICE
+    )
+    with suppress(ExternalShutdownException):
+        rclpy.spin(node)
+
+
+PARTS = {each.__name__: each for each in (matching, changes, ontology, service)}
+
+
+def main() -> None:
+    """Measures and prints."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument('--json', action='store_true', help='print one JSON object')
+    parser.add_argument('--only', choices=PARTS, action='append')
+    parser.add_argument('--quick', action='store_true', help='shorter, less exact')
+    parser.add_argument('--serve-nothing', action='store_true', help=argparse.SUPPRESS)
+    arguments = parser.parse_args()
+    if arguments.serve_nothing:
+        serve_nothing()
+        return
+    found = {name: PARTS[name](quick=arguments.quick) for name in arguments.only or PARTS}
+    if arguments.json:
+        print(json.dumps(found))
+        return
+    for name, rows in found.items():
+        print(name)
+        for row in rows if isinstance(rows, list) else [rows]:
+            print('  ', row)
+
+
+if __name__ == '__main__':
+    main()
