@@ -40,12 +40,16 @@ class Configuration:
         annotations: files in SSL.
         streams: files in the stream language, with a sink for each stream to be made.
         bridges: files of bridge rules between the ontologies.
+        store: a folder that keeps what services change of the ontology and of the annotations.
+        reasoner: what tells what follows from the ontology; the node's default where it is empty.
     """
 
     ontologies: tuple[Path, ...] = ()
     annotations: tuple[Path, ...] = ()
     streams: tuple[Path, ...] = ()
     bridges: tuple[Path, ...] = ()
+    store: Path | None = None
+    reasoner: str = ''
 
 
 def dyknow_processes(configuration: Configuration) -> tuple[Process, ...]:
@@ -56,12 +60,21 @@ def dyknow_processes(configuration: Configuration) -> tuple[Process, ...]:
             'dyknow_stream_processing', 'stream_manager', _files('streams', configuration.streams)
         ),
         Process(
-            'dyknow_semantics', 'ontology_manager', _files('ontologies', configuration.ontologies)
+            'dyknow_semantics',
+            'ontology_manager',
+            {
+                **_files('ontologies', configuration.ontologies),
+                **_store(configuration.store, 'ontology.sqlite3'),
+                **({'reasoner': configuration.reasoner} if configuration.reasoner else {}),
+            },
         ),
         Process(
             'dyknow_semantics',
             'stream_semantics_manager',
-            _files('annotations', configuration.annotations),
+            {
+                **_files('annotations', configuration.annotations),
+                **_store(configuration.store, 'annotations.sqlite3'),
+            },
         ),
         Process(
             'dyknow_semantics',
@@ -121,6 +134,10 @@ def ros_arguments(
         # JSON is YAML, which is how rclpy reads the values of parameters.
         arguments += ['-p', f'{name}:={json.dumps(value)}']
     return arguments
+
+
+def _store(folder: Path | None, file: str) -> Mapping[str, Parameter]:
+    return {} if folder is None else {'store': str(folder / file)}
 
 
 def _files(name: str, paths: Sequence[Path]) -> Mapping[str, Parameter]:

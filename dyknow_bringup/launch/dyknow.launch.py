@@ -13,6 +13,8 @@ ARGUMENTS = {
     'annotations': ('', 'files in SSL, separated by commas'),
     'streams': ('', 'files in the stream language, separated by commas'),
     'bridges': ('', 'files of bridge rules between the ontologies, separated by commas'),
+    'store': ('', 'a folder that keeps what services change of ontology and annotations'),
+    'reasoner': ('', 'structural, hermit or pellet; the last two need Java'),
 }
 
 
@@ -24,7 +26,14 @@ def files(text):
 def processes(values):
     """The nodes of DyKnow."""
     names = ('ontology', 'annotations', 'streams', 'bridges')
-    return dyknow_processes(Configuration(*(files(values[name]) for name in names)))
+    store = values['store']
+    return dyknow_processes(
+        Configuration(
+            *(files(values[name]) for name in names),
+            store=Path(store).resolve() if store else None,
+            reasoner=values['reasoner'],
+        )
+    )
 
 
 def generate_launch_description():

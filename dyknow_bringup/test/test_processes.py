@@ -58,6 +58,16 @@ def test_scenarios_are_found_by_name_and_by_path(tmp_path: Path) -> None:
         scenario_path('picnic')
 
 
+def test_what_is_kept_and_what_reasons() -> None:
+    processes = dyknow_processes(Configuration(store=Path('/kept'), reasoner='hermit'))
+    parameters = {process.executable: process.parameters for process in processes}
+    assert parameters['ontology_manager'] == {
+        'store': '/kept/ontology.sqlite3',
+        'reasoner': 'hermit',
+    }
+    assert parameters['stream_semantics_manager'] == {'store': '/kept/annotations.sqlite3'}
+
+
 def test_bridges_go_to_the_matching_engine() -> None:
     processes = dyknow_processes(Configuration(bridges=(Path('/robots.bridges'),)))
     parameters = {process.executable: process.parameters for process in processes}

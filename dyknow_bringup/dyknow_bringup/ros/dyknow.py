@@ -48,6 +48,8 @@ def up(chosen: argparse.Namespace) -> int:
         tuple(path.resolve() for path in chosen.annotations),
         tuple(path.resolve() for path in chosen.streams),
         tuple(path.resolve() for path in chosen.bridges),
+        _folder(chosen.store),
+        chosen.reasoner,
     )
     logs = chosen.logs or Path(tempfile.mkdtemp(prefix='dyknow_'))
     logs.mkdir(parents=True, exist_ok=True)
@@ -124,6 +126,12 @@ def _say(text: str) -> None:
     print(text, flush=True)  # noqa: T201 - this is a command
 
 
+def _folder(path: Path | None) -> Path | None:
+    if path is not None:
+        path.mkdir(parents=True, exist_ok=True)
+    return path and path.resolve()
+
+
 def _duration(text: str) -> int:
     try:
         return parse_duration(text)
@@ -147,6 +155,17 @@ def options(arguments: Sequence[str]) -> argparse.Namespace:
         starting.add_argument(
             f'--{name}', nargs='*', type=Path, default=[], metavar='FILE', help=what
         )
+    starting.add_argument(
+        '--store',
+        type=Path,
+        metavar='FOLDER',
+        help='keeps what services change of ontology and annotations (default: nothing is kept)',
+    )
+    starting.add_argument(
+        '--reasoner',
+        default='',
+        help='structural, hermit or pellet, the last two with Java (default: structural)',
+    )
     starting.add_argument('--namespace', default='', help='of all nodes (default: none)')
     starting.add_argument('--use-sim-time', action='store_true', help='take time from /clock')
     starting.add_argument('--log-level', default='info', help='of all nodes (default: info)')
