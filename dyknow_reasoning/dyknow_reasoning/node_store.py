@@ -111,6 +111,8 @@ class NodeStore:
             node: what remains.
             bounds: the new bound for each old one.
         """
+        if all(old == new for old, new in bounds.items()):
+            return node
         found: dict[Node, Node] = {}
         for each in remains(node):
             match each:
@@ -199,7 +201,8 @@ class NodeStore:
                 groups[group] = self._merged(windows, universal=universal)
                 flat = {member: None for member in flat if member not in windows}
                 flat.update(dict.fromkeys(groups[group]))
-        if len(groups) > 1 and self._contradictory(groups, universal=universal):
+        kinds = {kind for kind, _, _ in groups}
+        if len(kinds) > 1 and self._contradictory(groups, universal=universal):
             return {constant(value=not universal): None}
         for junction in junctions:
             if any(

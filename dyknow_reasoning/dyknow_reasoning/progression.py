@@ -52,6 +52,8 @@ class Progression:
 
     def progress(self, node: Node, *, fresh: bool) -> Node:
         """What must hold after the state for the formula to hold."""
+        if type(node) is Constant:
+            return node
         key = (node, fresh)
         found = self._memo.get(key)
         if found is None:
@@ -64,7 +66,10 @@ class Progression:
         if type(node) is Window:
             return self._step_window(node, fresh=fresh)
         if type(node) is Junction:
-            members = [self.progress(part, fresh=fresh) for part in node.parts]
+            members = tuple([self.progress(part, fresh=fresh) for part in node.parts])
+            # Where nothing happened there is nothing to simplify: how bounds compare never changes.
+            if members == node.parts:
+                return node
             return self.store.junction(members, universal=node.universal)
         if type(node) is Literal:
             return TRUE if (self._symbol >> node.slot & 1) == node.positive else FALSE
@@ -86,10 +91,15 @@ class Progression:
         # The next state is at least a nanosecond away, so a start of one is already reached then.
         if start is not None and not later(start, now, 1):
             start = None
-        rest = self.store.window(start, end, node.left, node.right, universal=node.universal)
-        if not fresh:
+        rest: Node = node
+        if start is not node.start or end is not node.end:
+            sides = node.left, node.right
+            rest = self.store.window(start, end, *sides, universal=node.universal)
+        if not fresh and node.left is not (FALSE if node.universal else TRUE):
             left = self.progress(node.left, fresh=True)
             rest = self.store.junction((left, rest), universal=not node.universal)
+        if current is neutral:
+            return rest
         return self.store.junction((current, rest), universal=node.universal)
 
     def _from_now(self, bound: Bound | None) -> Bound | None:
