@@ -11,7 +11,7 @@ import subprocess
 import sys
 from pathlib import Path
 from statistics import median
-from time import perf_counter
+from time import process_time
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -29,6 +29,7 @@ NO_LIMIT = 1 << 62
 RESPONSE = 'always (Alt[x] > 2 -> eventually[0, 5 s] Alt[x] < 2)'
 PAPER = 'always (not p[x] -> eventually[0, 1000] always[0, 999] p[x])'
 POWER = 'always (Power[x] > 150 -> Power[x] < 200 until[0 s, 5 s] always[0 s, 3 s] Power[x] <= 150)'
+GROWING = 'always (p -> eventually[0, 5 s] (q and always[0, 2 s] (r or eventually[0, 1 s] s)))'
 SAWTOOTH = [3.0] * 20 + [1.0] * 20
 SURGES = [140.0] * 10 + [190.0] * 40 + [140.0] * 50
 STREAMS = {
@@ -74,13 +75,33 @@ def one_formula(text: str, feature: str, wave: Sequence[Any], *, regular: bool) 
 
     def run() -> float:
         progress = group_of(text, 1).progress
-        begin = perf_counter()
+        begin = process_time()
         for time, state in zip(times, values, strict=True):
             if progress(time, state):
                 raise AssertionError('the stream was to keep the formula undecided')
-        return (perf_counter() - begin) / states * 1e6
+        return (process_time() - begin) / states * 1e6
 
     return repeated(run)
+
+
+def growing(*, regular: bool) -> list[float]:
+    """Microseconds for each state of a formula of which ever more remains, and never the same."""
+    states = 3000
+    rng = np.random.default_rng(6)
+    truths = (rng.random((states, 4)) < [0.5, 0.6, 0.8, 0.8]) | (np.arange(states) % 7 == 0)[
+        :, None
+    ]
+    group = FormulaGroup()
+    group.add_formula('it', GROWING)
+    group.begin({})
+    costs = []
+    for time, row in zip(times_of(states, regular=regular), truths.tolist(), strict=True):
+        state = dict(zip('pqrs', row, strict=True))
+        begin = process_time()
+        results = group.progress(time, state)
+        costs.append((process_time() - begin) * 1e6)
+        assert not results
+    return costs
 
 
 def from_dicts(group: FormulaGroup, feature: str, objects: int, wave: Sequence[Any]) -> list[float]:
@@ -97,9 +118,9 @@ def from_dicts(group: FormulaGroup, feature: str, objects: int, wave: Sequence[A
     ]
     costs = []
     for index in range(max(distinct, min(1000, 3_000_000 // objects))):
-        begin = perf_counter()
+        begin = process_time()
         results = group.progress(index * PERIOD, states[index % distinct])
-        costs.append((perf_counter() - begin) * 1e6)
+        costs.append((process_time() - begin) * 1e6)
         assert not results
     return costs
 
@@ -116,9 +137,9 @@ def recorded(text: str, feature: str, wave: Sequence[Any], objects: int, *, regu
     times = times_of(2 * states, regular=regular)
     group = group_of(text, objects)
     assert not group.progress_many(times[:states], columns)
-    begin = perf_counter()
+    begin = process_time()
     assert not group.progress_many(times[states:], columns)
-    return (perf_counter() - begin) / states / objects * 1e9
+    return (process_time() - begin) / states / objects * 1e9
 
 
 def check_equality() -> None:
@@ -166,11 +187,11 @@ def yardstick() -> float:
     times, state = times_of(50_000, regular=True), {'p': True}
 
     def run() -> float:
-        begin = perf_counter()
+        begin = process_time()
         for time in times:
             if nothing(time, state):
                 raise AssertionError
-        return (perf_counter() - begin) / len(times) * 1e6
+        return (process_time() - begin) / len(times) * 1e6
 
     return repeated(run)
 
@@ -188,6 +209,9 @@ def measurements() -> Iterator[tuple[str, str, float]]:
         )
         yield 'figure 8', microseconds, one_formula(PAPER, 'p', STREAMS['often'], regular=regular)
         yield 'power', microseconds, one_formula(POWER, 'Power', SURGES, regular=regular)
+        costs = growing(regular=regular)
+        yield 'nested formula that grows, mean', microseconds, sum(costs) / len(costs)
+        yield 'nested formula that grows, worst state', microseconds, max(costs)
     for name, wave in STREAMS.items():
         group = group_of(PAPER, 1000, apart=True)
         cost = median(from_dicts(group, 'p', 1000, wave))
