@@ -64,9 +64,12 @@ class Progression:
 
     def _step(self, node: Node, *, fresh: bool) -> Node:
         if type(node) is Window:
-            return self._step_window(node, fresh=fresh)
+            members = self._step_window(node, fresh=fresh)
+            if len(members) == 1:
+                return members[0]
+            return self.store.junction(members, universal=node.universal)
         if type(node) is Junction:
-            members = tuple([self.progress(part, fresh=fresh) for part in node.parts])
+            members = self._step_parts(node, fresh=fresh)
             # Where nothing happened there is nothing to simplify: how bounds compare never changes.
             if members == node.parts:
                 return node
@@ -75,7 +78,18 @@ class Progression:
             return TRUE if (self._symbol >> node.slot & 1) == node.positive else FALSE
         return node
 
-    def _step_window(self, node: Window, *, fresh: bool) -> Node:
+    def _step_parts(self, node: Junction, *, fresh: bool) -> tuple[Node, ...]:
+        """What must hold for the parts; a window's share is simplified once, with the others."""
+        members: list[Node] = []
+        for part in node.parts:
+            if type(part) is Window and part.universal is node.universal:
+                members += self._step_window(part, fresh=fresh)
+            else:
+                members.append(self.progress(part, fresh=fresh))
+        return tuple(members)
+
+    def _step_window(self, node: Window, *, fresh: bool) -> tuple[Node, ...]:
+        """What must hold for a window: all of these if it is universal, one of them if not."""
         neutral = TRUE if node.universal else FALSE
         start, end = node.start, node.end
         if fresh:
@@ -83,11 +97,11 @@ class Progression:
         later, now = self.chronology.later, self._now
         last = end is not None and not later(end, now)
         if end is not None and last and later(now, end):
-            return neutral
+            return (neutral,)
         begun = start is None or not later(start, now)
         current = self.progress(node.right, fresh=True) if begun else neutral
         if last or (type(current) is Constant and current is not neutral):
-            return current
+            return (current,)
         # The next state is at least a nanosecond away, so a start of one is already reached then.
         if start is not None and not later(start, now, 1):
             start = None
@@ -99,8 +113,8 @@ class Progression:
             left = self.progress(node.left, fresh=True)
             rest = self.store.junction((left, rest), universal=not node.universal)
         if current is neutral:
-            return rest
-        return self.store.junction((current, rest), universal=node.universal)
+            return (rest,)
+        return (current, rest)
 
     def _from_now(self, bound: Bound | None) -> Bound | None:
         return bound and Bound(self._now.state, bound.offset)
