@@ -1,6 +1,6 @@
 """How fast formulas are progressed, beside other tools in the same run.
 
-`python benchmarks/progression.py [--json] [--peers PYTHON] [--memory]`; see progression.md.
+`python benchmarks/progression.py [--json] [--peers PYTHON] [--memory]`; see README.md.
 """
 
 from __future__ import annotations
