@@ -48,13 +48,12 @@ def streams(nodes: StreamNodes, *arguments: str) -> subprocess.CompletedProcess[
 
 def start(nodes: StreamNodes, *arguments: str) -> subprocess.Popen[str]:
     return subprocess.Popen(
-        [executable_path(PACKAGE, 'streams'), *arguments],
+        # A shell has what it runs in the background ignore interrupts.
+        ['env', '--default-signal=INT', executable_path(PACKAGE, 'streams'), *arguments],
         env={**os.environ, **nodes.environment, 'COLUMNS': '200'},
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,
-        # A session of its own, in which an interrupt is not ignored as in one of the background.
-        start_new_session=True,
     )
 
 
