@@ -5,7 +5,6 @@ python benchmarks/semantics.py [--json] [--only matching|changes|ontology|servic
 
 from __future__ import annotations
 
-import argparse
 import json
 import statistics
 import subprocess
@@ -22,6 +21,7 @@ from dyknow_interfaces.srv import (
     ConceptGetInstances,
     FindAllMatchingStreams,
 )
+from parts import measure
 from processes import Client, use_private_domain
 from rclpy.executors import ExternalShutdownException
 
@@ -260,28 +260,12 @@ def serve_nothing() -> None:
         rclpy.spin(node)
 
 
-PARTS = {each.__name__: each for each in (matching, changes, ontology, service)}
-
-
 def main() -> None:
-    """Measures and prints."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument('--json', action='store_true', help='print one JSON object')
-    parser.add_argument('--only', choices=PARTS, action='append')
-    parser.add_argument('--quick', action='store_true', help='shorter, less exact')
-    parser.add_argument('--serve-nothing', action='store_true', help=argparse.SUPPRESS)
-    arguments = parser.parse_args()
-    if arguments.serve_nothing:
+    """Measures and prints, or serves as the baseline."""
+    if sys.argv[1:] == ['--serve-nothing']:
         serve_nothing()
-        return
-    found = {name: PARTS[name](quick=arguments.quick) for name in arguments.only or PARTS}
-    if arguments.json:
-        print(json.dumps(found))
-        return
-    for name, rows in found.items():
-        print(name)
-        for row in rows if isinstance(rows, list) else [rows]:
-            print('  ', row)
+    else:
+        measure(__doc__, matching, changes, ontology, service)
 
 
 if __name__ == '__main__':

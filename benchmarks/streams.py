@@ -5,12 +5,11 @@ python benchmarks/streams.py [--json] [--only core|figure_6|relay|load] [--quick
 
 from __future__ import annotations
 
-import argparse
-import json
 from typing import Any
 
 from accounts import Accounts
 from core import core_rows
+from parts import measure
 from processes import (
     ENGINE,
     nodes,
@@ -125,25 +124,10 @@ def load(*, quick: bool) -> Any:
         }
 
 
-PARTS = {each.__name__: each for each in (core, figure_6, relay, load)}
-
-
 def main() -> None:
     """Measures and prints."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument('--json', action='store_true', help='print one JSON object')
-    parser.add_argument('--only', choices=PARTS, action='append')
-    parser.add_argument('--quick', action='store_true', help='shorter, less exact')
-    arguments = parser.parse_args()
     use_private_domain()
-    found = {name: PARTS[name](quick=arguments.quick) for name in arguments.only or PARTS}
-    if arguments.json:
-        print(json.dumps(found))
-        return
-    for name, rows in found.items():
-        print(name)
-        for row in rows if isinstance(rows, list) else [rows]:
-            print('  ', row)
+    measure(__doc__, core, figure_6, relay, load)
 
 
 if __name__ == '__main__':

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import subprocess
 import sys
 from contextlib import contextmanager
@@ -21,7 +22,7 @@ from dyknow_stream_processing.ros import VIOLATIONS, StreamProxy
 from services import Nodes, time_of
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Callable, Iterator
     from pathlib import Path
 
     from dyknow_stream_processing import Sample, Violation
@@ -74,6 +75,26 @@ def wait_until_heard(client: Client, recording: Recording, publisher: Any, messa
         return len(recording.samples) > count
 
     client.spin_until(heard, f'a sample of {publisher.topic_name}')
+
+
+def flooded(
+    client: Client,
+    message_type: Any,
+    message: Callable[[int], Any],
+    is_lost: Callable[[Recording], bool],
+) -> Recording:
+    """A proxy with room for one message, to which numbered ones come until some are lost."""
+    publisher = client.node.create_publisher(message_type, '/a', RELIABLE)
+    recording = Recording(client, '/a', quality_of_service=QoSProfile(depth=1))
+    numbers = itertools.count(1)
+
+    def lost() -> bool:
+        for number in itertools.islice(numbers, 5):
+            publisher.publish(message(number))
+        return is_lost(recording)
+
+    client.spin_until(lost, 'a loss')
+    return recording
 
 
 def odometry(stamp: int, x: float = 0.0) -> Odometry:
@@ -292,18 +313,12 @@ def test_a_message_that_cannot_be_read_is_dropped(client: Client) -> None:
 
 
 def test_samples_that_are_lost_between_two_nodes_are_reported(client: Client) -> None:
-    publisher = client.node.create_publisher(SampleMessage, '/a', RELIABLE)
-    recording = Recording(client, '/a', quality_of_service=QoSProfile(depth=1))
-    sent = 0
-
-    def lost() -> bool:
-        nonlocal sent
-        for _ in range(5):
-            sent += 1
-            publisher.publish(SampleMessage(valid_time=time_of(sent)))
-        return 'lost' in recording.broken()
-
-    client.spin_until(lost, 'a loss')
+    recording = flooded(
+        client,
+        SampleMessage,
+        lambda number: SampleMessage(valid_time=time_of(number)),
+        lambda recording: 'lost' in recording.broken(),
+    )
     first = recording.samples[0].valid_time
     assert set(recording.broken()) == {'lost'}
     last = recording.samples[-1].valid_time
@@ -311,18 +326,12 @@ def test_samples_that_are_lost_between_two_nodes_are_reported(client: Client) ->
 
 
 def test_messages_that_are_lost_on_the_way_are_counted(client: Client) -> None:
-    publisher = client.node.create_publisher(Float64, '/a', RELIABLE)
-    recording = Recording(client, '/a', quality_of_service=QoSProfile(depth=1))
-    sent = 0
-
-    def lost() -> bool:
-        nonlocal sent
-        for _ in range(5):
-            sent += 1
-            publisher.publish(Float64(data=float(sent)))
-        return bool(recording.proxy.drops)
-
-    client.spin_until(lost, 'a loss')
+    recording = flooded(
+        client,
+        Float64,
+        lambda number: Float64(data=float(number)),
+        lambda recording: bool(recording.proxy.drops),
+    )
     values = recording.values()
     assert recording.proxy.drops['lost'] + len(values) == values[-1] - values[0] + 1
     assert not recording.violations

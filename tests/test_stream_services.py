@@ -52,6 +52,16 @@ def streams(nodes: Nodes, node: str) -> list[str]:
     return list(nodes.obtain(node, srv.ListStreams).stream_names)
 
 
+def assert_not_made(
+    nodes: Nodes, node: str, spec: StreamSpec, code: int, words: tuple[str, ...]
+) -> None:
+    """Asserts that a stream is refused, and that the node has the streams that it had."""
+    before = streams(nodes, node)
+    answer = nodes.call(node, srv.StreamCreateFromSpec, spec=spec)
+    assert_refused(answer.exit_status, code, *words)
+    assert streams(nodes, node) == before
+
+
 @pytest.fixture(scope='module')
 def engine(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Nodes]:
     """An engine alone."""
@@ -176,11 +186,7 @@ def test_the_engine_lists_and_destroys_streams(engine: Nodes) -> None:
 def test_a_stream_that_the_engine_cannot_make(
     engine: Nodes, name: str, text: str, code: int, words: tuple[str, ...]
 ) -> None:
-    before = streams(engine, ENGINE)
-    spec = StreamSpec(name=name, specification=text)
-    answer = engine.call(ENGINE, srv.StreamCreateFromSpec, spec=spec)
-    assert_refused(answer.exit_status, code, *words)
-    assert streams(engine, ENGINE) == before
+    assert_not_made(engine, ENGINE, StreamSpec(name=name, specification=text), code, words)
 
 
 @pytest.mark.usefixtures('altitude')
@@ -272,11 +278,7 @@ def test_a_registered_topic_can_be_forgotten(managed: Nodes) -> None:
 def test_a_stream_that_the_manager_cannot_have_made(
     managed: Nodes, name: str, text: str, code: int, words: tuple[str, ...]
 ) -> None:
-    before = streams(managed, MANAGER)
-    spec = StreamSpec(name=name, specification=text)
-    answer = managed.call(MANAGER, srv.StreamCreateFromSpec, spec=spec)
-    assert_refused(answer.exit_status, code, *words)
-    assert streams(managed, MANAGER) == before
+    assert_not_made(managed, MANAGER, StreamSpec(name=name, specification=text), code, words)
 
 
 @pytest.mark.parametrize(

@@ -42,6 +42,7 @@ from dyknow_stream_processing.specification import (
     made,
     references,
 )
+from dyknow_stream_processing.text_files import read_file
 from dyknow_stream_processing.violation import Broken, Violation
 
 __all__ = [
@@ -99,6 +100,7 @@ __all__ = [
     'made',
     'parse_duration',
     'parse_specification',
+    'read_file',
     'references',
     'resolve',
     'round_duration',

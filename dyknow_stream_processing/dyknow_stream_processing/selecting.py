@@ -111,11 +111,8 @@ class _UnfitError(Exception):
 
 def _test(condition: Condition) -> Callable[[Value], bool]:
     compare, expected = _COMPARISONS[condition.operator], condition.value
-    types = {
-        each
-        for each in (bool, int, float, str)
-        if ValueType.of(each()) in comparable_types(condition)
-    }
+    comparable = comparable_types(condition)
+    types = {each for each in (bool, int, float, str) if ValueType.of(each()) in comparable}
 
     def test(value: Value) -> bool:
         if type(value) not in types:

@@ -19,10 +19,11 @@ from dyknow_bringup.errors import BringupError
 from dyknow_bringup.launcher import Launcher
 from dyknow_bringup.monitoring import VERDICTS
 from dyknow_bringup.processes import Configuration, dyknow_processes
-from dyknow_stream_processing import DyKnowError, ExitCode, parse_duration, round_time
+from dyknow_stream_processing import DyKnowError, ExitCode, round_time
 from dyknow_stream_processing.ros import (
     DyKnowNode,
     Peer,
+    duration,
     nanoseconds_to_duration,
     time_to_nanoseconds,
 )
@@ -132,13 +133,6 @@ def _folder(path: Path | None) -> Path | None:
     return path and path.resolve()
 
 
-def _duration(text: str) -> int:
-    try:
-        return parse_duration(text)
-    except ValueError as error:
-        raise argparse.ArgumentTypeError(str(error)) from None
-
-
 def options(arguments: Sequence[str]) -> argparse.Namespace:
     """The options on the command line."""
     parser = argparse.ArgumentParser(prog='dyknow', description=__doc__)
@@ -177,7 +171,7 @@ def options(arguments: Sequence[str]) -> argparse.Namespace:
     asking.set_defaults(command=evaluate)
     asking.add_argument('formula', help="such as: 'forall u in UAV: always Altitude[u] < 30'")
     asking.add_argument(
-        '--timeout', type=_duration, default='60 s', help="such as '500 ms' (default: 60 s)"
+        '--timeout', type=duration, default='60 s', help="such as '500 ms' (default: 60 s)"
     )
     asking.add_argument('--grounding', choices=GROUNDINGS, default='auto')
     asking.add_argument('--coordinator', default='stream_reasoning_coordinator', metavar='NODE')

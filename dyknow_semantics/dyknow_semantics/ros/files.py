@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, TypeVar
 
 from dyknow_semantics import SemanticsError
-from dyknow_stream_processing import DyKnowError, ExitCode
+from dyknow_stream_processing import read_file
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable
@@ -27,19 +27,6 @@ def read_all(
     Raises:
         SemanticsError: if a file cannot be read or parsed.
     """
-    return tuple(sentence for path in paths for sentence in _read(path, what, parse))
-
-
-def _read(
-    path: Path, what: str, parse: Callable[[str], tuple[Sentence, ...]]
-) -> tuple[Sentence, ...]:
-    try:
-        return parse(path.read_text(encoding='utf-8'))
-    except OSError as error:
-        raise SemanticsError(
-            f'cannot read the {what} in {path}: {error.strerror}', ExitCode.NOT_FOUND
-        ) from None
-    except UnicodeDecodeError:
-        raise SemanticsError(f'cannot read the {what} in {path}: it is not in UTF-8') from None
-    except DyKnowError as error:
-        raise SemanticsError(f'{path}: {error.message}', error.code) from None
+    return tuple(
+        sentence for path in paths for sentence in read_file(path, what, parse, SemanticsError)
+    )

@@ -4,19 +4,11 @@ from __future__ import annotations
 
 import argparse
 import json
-import os
-import sys
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import rclpy
 from dyknow_interfaces.srv import ListSemanticSpecifications, OntologyQuery
-from rclpy.clock import Clock, ClockType
-from rclpy.executors import SingleThreadedExecutor
-from rclpy.node import Node
-from rclpy.signals import SignalHandlerOptions
-from rclpy.utilities import remove_ros_args
 from rich.console import Console
 
 from dyknow_semantics import (
@@ -33,34 +25,27 @@ from dyknow_semantics import (
     parse_concept,
 )
 from dyknow_semantics.ros.files import read_all
-from dyknow_stream_processing import DyKnowError, ExitCode, parse_duration
+from dyknow_stream_processing import ExitCode
+from dyknow_stream_processing.ros import CommandNode, duration, run_command
 from dyknow_stream_processing.ros.runtime import SERVICE, snake_case
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-TICK = 0.1
-"""Seconds between two looks whether a wait is over."""
+    from dyknow_stream_processing import DyKnowError
 
 
 class Asker:
     """Asks the nodes of meaning for all that they know.
 
     Args:
+        command: the node that asks.
         timeout: how long to wait for an answer, nanoseconds.
     """
 
-    def __init__(self, timeout: int) -> None:
-        self._node = Node(f'semantics_{os.getpid()}', start_parameter_services=False)
-        self._clock = Clock(clock_type=ClockType.STEADY_TIME)
-        self._executor = SingleThreadedExecutor()
-        self._executor.add_node(self._node)
+    def __init__(self, command: CommandNode, timeout: int) -> None:
+        self._command = command
         self._timeout = timeout
-
-    def close(self) -> None:
-        """Leaves the ROS graph."""
-        self._executor.shutdown()
-        self._node.destroy_node()
 
     def ask(self, service_type: Any, node: str, **fields: Any) -> Any:
         """The response of a service.
@@ -69,27 +54,23 @@ class Asker:
             SemanticsError: UNAVAILABLE, when none comes in time; what the node refuses.
         """
         name = f'{node}/{snake_case(service_type.__name__)}'
-        client = self._node.create_client(service_type, name, qos_profile=SERVICE)
-        end = self._clock.now().nanoseconds + self._timeout
-        while not client.service_is_ready():
-            self._wait(node, end)
+        client = self._command.node.create_client(service_type, name, qos_profile=SERVICE)
+        end = self._command.end_of_wait(self._timeout)
+        self._command.spin_until(client.service_is_ready, end, lambda: self._silence(node))
         future = client.call_async(service_type.Request(**fields))
-        while not future.done():
-            self._wait(node, end)
+        self._command.spin_until(future.done, end, lambda: self._silence(node))
         response = future.result()
         if response.exit_status.code != ExitCode.SUCCESS:
             raise SemanticsError(response.exit_status.message, ExitCode(response.exit_status.code))
         return response
 
-    def _wait(self, node: str, end: int) -> None:
-        if self._clock.now().nanoseconds > end:
-            name = self._node.resolve_service_name(node)
-            raise SemanticsError(
-                f'{name} has not answered within {self._timeout / 1e9:g} s; is DyKnow running, in '
-                'this namespace and ROS domain?',
-                ExitCode.UNAVAILABLE,
-            )
-        self._executor.spin_once(timeout_sec=TICK)
+    def _silence(self, node: str) -> SemanticsError:
+        name = self._command.node.resolve_service_name(node)
+        return SemanticsError(
+            f'{name} has not answered within {self._timeout / 1e9:g} s; is DyKnow running, in '
+            'this namespace and ROS domain?',
+            ExitCode.UNAVAILABLE,
+        )
 
 
 def matcher(chosen: argparse.Namespace, asker: Asker) -> Matcher:
@@ -134,13 +115,6 @@ def show(chosen: argparse.Namespace, known: Matcher) -> None:
         console.out(f'this annotation makes no sense: {text}\n  {fault}')
 
 
-def _duration(text: str) -> int:
-    try:
-        return parse_duration(text)
-    except ValueError as error:
-        raise argparse.ArgumentTypeError(str(error)) from None
-
-
 def options(arguments: Sequence[str]) -> argparse.Namespace:
     """The options on the command line."""
     parser = argparse.ArgumentParser(
@@ -155,7 +129,7 @@ def options(arguments: Sequence[str]) -> argparse.Namespace:
     )
     parser.add_argument('--json', action='store_true', help='print a line of JSON')
     parser.add_argument(
-        '--timeout', type=_duration, default='5 s', help='to wait for an answer (default: 5 s)'
+        '--timeout', type=duration, default='5 s', help='to wait for an answer (default: 5 s)'
     )
     for role, default in (
         ('ontology-manager', 'ontology_manager'),
@@ -167,20 +141,14 @@ def options(arguments: Sequence[str]) -> argparse.Namespace:
     return parser.parse_args(arguments)
 
 
+def _work(chosen: argparse.Namespace, command: CommandNode) -> None:
+    show(chosen, matcher(chosen, Asker(command, chosen.timeout)))
+
+
+def _exit_code(error: DyKnowError) -> int:
+    return 2 if error.code is ExitCode.UNAVAILABLE else 1
+
+
 def main() -> int:
     """The executable semantics."""
-    chosen = options(remove_ros_args(sys.argv)[1:])
-    # An interrupt is to end the command by an exception, with a context that is still whole.
-    rclpy.init(args=sys.argv, signal_handler_options=SignalHandlerOptions.NO)
-    asker = Asker(chosen.timeout)
-    try:
-        show(chosen, matcher(chosen, asker))
-    except DyKnowError as error:
-        print(f'semantics: {error}', file=sys.stderr)  # noqa: T201 - this is a command
-        return 2 if error.code is ExitCode.UNAVAILABLE else 1
-    except KeyboardInterrupt:
-        return 130
-    finally:
-        asker.close()
-        rclpy.try_shutdown()
-    return 0
+    return run_command('semantics', options, _work, _exit_code)

@@ -13,23 +13,22 @@ from dyknow_interfaces.srv import (
 )
 
 from dyknow_semantics import (
-    Annotation,
     AnnotationStore,
-    SemanticsError,
     check_annotation,
     check_fields,
     parse_annotations,
 )
+from dyknow_semantics.ros.files import read_all
 from dyknow_semantics.ros.mirrors import mirror_ontology
 from dyknow_semantics.ros.stream_fields import StreamFields
 from dyknow_semantics.ros.version import Version
-from dyknow_stream_processing import DyKnowError, ExitCode
+from dyknow_stream_processing import DyKnowError
 from dyknow_stream_processing.ros import RUNNING, DyKnowNode, run
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
-    from dyknow_semantics import Knowledge
+    from dyknow_semantics import Annotation, Knowledge
 
 
 class StreamSemanticsManager(DyKnowNode):
@@ -45,8 +44,9 @@ class StreamSemanticsManager(DyKnowNode):
         self._store = AnnotationStore(Path(store) if store else None)
         self._fields = StreamFields(self)
         self._version = Version(self)
-        for path in filter(None, files):
-            self._store.add(each for each in _read(Path(path)) if each not in self._store)
+        for path in map(Path, filter(None, files)):
+            read = read_all([path], 'annotations', parse_annotations)
+            self._store.add(each for each in read if each not in self._store)
         self._report_change()
         self.serve(AddSemanticSpecification, self._add_specification)
         self.serve(RemoveSemanticSpecification, self._remove_specification)
@@ -103,19 +103,6 @@ class StreamSemanticsManager(DyKnowNode):
             self.set_status(
                 faults[0], {'version': str(self._version)}, level=DiagnosticStatus.ERROR
             )
-
-
-def _read(path: Path) -> tuple[Annotation, ...]:
-    try:
-        return parse_annotations(path.read_text(encoding='utf-8'))
-    except OSError as error:
-        raise SemanticsError(
-            f'cannot read the annotations in {path}: {error.strerror}', ExitCode.NOT_FOUND
-        ) from None
-    except UnicodeDecodeError:
-        raise SemanticsError(f'cannot read the annotations in {path}: it is not in UTF-8') from None
-    except DyKnowError as error:
-        raise SemanticsError(f'{path}: {error.message}', error.code) from None
 
 
 def _faults(annotations: Iterable[Annotation], knowledge: Knowledge) -> Iterable[str]:

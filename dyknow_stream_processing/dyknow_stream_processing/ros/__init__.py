@@ -1,5 +1,6 @@
 """What touches ROS: the parts that every node shares, StreamProxy, and the nodes of streams."""
 
+from dyknow_stream_processing.ros.commands import CommandNode, duration, run_command
 from dyknow_stream_processing.ros.conversion import (
     constraints_from_message,
     constraints_to_message,
@@ -39,6 +40,7 @@ __all__ = [
     'RUNNING',
     'STREAM',
     'VIOLATIONS',
+    'CommandNode',
     'DyKnowNode',
     'FieldReader',
     'Lease',
@@ -48,12 +50,14 @@ __all__ = [
     'constraints_from_message',
     'constraints_to_message',
     'conversion',
+    'duration',
     'extractor',
     'fill_exit_status',
     'message_class',
     'nanoseconds_to_duration',
     'nanoseconds_to_time',
     'run',
+    'run_command',
     'sample_fields',
     'sample_to_message',
     'scalar_fields',

@@ -6,16 +6,18 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from dyknow_stream_processing.constraints import NO_CONSTRAINTS
-from dyknow_stream_processing.errors import DyKnowError, ExitCode, StreamError
+from dyknow_stream_processing.errors import ExitCode, StreamError
 from dyknow_stream_processing.memory import read_memory, write_memory
 from dyknow_stream_processing.parsing import parse_specification
 from dyknow_stream_processing.registry import CreatedStream
 from dyknow_stream_processing.sinks import specifications_by_sink
+from dyknow_stream_processing.text_files import read_file
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator
+    from collections.abc import Iterable, Iterator, Mapping
 
     from dyknow_stream_processing.registry import Stream
+    from dyknow_stream_processing.specification import Specification
 
 
 def read_streams(paths: Iterable[str]) -> Iterator[CreatedStream]:
@@ -26,11 +28,7 @@ def read_streams(paths: Iterable[str]) -> Iterator[CreatedStream]:
     """
     known: set[str] = set()
     for path in map(Path, paths):
-        text = _read(path)
-        try:
-            parts = specifications_by_sink(parse_specification(text))
-        except DyKnowError as error:
-            raise StreamError(f'{path}: {error.message}', error.code) from None
+        parts = read_file(path, 'streams', _sinks, StreamError)
         for name, part in parts.items():
             if name in known:
                 message = f"{path}: there is a sink '{name}' in another file already; keep one"
@@ -58,11 +56,7 @@ class MemoryFile:
         """
         if self._path is None or not self._path.exists():
             return ()
-        text = _read(self._path)
-        try:
-            return read_memory(text)
-        except DyKnowError as error:
-            raise StreamError(f'{self._path}: {error.message}', error.code) from None
+        return read_file(self._path, 'streams', read_memory, StreamError)
 
     def write(self, streams: Iterable[Stream]) -> None:
         """Replaces what is in the file; one who dies meanwhile leaves what was there.
@@ -87,12 +81,5 @@ class MemoryFile:
         self._written = text
 
 
-def _read(path: Path) -> str:
-    try:
-        return path.read_text(encoding='utf-8')
-    except OSError as error:
-        raise StreamError(
-            f'cannot read the streams in {path}: {error.strerror}', ExitCode.NOT_FOUND
-        ) from None
-    except UnicodeDecodeError:
-        raise StreamError(f'cannot read the streams in {path}: it is not in UTF-8') from None
+def _sinks(text: str) -> Mapping[str, Specification]:
+    return specifications_by_sink(parse_specification(text))

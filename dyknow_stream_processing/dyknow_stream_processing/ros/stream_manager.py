@@ -30,6 +30,7 @@ from dyknow_stream_processing.ros.introspection import StreamsReport
 from dyknow_stream_processing.ros.memory_file import MemoryFile, read_streams
 from dyknow_stream_processing.ros.message_types import message_class
 from dyknow_stream_processing.ros.placement import Placement
+from dyknow_stream_processing.ros.publications import published
 from dyknow_stream_processing.ros.runtime import RUNNING, DyKnowNode, run
 
 if TYPE_CHECKING:
@@ -116,10 +117,10 @@ class StreamManager(DyKnowNode):
     def _published(self, topic: str) -> tuple[str, str] | None:
         """The absolute name and the type of a topic that is published."""
         try:
-            types = {info.topic_type for info in self.get_publishers_info_by_topic(topic)}
-        except (ValueError, InvalidTopicNameException):
-            return None  # No topic can have that name.
-        return (self.resolve_topic_name(topic), types.pop()) if len(types) == 1 else None
+            found = published(self, topic)
+        except (StreamError, InvalidTopicNameException):
+            return None  # It has several types, or no topic can have that name.
+        return None if found is None else (self.resolve_topic_name(topic), found.type_name)
 
     def _engine_reported(self, name: str) -> None:
         known = {stream.name for stream in self._registry.made_by(name) if stream.topic}

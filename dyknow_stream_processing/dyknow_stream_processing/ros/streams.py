@@ -4,23 +4,15 @@ from __future__ import annotations
 
 import argparse
 import json
-import os
-import sys
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
-import rclpy
 from dyknow_interfaces.msg import StreamStatusArray
-from rclpy.clock import Clock, ClockType
-from rclpy.executors import SingleThreadedExecutor
-from rclpy.node import Node
-from rclpy.signals import SignalHandlerOptions
-from rclpy.utilities import remove_ros_args
 from rich.console import Console
 from rich.live import Live
 
-from dyknow_stream_processing.durations import parse_duration
-from dyknow_stream_processing.errors import DyKnowError, ExitCode, StreamError
+from dyknow_stream_processing.errors import ExitCode, StreamError
+from dyknow_stream_processing.ros.commands import CommandNode, duration, run_command
 from dyknow_stream_processing.ros.introspection import account_from_message
 from dyknow_stream_processing.ros.runtime import LATCHED
 from dyknow_stream_processing.stream_table import as_json, stream_details, stream_table
@@ -31,9 +23,7 @@ if TYPE_CHECKING:
     from rich.console import RenderableType
 
     from dyknow_stream_processing.account import StreamAccount
-
-TICK = 0.1
-"""Seconds between two looks whether a wait is over."""
+    from dyknow_stream_processing.errors import DyKnowError
 
 _TYPE = 'dyknow_interfaces/msg/StreamStatusArray'
 
@@ -42,52 +32,46 @@ class StreamsListener:
     """Hears what a stream manager, or an engine, reports of streams.
 
     Args:
+        command: the node that listens.
         reporter: its name, absolute or relative to the namespace of the command.
     """
 
-    def __init__(self, reporter: str) -> None:
+    def __init__(self, command: CommandNode, reporter: str) -> None:
         self.report: Any = None
         self.count = 0
-        self._node = Node(f'streams_{os.getpid()}', start_parameter_services=False)
-        self._clock = Clock(clock_type=ClockType.STEADY_TIME)
-        self._executor = SingleThreadedExecutor()
-        self._executor.add_node(self._node)
-        self._topic = self._node.resolve_topic_name(f'{reporter}/streams')
-        self._node.create_subscription(StreamStatusArray, self._topic, self._hear, LATCHED)
+        self._command = command
+        self._topic = command.node.resolve_topic_name(f'{reporter}/streams')
+        command.node.create_subscription(StreamStatusArray, self._topic, self._hear, LATCHED)
 
-    def close(self) -> None:
-        """Leaves the ROS graph."""
-        self._executor.shutdown()
-        self._node.destroy_node()
-
-    def next(self, seconds: float) -> Any:
+    def next(self, timeout: int) -> Any:
         """The next report.
+
+        Args:
+            timeout: how long to wait for it, nanoseconds.
 
         Raises:
             StreamError: UNAVAILABLE, when none comes in time; it says who else reports.
         """
         heard = self.count
-        end = self._clock.now().nanoseconds + round(seconds * 1e9)
-        while self.count == heard:
-            if self._clock.now().nanoseconds > end:
-                raise self._silence(seconds)
-            self._executor.spin_once(timeout_sec=TICK)
+        end = self._command.end_of_wait(timeout)
+        self._command.spin_until(lambda: self.count > heard, end, lambda: self._silence(timeout))
         return self.report
 
     def _hear(self, report: Any) -> None:
         self.report = report
         self.count += 1
 
-    def _silence(self, seconds: float) -> StreamError:
+    def _silence(self, timeout: int) -> StreamError:
+        node = self._command.node
         reporters = sorted(
             topic.removesuffix('/streams')
-            for topic, types in self._node.get_topic_names_and_types()
-            if _TYPE in types and topic != self._topic and self._node.count_publishers(topic)
+            for topic, types in node.get_topic_names_and_types()
+            if _TYPE in types and topic != self._topic and node.count_publishers(topic)
         )
         name = self._topic.removesuffix('/streams')
         others = f'; there are: {", ".join(reporters)} (choose one by --node)' if reporters else ''
         return StreamError(
-            f'nothing was heard of {name} within {seconds:g} s; is DyKnow running, in this '
+            f'nothing was heard of {name} within {timeout / 1e9:g} s; is DyKnow running, in this '
             f'namespace and ROS domain?{others}',
             ExitCode.UNAVAILABLE,
         )
@@ -101,9 +85,9 @@ def show(chosen: argparse.Namespace, listener: StreamsListener) -> None:
             reports in time.
     """
     with _teller(chosen) as tell:
-        tell(listener.next(chosen.timeout / 1e9))
+        tell(listener.next(chosen.timeout))
         while chosen.watch:
-            tell(listener.next(chosen.timeout / 1e9))
+            tell(listener.next(chosen.timeout))
 
 
 @contextmanager
@@ -140,13 +124,6 @@ def _find(report: Any, name: str) -> StreamAccount:
     return accounts[name]
 
 
-def _duration(text: str) -> int:
-    try:
-        return parse_duration(text)
-    except ValueError as error:
-        raise argparse.ArgumentTypeError(str(error)) from None
-
-
 def options(arguments: Sequence[str]) -> argparse.Namespace:
     """The options on the command line."""
     parser = argparse.ArgumentParser(
@@ -157,7 +134,7 @@ def options(arguments: Sequence[str]) -> argparse.Namespace:
     parser.add_argument('--json', action='store_true', help='print a line of JSON a report')
     parser.add_argument('--watch', action='store_true', help='go on, report by report')
     parser.add_argument(
-        '--timeout', type=_duration, default='5 s', help='to wait for a report (default: 5 s)'
+        '--timeout', type=duration, default='5 s', help='to wait for a report (default: 5 s)'
     )
     parser.add_argument(
         '--node',
@@ -167,20 +144,14 @@ def options(arguments: Sequence[str]) -> argparse.Namespace:
     return parser.parse_args(arguments)
 
 
+def _work(chosen: argparse.Namespace, command: CommandNode) -> None:
+    show(chosen, StreamsListener(command, chosen.node))
+
+
+def _exit_code(error: DyKnowError) -> int:
+    return 1 if error.code is ExitCode.NOT_FOUND else 2
+
+
 def main() -> int:
     """The executable streams."""
-    chosen = options(remove_ros_args(sys.argv)[1:])
-    # An interrupt is to end the command by an exception, with a context that is still whole.
-    rclpy.init(args=sys.argv, signal_handler_options=SignalHandlerOptions.NO)
-    listener = StreamsListener(chosen.node)
-    try:
-        show(chosen, listener)
-    except DyKnowError as error:
-        print(f'streams: {error}', file=sys.stderr)  # noqa: T201 - this is a command
-        return 1 if error.code is ExitCode.NOT_FOUND else 2
-    except KeyboardInterrupt:
-        return 130
-    finally:
-        listener.close()
-        rclpy.try_shutdown()
-    return 0
+    return run_command('streams', options, _work, _exit_code)
