@@ -176,6 +176,7 @@ def test_the_engine_lists_and_destroys_streams(engine: Nodes) -> None:
         ('two words', 'select a from "/b"', INVALID, ("'two words'", 'letters')),
         ('new', 'select a from nowhere', MISSING, ("'nowhere'", 'altitude')),
         ('new', 'select depth from altitude', INVALID, ("'depth'", 'has: altitude', '^')),
+        ('new', 'select a from "/a//b"', INVALID, ("'/a//b'", 'cannot be the name')),
         ('new', 'select z from "/robot/odometry"', INVALID, ("'z'", 'pose.pose.position.z', '^')),
         ('new', 'select pose.covariance[36] from "/robot/odometry"', INVALID, ('is [35]', '^')),
         ('new', 'select pose.covariance from "/robot/odometry"', INVALID, ('covariance[0]', '^')),

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
+from rclpy.exceptions import InvalidTopicNameException
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 
 from dyknow_stream_processing.errors import StreamError
@@ -62,7 +63,7 @@ def published(node: Node, topic: str) -> Publication | None:
     """
     try:
         infos = node.get_publishers_info_by_topic(topic)
-    except ValueError as error:
+    except (ValueError, InvalidTopicNameException) as error:
         raise StreamError(f"'{topic}' cannot be the name of a topic: {error}") from None
     types = {info.topic_type for info in infos}
     if len(types) > 1:

@@ -118,7 +118,7 @@ class StreamManager(DyKnowNode):
         """The absolute name and the type of a topic that is published."""
         try:
             found = published(self, topic)
-        except (StreamError, InvalidTopicNameException):
+        except StreamError:
             return None  # It has several types, or no topic can have that name.
         return None if found is None else (self.resolve_topic_name(topic), found.type_name)
 
