@@ -2,6 +2,16 @@
 
 from dyknow_coordinator.errors import CoordinationError
 from dyknow_coordinator.evaluation import Evaluation, Outcome, Phase, Verdict
+from dyknow_coordinator.evaluation_status import (
+    Diagnosis,
+    EvaluationPhase,
+    EvaluationStatus,
+    Level,
+    SymbolGrounding,
+    details,
+    diagnose,
+    outcome,
+)
 from dyknow_coordinator.grounding import (
     Grounding,
     Source,
@@ -19,18 +29,26 @@ from dyknow_coordinator.grounding import (
 
 __all__ = [
     'CoordinationError',
+    'Diagnosis',
     'Evaluation',
+    'EvaluationPhase',
+    'EvaluationStatus',
     'Grounding',
+    'Level',
     'Outcome',
     'Phase',
     'Source',
     'Symbol',
+    'SymbolGrounding',
     'SymbolKind',
     'Verdict',
     'check_grounding',
     'choose',
     'concept_of',
+    'details',
+    'diagnose',
     'features',
+    'outcome',
     'referenced',
     'sorts',
     'sources',

@@ -1,0 +1,117 @@
+"""What operators hear of evaluations: the latched `~/evaluations`, and `/diagnostics`."""
+
+from __future__ import annotations
+
+from collections import Counter
+from typing import TYPE_CHECKING
+
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from dyknow_interfaces.msg import EvaluationStatusArray
+from rclpy.qos import QoSProfile
+
+from dyknow_coordinator.evaluation_status import EvaluationPhase, details, diagnose
+from dyknow_coordinator.ros.evaluation_messages import status_to_message
+from dyknow_stream_processing.ros import LATCHED, NO_PUBLISHER_EVENTS
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterable, Iterator
+
+    from dyknow_coordinator.evaluation_status import EvaluationStatus
+    from dyknow_stream_processing.ros import DyKnowNode
+
+PERIOD = 1.0
+"""Seconds between two reports."""
+
+SETTLING = 0.2
+"""Seconds in which changes gather: hundreds of evaluations change together, and all are told."""
+
+DIAGNOSTICS = QoSProfile(depth=1)
+"""As those who publish diagnostics do (diagnostic_updater)."""
+
+NO_HARDWARE = 'none'
+"""The hardware of diagnostics that concern none, by convention."""
+
+
+class EvaluationsReport:
+    """Publishes what becomes of evaluations, for people and for programs that look on.
+
+    `~/evaluations` comes soon after each change, and each second while anything runs and somebody
+    listens; `/diagnostics` comes each second where somebody listens.
+
+    Args:
+        statuses: of all evaluations, in the order in which they were asked for.
+    """
+
+    def __init__(
+        self, node: DyKnowNode, statuses: Callable[[], Iterable[EvaluationStatus]]
+    ) -> None:
+        self._node = node
+        self._statuses = statuses
+        self._silence_limit = round(
+            1e9
+            * node.parameter(
+                'silence_limit',
+                5.0,
+                'Seconds without a state after which diagnostics warn of an evaluation.',
+                (0.1, 1e9),
+            )
+        )
+        self._due = False
+        self._evaluations = node.create_publisher(
+            EvaluationStatusArray, '~/evaluations', LATCHED, event_callbacks=NO_PUBLISHER_EVENTS
+        )
+        self._diagnostics = node.create_publisher(
+            DiagnosticArray, '/diagnostics', DIAGNOSTICS, event_callbacks=NO_PUBLISHER_EVENTS
+        )
+        node.create_timer(PERIOD, self._end_period, clock=node.wall_clock)
+        # That there are none is told too: then who looks on knows that the coordinator lives.
+        self.changed()
+
+    def changed(self) -> None:
+        """Has a report published soon; one for many changes that come together."""
+        if not self._due:
+            self._due = True
+            self._node.deadlines.after(SETTLING).add_done_callback(
+                lambda _: self._publish_evaluations()
+            )
+
+    def _end_period(self) -> None:
+        # Whoever comes later has the last change at once, and all that is new after a second.
+        if self._evaluations.get_subscription_count() and any(map(_runs, self._statuses())):
+            self._publish_evaluations()
+        if self._diagnostics.get_subscription_count():
+            self._publish_diagnostics()
+
+    def _publish_evaluations(self) -> None:
+        self._due = False
+        self._evaluations.publish(
+            EvaluationStatusArray(
+                stamp=self._node.get_clock().now().to_msg(),
+                evaluations=[status_to_message(status) for status in self._statuses()],
+            )
+        )
+
+    def _publish_diagnostics(self) -> None:
+        array = DiagnosticArray(status=list(self._diagnoses()))
+        array.header.stamp = self._node.get_clock().now().to_msg()
+        self._diagnostics.publish(array)
+
+    def _diagnoses(self) -> Iterator[DiagnosticStatus]:
+        now, reporter = self._node.now(), self._node.get_fully_qualified_name()
+        seen: Counter[str] = Counter()
+        for status in self._statuses():
+            seen[status.name] += 1
+            # Those who show diagnostics keep one for each name.
+            number = f' ({seen[status.name]})' if seen[status.name] > 1 else ''
+            diagnosis = diagnose(status, now, self._silence_limit)
+            yield DiagnosticStatus(
+                level=bytes([diagnosis.level]),
+                name=f'{reporter}: {status.name}{number}',
+                message=diagnosis.text,
+                hardware_id=NO_HARDWARE,
+                values=[KeyValue(key=what, value=text) for what, text in details(status)],
+            )
+
+
+def _runs(status: EvaluationStatus) -> bool:
+    return status.phase is not EvaluationPhase.ENDED
