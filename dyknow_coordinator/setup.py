@@ -20,6 +20,7 @@ setup(
     license='Apache-2.0',
     entry_points={
         'console_scripts': [
+            'evaluations = dyknow_coordinator.ros.evaluations:main',
             'stream_reasoning_coordinator = dyknow_coordinator.ros.stream_reasoning_coordinator:main',
         ],
     },

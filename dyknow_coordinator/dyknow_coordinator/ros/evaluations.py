@@ -1,0 +1,72 @@
+"""The evaluations command: which formulas are evaluated, and what has become of each."""
+
+from __future__ import annotations
+
+import argparse
+from typing import TYPE_CHECKING, Any
+
+from dyknow_interfaces.msg import EvaluationStatusArray
+
+from dyknow_coordinator.errors import CoordinationError
+from dyknow_coordinator.evaluation_table import as_json, evaluation_details, evaluation_table
+from dyknow_coordinator.ros.evaluation_messages import status_from_message
+from dyknow_stream_processing import ExitCode
+from dyknow_stream_processing.ros import time_to_nanoseconds
+from dyknow_stream_processing.ros.report_command import ReportCommand, add_report_options
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from rich.console import RenderableType
+
+    from dyknow_coordinator.evaluation_status import EvaluationStatus
+
+
+def document(report: Any, name: str) -> dict[str, Any]:
+    """A report, or what it says of the evaluations of one name, as JSON.
+
+    Raises:
+        CoordinationError: NOT_FOUND, when there is none of that name.
+    """
+    return {'evaluations': [as_json(status) for status in _statuses(report, name)]}
+
+
+def rendered(report: Any, name: str) -> RenderableType:
+    """A report, or what it says of the evaluations of one name, for the terminal.
+
+    Raises:
+        CoordinationError: NOT_FOUND, when there is none of that name.
+    """
+    statuses = _statuses(report, name)
+    if name:
+        return evaluation_details(statuses)
+    return evaluation_table(statuses, time_to_nanoseconds(report.stamp))
+
+
+def _statuses(report: Any, name: str) -> list[EvaluationStatus]:
+    statuses = [status_from_message(each) for each in report.evaluations]
+    found = [status for status in statuses if name in ('', status.name)]
+    if name and not found:
+        known = ', '.join(status.name for status in statuses) or 'none'
+        raise CoordinationError(
+            f"there is no evaluation '{name}' (there are: {known})", ExitCode.NOT_FOUND
+        )
+    return found
+
+
+def options(arguments: Sequence[str]) -> argparse.Namespace:
+    """The options on the command line."""
+    parser = argparse.ArgumentParser(
+        prog='evaluations',
+        description=f'{__doc__} Exit code 0: shown, 1: no such evaluation, 2: nobody reports.',
+    )
+    parser.add_argument(
+        'name', nargs='?', default='', metavar='NAME', help='show all about evaluations so called'
+    )
+    add_report_options(parser, 'stream_reasoning_coordinator', 'the coordinator')
+    return parser.parse_args(arguments)
+
+
+def main() -> int:
+    """The executable evaluations."""
+    return ReportCommand('evaluations', EvaluationStatusArray, document, rendered).run(options)

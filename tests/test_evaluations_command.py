@@ -1,0 +1,115 @@
+"""The evaluations command, as people run it."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+from typing import TYPE_CHECKING
+
+import pytest
+
+from dyknow_bringup.resources import executable_path
+from dyknow_coordinator import EvaluationPhase, EvaluationStatus, Grounding, SymbolGrounding
+from reporter import COORDINATOR, Reporter
+from system import LIMIT
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+GROUNDING = SymbolGrounding('p', Grounding.SEMANTIC, 'select a as p from b', ('select c as p',))
+
+
+@pytest.fixture(scope='module')
+def reporter() -> Iterator[Reporter]:
+    """A coordinator with an evaluation that runs and one that looks for its streams."""
+    telling = Reporter()
+    now = telling.now()
+    telling.tell(
+        EvaluationStatus(
+            'power',
+            'always p',
+            EvaluationPhase.RUNNING,
+            started=now,
+            groundings=(GROUNDING,),
+            states_progressed=17,
+        ),
+        EvaluationStatus('eventually q', 'eventually q', EvaluationPhase.GROUNDING, started=now),
+    )
+    yield telling
+    telling.close()
+
+
+def start(reporter: Reporter, *arguments: str) -> subprocess.Popen[str]:
+    command = executable_path('dyknow_coordinator', 'evaluations')
+    return subprocess.Popen(
+        # A shell has what it runs in the background ignore interrupts.
+        ['env', '--default-signal=INT', command, *arguments],
+        env={**os.environ, **reporter.environment, 'COLUMNS': '160'},
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+
+
+def evaluations(reporter: Reporter, *arguments: str) -> subprocess.CompletedProcess[str]:
+    """Runs the command while the coordinator tells."""
+    running = start(reporter, *arguments)
+    reporter.until(lambda: running.poll() is not None, 'the command ends')
+    out, err = running.communicate(timeout=LIMIT)
+    return subprocess.CompletedProcess(arguments, running.returncode, out, err)
+
+
+def test_a_line_for_each_evaluation(reporter: Reporter) -> None:
+    shown = evaluations(reporter)
+    assert shown.returncode == 0, shown.stderr
+    _, power, other = shown.stdout.splitlines()
+    assert power.split()[:4] == ['power', 'running', '17', '1']
+    assert power.rstrip().endswith('always p')
+    assert other.startswith('eventually q')
+    assert 'grounding' in other
+
+
+def test_everything_about_an_evaluation(reporter: Reporter) -> None:
+    shown = evaluations(reporter, 'power')
+    assert shown.returncode == 0, shown.stderr
+    assert 'p: select a as p from b' in shown.stdout
+    assert 'p: select c as p' in shown.stdout
+    assert 'eventually q' not in shown.stdout
+
+
+def test_evaluations_for_programs(reporter: Reporter) -> None:
+    told = json.loads(evaluations(reporter, '--json').stdout)['evaluations']
+    assert [(each['name'], each['phase']) for each in told] == [
+        ('power', 'RUNNING'),
+        ('eventually q', 'GROUNDING'),
+    ]
+    assert json.loads(evaluations(reporter, '--json', 'power').stdout)['evaluations'] == told[:1]
+
+
+def test_an_evaluation_that_is_not_there(reporter: Reporter) -> None:
+    shown = evaluations(reporter, 'speed')
+    assert shown.returncode == 1
+    assert shown.stderr == (
+        "evaluations: there is no evaluation 'speed' (there are: power, eventually q)\n"
+    )
+
+
+def test_a_coordinator_that_is_not_there(reporter: Reporter) -> None:
+    shown = evaluations(reporter, '--timeout', '5 s', '--node', 'nobody')
+    assert shown.returncode == 2
+    assert 'nothing was heard of /nobody within 5 s' in shown.stderr
+    assert f'there are: /{COORDINATOR} (choose one by --node)' in shown.stderr
+
+
+def test_watching_until_one_has_seen_enough(reporter: Reporter) -> None:
+    running = start(reporter, '--watch', '--json')
+    assert running.stdout is not None
+    first = running.stdout.readline()
+    running.send_signal(signal.SIGINT)
+    reporter.until(lambda: running.poll() is not None, 'the command ends')
+    _, err = running.communicate(timeout=LIMIT)
+    assert len(json.loads(first)['evaluations']) == 2
+    assert running.returncode == 130
+    assert err == ''
