@@ -82,6 +82,25 @@ def test_no_stream_is_lost_when_an_engine_is_killed(nodes: StreamNodes) -> None:
     assert not said.keys() & (CHAIN.keys() - moved)
 
 
+def test_what_streams_are_made_of(nodes: StreamNodes) -> None:
+    start_two(nodes)
+    make_chain(nodes)
+
+    def sources() -> dict[str, set[str]]:
+        return {
+            each.name: {source.topic for source in each.sources if source.samples}
+            for each in nodes.report.streams
+        }
+
+    nodes.until(lambda: all(sources()[name] for name in CHAIN), 'all sources are told')
+    assert sources()['tank'] == set()
+    made_of = set().union(*(sources()[name] for name in CHAIN))
+    assert TANK in made_of
+    # Of its own streams an engine needs no topic; those of the other it hears like any.
+    assert made_of - {TANK}
+    assert made_of - {TANK} <= set(topics(*CHAIN))
+
+
 def test_streams_wait_until_an_engine_is_there(nodes: StreamNodes) -> None:
     start_two(nodes)
     make_chain(nodes)

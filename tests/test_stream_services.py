@@ -390,6 +390,9 @@ def test_the_engine_tells_what_becomes_of_its_streams(engine: Nodes) -> None:
     assert (account.samples, len(samples)) == (1, 1)
     assert [(drop.reason, drop.count) for drop in account.drops] == [('max_delay', 1)]
     assert account.violations == 1
+    (told_of,) = account.sources
+    assert (told_of.topic, told_of.samples) == ('/told', 2)
+    assert nanoseconds(told_of.latest) > now
 
     def rated() -> list[Any]:
         all_told = [each for report in reports for each in report.streams]

@@ -78,6 +78,7 @@ def test_everything_about_a_stream(nodes: StreamNodes) -> None:
         'dyknow_interfaces/msg/Sample',
         'dropped',
         'violations',
+        f'{TANK}: ',
     ):
         assert word in shown.stdout
     assert f'select data as level from "{TANK}" where data > 0.0' in shown.stdout
@@ -90,6 +91,11 @@ def test_streams_for_programs(nodes: StreamNodes) -> None:
     assert known['hopeless']['state'] == 'FAILED'
     assert known['level']['state'] == 'FLOWING'
     assert known['level']['samples'] > 0
+    (source,) = known['level']['sources']
+    assert source['topic'] == TANK
+    assert source['samples'] >= known['level']['samples']
+    assert source['latest_ns'] > 0
+    assert known['hopeless']['sources'] == []
     assert json.loads(streams(nodes, 'level', '--json').stdout)['topic'] == known['level']['topic']
 
 

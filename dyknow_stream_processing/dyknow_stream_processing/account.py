@@ -77,6 +77,21 @@ class FlowMeter:
 
 
 @dataclass(frozen=True, slots=True)
+class SourceAccount:
+    """A topic that streams are made of, and what has come of it.
+
+    Args:
+        topic: its absolute name.
+        samples: how many were received since the engine has listened.
+        latest: when the latest one came, nanoseconds; None before the first.
+    """
+
+    topic: str
+    samples: int = 0
+    latest: int | None = None
+
+
+@dataclass(frozen=True, slots=True)
 class StreamAccount:
     """A stream and what has come of it since it was made.
 
@@ -85,6 +100,7 @@ class StreamAccount:
         engine: the node that makes it; empty where none does.
         topic: where its samples are; empty where there are none.
         drops: how many samples were dropped, by reason.
+        sources: the topics that it is made of.
         flow: over the last second.
     """
 
@@ -99,4 +115,5 @@ class StreamAccount:
     samples: int = 0
     violations: int = 0
     drops: Mapping[str, int] = field(default_factory=dict)
+    sources: tuple[SourceAccount, ...] = ()
     flow: Flow = STILL

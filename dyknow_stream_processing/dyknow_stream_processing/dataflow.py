@@ -147,6 +147,14 @@ class Dataflow:
         """
         return self._find(name).statistics()
 
+    def topics(self, name: str) -> tuple[str, ...]:
+        """The topics that a stream is made of, sorted.
+
+        Raises:
+            StreamError: NOT_FOUND, naming the streams that there are.
+        """
+        return self._find(name).topics
+
     def sources(self) -> Mapping[str, frozenset[str]]:
         """The topics that samples are needed of, each with the fields needed.
 
@@ -220,6 +228,7 @@ class _Stream:
         self.name = name
         self.specification = specification
         self.resolved = resolved
+        self.topics = tuple(sorted(total_demand([resolved.term])))
         # Those of others are not kept in `own_names`, or they would be handed down for ever.
         self.own_names = own_names
         self.names = own_names

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
     from rich.console import RenderableType
 
-    from dyknow_stream_processing.account import StreamAccount
+    from dyknow_stream_processing.account import SourceAccount, StreamAccount
 
 _STYLES = {
     StreamState.FLOWING: 'green',
@@ -53,12 +53,17 @@ def stream_table(accounts: Iterable[StreamAccount], engines: Sequence[str]) -> T
     return table
 
 
-def stream_details(account: StreamAccount) -> RenderableType:
-    """Everything that is known of one stream."""
+def stream_details(account: StreamAccount, now: int) -> RenderableType:
+    """Everything that is known of one stream.
+
+    Args:
+        account: of the stream.
+        now: when that was reported, nanoseconds.
+    """
     table = Table(box=None, show_header=False, pad_edge=False)
     table.add_column(style='dim', no_wrap=True)
     table.add_column(overflow='fold')
-    for what, value in _details(account):
+    for what, value in _details(account, now):
         table.add_row(what, _verbatim(value))
     if not account.specification:
         return table
@@ -69,6 +74,8 @@ def as_json(account: StreamAccount) -> dict[str, Any]:
     """Everything that is known of one stream; durations in nanoseconds, the rate per second."""
     document = asdict(account)
     flow = document.pop('flow')
+    for source in document['sources']:
+        source['latest_ns'] = source.pop('latest')
     return {
         **document,
         'state': account.state.name,
@@ -98,9 +105,10 @@ def _figures(account: StreamAccount) -> list[str]:
     ]
 
 
-def _details(account: StreamAccount) -> list[tuple[str, str | Text]]:
+def _details(account: StreamAccount, now: int) -> list[tuple[str, str | Text]]:
     drops = ', '.join(f'{count} {reason}' for reason, count in sorted(account.drops.items()))
     delay, max_delay = _delays(account)
+    sources = '\n'.join(_source(source, now) for source in account.sources)
     found: list[tuple[str, str | Text]] = [
         ('stream', account.name),
         ('state', _state(account)),
@@ -116,8 +124,16 @@ def _details(account: StreamAccount) -> list[tuple[str, str | Text]]:
             ('delay', f'{delay}, {max_delay} at most' if delay else ''),
             ('dropped', drops or 'none'),
             ('violations', str(account.violations)),
+            ('made of', sources),
         ]
     return [(what, value) for what, value in found if value]
+
+
+def _source(source: SourceAccount, now: int) -> str:
+    if source.latest is None:
+        return f'{source.topic}: nothing has come yet'
+    age = round_duration(max(0, now - source.latest))
+    return f'{source.topic}: {source.samples} received, the latest {age} ago'
 
 
 def _verbatim(value: str | Text) -> Text:

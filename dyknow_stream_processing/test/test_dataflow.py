@@ -189,6 +189,13 @@ def test_a_destroyed_stream_asks_for_nothing(flow: Flow) -> None:
     assert flow.times() == [1]
 
 
+def test_the_topics_that_a_stream_is_made_of(flow: Flow) -> None:
+    flow.create('sync(select x as y from "b", select x from "a")', 'one')
+    flow.create('merge(one, select x, y from "c" where z > 1, "a")', 'two')
+    assert flow.dataflow.topics('one') == ('a', 'b')
+    assert flow.dataflow.topics('two') == ('a', 'b', 'c')
+
+
 def test_a_declared_source_has_its_declared_fields(flow: Flow) -> None:
     flow.create('source (x: float) "a"; sink "a"')
     assert dict(flow.dataflow.sources()) == {'a': frozenset('x')}

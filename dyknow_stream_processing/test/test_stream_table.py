@@ -7,7 +7,7 @@ import pytest
 from rich.console import Console, RenderableType
 
 from dyknow_stream_processing import StreamConstraints
-from dyknow_stream_processing.account import Flow, StreamAccount, StreamState
+from dyknow_stream_processing.account import Flow, SourceAccount, StreamAccount, StreamState
 from dyknow_stream_processing.stream_table import as_json, stream_details, stream_table
 
 MS = 1_000_000
@@ -21,6 +21,7 @@ FLOWING = StreamAccount(
     samples=120,
     violations=2,
     drops={'max_delay': 2, 'fields': 1},
+    sources=(SourceAccount('/silent'), SourceAccount('/t', 200, 1_000 * MS)),
     flow=Flow(9.96, 12 * MS, 31 * MS),
 )
 WAITING = StreamAccount('late', StreamState.WAITING, message='no stream F[a]\n  there')
@@ -59,7 +60,7 @@ def test_that_there_is_no_engine() -> None:
 
 
 def test_everything_about_a_stream() -> None:
-    assert shown(stream_details(FLOWING)) == [
+    assert shown(stream_details(FLOWING, 1_310 * MS)) == [
         'stream power',
         'state flowing',
         'engine /engine',
@@ -70,24 +71,30 @@ def test_everything_about_a_stream() -> None:
         'delay 12 ms, 31 ms at most',
         'dropped 1 fields, 2 max_delay',
         'violations 2',
+        'made of /silent: nothing has come yet',
+        '/t: 200 received, the latest 310 ms ago',
         '',
         'stream a = select x from "/t";',
         'sink a',
     ]
-    still = shown(stream_details(replace(FLOWING, flow=Flow(), drops={})))
+    still = shown(stream_details(replace(FLOWING, flow=Flow(), drops={}), 0))
     assert 'dropped none' in still
     assert not [line for line in still if line.startswith('delay')]
 
 
 @pytest.mark.parametrize('account', [WAITING, REGISTERED])
 def test_what_is_not_known_is_left_out(account: StreamAccount) -> None:
-    assert not [line for line in shown(stream_details(account)) if 'samples' in line]
+    assert not [line for line in shown(stream_details(account, 0)) if 'samples' in line]
 
 
 def test_a_stream_for_programs() -> None:
     told = as_json(FLOWING)
     assert told['state'] == 'FLOWING'
     assert told['constraints'] == {'max_delay': 100 * MS}
+    assert list(told['sources']) == [
+        {'topic': '/silent', 'samples': 0, 'latest_ns': None},
+        {'topic': '/t', 'samples': 200, 'latest_ns': 1_000 * MS},
+    ]
     assert told['drops'] == {'max_delay': 2, 'fields': 1}
     assert (told['rate_hz'], told['mean_delay_ns'], told['max_delay_ns']) == (
         9.96,

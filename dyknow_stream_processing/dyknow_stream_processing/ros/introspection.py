@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from dyknow_interfaces.msg import StreamDrop, StreamStatus, StreamStatusArray
+from dyknow_interfaces.msg import StreamDrop, StreamSource, StreamStatus, StreamStatusArray
 
-from dyknow_stream_processing.account import Flow, StreamAccount, StreamState
+from dyknow_stream_processing.account import Flow, SourceAccount, StreamAccount, StreamState
 from dyknow_stream_processing.ros.conversion import (
     constraints_from_message,
     constraints_to_message,
     nanoseconds_to_duration,
+    nanoseconds_to_time,
     time_to_nanoseconds,
 )
 from dyknow_stream_processing.ros.runtime import LATCHED, NO_PUBLISHER_EVENTS, PULSE
@@ -86,6 +87,7 @@ def account_to_message(account: StreamAccount) -> StreamStatus:
         samples=account.samples,
         violations=account.violations,
         drops=[StreamDrop(reason=why, count=count) for why, count in account.drops.items()],
+        sources=[_source_to_message(source) for source in account.sources],
         rate=account.flow.rate,
         mean_delay=nanoseconds_to_duration(account.flow.mean_delay),
         max_delay=nanoseconds_to_duration(account.flow.max_delay),
@@ -106,9 +108,20 @@ def account_from_message(message: StreamStatus) -> StreamAccount:
         samples=message.samples,
         violations=message.violations,
         drops={drop.reason: drop.count for drop in message.drops},
+        sources=tuple(map(_source_from_message, message.sources)),
         flow=Flow(
             message.rate,
             time_to_nanoseconds(message.mean_delay),
             time_to_nanoseconds(message.max_delay),
         ),
     )
+
+
+def _source_to_message(source: SourceAccount) -> StreamSource:
+    latest = nanoseconds_to_time(source.latest or 0)
+    return StreamSource(topic=source.topic, samples=source.samples, latest=latest)
+
+
+def _source_from_message(message: StreamSource) -> SourceAccount:
+    latest = time_to_nanoseconds(message.latest) or None
+    return SourceAccount(message.topic, message.samples, latest)

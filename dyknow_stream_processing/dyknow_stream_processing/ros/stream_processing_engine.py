@@ -160,6 +160,7 @@ class StreamProcessingEngine(DyKnowNode):
             samples=statistics.samples,
             violations=statistics.violations,
             drops=statistics.drops,
+            sources=tuple(map(self._sources.account, self._dataflow.topics(name))),
             flow=output.flow,
         )
 

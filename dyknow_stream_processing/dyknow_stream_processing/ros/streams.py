@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 from dyknow_interfaces.msg import StreamStatusArray
 
 from dyknow_stream_processing.errors import ExitCode, StreamError
+from dyknow_stream_processing.ros.conversion import time_to_nanoseconds
 from dyknow_stream_processing.ros.introspection import account_from_message
 from dyknow_stream_processing.ros.report_command import ReportCommand, add_report_options
 from dyknow_stream_processing.stream_table import as_json, stream_details, stream_table
@@ -39,7 +40,7 @@ def rendered(report: Any, name: str) -> RenderableType:
         StreamError: NOT_FOUND, when the stream asked for is not there.
     """
     if name:
-        return stream_details(_find(report, name))
+        return stream_details(_find(report, name), time_to_nanoseconds(report.stamp))
     return stream_table(map(account_from_message, report.streams), list(report.engines))
 
 

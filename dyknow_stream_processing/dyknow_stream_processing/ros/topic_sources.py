@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
+from dyknow_stream_processing.account import SourceAccount
 from dyknow_stream_processing.dataflow import SourceType
 from dyknow_stream_processing.errors import StreamError
 from dyknow_stream_processing.ros.message_conversion import tolerant_extractor
@@ -103,6 +104,11 @@ class TopicSources:
         if deadline is not None:
             self._topics.alarm.set(self._advance, deadline)
 
+    def account(self, topic: str) -> SourceAccount:
+        """What has come of a topic that is listened to."""
+        source, _ = self._sources[topic]
+        return SourceAccount(self._node.resolve_topic_name(topic), source.received, source.latest)
+
     def destroy(self) -> None:
         """Frees all that listens; a second time does nothing."""
         self._topics.alarm.forget(self._advance)
@@ -136,6 +142,8 @@ class _Source:
         dataflow: Dataflow,
         arm: Callable[[], None],
     ) -> None:
+        self.received = 0
+        self.latest: int | None = None
         self._node = node
         self._topic = topic
         self._fields = fields
@@ -169,6 +177,8 @@ class _Source:
 
     def receive(self, message: Any, now: int) -> None:
         """Takes a message."""
+        self.received += 1
+        self.latest = now
         if self._extract is None:
             return  # Its type is of no use here, which has been told.
         valid_time = now if self._stamp is None else self._stamp(message)
