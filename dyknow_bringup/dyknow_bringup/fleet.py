@@ -46,8 +46,8 @@ def vehicle_names(count: int) -> tuple[str, ...]:
 def fleet_specification(vehicles: Sequence[str]) -> str:
     """The streams of a fleet in the stream language, with a sink for each that has a meaning.
 
-    They are the power, the altitude and the speed of every vehicle, and the distance between
-    every two.
+    They are the power, the altitude, the speed and the position of every vehicle, and the distance
+    between every two.
 
     Raises:
         BringupError: for a name that cannot stand in a formula, or stands twice.
@@ -107,7 +107,10 @@ def _speed(vehicle: str) -> str:
 
 def _position(vehicle: str) -> str:
     fields = ', '.join(f'pose.pose.position.{axis} as {axis}' for axis in 'xy')
-    return _select(f'{vehicle}_position', fields, vehicle, Channel.ODOMETRY)
+    return (
+        _select(f'{vehicle}_position', fields, vehicle, Channel.ODOMETRY)
+        + f'sink {vehicle}_position;\n'
+    )
 
 
 def _distance(one: str, other: str) -> str:
@@ -129,6 +132,7 @@ def _annotations(vehicles: Sequence[str]) -> Iterator[str]:
         for feature in ('power', 'altitude', 'speed'):
             ground_feature = f'{feature.capitalize()}[{vehicle}]'
             yield f'stream {vehicle}_{feature} contains {ground_feature} = {feature}'
+        yield f'stream {vehicle}_position contains East[{vehicle}] = x, North[{vehicle}] = y'
     for one, other in combinations(vehicles, 2):
         there, back = f'XYDist[{one}, {other}]', f'XYDist[{other}, {one}]'
         yield f'stream {one}_{other}_distance contains {there} = distance, {back} = distance'

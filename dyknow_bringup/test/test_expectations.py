@@ -61,6 +61,8 @@ def features(messages: list[Telemetry]) -> dict[str, Ground]:
         else:
             places[time][vehicle] = message
             ground['Altitude'][vehicle].append((time, message.position[2]))
+            ground['East'][vehicle].append((time, message.position[0]))
+            ground['North'][vehicle].append((time, message.position[1]))
             ground['Speed'][vehicle].append((time, dist(message.velocity, (0, 0, 0))))
     for time, at in places.items():
         if 'uav1' in at:
@@ -74,6 +76,15 @@ def broken(ground: Ground, is_good: Callable[[float], bool]) -> Ending:
     """`always` some comparison, for all."""
     bad = [time for series in ground.values() for time, value in series if not is_good(value)]
     return Ending('false', min(bad)) if bad else UNDECIDED
+
+
+def fence(ground: dict[str, Ground]) -> Ending:
+    """False when the first vehicle is out in the east, west or south."""
+    ways = (
+        broken(ground['East'], lambda metres: -30 < metres < 60),
+        broken(ground['North'], lambda metres: metres > -30),
+    )
+    return min(ways, key=lambda ending: ending.time)
 
 
 def power(ground: Ground) -> Ending:
@@ -142,6 +153,7 @@ def endings(messages: list[Telemetry], end: int) -> dict[str, Ending]:
         'power': (power(ground['Power']), no_battery),
         'separation': (broken(ground['XYDist'], lambda metres: metres > 10), no_odometry),
         'ceiling': (broken(ground['Altitude'], lambda metres: metres < 30), no_odometry),
+        'geofence': (fence(ground), no_odometry),
         'speed_limit': (broken(ground['Speed'], lambda speed: speed < 8), no_odometry),
         'takeoff': (takeoff(ground['Altitude']), no_odometry),
     }

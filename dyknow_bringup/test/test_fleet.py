@@ -37,6 +37,7 @@ sink uav1_speed;
 stream uav1_position = select pose.pose.position.x as x, pose.pose.position.y as y
   from "uav1/odometry"
   with max_delay = 1 s, sample_period = 50 ms, sample_period_deviation = 20 ms;
+sink uav1_position;
 """
 
 DISTANCE = """
@@ -48,9 +49,11 @@ ANNOTATIONS = """\
 stream uav1_power contains Power[uav1] = power;
 stream uav1_altitude contains Altitude[uav1] = altitude;
 stream uav1_speed contains Speed[uav1] = speed;
+stream uav1_position contains East[uav1] = x, North[uav1] = y;
 stream uav2_power contains Power[uav2] = power;
 stream uav2_altitude contains Altitude[uav2] = altitude;
 stream uav2_speed contains Speed[uav2] = speed;
+stream uav2_position contains East[uav2] = x, North[uav2] = y;
 stream uav1_uav2_distance contains \
 XYDist[uav1, uav2] = distance, XYDist[uav2, uav1] = distance;
 """
@@ -107,7 +110,7 @@ def test_what_is_made_has_a_meaning(count: int) -> None:
     made = {line.removeprefix('sink ').rstrip(';') for line in lines if line.startswith('sink ')}
     meant = [line.split()[1] for line in fleet_annotations(vehicles).splitlines()]
     assert made == set(meant)
-    assert len(meant) == 3 * count + count * (count - 1) // 2
+    assert len(meant) == 4 * count + count * (count - 1) // 2
 
 
 @pytest.mark.parametrize('make', [fleet_specification, fleet_annotations, fleet_ontology])

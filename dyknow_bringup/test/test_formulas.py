@@ -9,7 +9,9 @@ ONE = '{name: power, formula: always p, description: A sentence.}'
 
 
 def test_the_formulas(formulas: dict[str, NamedFormula]) -> None:
-    assert list(formulas) == ['power', 'separation', 'ceiling', 'speed_limit', 'takeoff']
+    assert list(formulas) == [
+        'power', 'separation', 'ceiling', 'geofence', 'speed_limit', 'takeoff',
+    ]  # fmt: skip
     assert formulas['power'].formula == (
         'forall u in UAV: always (Power[u] > 150 -> '
         'Power[u] < 200 until[0 s, 5 s] always[0 s, 3 s] Power[u] <= 150)'
