@@ -1,10 +1,9 @@
 """Grounding formulas, running their evaluations and answering."""
 
 from dyknow_coordinator.errors import CoordinationError
-from dyknow_coordinator.evaluation import Evaluation, Outcome, Phase, Verdict
+from dyknow_coordinator.evaluation import Evaluation, EvaluationPhase, Outcome, Verdict
 from dyknow_coordinator.evaluation_status import (
     Diagnosis,
-    EvaluationPhase,
     EvaluationStatus,
     Level,
     SymbolGrounding,
@@ -13,21 +12,24 @@ from dyknow_coordinator.evaluation_status import (
     outcome,
 )
 from dyknow_coordinator.grounding import (
+    Candidates,
     Grounding,
     Source,
     Symbol,
     SymbolKind,
     check_grounding,
-    choose,
     concept_of,
     features,
+    only_field,
     referenced,
     sorts,
     sources,
     state_specification,
 )
+from dyknow_coordinator.question import Question
 
 __all__ = [
+    'Candidates',
     'CoordinationError',
     'Diagnosis',
     'Evaluation',
@@ -36,18 +38,18 @@ __all__ = [
     'Grounding',
     'Level',
     'Outcome',
-    'Phase',
+    'Question',
     'Source',
     'Symbol',
     'SymbolGrounding',
     'SymbolKind',
     'Verdict',
     'check_grounding',
-    'choose',
     'concept_of',
     'details',
     'diagnose',
     'features',
+    'only_field',
     'outcome',
     'referenced',
     'sorts',

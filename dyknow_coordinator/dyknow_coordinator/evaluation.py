@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from enum import Enum, IntEnum
+from enum import IntEnum
 from typing import TYPE_CHECKING
 
 from dyknow_coordinator.errors import CoordinationError
@@ -23,12 +23,20 @@ class Verdict(IntEnum):
     FALSE = 2
 
 
-class Phase(Enum):
-    """Where an evaluation is in its life."""
+class EvaluationPhase(IntEnum):
+    """Where an evaluation is in its life; the numbers are those of EvaluationStatus."""
 
-    GROUNDING = 'grounding'
-    RUNNING = 'running'
-    ENDED = 'ended'
+    GROUNDING = 0
+    RUNNING = 1
+    INTERRUPTED = 2
+    ENDED = 3
+
+
+_DOING = {
+    EvaluationPhase.GROUNDING: 'being grounded',
+    EvaluationPhase.RUNNING: 'being evaluated',
+    EvaluationPhase.INTERRUPTED: 'waiting for other streams',
+}
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,19 +58,22 @@ class Evaluation:
     """One formula on its way to an outcome.
 
     Args:
-        formula: the text that was asked.
         on_end: is told the outcome, once.
     """
 
-    def __init__(self, formula: str, on_end: Callable[[Outcome], None]) -> None:
-        self.formula = formula
-        self.phase = Phase.GROUNDING
+    def __init__(self, on_end: Callable[[Outcome], None]) -> None:
+        self.phase = EvaluationPhase.GROUNDING
         self._on_end = on_end
 
-    def run(self) -> None:
-        """The state stream flows; an evaluation that has ended stays ended."""
-        if self.phase is Phase.GROUNDING:
-            self.phase = Phase.RUNNING
+    @property
+    def has_ended(self) -> bool:
+        """Whether the outcome is known."""
+        return self.phase is EvaluationPhase.ENDED
+
+    def enter(self, phase: EvaluationPhase) -> None:
+        """Goes on to another phase; an evaluation that has ended stays ended."""
+        if not self.has_ended:
+            self.phase = phase
 
     def decide(self, verdict: Verdict, decided_at: int, explanation: str) -> None:
         """The reasoning engine knows the verdict."""
@@ -71,10 +82,6 @@ class Evaluation:
     def fail(self, error: DyKnowError) -> None:
         """Something that the evaluation needs went wrong."""
         self._end(Outcome(error=error))
-
-    def violate(self, message: str) -> None:
-        """A stream below the states broke its constraints: the states are not as asked for."""
-        self.fail(CoordinationError(message, ExitCode.CONSTRAINT_VIOLATION))
 
     def lose(self, what: str) -> None:
         """A node that the evaluation needs is gone."""
@@ -86,14 +93,14 @@ class Evaluation:
         text = f'no verdict within {seconds:g} s (the formula was {self._doing()})'
         self.fail(CoordinationError(text, ExitCode.TIMEOUT))
 
-    def cancel(self) -> None:
+    def cancel(self, why: str = 'cancelled by the caller') -> None:
         """The caller wants no answer any more."""
-        self.fail(CoordinationError('cancelled by the caller', ExitCode.CANCELLED))
+        self.fail(CoordinationError(why, ExitCode.CANCELLED))
 
     def _doing(self) -> str:
-        return 'being grounded' if self.phase is Phase.GROUNDING else 'being evaluated'
+        return _DOING.get(self.phase, 'over')
 
     def _end(self, outcome: Outcome) -> None:
-        if self.phase is not Phase.ENDED:
-            self.phase = Phase.ENDED
+        if not self.has_ended:
+            self.phase = EvaluationPhase.ENDED
             self._on_end(outcome)

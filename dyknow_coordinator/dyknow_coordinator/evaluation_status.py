@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from enum import IntEnum
 from typing import TYPE_CHECKING
 
-from dyknow_coordinator.evaluation import Verdict
+from dyknow_coordinator.evaluation import EvaluationPhase, Verdict
 from dyknow_stream_processing import ExitCode, round_duration, round_time
 
 if TYPE_CHECKING:
@@ -14,15 +14,6 @@ if TYPE_CHECKING:
 
     from dyknow_coordinator.grounding import Grounding
     from dyknow_stream_processing import DyKnowError
-
-
-class EvaluationPhase(IntEnum):
-    """Where an evaluation is; the numbers are those of dyknow_interfaces/msg/EvaluationStatus."""
-
-    GROUNDING = 0
-    RUNNING = 1
-    INTERRUPTED = 2
-    ENDED = 3
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,15 +1,17 @@
 """From the symbols of a formula to the one stream of states that it is evaluated over (section V).
 
 A symbol is grounded *semantically*, by the streams that the matching engine finds for its concept,
-or *syntactically*, when it names a stream and a field: `uav1_power.power` or
-`"/uav1/battery".voltage`.
+or *syntactically*, when it names a stream and a field: `uav1_power.power`,
+`"/uav1/battery".voltage`, or `uav1_power` where the stream has one field only.
 """
 
 from __future__ import annotations
 
 import json
-from dataclasses import dataclass
+import re
+from dataclasses import dataclass, field, replace
 from enum import IntEnum
+from itertools import chain, count
 from typing import TYPE_CHECKING
 
 from dyknow_coordinator.errors import CoordinationError
@@ -22,7 +24,7 @@ from dyknow_stream_processing import (
 )
 
 if TYPE_CHECKING:
-    from collections.abc import Collection, Iterable, Mapping, Sequence
+    from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 
 
 class Grounding(IntEnum):
@@ -61,6 +63,11 @@ class Symbol:
         """Whether the symbol names a stream and a field itself."""
         return self.kind is SymbolKind.FEATURE and '.' in self.name
 
+    @property
+    def may_be_stream(self) -> bool:
+        """Whether the symbol could be the name of a stream."""
+        return self.kind is SymbolKind.FEATURE and not self.arguments
+
 
 @dataclass(frozen=True, slots=True)
 class Source:
@@ -71,12 +78,73 @@ class Source:
         stream: the name that the specification declares.
         declaration: `stream NAME = ...`, canonical.
         units: the declarations of the computational units that it uses, canonical.
+        grounding: how it was found: SYNTACTIC or SEMANTIC.
     """
 
     feature: str
     stream: str
     declaration: str
     units: tuple[str, ...] = ()
+    grounding: Grounding = Grounding.SEMANTIC
+
+    def __str__(self) -> str:
+        return self.declaration.partition(' = ')[2]
+
+
+@dataclass(frozen=True)
+class Candidates:
+    """The sources that were found for the features of a formula.
+
+    Args:
+        found: those of one feature after each other, the best first.
+        nearest: for symbols without any, what came nearest.
+    """
+
+    found: tuple[Source, ...]
+    nearest: Mapping[str, str] = field(default_factory=dict)
+
+    def of(self, feature: str) -> tuple[Source, ...]:
+        """The sources of a ground feature, the best first."""
+        return tuple(source for source in self.found if source.feature == feature)
+
+    def choose(
+        self, needed: Iterable[str], *preferences: Callable[[Source], bool]
+    ) -> tuple[Source, ...]:
+        """A source for each ground feature, in the order of their names.
+
+        Args:
+            needed: the ground features.
+            preferences: what is asked of a source; where no source of a feature fulfils all, the
+                last ones are given up.
+
+        Raises:
+            CoordinationError: NOT_FOUND, naming every ground feature without a source.
+        """
+        ordered = sorted(needed)
+        missing = [feature for feature in ordered if not self.of(feature)]
+        if missing:
+            raise self._missing(missing)
+        return tuple(_preferred(self.of(feature), preferences) for feature in ordered)
+
+    def _missing(self, missing: Sequence[str]) -> CoordinationError:
+        names = {_feature_name(feature) for feature in missing}
+        there = dict.fromkeys(source.feature for source in self.found)
+        near = sorted(feature for feature in there if _feature_name(feature) in names)
+        others = f' (there are streams for {", ".join(near)})' if near else ''
+        reasons = [text for symbol, text in self.nearest.items() if _feature_name(symbol) in names]
+        text = f'no stream carries {", ".join(missing)}{others}; annotate one that does'
+        return CoordinationError('\n'.join([text, *reasons]), ExitCode.NOT_FOUND)
+
+
+def _preferred(
+    sources: Sequence[Source], preferences: Sequence[Callable[[Source], bool]]
+) -> Source:
+    if not preferences:
+        return sources[0]
+    for source in sources:
+        if all(prefers(source) for prefers in preferences):
+            return source
+    return _preferred(sources, preferences[:-1])
 
 
 def features(symbols: Iterable[Symbol]) -> tuple[Symbol, ...]:
@@ -96,7 +164,7 @@ def check_grounding(symbols: Iterable[Symbol], grounding: Grounding) -> None:
         CoordinationError: names the first feature that cannot.
     """
     for symbol in features(symbols):
-        if grounding is Grounding.SYNTACTIC and not symbol.is_reference:
+        if grounding is Grounding.SYNTACTIC and not symbol.may_be_stream:
             raise CoordinationError(
                 f"'{symbol}' names no stream, as syntactic grounding asks; write stream.field or "
                 f'"/topic".field, or ask for semantic grounding'
@@ -137,50 +205,62 @@ def _sources_of(text: str) -> Iterable[Source]:
                 yield Source(selection.name, declaration.name, str(declaration), units)
 
 
-def referenced(symbol: Symbol, number: int) -> Source:
+def referenced(symbol: Symbol) -> Source:
     """The source of a symbol that names its stream and field itself."""
-    stream, field = _split_reference(symbol.name)
-    name = f'reference_{number}'
-    declaration = f'stream {name} = select {field} as {json.dumps(symbol.name)} from {stream}'
-    return Source(symbol.name, name, declaration)
+    stream, selected = _split_reference(symbol.name)
+    return _reference(symbol, stream, selected)
+
+
+def only_field(symbol: Symbol, fields: Sequence[str]) -> Source:
+    """The source of a symbol that names a stream with these fields.
+
+    Raises:
+        CoordinationError: unless the stream has just one.
+    """
+    if len(fields) != 1:
+        known = ', '.join(fields) or 'none that is known'
+        raise CoordinationError(
+            f"the stream '{symbol}' has several fields or none ({known}); write which one is "
+            f'meant: {symbol}.field'
+        )
+    return _reference(symbol, symbol.name, fields[0])
+
+
+def _reference(symbol: Symbol, stream: str, selected: str) -> Source:
+    name = 'reference_to_' + re.sub('[^A-Za-z0-9]+', '_', symbol.name).strip('_')
+    text = f'stream {name} = select {selected} as {json.dumps(symbol.name)} from {stream}'
+    declaration = str(parse_specification(text))
+    return Source(symbol.name, name, declaration, grounding=Grounding.SYNTACTIC)
 
 
 def _split_reference(name: str) -> tuple[str, str]:
     if name.startswith('"'):
         end = name.index('"', 1) + 1
         return name[:end], name[end + 1 :]
-    stream, _, field = name.partition('.')
-    return stream, field
-
-
-def choose(needed: Sequence[str], found: Iterable[Source]) -> tuple[Source, ...]:
-    """The best source of each ground feature that a formula needs: the first that was found.
-
-    Raises:
-        CoordinationError: NOT_FOUND, naming every ground feature without a source.
-    """
-    best: dict[str, Source] = {}
-    for source in found:
-        best.setdefault(source.feature, source)
-    missing = [feature for feature in needed if feature not in best]
-    if missing:
-        raise CoordinationError(
-            f'no stream carries {", ".join(missing)}{_nearby(missing, best)}; '
-            'annotate one that does',
-            ExitCode.NOT_FOUND,
-        )
-    return tuple(best[feature] for feature in needed)
-
-
-def _nearby(missing: Sequence[str], best: Mapping[str, Source]) -> str:
-    names = {feature.partition('[')[0] for feature in missing}
-    near = sorted(feature for feature in best if feature.partition('[')[0] in names)
-    return f' (there are streams for {", ".join(near)})' if near else ''
+    stream, _, selected = name.partition('.')
+    return stream, selected
 
 
 def state_specification(chosen: Sequence[Source]) -> str:
     """The specification of the stream of states: all sources, synchronised (step 6)."""
-    units = dict.fromkeys(unit for source in chosen for unit in source.units)
-    declarations = dict.fromkeys(source.declaration for source in chosen)
-    names = dict.fromkeys(source.stream for source in chosen)
+    distinct = _with_names_of_their_own(chosen)
+    units = dict.fromkeys(unit for source in distinct for unit in source.units)
+    declarations = dict.fromkeys(source.declaration for source in distinct)
+    names = dict.fromkeys(source.stream for source in distinct)
     return ';\n'.join([*units, *declarations, f'sink sync({", ".join(names)})'])
+
+
+def _with_names_of_their_own(chosen: Iterable[Source]) -> Sequence[Source]:
+    """Sources of which no two declare different streams by one name."""
+    declared: dict[str, str] = {}
+    result = []
+    for source in chosen:
+        names = chain([source.stream], (f'{source.stream}_{number}' for number in count(2)))
+        name = next(each for each in names if declared.get(each, str(source)) == str(source))
+        declared[name] = str(source)
+        result.append(replace(source, stream=name, declaration=f'stream {name} = {source}'))
+    return result
+
+
+def _feature_name(feature: str) -> str:
+    return feature.partition('[')[0]

@@ -4,7 +4,7 @@ from collections.abc import Callable
 
 import pytest
 
-from dyknow_coordinator import Evaluation, Outcome, Phase, Verdict
+from dyknow_coordinator import CoordinationError, Evaluation, EvaluationPhase, Outcome, Verdict
 from dyknow_stream_processing import ExitCode
 
 
@@ -15,18 +15,20 @@ def outcomes() -> list[Outcome]:
 
 @pytest.fixture
 def evaluation(outcomes: list[Outcome]) -> Evaluation:
-    return Evaluation('always p', outcomes.append)
+    return Evaluation(outcomes.append)
 
 
 def test_a_verdict_ends_it(evaluation: Evaluation, outcomes: list[Outcome]) -> None:
-    evaluation.run()
+    evaluation.enter(EvaluationPhase.RUNNING)
     evaluation.decide(Verdict.FALSE, 7, 'p = false')
     assert outcomes == [Outcome(Verdict.FALSE, 7, 'p = false')]
-    assert evaluation.phase is Phase.ENDED
+    assert evaluation.phase is EvaluationPhase.ENDED
 
+
+LATE = CoordinationError("stream 's' late", ExitCode.CONSTRAINT_VIOLATION)
 
 ENDS: list[tuple[Callable[[Evaluation], None], ExitCode, str]] = [
-    (lambda e: e.violate("stream 's' late"), ExitCode.CONSTRAINT_VIOLATION, "stream 's' late"),
+    (lambda e: e.fail(LATE), ExitCode.CONSTRAINT_VIOLATION, "stream 's' late"),
     (lambda e: e.lose('node x'), ExitCode.UNAVAILABLE, 'node x is gone; the formula was'),
     (lambda e: e.expire(2.5), ExitCode.TIMEOUT, 'no verdict within 2.5 s'),
     (lambda e: e.cancel(), ExitCode.CANCELLED, 'cancelled by the caller'),
@@ -53,15 +55,15 @@ def test_other_ends_have_a_code_and_no_verdict(
 def test_what_comes_after_the_end_changes_nothing(
     evaluation: Evaluation, outcomes: list[Outcome]
 ) -> None:
-    evaluation.run()
+    evaluation.enter(EvaluationPhase.RUNNING)
     evaluation.decide(Verdict.TRUE, 7, '')
     evaluation.lose('node x')
-    evaluation.run()
+    evaluation.enter(EvaluationPhase.RUNNING)
     assert [outcome.verdict for outcome in outcomes] == [Verdict.TRUE]
-    assert evaluation.phase is Phase.ENDED
+    assert evaluation.phase is EvaluationPhase.ENDED
 
 
 def test_a_timeout_says_what_was_going_on(evaluation: Evaluation, outcomes: list[Outcome]) -> None:
-    evaluation.run()
+    evaluation.enter(EvaluationPhase.RUNNING)
     evaluation.expire(1.0)
     assert 'being evaluated' in str(outcomes[0].error)

@@ -3,15 +3,16 @@
 import pytest
 
 from dyknow_coordinator import (
+    Candidates,
     CoordinationError,
     Grounding,
     Source,
     Symbol,
     SymbolKind,
     check_grounding,
-    choose,
     concept_of,
     features,
+    only_field,
     referenced,
     sorts,
     sources,
@@ -86,7 +87,7 @@ def test_matches_say_which_ground_feature_they_deliver() -> None:
 def test_a_reference_selects_its_field(
     name: str, field: str, stream: str, *, is_topic: bool
 ) -> None:
-    made = referenced(Symbol(SymbolKind.FEATURE, name), 3)
+    made = referenced(Symbol(SymbolKind.FEATURE, name))
     assert made.feature == name
     (declaration,) = parse_specification(made.declaration).declarations
     select = declaration.stream
@@ -97,14 +98,62 @@ def test_a_reference_selects_its_field(
 
 def test_the_first_source_found_is_the_best() -> None:
     found = [source('Power[uav1]', 'a'), source('Power[uav1]', 'b'), source('Power[uav2]', 'c')]
-    assert choose(['Power[uav2]', 'Power[uav1]'], found) == (found[2], found[0])
+    assert Candidates(tuple(found)).choose(['Power[uav2]', 'Power[uav1]']) == (found[0], found[2])
 
 
 def test_every_missing_ground_feature_is_named() -> None:
     with pytest.raises(CoordinationError) as caught:
-        choose(['Power[uav1]', 'Power[uav2]', 'Speed[uav1]'], [source('Power[uav1]', 'a')])
+        Candidates((source('Power[uav1]', 'a'),)).choose(
+            ['Power[uav1]', 'Power[uav2]', 'Speed[uav1]']
+        )
     assert caught.value.code is ExitCode.NOT_FOUND
     assert 'Power[uav2], Speed[uav1] (there are streams for Power[uav1])' in str(caught.value)
+
+
+def test_what_came_nearest_is_told_for_each_missing_feature() -> None:
+    nearest = {'Power[UAV]': 'rover carries Powers', 'Speed[UAV]': 'nothing is like Speed'}
+    with pytest.raises(CoordinationError) as caught:
+        Candidates((), nearest).choose(['Power[uav1]'])
+    assert 'rover carries Powers' in str(caught.value)
+    assert 'nothing is like Speed' not in str(caught.value)
+
+
+def test_preferences_choose_among_sources_as_far_as_they_can() -> None:
+    first, second, third = (source('Power[uav1]', name) for name in 'abc')
+    candidates = Candidates((first, second, third))
+
+    def chosen(failed: set[Source], there: set[Source]) -> Source:
+        (found,) = candidates.choose(
+            ['Power[uav1]'], lambda each: each not in failed, lambda each: each in there
+        )
+        return found
+
+    assert chosen(set(), {first, second, third}) == first
+    assert chosen({first}, {first, second, third}) == second
+    assert chosen({first}, {first, third}) == third
+    assert chosen({first}, {first}) == second
+    assert chosen({first, second, third}, {second}) == first
+
+
+def test_a_stream_of_one_field_needs_no_field() -> None:
+    made = only_field(Symbol(SymbolKind.FEATURE, 'uav1_power'), ['power'])
+    assert str(made) == 'select power as uav1_power from uav1_power'
+    assert made.feature == 'uav1_power'
+    assert made.grounding is Grounding.SYNTACTIC
+
+
+@pytest.mark.parametrize('fields', [(), ('a', 'b')])
+def test_a_stream_of_several_fields_needs_one(fields: tuple[str, ...]) -> None:
+    with pytest.raises(CoordinationError, match=r'uav1_state\.field'):
+        only_field(Symbol(SymbolKind.FEATURE, 'uav1_state'), fields)
+
+
+def test_streams_of_one_name_get_names_of_their_own() -> None:
+    texts = ('"/a_b".c', '"/a/b".c', '"/a/b".c')
+    chosen = [referenced(Symbol(SymbolKind.FEATURE, text)) for text in texts]
+    *streams, sink = parse_specification(state_specification(chosen)).declarations
+    assert [str(each.stream.source) for each in streams] == ['"/a_b"', '"/a/b"']
+    assert sink == SinkDeclaration(Sync(tuple(Reference(each.name) for each in streams)))
 
 
 def test_the_state_stream_synchronises_all_sources() -> None:

@@ -13,8 +13,11 @@ from dyknow_interfaces.srv import (
     FormulaGroupDestroy,
     FormulaGroupEvaluate,
     FormulaGroupExtractSymbols,
+    FormulaGroupRemoveFormula,
+    ListStreams,
     StreamCreateFromSpec,
     StreamDestroy,
+    StreamGetTopic,
 )
 
 from dyknow_coordinator.grounding import Symbol, SymbolKind
@@ -28,7 +31,7 @@ if TYPE_CHECKING:
 
 
 class Clients:
-    """The four nodes that the coordinator orchestrates."""
+    """The nodes that the coordinator orchestrates."""
 
     def __init__(self, node: DyKnowNode) -> None:
         names = {
@@ -36,6 +39,7 @@ class Clients:
             for role in (
                 'stream_manager',
                 'ontology_manager',
+                'stream_semantics_manager',
                 'semantic_matching_engine',
                 'stream_reasoning_engine',
             )
@@ -44,10 +48,15 @@ class Clients:
         self.ontology_manager = Peer(node, names['ontology_manager'])
         self.semantic_matching_engine = Peer(node, names['semantic_matching_engine'])
         self.stream_reasoning_engine = Peer(node, names['stream_reasoning_engine'])
+        self.streams_topic = f'{names["stream_manager"]}/streams'
+        self.progress_topic = f'{names["stream_reasoning_engine"]}/progress'
+        self.version_topics = tuple(
+            f'{names[role]}/version' for role in ('ontology_manager', 'stream_semantics_manager')
+        )
 
     @property
     def peers(self) -> tuple[Peer, ...]:
-        """The four nodes."""
+        """The nodes that are called."""
         return (
             self.stream_manager,
             self.ontology_manager,
@@ -98,14 +107,17 @@ class Clients:
         domains: Mapping[str, Sequence[str]],
         state_stream: str,
         result_topic: str,
+        *,
+        gap: bool = False,
     ) -> None:
-        """Lets the reasoning engine listen to the states."""
+        """Lets the reasoning engine listen to states, or to others, after a gap or not."""
         await self.stream_reasoning_engine.call(
             FormulaGroupEvaluate,
             formula_group_id=group_id,
             domains=[Domain(sort=sort, objects=list(found)) for sort, found in domains.items()],
             state_stream=state_stream,
             result_topic=result_topic,
+            gap=gap,
         )
 
     async def create_stream(
@@ -122,9 +134,25 @@ class Clients:
         )
         return str(response.stream_topic), str(response.stream_constraint_violation_topic)
 
+    async def streams(self) -> tuple[str, ...]:
+        """The names of all streams."""
+        response = await self.stream_manager.call(ListStreams)
+        return tuple(response.stream_names)
+
+    async def topic(self, stream: str) -> tuple[str, str]:
+        """The topic of a stream, and the type of its messages."""
+        response = await self.stream_manager.call(StreamGetTopic, stream_name=stream)
+        return str(response.topic_name), str(response.message_type)
+
     async def destroy_stream(self, name: str) -> None:
         """Ends a stream."""
         await self.stream_manager.call(StreamDestroy, stream_name=name)
+
+    async def remove_formula(self, group_id: int, formula_id: int) -> None:
+        """Takes a formula out of a group."""
+        await self.stream_reasoning_engine.call(
+            FormulaGroupRemoveFormula, formula_group_id=group_id, formula_id=formula_id
+        )
 
     async def destroy_group(self, group_id: int) -> None:
         """Ends a formula group."""

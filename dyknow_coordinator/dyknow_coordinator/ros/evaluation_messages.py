@@ -9,12 +9,8 @@ from dyknow_interfaces.msg import ExitStatus
 from dyknow_interfaces.msg import SymbolGrounding as GroundingMessage
 
 from dyknow_coordinator.errors import CoordinationError
-from dyknow_coordinator.evaluation import Verdict
-from dyknow_coordinator.evaluation_status import (
-    EvaluationPhase,
-    EvaluationStatus,
-    SymbolGrounding,
-)
+from dyknow_coordinator.evaluation import EvaluationPhase, Verdict
+from dyknow_coordinator.evaluation_status import EvaluationStatus, SymbolGrounding
 from dyknow_coordinator.grounding import Grounding
 from dyknow_stream_processing import ExitCode
 from dyknow_stream_processing.ros import (

@@ -9,7 +9,8 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from dyknow_interfaces.msg import EvaluationStatusArray
 from rclpy.qos import QoSProfile
 
-from dyknow_coordinator.evaluation_status import EvaluationPhase, details, diagnose
+from dyknow_coordinator.evaluation import EvaluationPhase
+from dyknow_coordinator.evaluation_status import details, diagnose
 from dyknow_coordinator.ros.evaluation_messages import status_to_message
 from dyknow_stream_processing.ros import LATCHED, NO_PUBLISHER_EVENTS
 
@@ -40,22 +41,18 @@ class EvaluationsReport:
 
     Args:
         statuses: of all evaluations, in the order in which they were asked for.
+        silence_limit: seconds without a state after which there is reason to worry.
     """
 
     def __init__(
-        self, node: DyKnowNode, statuses: Callable[[], Iterable[EvaluationStatus]]
+        self,
+        node: DyKnowNode,
+        statuses: Callable[[], Iterable[EvaluationStatus]],
+        silence_limit: float = 5.0,
     ) -> None:
         self._node = node
         self._statuses = statuses
-        self._silence_limit = round(
-            1e9
-            * node.parameter(
-                'silence_limit',
-                5.0,
-                'Seconds without a state after which diagnostics warn of an evaluation.',
-                (0.1, 1e9),
-            )
-        )
+        self._silence_limit = round(silence_limit * 1e9)
         self._due = False
         self._evaluations = node.create_publisher(
             EvaluationStatusArray, '~/evaluations', LATCHED, event_callbacks=NO_PUBLISHER_EVENTS

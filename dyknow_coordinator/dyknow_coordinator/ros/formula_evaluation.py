@@ -1,120 +1,164 @@
-"""One evaluation of a formula, by the thirteen steps of the paper's section VII."""
+"""The evaluation of one formula, from the question to the answer: section VII of the paper.
+
+The steps of that section are numbered in the code; two of them change places. The reasoning engine
+has to know the domains (7) before it can tell which ground features a state must hold, so that
+step comes before the state stream is put together (6). And it has to listen before the state
+stream begins (9), or the first states would be missed.
+"""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from dyknow_interfaces.msg import ConstraintViolation
-from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.task import Future
 
 from dyknow_coordinator.errors import CoordinationError
-from dyknow_coordinator.evaluation import Evaluation, Outcome, Phase, Verdict
-from dyknow_coordinator.grounding import (
-    Grounding,
-    Source,
-    Symbol,
-    check_grounding,
-    choose,
-    concept_of,
-    features,
-    referenced,
-    sorts,
-    sources,
-    state_specification,
-)
+from dyknow_coordinator.evaluation import Evaluation, EvaluationPhase, Outcome, Verdict
+from dyknow_coordinator.evaluation_status import EvaluationStatus, SymbolGrounding
+from dyknow_coordinator.ground import Ground, groundings
+from dyknow_coordinator.grounding import check_grounding, features, sorts
+from dyknow_coordinator.history import History
+from dyknow_coordinator.ros.candidates import find_candidates
 from dyknow_stream_processing import DyKnowError, ExitCode
-from dyknow_stream_processing.ros import (
-    VIOLATIONS,
-    Lease,
-    fill_exit_status,
-    nanoseconds_to_time,
-    time_to_nanoseconds,
-)
+from dyknow_stream_processing.ros import time_to_nanoseconds
 
 if TYPE_CHECKING:
-    from dyknow_coordinator.ros.clients import Clients
-    from dyknow_stream_processing import StreamConstraints
-    from dyknow_stream_processing.ros import DyKnowNode
+    from collections.abc import Callable, Iterable, Mapping
+
+    from dyknow_coordinator.question import Question
+    from dyknow_coordinator.ros.facilities import Facilities
+    from dyknow_coordinator.ros.formula_group import FormulaGroup, FormulaGroups
 
 
 @dataclass(frozen=True, slots=True)
-class Question:
-    """What a caller asks.
+class Asked:
+    """A formula in a group of its own, and what it needs.
 
     Args:
-        constraints: of the state stream.
-        timeout: seconds of the wall clock.
+        name: of the group, and of the stream of states that it listens to.
+        group_id: at the reasoning engine.
+        formula_id: in the group.
+        ground: what it is to be evaluated over.
     """
 
-    formula: str
-    grounding: Grounding
-    constraints: StreamConstraints
-    timeout: float
+    name: str
+    group_id: int
+    formula_id: int
+    ground: Ground
 
 
 class FormulaEvaluation:
     """Grounds a formula, has it evaluated, and cleans up behind it.
 
     Args:
-        name: of the formula, its group and its state stream; unique in the system.
-        results: the topic on which the reasoning engine publishes its results.
+        question: what is asked.
+        on_change: is called when its status has changed.
     """
 
     def __init__(
-        self, node: DyKnowNode, clients: Clients, name: str, question: Question, results: str
+        self,
+        facilities: Facilities,
+        groups: FormulaGroups,
+        question: Question,
+        on_change: Callable[[], None],
     ) -> None:
-        self.name = name
+        self.name = next(facilities.names)
         self.question = question
         self.canonical_formula = ''
-        self.group_id: int | None = None
-        self.formula_id: int | None = None
         self.outcome: Future = Future()
-        self._node = node
-        self._clients = clients
-        self._results = results
-        self._state_topic = f'dyknow/streams/{name}'
-        self._evaluation = Evaluation(question.formula, self.outcome.set_result)
-        self._violations: Any = None
-        self._stream_requested = False
-        self._lease = Lease(node, on_lost=self._engine_lost)
+        self.on_progress: Callable[[], None] = lambda: None
+        self.history = History()
+        self._facilities = facilities
+        self._groups = groups
+        self._on_change = on_change
+        self._evaluation = Evaluation(self._end)
+        self._started = facilities.node.now()
+        self._group: FormulaGroup | None = None
+        self._is_asking = False
+        self._progress: Any = None
+        self._groundings: tuple[SymbolGrounding, ...] = ()
 
     @property
-    def running(self) -> bool:
-        """Whether the state stream flows and no outcome is known yet."""
-        return self._evaluation.phase is Phase.RUNNING
+    def presumably_false(self) -> bool:
+        """Whether it would be false if no further state came."""
+        return self._progress is not None and bool(self._progress.presumably_false)
+
+    @property
+    def progress(self) -> Any:
+        """The latest report of the reasoning engine; None before the first."""
+        return self._progress
+
+    @property
+    def groundings(self) -> tuple[SymbolGrounding, ...]:
+        """How each of its ground features found its stream; those that it ended with."""
+        if self._group is None:
+            return self._groundings
+        return groundings(self._group.states.ground.candidates, self._group.states.chosen)
 
     async def run(self) -> None:
         """Takes the steps, then waits for the outcome and leaves nothing behind; never raises."""
-        seconds = self.question.timeout
-        expiry = self._node.deadlines.after(seconds)
-        expiry.add_done_callback(lambda _: self._evaluation.expire(seconds))
-        engine = self._clients.stream_reasoning_engine
-        engine.on_lost.append(self._reasoning_engine_lost)
+        expiry = self._expire_in(self.question.timeout)
         try:
-            await self._ground_and_start()
+            await self._enter(await self._ask())
             await self.outcome
         except DyKnowError as error:
             self._evaluation.fail(error)
         except Exception as error:  # noqa: BLE001 - the caller must get an answer
-            self._node.get_logger().error(f'fault in the evaluation {self.name}: {error!r}')
+            self._facilities.node.get_logger().error(
+                f'fault in the evaluation {self.name}: {error!r}'
+            )
             self._evaluation.fail(
                 CoordinationError(f'fault in DyKnow: {error!r}', ExitCode.INTERNAL_ERROR)
             )
-        expiry.cancel()
-        engine.on_lost.remove(self._reasoning_engine_lost)
-        await self._clean_up()
+        if expiry is not None:
+            expiry.cancel()
+        self._leave()
 
-    def cancel(self) -> None:
+    async def look_for_objects(self) -> None:
+        """Begins anew where the sorts of the formula have other objects than they had."""
+        group = self._group
+        if group is None or self._evaluation.has_ended or self._is_asking:
+            return
+        domains = group.states.ground.domains
+        try:
+            if all([await self._domain(sort) == found for sort, found in domains.items()]):
+                return
+            self._is_asking = True
+            asked = await self._ask()
+        except DyKnowError as error:
+            self.tell(f'it cannot begin anew for other objects yet: {error}')
+            return
+        finally:
+            self._is_asking = False
+        if self.outcome.done():
+            self._facilities.disposal.end_group(asked.group_id)
+            return
+        self._leave()
+        self.tell(f'it begins anew, for {_listed(asked.ground.domains)}')
+        self._progress = None
+        try:
+            await self._enter(asked)
+        except DyKnowError as error:
+            self._evaluation.fail(error)
+
+    def cancel(self, why: str = 'cancelled by the caller') -> None:
         """Ends the evaluation without a verdict."""
-        self._evaluation.cancel()
+        self._evaluation.cancel(why)
+
+    def lose(self, what: str) -> None:
+        """Ends the evaluation, since a node that it needs is gone."""
+        self._evaluation.lose(what)
+
+    def fail(self, error: DyKnowError) -> None:
+        """Ends the evaluation with an error."""
+        self._evaluation.fail(error)
 
     def receive(self, result: Any) -> None:
         """Takes the reasoning engine's result for this formula (step 8)."""
         status = result.exit_status
         if status.code != ExitCode.SUCCESS:
-            self._evaluation.fail(CoordinationError(status.message, ExitCode(status.code)))
+            self.fail(CoordinationError(status.message, ExitCode(status.code)))
         else:
             self._evaluation.decide(
                 Verdict(result.verdict),
@@ -122,103 +166,122 @@ class FormulaEvaluation:
                 result.explanation,
             )
 
-    async def _ground_and_start(self) -> None:
-        clients, question = self._clients, self.question
+    def note_progress(self, progress: Any) -> None:
+        """Takes a report of the reasoning engine."""
+        self._progress = progress
+        self.on_progress()
+
+    def note_phase(self, phase: EvaluationPhase) -> None:
+        """The states of its group flow now, or are interrupted."""
+        self._evaluation.enter(phase)
+        self._on_change()
+
+    def tell(self, event: str) -> None:
+        """Notes what has happened to it."""
+        self.history.add(event)
+        self._facilities.node.get_logger().info(f'{self.name}: {event}')
+        self._on_change()
+
+    def status(self) -> EvaluationStatus:
+        """What an operator sees of it."""
+        outcome: Outcome = self.outcome.result() if self.outcome.done() else Outcome()
+        progress, group, question = self._progress, self._group, self.question
+        formula = self.canonical_formula or question.formula
+        return EvaluationStatus(
+            name=question.name or formula,
+            formula=formula,
+            phase=self._evaluation.phase,
+            started=self._started,
+            plan=question.plan,
+            action=question.action,
+            formula_group_id=group.group_id if group else 0,
+            state_stream=group.states.topic if group else '',
+            groundings=self.groundings,
+            events=self.history.latest,
+            states_progressed=progress.states_progressed if progress else 0,
+            latest_valid_time=time_to_nanoseconds(progress.latest_valid_time) or None
+            if progress
+            else None,
+            residual_formula=progress.residual_formula if progress else '',
+            presumably_false=self.presumably_false,
+            verdict=outcome.verdict,
+            decided_at=outcome.decided_at,
+            explanation=outcome.explanation,
+            error=outcome.error,
+        )
+
+    async def _ask(self) -> Asked:
+        """What the formula needs, found in a formula group of its own."""
+        clients, question = self._facilities.clients, self.question
         # Step 1 is the caller's request. Step 2: a formula group with the formula in it.
-        self.group_id = await clients.create_group(self.name)
-        self.formula_id, self.canonical_formula = await clients.add_formula(
-            self.group_id, self.name, question.formula
-        )
-        # Step 3: the symbols of the formula.
-        symbols = await clients.symbols(self.group_id)
-        check_grounding(symbols, question.grounding)
-        # Step 4: the domain of each sort.
-        domains = {sort: await clients.instances(sort) for sort in sorts(symbols)}
-        # Step 5: the streams that match each feature.
-        found = await self._find_sources(symbols)
-        # Step 7: the reasoning engine listens before the first state can come. With the domains
-        # fixed, it knows the ground features that each state must hold.
-        await clients.evaluate_group(self.group_id, domains, self._state_topic, self._results)
-        ground_features = features(await clients.symbols(self.group_id))
-        if not ground_features:
-            return  # A formula over no feature is decided without a state.
-        # Step 6: one stream of states out of the streams of the ground features.
-        chosen = choose([str(feature) for feature in ground_features], found)
-        # Steps 9 to 11: the stream manager has a stream processing engine make the states.
-        await self._create_state_stream(state_specification(chosen))
-        # Steps 12 and 13 come to `receive` and to `_violated`.
-        self._evaluation.run()
-
-    async def _find_sources(self, symbols: tuple[Symbol, ...]) -> list[Source]:
-        sort_names = sorts(symbols)
-        found: list[Source] = []
-        for number, feature in enumerate(features(symbols), start=1):
-            if feature.is_reference:
-                found.append(referenced(feature, number))
-            else:
-                concept = concept_of(feature, sort_names)
-                found += sources(await self._clients.matching_streams(concept))
-        return found
-
-    async def _create_state_stream(self, specification: str) -> None:
-        self._stream_requested = True
-        topic, violations = await self._clients.create_stream(
-            self.name, specification, self.question.constraints
-        )
-        expected = self._node.resolve_topic_name(self._state_topic)
-        if topic != expected:
-            raise CoordinationError(
-                f'the states are published on {topic}, and {expected} is listened to; run the '
-                'stream processing engine in the namespace of the coordinator',
-                ExitCode.UNAVAILABLE,
-            )
-        self._violations = self._node.create_subscription(
-            ConstraintViolation,
-            violations,
-            self._violated,
-            VIOLATIONS,
-            callback_group=self._node.reentrant,
-            event_callbacks=SubscriptionEventCallbacks(
-                liveliness=self._lease.changed, use_default_callbacks=False
-            ),
-        )
-        self._lease.expect()
-
-    def _violated(self, violation: Any) -> None:
-        self._evaluation.violate(violation.message)
-
-    def _engine_lost(self) -> None:
-        self._evaluation.lose('the stream processing engine')
-
-    def _reasoning_engine_lost(self) -> None:
-        # Its groups are gone with it; the next one by its name may give the same number again.
-        self.group_id = None
-        self._evaluation.lose(f'node {self._clients.stream_reasoning_engine.name}')
-
-    async def _clean_up(self) -> None:
-        self._lease.ignore()
-        if self._violations is not None:
-            self._node.destroy_subscription(self._violations)
-        if self._stream_requested:
-            await self._let_go(self._clients.destroy_stream(self.name))
-        if self.group_id is not None:
-            await self._let_go(self._clients.destroy_group(self.group_id))
-
-    async def _let_go(self, destruction: Any) -> None:
+        name = next(self._facilities.names)
+        group_id = await clients.create_group(name)
         try:
-            await destruction
-        except DyKnowError as error:
-            # NOT_FOUND: it died with the node that held it, and nothing is left.
-            if error.code is not ExitCode.NOT_FOUND:
-                self._node.get_logger().warning(f'{self.name} could not be cleaned up: {error}')
+            formula_id, self.canonical_formula = await clients.add_formula(
+                group_id, name, question.formula
+            )
+            # Step 3: the symbols of the formula.
+            symbols = await clients.symbols(group_id)
+            check_grounding(symbols, question.grounding)
+            # Step 4: the domain of each sort.
+            domains = {sort: await self._domain(sort) for sort in sorts(symbols)}
+            # Step 5: the streams that match each feature.
+            candidates = await find_candidates(self._facilities, symbols, question.grounding)
+            # Step 7: the reasoning engine listens before the first state can come. With the
+            # domains fixed, it knows the ground features that each state must hold.
+            await clients.evaluate_group(
+                group_id,
+                domains,
+                self._facilities.state_topic(name),
+                self._facilities.results.topic,
+            )
+            ground_features = tuple(map(str, features(await clients.symbols(group_id))))
+        except BaseException:
+            self._facilities.disposal.end_group(group_id)
+            raise
+        ground = Ground(
+            symbols, question.grounding, ground_features, candidates, domains, question.constraints
+        )
+        return Asked(name, group_id, formula_id, ground)
+
+    async def _enter(self, asked: Asked) -> None:
+        """Has the formula evaluated."""
+        # Step 6: one stream of states out of the streams of the ground features. Formulas over
+        # the same streams share it, and the group; one over no feature needs no state.
+        try:
+            group = self._groups.suitable(asked.ground) if asked.ground.features else None
+            self._group = group or self._groups.create(asked.group_id, asked.name, asked.ground)
+        except DyKnowError:
+            self._facilities.disposal.end_group(asked.group_id)
+            raise
+        if group is not None:
+            self._facilities.disposal.end_group(asked.group_id)
+            await group.join(self, self.question.formula)
+        else:
+            # Steps 9 to 11: the stream manager has a stream processing engine make the states.
+            await self._group.begin(self, asked.formula_id)
+        # Step 12 happens in the reasoning engine; 8 comes to `receive`, 13 to `States`.
+
+    async def _domain(self, sort: str) -> tuple[str, ...]:
+        return await self._facilities.clients.instances(sort)
+
+    def _leave(self) -> None:
+        if self._group is not None:
+            self._groundings, group = self.groundings, self._group
+            self._group = None
+            group.leave(self)
+
+    def _expire_in(self, seconds: float | None) -> Future | None:
+        if seconds is None:
+            return None
+        expiry = self._facilities.node.deadlines.after(seconds)
+        expiry.add_done_callback(lambda _: self._evaluation.expire(seconds))
+        return expiry
+
+    def _end(self, outcome: Outcome) -> None:
+        self.outcome.set_result(outcome)
+        self._on_change()
 
 
-def fill_answer(answer: Any, evaluation: FormulaEvaluation, outcome: Outcome) -> None:
-    """Writes an outcome into the response of the service or the result of the action."""
-    answer.verdict = int(outcome.verdict)
-    answer.canonical_formula = evaluation.canonical_formula
-    answer.explanation = outcome.explanation
-    if outcome.decided_at is not None:
-        answer.decided_at = nanoseconds_to_time(outcome.decided_at)
-    if outcome.error is not None:
-        fill_exit_status(answer.exit_status, outcome.error)
+def _listed(domains: Mapping[str, Iterable[str]]) -> str:
+    return '; '.join(f'{sort}: {", ".join(found) or "none"}' for sort, found in domains.items())

@@ -2,33 +2,31 @@
 
 from __future__ import annotations
 
+import zlib
 from itertools import count
 from typing import TYPE_CHECKING, Any
 
 from diagnostic_msgs.msg import DiagnosticStatus
-from dyknow_interfaces.action import MonitorFormula
-from dyknow_interfaces.msg import FormulaProgress, FormulaResult
 from dyknow_interfaces.srv import EvaluateFormula
-from rclpy.action import ActionServer, CancelResponse
 
-from dyknow_coordinator.errors import CoordinationError
-from dyknow_coordinator.grounding import Grounding
+from dyknow_coordinator.ros.answers import fill_answer, question_from_message
+from dyknow_coordinator.ros.callers import Callers
+from dyknow_coordinator.ros.changes import Changes
 from dyknow_coordinator.ros.clients import Clients
-from dyknow_coordinator.ros.formula_evaluation import FormulaEvaluation, Question, fill_answer
-from dyknow_stream_processing import DyKnowError, ExitCode
-from dyknow_stream_processing.ros import (
-    LATCHED_HISTORY,
-    NO_SUBSCRIPTION_EVENTS,
-    RUNNING,
-    DyKnowNode,
-    constraints_from_message,
-    fill_exit_status,
-    run,
-    time_to_nanoseconds,
-)
+from dyknow_coordinator.ros.disposal import Disposal
+from dyknow_coordinator.ros.evaluations_report import EvaluationsReport
+from dyknow_coordinator.ros.facilities import Facilities
+from dyknow_coordinator.ros.formula_evaluation import FormulaEvaluation
+from dyknow_coordinator.ros.formula_group import FormulaGroups
+from dyknow_coordinator.ros.monitoring import Monitoring
+from dyknow_coordinator.ros.results import Results
+from dyknow_coordinator.ros.silence import Silence
+from dyknow_coordinator.ros.streams_mirror import StreamsMirror
+from dyknow_stream_processing.ros import RUNNING, DyKnowNode, run
 
 if TYPE_CHECKING:
-    from dyknow_coordinator.evaluation import Outcome
+    from dyknow_coordinator.evaluation_status import EvaluationStatus
+    from dyknow_coordinator.question import Question
 
 
 class StreamReasoningCoordinator(DyKnowNode):
@@ -42,146 +40,120 @@ class StreamReasoningCoordinator(DyKnowNode):
             'Seconds that a formula is evaluated for when the caller names no timeout.',
             (0.1, 1e9),
         )
-        self._peers = Clients(self)
-        self._results = f'{self.get_fully_qualified_name()}/results'
+        self._timeout_limit = self.parameter(
+            'timeout_limit',
+            0.0,
+            'Most seconds that a formula is evaluated for, whatever the caller asks; 0: any time.',
+            (0.0, 1e9),
+        )
+        self._memory = self.parameter(
+            'memory',
+            30.0,
+            'Seconds for which operators see a formula after its end.',
+            (0.0, 1e6),
+        )
+        silence_limit = self.parameter(
+            'silence_limit',
+            5.0,
+            'Seconds after which a stream that says nothing is replaced, if others match, and '
+            'operators are warned.',
+            (0.1, 1e9),
+        )
+        own = f'states_{zlib.crc32(self.get_fully_qualified_name().encode()):08x}_'
+        run_ = f'{own}{self.now():x}_'
+        clients = Clients(self)
+        self._peers = clients
+        disposal = Disposal(self, clients)
+        self._facilities = Facilities(
+            node=self,
+            clients=clients,
+            streams=StreamsMirror(self, clients.streams_topic, self._streams_changed),
+            results=Results(self, clients.progress_topic),
+            disposal=disposal,
+            # Unique in the system, also across restarts of this node.
+            names=(f'{run_}{number}' for number in count(1)),
+        )
+        self._groups = FormulaGroups(self._facilities)
         self._evaluations: list[FormulaEvaluation] = []
-        self._monitors: dict[bytes, FormulaEvaluation] = {}
-        # Stream names are unique in the system, also across restarts of this node.
-        self._names = (f'states_{self.now():x}_{number}' for number in count(1))
-        self.create_subscription(
-            FormulaResult,
-            self._results,
-            self._receive,
-            LATCHED_HISTORY,
-            callback_group=self.reentrant,
-            event_callbacks=NO_SUBSCRIPTION_EVENTS,
+        self._asked_by_service: list[FormulaEvaluation] = []
+        self._report = EvaluationsReport(self, self._statuses, silence_limit)
+        Changes(self, clients.version_topics, self._meanings_changed)
+        Silence(self._facilities, self._groups, silence_limit)
+        for peer in clients.peers:
+            peer.on_found.append(self._say_how_it_is)
+            peer.on_lost.append(self._say_how_it_is)
+        clients.stream_reasoning_engine.on_lost.append(self._reasoning_engine_lost)
+        clients.stream_manager.on_found.append(
+            lambda: self.spawn(disposal.end_streams_of_former_runs, own, run_)
         )
-        for peer in self._peers.peers:
-            peer.on_found.append(self._report)
-            peer.on_lost.append(self._report)
-        self._report()
+        self._say_how_it_is()
         self.serve(EvaluateFormula, self._evaluate)
-        self._action = ActionServer(
-            self,
-            MonitorFormula,
-            '~/monitor_formula',
-            self._monitor,
-            callback_group=self.reentrant,
-            cancel_callback=self._cancel,
-        )
+        self._monitoring = Monitoring(self, self.start, self._question)
+        service = f'{self.get_fully_qualified_name()}/evaluate_formula'
+        Callers(self, service, self._abandon)
 
     def destroy_node(self) -> None:
         """Frees the action server too."""
-        self._action.destroy()
+        self._monitoring.destroy()
         super().destroy_node()
 
-    async def _evaluate(self, request: Any, response: Any) -> None:
-        evaluation = self._start(request)
-        fill_answer(response, evaluation, await evaluation.outcome)
-
-    async def _monitor(self, goal: Any) -> Any:
-        result = MonitorFormula.Result()
-        try:
-            evaluation = self._start(goal.request)
-        except DyKnowError as error:
-            fill_exit_status(result.exit_status, error)
-            goal.abort()
-            return result
-        key = bytes(goal.goal_id.uuid)
-        self._monitors[key] = evaluation
-        feedback = self._report_to(goal, evaluation)
-        if goal.is_cancel_requested:
-            evaluation.cancel()
-        outcome = await evaluation.outcome
-        self.destroy_subscription(feedback)
-        del self._monitors[key]
-        fill_answer(result, evaluation, outcome)
-        _finish(goal, outcome)
-        return result
-
-    def _report(self) -> None:
-        missing = [peer.name for peer in self._peers.peers if not peer.alive]
-        if missing:
-            self.set_status(f'waiting for {", ".join(missing)}', level=DiagnosticStatus.WARN)
-        else:
-            self.set_status(RUNNING)
-
-    def _start(self, goal: Any) -> FormulaEvaluation:
-        question = self._question(goal)
+    def start(self, question: Question) -> FormulaEvaluation:
+        """Begins to evaluate a formula; its `outcome` is done in any case."""
         evaluation = FormulaEvaluation(
-            self, self._peers, next(self._names), question, self._results
+            self._facilities, self._groups, question, self._report.changed
         )
         self._evaluations.append(evaluation)
+        self._report.changed()
         self.spawn(self._live, evaluation)
         return evaluation
 
     async def _live(self, evaluation: FormulaEvaluation) -> None:
         await evaluation.run()
+        forgotten = self.deadlines.after(self._memory)
+        forgotten.add_done_callback(lambda _: self._forget(evaluation))
+
+    def _forget(self, evaluation: FormulaEvaluation) -> None:
         self._evaluations.remove(evaluation)
+        self._report.changed()
+
+    async def _evaluate(self, request: Any, response: Any) -> None:
+        evaluation = self.start(self._question(request))
+        self._asked_by_service.append(evaluation)
+        outcome = await evaluation.outcome
+        self._asked_by_service.remove(evaluation)
+        fill_answer(response, evaluation, outcome)
 
     def _question(self, goal: Any) -> Question:
-        if not goal.formula.strip():
-            raise CoordinationError('the formula is empty; write one, such as always p')
-        if goal.grounding not in set(Grounding):
-            raise CoordinationError(
-                f'there is no grounding {goal.grounding}; use AUTO (0), SYNTACTIC (1) or '
-                'SEMANTIC (2)'
-            )
-        timeout = time_to_nanoseconds(goal.timeout) / 1e9
-        if timeout < 0:
-            raise CoordinationError(f'the timeout of {timeout:g} s is negative')
-        return Question(
-            formula=goal.formula,
-            grounding=Grounding(goal.grounding),
-            constraints=constraints_from_message(goal.constraints),
-            timeout=timeout or self._default_timeout,
-        )
+        return question_from_message(goal, self._default_timeout, self._timeout_limit)
 
-    def _receive(self, result: Any) -> None:
+    def _statuses(self) -> list[EvaluationStatus]:
+        return [evaluation.status() for evaluation in self._evaluations]
+
+    def _abandon(self) -> None:
+        for evaluation in list(self._asked_by_service):
+            evaluation.cancel('no client of ~/evaluate_formula is left')
+
+    def _streams_changed(self) -> None:
+        for group in self._groups.running():
+            group.states.improve()
+
+    def _meanings_changed(self) -> None:
+        for group in self._groups.running():
+            self.spawn(group.look_for_streams)
+        for evaluation in self._evaluations:
+            if evaluation.question.restart_on_change:
+                self.spawn(evaluation.look_for_objects)
+
+    def _reasoning_engine_lost(self) -> None:
         for evaluation in list(self._evaluations):
-            if _is_about(result, evaluation):
-                evaluation.receive(result)
+            evaluation.lose(f'node {self._peers.stream_reasoning_engine.name}')
 
-    def _report_to(self, goal: Any, evaluation: FormulaEvaluation) -> Any:
-        def report(progress: Any) -> None:
-            if _is_about(progress, evaluation) and evaluation.running:
-                feedback = MonitorFormula.Feedback(
-                    states_progressed=progress.states_progressed,
-                    latest_valid_time=progress.latest_valid_time,
-                    residual_formula=progress.residual_formula,
-                )
-                goal.publish_feedback(feedback)
-
-        return self.create_subscription(
-            FormulaProgress,
-            f'{self._peers.stream_reasoning_engine.name}/progress',
-            report,
-            100,
-            callback_group=self.reentrant,
-            event_callbacks=NO_SUBSCRIPTION_EVENTS,
-        )
-
-    def _cancel(self, goal: Any) -> CancelResponse:
-        evaluation = self._monitors.get(bytes(goal.goal_id.uuid))
-        if evaluation is not None:
-            evaluation.cancel()
-        return CancelResponse.ACCEPT
-
-
-def _is_about(message: Any, evaluation: FormulaEvaluation) -> bool:
-    return (message.formula_group_id, message.formula_id) == (
-        evaluation.group_id,
-        evaluation.formula_id,
-    )
-
-
-def _finish(goal: Any, outcome: Outcome) -> None:
-    if outcome.error is None:
-        goal.succeed()
-    elif outcome.error.code is ExitCode.CANCELLED:
-        goal.canceled()
-    else:
-        goal.abort()
+    def _say_how_it_is(self) -> None:
+        missing = [peer.name for peer in self._peers.peers if not peer.alive]
+        if missing:
+            self.set_status(f'waiting for {", ".join(missing)}', level=DiagnosticStatus.WARN)
+        else:
+            self.set_status(RUNNING)
 
 
 def main() -> int:

@@ -31,6 +31,7 @@ from dyknow_stream_processing.ros.sample_messages import (
     sample_to_message,
 )
 from dyknow_stream_processing.ros.stream_proxy import StreamProxy
+from dyknow_stream_processing.ros.topic_sources import source_type
 
 __all__ = [
     'LATCHED',
@@ -61,6 +62,7 @@ __all__ = [
     'sample_fields',
     'sample_to_message',
     'scalar_fields',
+    'source_type',
     'stamp_of',
     'time_to_nanoseconds',
     'without_element',

@@ -1,0 +1,73 @@
+"""Ending what is not needed any more, also where the node that has it is gone for a while."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from dyknow_stream_processing import DyKnowError, ExitCode
+
+if TYPE_CHECKING:
+    from dyknow_coordinator.ros.clients import Clients
+    from dyknow_stream_processing.ros import DyKnowNode
+
+AGAIN = 5.0
+"""Seconds after which a node that did not answer is asked again."""
+
+
+class Disposal:
+    """Has streams and formula groups ended, beside what else goes on."""
+
+    def __init__(self, node: DyKnowNode, clients: Clients) -> None:
+        self._node = node
+        self._clients = clients
+        self._streams: set[str] = set()
+        clients.stream_manager.on_found.append(self._retry)
+
+    def end_stream(self, name: str) -> None:
+        """Has a stream ended; when the stream manager is gone, as soon as it is back."""
+        self._streams.add(name)
+        self._node.spawn(self._end_stream, name)
+
+    def end_group(self, group_id: int) -> None:
+        """Has a formula group ended; with its engine it would be gone anyway."""
+        self._node.spawn(self._end_group, group_id)
+
+    async def end_streams_of_former_runs(self, prefix: str, current: str) -> None:
+        """Ends the streams that a coordinator of this name left behind when it was killed.
+
+        Args:
+            prefix: that of the names of all its streams.
+            current: that of the names of the streams of this run.
+        """
+        for name in await self._clients.streams():
+            if name.startswith(prefix) and not name.startswith(current):
+                self._node.get_logger().info(f"stream '{name}' of a former run is ended")
+                self.end_stream(name)
+
+    def _retry(self) -> None:
+        for name in self._streams:
+            self._node.spawn(self._end_stream, name)
+
+    async def _end_stream(self, name: str) -> None:
+        try:
+            await self._clients.destroy_stream(name)
+        except DyKnowError as error:
+            # NOT_FOUND: it died with the node that made it, and nothing is left.
+            if error.code is not ExitCode.NOT_FOUND:
+                self._node.get_logger().warning(f"stream '{name}' is not ended yet: {error}")
+                self._node.deadlines.after(AGAIN).add_done_callback(lambda _: self._try(name))
+                return
+        self._streams.discard(name)
+
+    def _try(self, name: str) -> None:
+        if name in self._streams:
+            self._node.spawn(self._end_stream, name)
+
+    async def _end_group(self, group_id: int) -> None:
+        if not self._clients.stream_reasoning_engine.alive:
+            return  # Its groups are gone with it, or it ends those that nobody listens to.
+        try:
+            await self._clients.destroy_group(group_id)
+        except DyKnowError as error:
+            if error.code is not ExitCode.NOT_FOUND:
+                self._node.get_logger().warning(f'formula group {group_id} is not ended: {error}')

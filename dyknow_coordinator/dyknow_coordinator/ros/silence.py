@@ -1,0 +1,50 @@
+"""Streams that fall silent, and topics that nobody publishes any more."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Final
+
+from dyknow_coordinator.known_streams import suspects
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from dyknow_coordinator.ros.facilities import Facilities
+    from dyknow_coordinator.ros.formula_group import FormulaGroup, FormulaGroups
+
+PERIOD: Final = 1.0
+"""Seconds between two looks."""
+
+
+class Silence:
+    """Has streams replaced of which nothing comes, where others carry the same.
+
+    A stream without constraints breaks none by silence: where nothing can replace it, it is waited
+    for, and operators are warned.
+
+    Args:
+        limit: seconds of silence.
+    """
+
+    def __init__(self, facilities: Facilities, groups: FormulaGroups, limit: float) -> None:
+        self._facilities = facilities
+        self._groups = groups
+        self._limit = limit
+        facilities.node.create_timer(PERIOD, self._look, clock=facilities.node.wall_clock)
+
+    def _look(self) -> None:
+        for group in self._groups.running():
+            known = self._facilities.streams.known
+            for topic in self._silent_topics(group):
+                silent = suspects(group.states.chosen, topic, known)
+                group.states.replace_silent(
+                    silent, f"nothing has come of topic '{topic}' for {self._limit:g} s"
+                )
+
+    def _silent_topics(self, group: FormulaGroup) -> Iterator[str]:
+        """The topics of which something has come, and nothing for a while."""
+        stream = self._facilities.streams.known.get(group.states.stream)
+        oldest = self._facilities.node.now() - round(self._limit * 1e9)
+        for topic, latest in stream.received.items() if stream else ():
+            if 0 < latest < oldest:
+                yield topic

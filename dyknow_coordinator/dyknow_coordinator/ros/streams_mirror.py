@@ -1,0 +1,84 @@
+"""The streams of the system, as the stream manager tells them."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from dyknow_interfaces.msg import StreamStatus, StreamStatusArray
+
+from dyknow_coordinator.errors import CoordinationError
+from dyknow_coordinator.known_streams import KnownStream, KnownStreams
+from dyknow_coordinator.stream_fields import field_names
+from dyknow_stream_processing import ExitCode
+from dyknow_stream_processing.ros import (
+    LATCHED,
+    NO_SUBSCRIPTION_EVENTS,
+    message_class,
+    scalar_fields,
+    source_type,
+    time_to_nanoseconds,
+)
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from dyknow_stream_processing.ros import DyKnowNode
+
+
+class StreamsMirror:
+    """Follows the stream manager's `~/streams`.
+
+    Args:
+        topic: of the stream manager.
+        on_change: is called when a stream has begun to flow, or flows no more.
+    """
+
+    def __init__(self, node: DyKnowNode, topic: str, on_change: Callable[[], None]) -> None:
+        self.known = KnownStreams((), self._is_published)
+        self._node = node
+        self._on_change = on_change
+        node.create_subscription(
+            StreamStatusArray,
+            topic,
+            self._hear,
+            LATCHED,
+            callback_group=node.reentrant,
+            event_callbacks=NO_SUBSCRIPTION_EVENTS,
+        )
+
+    def fields(self, name: str) -> tuple[str, ...]:
+        """The fields of a stream.
+
+        Raises:
+            CoordinationError: NOT_FOUND.
+        """
+        stream = self.known.get(name)
+        if stream is None:
+            raise CoordinationError(f"there is no stream '{name}'", ExitCode.NOT_FOUND)
+        if not stream.specification:
+            return tuple(scalar_fields(message_class(stream.message_type)))
+        return field_names(stream.specification, self.fields, self._fields_of_topic)
+
+    def _fields_of_topic(self, topic: str) -> tuple[str, ...]:
+        found = source_type(self._node, topic)
+        return tuple(found.fields or ()) if found else ()
+
+    def _hear(self, message: Any) -> None:
+        before = self.known.flowing()
+        self.known = KnownStreams(map(_known, message.streams), self._is_published)
+        if self.known.flowing() != before:
+            self._on_change()
+
+    def _is_published(self, topic: str) -> bool:
+        return self._node.count_publishers(topic) > 0
+
+
+def _known(status: StreamStatus) -> KnownStream:
+    return KnownStream(
+        status.name,
+        specification=status.specification,
+        topic=status.topic,
+        engine=status.engine,
+        message_type=status.message_type,
+        received={each.topic: time_to_nanoseconds(each.latest) for each in status.sources},
+    )

@@ -1,0 +1,104 @@
+"""What sources are made from, and whether it is there."""
+
+import pytest
+
+from dyknow_coordinator import Source, Symbol, SymbolKind, referenced
+from dyknow_coordinator.known_streams import KnownStream, KnownStreams, suspects
+from dyknow_coordinator.stream_fields import field_names
+
+ODOMETRY = '/uav1/odometry'
+RATE = 'compunit v: float rate(a: float)'
+STREAMS = (
+    KnownStream('altitude', f'select z as altitude from "{ODOMETRY}"', '/dyknow/streams/altitude'),
+    KnownStream(
+        'climb', 'compunit v: float rate(a: float); sink rate(altitude)', '/x/climb', '/engine'
+    ),
+    KnownStream('laser', '', '/uav1/laser', message_type='std_msgs/msg/Float64'),
+    KnownStream('waiting', 'select a from nowhere'),
+)
+
+
+def source(text: str) -> Source:
+    return Source('F', 'made', f'stream made = {text}')
+
+
+@pytest.fixture
+def known() -> KnownStreams:
+    published = {ODOMETRY, '/dyknow/streams/altitude', '/x/climb', 'dyknow/streams/foreign'}
+    return KnownStreams(STREAMS, published.__contains__)
+
+
+def test_streams_that_wait_do_not_flow(known: KnownStreams) -> None:
+    assert known.flowing() == {'altitude', 'climb', 'laser'}
+
+
+def test_origins_are_found_through_streams(known: KnownStreams) -> None:
+    found = known.origins(source('select v from climb'))
+    assert found == {'climb', '/x/climb', 'altitude', '/dyknow/streams/altitude', ODOMETRY}
+    assert known.origins(source('select v from "/x/climb"')) == found
+
+
+@pytest.mark.parametrize(
+    ('text', 'there'),
+    [
+        ('select v from climb', True),
+        (f'select z from "{ODOMETRY}"', True),
+        ('select z from "/nowhere"', False),
+        ('select a from waiting', False),
+        ('select data from laser', False),
+        ('select a from foreign', True),
+        ('select a from unknown', False),
+    ],
+)
+def test_a_source_is_there_if_all_that_it_names_is(
+    known: KnownStreams, text: str, *, there: bool
+) -> None:
+    assert known.is_there(source(text)) is there
+
+
+@pytest.mark.parametrize(
+    ('origin', 'names'),
+    [
+        ('climb', {'a'}),
+        ('altitude', {'a', 'b'}),
+        (ODOMETRY, {'a', 'b', 'c'}),
+        (f'select z from "{ODOMETRY}"', {'a', 'b', 'c'}),
+        ('laser', {'d'}),
+        ('c', {'c'}),
+        ('the_states', set()),
+    ],
+)
+def test_suspects_are_made_from_what_failed(
+    known: KnownStreams, origin: str, names: set[str]
+) -> None:
+    chosen = [
+        Source('F', name, f'stream {name} = {text}')
+        for name, text in {
+            'a': 'select v from climb',
+            'b': 'select altitude from altitude',
+            'c': f'select x from "{ODOMETRY}"',
+            'd': 'select data from laser',
+        }.items()
+    ]
+    assert {each.stream for each in suspects(chosen, origin, known)} == names
+
+
+@pytest.mark.parametrize(
+    ('text', 'fields'),
+    [
+        ('select a, b as c from s', ('a', 'c')),
+        ('compunit v: float mean(a: float); sink mean(s)', ('v',)),
+        ('stream x = select a from s; stream y = select b from s; sink sync(x, y)', ('a', 'b')),
+        ('merge(s, s)', ('of_s',)),
+        ('"/topic"', ('of_/topic',)),
+        ('source (a: float, b: int) "/topic"; stream x = "/topic"; sink x', ('a', 'b')),
+        ('select a as A%b% from s', ()),
+    ],
+)
+def test_the_fields_of_a_stream_are_read_off_its_text(text: str, fields: tuple[str, ...]) -> None:
+    assert field_names(text, lambda name: [f'of_{name}'], lambda name: [f'of_{name}']) == fields
+
+
+def test_a_reference_names_its_topic() -> None:
+    made = referenced(Symbol(SymbolKind.FEATURE, f'"{ODOMETRY}".z'))
+    assert KnownStreams((), lambda _: True).origins(made) == {ODOMETRY}
