@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from dyknow_coordinator.grounding import Candidates, Source
     from dyknow_coordinator.ros.facilities import Facilities
 
-RESUME_LIMIT: Final = 2.0
+RESUME_LIMIT: Final = 1.5
 """Seconds within which other streams must flow when those in use have failed."""
 
 REST: Final = 10.0
