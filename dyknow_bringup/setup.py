@@ -32,6 +32,7 @@ setup(
     entry_points={
         'console_scripts': [
             'dyknow = dyknow_bringup.ros.dyknow:main',
+            'formula_markers = dyknow_bringup.ros.formula_markers:main',
             'formula_monitor = dyknow_bringup.ros.formula_monitor:main',
             'replay = dyknow_bringup.ros.replay:main',
             'uav_demo = dyknow_bringup.ros.uav_demo:main',

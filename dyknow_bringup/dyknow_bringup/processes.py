@@ -98,6 +98,11 @@ def formula_monitor(formulas: Path) -> Process:
     return Process('dyknow_bringup', 'formula_monitor', {'formulas': str(formulas)})
 
 
+def formula_markers() -> Process:
+    """The node that shows formulas in three-dimensional views."""
+    return Process('dyknow_bringup', 'formula_markers')
+
+
 def write_fleet_configuration(
     vehicles: Sequence[str], uav_ontology: Path, folder: Path
 ) -> Configuration:

@@ -10,6 +10,7 @@ from dyknow_bringup.fleet import vehicle_names
 from dyknow_bringup.launching import launch_description
 from dyknow_bringup.processes import (
     dyknow_processes,
+    formula_markers,
     formula_monitor,
     uav_simulation,
     write_fleet_configuration,
@@ -19,6 +20,7 @@ from dyknow_bringup.resources import formulas_path, scenario_path, uav_ontology_
 ARGUMENTS = {
     'scenario': ('nominal', 'name of a shipped scenario, or path of a YAML file'),
     'uavs': ('3', 'number of vehicles'),
+    'markers': ('true', 'show formulas in rviz2 or Foxglove'),
 }
 
 
@@ -31,6 +33,7 @@ def processes(values):
         *dyknow_processes(configuration),
         uav_simulation(scenario_path(values['scenario']), vehicles),
         formula_monitor(formulas_path()),
+        *([formula_markers()] if values['markers'].lower() in {'true', '1'} else []),
     )
 
 

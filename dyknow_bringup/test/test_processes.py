@@ -10,7 +10,10 @@ from dyknow_bringup.processes import (
     Configuration,
     Process,
     dyknow_processes,
+    formula_markers,
+    formula_monitor,
     ros_arguments,
+    uav_simulation,
     write_fleet_configuration,
 )
 from dyknow_bringup.resources import executable_path, scenario_names, scenario_path
@@ -20,6 +23,13 @@ def test_the_seven_nodes_are_installed() -> None:
     processes = dyknow_processes(Configuration())
     assert len(processes) == 7
     for process in processes:
+        assert executable_path(process.package, process.executable).is_file()
+
+
+def test_the_nodes_of_the_demonstration_are_installed() -> None:
+    for process in (
+        uav_simulation(Path('a.yaml'), 3), formula_monitor(Path('b.yaml')), formula_markers(),
+    ):  # fmt: skip
         assert executable_path(process.package, process.executable).is_file()
 
 

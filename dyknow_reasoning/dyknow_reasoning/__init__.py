@@ -2,7 +2,17 @@
 
 from dyknow_reasoning.check import CheckResult, check_trace
 from dyknow_reasoning.errors import ReasoningError
-from dyknow_reasoning.formula import Formula, Interval, Reference
+from dyknow_reasoning.formula import (
+    Always,
+    And,
+    Comparison,
+    Feature,
+    Forall,
+    Formula,
+    Interval,
+    Number,
+    Reference,
+)
 from dyknow_reasoning.formula_group import DEFAULT_NODE_LIMIT, FormulaGroup, NamedFormula
 from dyknow_reasoning.parsing import parse_formula
 from dyknow_reasoning.results import FormulaResult, Verdict
@@ -12,13 +22,19 @@ from dyknow_reasoning.type_checking import Kind, check_types
 
 __all__ = [
     'DEFAULT_NODE_LIMIT',
+    'Always',
+    'And',
     'CheckResult',
+    'Comparison',
+    'Feature',
+    'Forall',
     'Formula',
     'FormulaGroup',
     'FormulaResult',
     'Interval',
     'Kind',
     'NamedFormula',
+    'Number',
     'ReasoningError',
     'RecordedState',
     'Reference',

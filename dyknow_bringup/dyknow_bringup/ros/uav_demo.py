@@ -23,7 +23,12 @@ from dyknow_bringup.errors import BringupError
 from dyknow_bringup.fleet import fleet_specification, vehicle_names
 from dyknow_bringup.launcher import Launcher
 from dyknow_bringup.monitoring import MonitoredFormula, unexpected
-from dyknow_bringup.processes import dyknow_processes, uav_simulation, write_fleet_configuration
+from dyknow_bringup.processes import (
+    dyknow_processes,
+    formula_markers,
+    uav_simulation,
+    write_fleet_configuration,
+)
 from dyknow_bringup.resources import scenario_names, scenario_path, uav_ontology_path
 from dyknow_bringup.ros.formula_monitor import FormulaMonitor
 from dyknow_bringup.scenario import load_scenario
@@ -58,6 +63,7 @@ class Demonstration:
     Args:
         launcher: starts the processes.
         folder: for the configuration of the fleet.
+        markers: whether formulas are shown in three-dimensional views.
     """
 
     def __init__(
@@ -67,6 +73,8 @@ class Demonstration:
         vehicles: int,
         launcher: Launcher,
         folder: Path,
+        *,
+        markers: bool,
     ) -> None:
         self._scenario = scenario
         self._vehicles = vehicle_names(vehicles)
@@ -76,8 +84,11 @@ class Demonstration:
         )
         self._simulation = uav_simulation(scenario_file, vehicles)
         self._launcher = launcher
-        self._processes = dyknow_processes(
-            write_fleet_configuration(self._vehicles, uav_ontology_path(), folder)
+        self._processes = (
+            *dyknow_processes(
+                write_fleet_configuration(self._vehicles, uav_ontology_path(), folder)
+            ),
+            *([formula_markers()] if markers else []),
         )
         self._console = Console()
         self._start: int | None = None
@@ -190,6 +201,7 @@ def options(arguments: Sequence[str]) -> argparse.Namespace:
         help=f'{", ".join(scenario_names())}, or a YAML file (default: power_surge)',
     )
     parser.add_argument('--uavs', type=int, default=3, help='number of vehicles (default: 3)')
+    parser.add_argument('--markers', action='store_true', help='show formulas in rviz2 or Foxglove')
     parser.add_argument('--log-level', default='info', help='of the nodes (default: info)')
     parser.add_argument(
         '--logs', type=Path, help='folder for the logs of the nodes (default: a temporary one)'
@@ -209,7 +221,9 @@ def main() -> int:
             scenario = load_scenario(path)
             rclpy.init()
             with Launcher(logs, log_level=chosen.log_level) as launcher:
-                demonstration = Demonstration(scenario, path, chosen.uavs, launcher, folder)
+                demonstration = Demonstration(
+                    scenario, path, chosen.uavs, launcher, folder, markers=chosen.markers
+                )
                 return 0 if demonstration.run() else 1
         except DyKnowError as error:
             print(f'uav_demo: {error}', file=sys.stderr)  # noqa: T201 - there is no node yet

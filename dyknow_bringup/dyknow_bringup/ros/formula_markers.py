@@ -1,0 +1,173 @@
+"""Shows formulas as markers, for rviz2 and Foxglove: fences, lines between vehicles, and texts."""
+
+from __future__ import annotations
+
+from functools import partial
+from typing import TYPE_CHECKING, Any
+
+from builtin_interfaces.msg import Duration
+from dyknow_interfaces.msg import EvaluationStatusArray
+from geometry_msgs.msg import Point as PointMessage
+from nav_msgs.msg import Odometry
+from rclpy.exceptions import InvalidTopicNameException
+from rclpy.qos import QoSProfile, qos_profile_sensor_data
+from std_msgs.msg import ColorRGBA
+from visualization_msgs.msg import Marker as MarkerMessage
+from visualization_msgs.msg import MarkerArray
+
+from dyknow_bringup.errors import BringupError
+from dyknow_bringup.markers import formula_markers, objects_of
+from dyknow_coordinator.ros.evaluation_messages import status_from_message
+from dyknow_stream_processing.ros import (
+    LATCHED,
+    NO_PUBLISHER_EVENTS,
+    NO_SUBSCRIPTION_EVENTS,
+    DyKnowNode,
+    run,
+)
+from dyknow_stream_processing.ros.throttle import Throttle
+
+if TYPE_CHECKING:
+    from collections.abc import Collection
+
+    from dyknow_bringup.document import Point
+    from dyknow_bringup.markers import Axes, Marker
+    from dyknow_coordinator import EvaluationStatus
+
+PERIOD = 0.2
+"""Seconds between two pictures."""
+
+LIFETIME = Duration(sec=1)
+"""After this, markers vanish that are not published again: what has ended, or all with the node."""
+
+WARNING_PERIOD = 60.0
+"""Seconds between two warnings of vehicles in different frames."""
+
+# Not latched: whoever comes later would be shown what was, and has what is after a period.
+MARKERS = QoSProfile(depth=1)
+
+
+class FormulaMarkers(DyKnowNode):
+    """Publishes `~/markers` of what a coordinator evaluates, while somebody looks.
+
+    The vehicles are the objects of the formulas' ground features that have an odometry.
+    """
+
+    def __init__(self) -> None:
+        super().__init__('formula_markers')
+        coordinator = self.parameter(
+            'coordinator', 'stream_reasoning_coordinator', 'Name of the coordinator node.'
+        )
+        self._odometry = self.parameter(
+            'odometry', '<vehicle>/odometry', 'Topic of the odometry of a vehicle.'
+        )
+        self._axes = self._checked_axes(
+            self.parameter(
+                'axes',
+                ['East', 'North', 'Altitude'],
+                'The features that are the x, y and z of a vehicle, in the frame of its odometry.',
+            )
+        )
+        self._statuses: list[EvaluationStatus] = []
+        self._listeners: dict[str, Any] = {}
+        self._positions: dict[str, Point] = {}
+        self._frame = ''
+        self._frame_warning = Throttle(WARNING_PERIOD)
+        self.create_subscription(
+            EvaluationStatusArray,
+            f'{coordinator}/evaluations',
+            self._note_evaluations,
+            LATCHED,
+            event_callbacks=NO_SUBSCRIPTION_EVENTS,
+        )
+        self._markers = self.create_publisher(
+            MarkerArray, '~/markers', MARKERS, event_callbacks=NO_PUBLISHER_EVENTS
+        )
+        self.create_timer(PERIOD, self._show, clock=self.wall_clock)
+
+    def _checked_axes(self, axes: Any) -> Axes:
+        try:
+            x, y, z = axes
+        except ValueError:
+            raise BringupError(
+                f'axes are {len(axes)} features ({", ".join(axes)}); name three, for x, y and z'
+            ) from None
+        return x, y, z
+
+    def _note_evaluations(self, report: Any) -> None:
+        self._statuses = [status_from_message(each) for each in report.evaluations]
+
+    def _show(self) -> None:
+        watched = self._markers.get_subscription_count() > 0
+        vehicles = {name for each in self._statuses for name in objects_of(each.groundings)}
+        # Odometry is what costs most: nobody is listened to for nobody.
+        self._listen_to(vehicles if watched else ())
+        if watched and self._frame:
+            drawn = formula_markers(self._statuses, self._positions, self._axes, self.now())
+            self._markers.publish(MarkerArray(markers=[self._message(each) for each in drawn]))
+
+    def _listen_to(self, vehicles: Collection[str]) -> None:
+        for vehicle in self._listeners.keys() - set(vehicles):
+            listener = self._listeners.pop(vehicle)
+            self._positions.pop(vehicle, None)
+            if listener is not None:
+                self.destroy_subscription(listener)
+        for vehicle in vehicles:
+            if vehicle not in self._listeners:
+                self._listeners[vehicle] = self._listener(vehicle)
+        if not self._positions:
+            self._frame = ''
+
+    def _listener(self, vehicle: str) -> Any:
+        try:
+            return self.create_subscription(
+                Odometry,
+                self._odometry.replace('<vehicle>', vehicle),
+                partial(self._note_position, vehicle),
+                qos_profile_sensor_data,
+                event_callbacks=NO_SUBSCRIPTION_EVENTS,
+            )
+        except InvalidTopicNameException as error:
+            self.get_logger().warning(f'{vehicle} is not shown: {error}')
+            return None
+
+    def _note_position(self, vehicle: str, odometry: Any) -> None:
+        self._frame = self._frame or odometry.header.frame_id
+        if odometry.header.frame_id != self._frame:
+            if self._frame_warning.is_due():
+                self.get_logger().warning(
+                    f'{vehicle} is not shown: its odometry is in the frame '
+                    f"'{odometry.header.frame_id}', and that of the others in '{self._frame}'; "
+                    'have them use the same'
+                )
+            return
+        position = odometry.pose.pose.position
+        self._positions[vehicle] = (position.x, position.y, position.z)
+
+    def _message(self, marker: Marker) -> MarkerMessage:
+        red, green, blue, opacity = marker.colour
+        message = MarkerMessage(
+            ns=marker.name,
+            id=marker.number,
+            type=int(marker.shape),
+            action=MarkerMessage.ADD,
+            color=ColorRGBA(r=red, g=green, b=blue, a=opacity),
+            points=[_point(point) for point in marker.points],
+            text=marker.text,
+            lifetime=LIFETIME,
+        )
+        message.header.frame_id = self._frame
+        message.header.stamp = self.get_clock().now().to_msg()
+        message.pose.position = _point(marker.position)
+        message.scale.x, message.scale.y, message.scale.z = marker.scale
+        return message
+
+
+def _point(point: Point) -> PointMessage:
+    x, y, z = point
+    return PointMessage(x=x, y=y, z=z)
+
+
+def main() -> int:
+    """The executable formula_markers."""
+    return run(FormulaMarkers)

@@ -1,0 +1,139 @@
+"""What is drawn of formulas."""
+
+from dataclasses import replace
+
+import pytest
+
+from dyknow_bringup.markers import (
+    COLOURS,
+    NO_LONGER_WATCHED,
+    Marker,
+    Shape,
+    formula_markers,
+    objects_of,
+)
+from dyknow_coordinator import (
+    CoordinationError,
+    EvaluationPhase,
+    EvaluationStatus,
+    Grounding,
+    Level,
+    SymbolGrounding,
+    Verdict,
+)
+from dyknow_stream_processing import ExitCode
+
+AXES = ('East', 'North', 'Altitude')
+SECOND = 1_000_000_000
+NOW = 100 * SECOND
+POSITIONS = {'uav1': (0.0, 0.0, 10.0), 'uav2': (20.0, 0.0, 12.0), 'uav3': (40.0, 0.0, 5.0)}
+
+
+def grounded(*symbols: str) -> tuple[SymbolGrounding, ...]:
+    return tuple(SymbolGrounding(symbol, Grounding.SEMANTIC, 's') for symbol in symbols)
+
+
+SEPARATION = EvaluationStatus(
+    'separation',
+    'forall x in UAV: ((x != uav1) -> (always (XYDist[x, uav1] > 10)))',
+    EvaluationPhase.RUNNING,
+    started=NOW - SECOND,
+    groundings=grounded('XYDist[uav2, uav1]', 'XYDist[uav3, uav1]'),
+)
+CEILING = EvaluationStatus(
+    'ceiling',
+    'forall u in UAV: (always (Altitude[u] < 30))',
+    EvaluationPhase.RUNNING,
+    started=NOW - SECOND,
+    groundings=grounded('Altitude[uav1]', 'Altitude[uav2]', 'Altitude[uav3]'),
+)
+
+
+def draw(*statuses: EvaluationStatus, shape: Shape | None = None) -> list[Marker]:
+    drawn = formula_markers(statuses, POSITIONS, AXES, NOW)
+    return [marker for marker in drawn if shape in (None, marker.shape)]
+
+
+def test_a_line_between_each_pair() -> None:
+    lines = draw(SEPARATION, shape=Shape.LINES)
+    assert [line.points for line in lines] == [
+        (POSITIONS['uav2'], POSITIONS['uav1']),
+        (POSITIONS['uav3'], POSITIONS['uav1']),
+    ]
+    assert {line.colour for line in lines} == {COLOURS[Level.OK]}
+
+
+@pytest.mark.parametrize(
+    ('changes', 'level'),
+    [
+        ({'presumably_false': True}, Level.WARN),
+        ({'phase': EvaluationPhase.INTERRUPTED}, Level.WARN),
+        ({'started': NOW - 60 * SECOND}, Level.WARN),
+        ({'phase': EvaluationPhase.ENDED, 'verdict': Verdict.TRUE}, Level.OK),
+        ({'phase': EvaluationPhase.ENDED, 'verdict': Verdict.FALSE}, Level.ERROR),
+        (
+            {
+                'phase': EvaluationPhase.ENDED,
+                'error': CoordinationError('gone', ExitCode.UNAVAILABLE),
+            },
+            Level.ERROR,
+        ),
+    ],
+)
+def test_colours_say_how_it_is(changes: dict[str, object], level: Level) -> None:
+    lines = draw(replace(SEPARATION, **changes), shape=Shape.LINES)  # type: ignore[arg-type]
+    assert {line.colour for line in lines} == {COLOURS[level]}
+
+
+def test_the_pair_that_broke_it_stands_out() -> None:
+    broken = replace(
+        SEPARATION,
+        phase=EvaluationPhase.ENDED,
+        verdict=Verdict.FALSE,
+        explanation='for x = uav3: XYDist[uav3, uav1] = 9.5 at 12.000 s is not > 10',
+    )
+    colours = [line.colour for line in draw(broken, shape=Shape.LINES)]
+    assert colours == [NO_LONGER_WATCHED, COLOURS[Level.ERROR]]
+
+
+def test_a_fence_is_a_box_with_edges() -> None:
+    box, edges = draw(CEILING)[:2]
+    assert (box.shape, edges.shape) == (Shape.BOX, Shape.LINES)
+    assert box.colour[:3] == edges.colour[:3]
+    assert box.colour[3] < edges.colour[3]
+    assert box.position[2] + box.scale[2] / 2 == 30
+    assert len(edges.points) == 24
+
+
+def test_texts_say_what_and_why_one_above_the_other() -> None:
+    broken = replace(
+        CEILING, phase=EvaluationPhase.ENDED, verdict=Verdict.FALSE, explanation='31 is not < 30'
+    )
+    low, high = draw(broken, SEPARATION, shape=Shape.TEXT)
+    assert low.text == 'ceiling: false: 31 is not < 30\n' + CEILING.formula
+    assert low.position[:2] == (20.0, 0.0)
+    assert max(position[2] for position in POSITIONS.values()) < low.position[2]
+    assert low.position[2] + 2 < high.position[2]
+
+
+def test_a_formula_without_a_name_is_written_once() -> None:
+    (text,) = draw(replace(CEILING, name=CEILING.formula), shape=Shape.TEXT)
+    assert ''.join(text.text.split()).count('Altitude[u]<30') == 1
+
+
+def test_markers_are_told_apart() -> None:
+    drawn = draw(SEPARATION, CEILING, CEILING)
+    assert len({(marker.name, marker.number) for marker in drawn}) == len(drawn)
+
+
+def test_what_is_not_known_is_not_drawn() -> None:
+    cancelled = CoordinationError('cancelled', ExitCode.CANCELLED)
+    assert not draw(replace(CEILING, phase=EvaluationPhase.ENDED, error=cancelled))
+    assert not formula_markers([SEPARATION, CEILING], {}, AXES, NOW)
+    alone = formula_markers([SEPARATION], {'uav2': POSITIONS['uav2']}, AXES, NOW)
+    assert [marker.shape for marker in alone] == [Shape.TEXT]
+
+
+def test_the_objects_of_ground_features() -> None:
+    found = objects_of(grounded('XYDist[uav2, uav1]', 'Wind', '"/a".ranges[0]', 'a.ranges[0]'))
+    assert found == {'uav1', 'uav2'}
