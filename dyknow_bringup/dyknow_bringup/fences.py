@@ -124,6 +124,6 @@ def _limits(formula: Formula) -> Iterator[tuple[Feature, str, float]]:
             yield from _limits(formula.left)
             yield from _limits(formula.right)
         case Comparison(operator, Feature() as feature, Number(value)) if operator in _MIRRORED:
-            yield feature, operator, value
+            yield feature, operator, float(value)
         case Comparison(operator, Number(value), Feature() as feature) if operator in _MIRRORED:
-            yield feature, _MIRRORED[operator], value
+            yield feature, _MIRRORED[operator], float(value)

@@ -51,6 +51,12 @@ def test_the_fences_of_the_demonstration(formulas: dict[str, NamedFormula]) -> N
     assert found['geofence'] == (fence((-30, -30, -inf), (60, inf, inf)),)
 
 
+def test_whole_numbers_become_floats() -> None:
+    """Messages take an int for a float without a word, and then hold zero."""
+    (found,) = fences('always (East[a] > -30 and East[a] < 60)', AXES)
+    assert {type(each) for each in (*found.low, *found.high, *found.size)} == {float}
+
+
 OPEN = fence((-inf, 0, -inf), (10, 5, inf))
 
 

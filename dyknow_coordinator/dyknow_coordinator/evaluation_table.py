@@ -9,8 +9,8 @@ from rich.console import Group
 from rich.table import Table
 from rich.text import Text
 
-from dyknow_coordinator.evaluation import Verdict
-from dyknow_coordinator.evaluation_status import EvaluationPhase, details, outcome
+from dyknow_coordinator.evaluation import EvaluationPhase, Verdict
+from dyknow_coordinator.evaluation_status import details, outcome
 from dyknow_stream_processing import ExitCode, round_duration
 
 if TYPE_CHECKING:

@@ -88,6 +88,7 @@ class FormulaMonitor(DyKnowNode):
 
     def _send(self, monitored: MonitoredFormula) -> None:
         goal = MonitorFormula.Goal(
+            name=monitored.formula.name,
             formula=monitored.formula.formula,
             timeout=nanoseconds_to_duration(round(self._timeout * 1e9)),
         )

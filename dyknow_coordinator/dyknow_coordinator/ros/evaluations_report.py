@@ -68,35 +68,39 @@ class EvaluationsReport:
         """Has a report published soon; one for many changes that come together."""
         if not self._due:
             self._due = True
-            self._node.deadlines.after(SETTLING).add_done_callback(
-                lambda _: self._publish_evaluations()
-            )
+            self._node.deadlines.after(SETTLING).add_done_callback(lambda _: self._tell_changes())
 
     def _end_period(self) -> None:
         # Whoever comes later has the last change at once, and all that is new after a second.
-        if self._evaluations.get_subscription_count() and any(map(_runs, self._statuses())):
-            self._publish_evaluations()
-        if self._diagnostics.get_subscription_count():
-            self._publish_diagnostics()
+        watched = self._evaluations.get_subscription_count() > 0
+        diagnosed = self._diagnostics.get_subscription_count() > 0
+        statuses = list(self._statuses()) if watched or diagnosed else []
+        if watched and any(status.phase is not EvaluationPhase.ENDED for status in statuses):
+            self._publish_evaluations(statuses)
+        if diagnosed:
+            self._publish_diagnostics(statuses)
 
-    def _publish_evaluations(self) -> None:
+    def _tell_changes(self) -> None:
         self._due = False
+        self._publish_evaluations(self._statuses())
+
+    def _publish_evaluations(self, statuses: Iterable[EvaluationStatus]) -> None:
         self._evaluations.publish(
             EvaluationStatusArray(
                 stamp=self._node.get_clock().now().to_msg(),
-                evaluations=[status_to_message(status) for status in self._statuses()],
+                evaluations=[status_to_message(status) for status in statuses],
             )
         )
 
-    def _publish_diagnostics(self) -> None:
-        array = DiagnosticArray(status=list(self._diagnoses()))
+    def _publish_diagnostics(self, statuses: Iterable[EvaluationStatus]) -> None:
+        array = DiagnosticArray(status=list(self._diagnoses(statuses)))
         array.header.stamp = self._node.get_clock().now().to_msg()
         self._diagnostics.publish(array)
 
-    def _diagnoses(self) -> Iterator[DiagnosticStatus]:
+    def _diagnoses(self, statuses: Iterable[EvaluationStatus]) -> Iterator[DiagnosticStatus]:
         now, reporter = self._node.now(), self._node.get_fully_qualified_name()
         seen: Counter[str] = Counter()
-        for status in self._statuses():
+        for status in statuses:
             seen[status.name] += 1
             # Those who show diagnostics keep one for each name.
             number = f' ({seen[status.name]})' if seen[status.name] > 1 else ''
@@ -108,7 +112,3 @@ class EvaluationsReport:
                 hardware_id=NO_HARDWARE,
                 values=[KeyValue(key=what, value=text) for what, text in details(status)],
             )
-
-
-def _runs(status: EvaluationStatus) -> bool:
-    return status.phase is not EvaluationPhase.ENDED
