@@ -66,7 +66,8 @@ def output_of(line: list[str], environment: dict[str, str], limit: float = 90.0)
 
 @pytest.mark.parametrize('scenario', ['power_surge', 'telemetry_loss'])
 def test_every_verdict_of_a_scenario(scenario: str) -> None:
-    done = output_of(command('uav_demo', '--scenario', scenario, '--markers'), private_environment())
+    line = command('uav_demo', '--scenario', scenario, '--markers')
+    done = output_of(line, private_environment())
     assert done.returncode == 0, done.stdout + done.stderr
     assert 'every verdict is what the scenario says' in done.stdout
 
