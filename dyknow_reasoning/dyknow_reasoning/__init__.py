@@ -13,7 +13,8 @@ from dyknow_reasoning.formula import (
     Number,
     Reference,
 )
-from dyknow_reasoning.formula_group import DEFAULT_NODE_LIMIT, FormulaGroup, NamedFormula
+from dyknow_reasoning.formula_group import DEFAULT_NODE_LIMIT, FormulaGroup
+from dyknow_reasoning.named_formula import NamedFormula
 from dyknow_reasoning.parsing import parse_formula
 from dyknow_reasoning.results import FormulaResult, Verdict
 from dyknow_reasoning.symbols import Symbol, SymbolKind, symbols_of

@@ -19,6 +19,7 @@ from operator import itemgetter
 from typing import TYPE_CHECKING, TypeAlias
 
 from dyknow_reasoning.bounds import Bound, Question
+from dyknow_reasoning.gaps import Gap, rewritten
 from dyknow_reasoning.nodes import Constant, Node, Window, bounds_of, descendants
 from dyknow_reasoning.progression import Progression
 
@@ -111,6 +112,20 @@ class Automaton:
             asked = times[found.later] - times[found.earlier] > found.more_than
             found = found.yes if asked else found.no
         return found if type(found) is Move else self._find(location, symbol, times)
+
+    def across(self, location: Location, times: Times, gap: Gap) -> tuple[Move, Move]:
+        """The steps from a location to its optimistic and its pessimistic half after a gap.
+
+        Args:
+            location: what remains before the gap.
+            times: those that its bounds count from.
+            gap: in which states are missing.
+        """
+        self._progression.begin(0, times)
+        store = self._progression.store
+        optimistic, pessimistic = rewritten(location.node, gap, times, store)
+        self.has_news = True
+        return self._move(optimistic), self._move(pessimistic)
 
     @property
     def is_full(self) -> bool:

@@ -10,15 +10,16 @@ from dyknow_reasoning.atoms import Predicate, predicate
 from dyknow_reasoning.columns import bits
 from dyknow_reasoning.errors import ReasoningError
 from dyknow_reasoning.nodes import slots
+from dyknow_reasoning.opened import Opened
 from dyknow_reasoning.places import ClockedPlaces, Decided, TabulatedPlaces
 from dyknow_reasoning.readers import careful_reader
-from dyknow_reasoning.shapes import Finish, Member, Moment, Shape
+from dyknow_reasoning.shapes import Finish, Member, Moment, Seat, Shape
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Iterator, Mapping, Sequence
 
     from dyknow_reasoning.atoms import Values
-    from dyknow_reasoning.automaton import Location, Sides, Times
+    from dyknow_reasoning.automaton import Location, Times
     from dyknow_reasoning.columns import Array, Columns, Truths
 
 
@@ -26,25 +27,27 @@ class Batch:
     """Undecided instances of one shape whose atoms are alike.
 
     Args:
-        members: the instances.
-        shape: their shape.
+        seats: where the instances are.
     """
 
-    def __init__(self, members: Sequence[Member], shape: Shape) -> None:
-        self.shape = shape
-        self._members: Array = np.empty(len(members), dtype=object)
-        self._members[:] = members
-        self._formulas = np.array([member.formula_id for member in members])
-        self._slots = slots(shape.automaton.initial.node.mask)
-        width = 1 << shape.automaton.initial.node.mask.bit_length()
-        begin = shape.configurations.at(shape.automaton.initial, ())
-        self._places: TabulatedPlaces | ClockedPlaces = TabulatedPlaces(
-            shape.configurations, np.full(len(members), begin.number), width
+    def __init__(self, seats: Sequence[Seat]) -> None:
+        self.kin = seats[0].member.kin
+        self.shape: Shape = seats[0].shape
+        self._members: Array = np.empty(len(seats), dtype=object)
+        self._members[:] = [seat.member for seat in seats]
+        self._formulas = np.array([seat.member.formula_id for seat in seats])
+        initial = self.shape.automaton.initial
+        self._slots = slots(initial.node.mask)
+        width = 1 << initial.node.mask.bit_length()
+        wheres: dict[tuple[Location, Times], int] = {}
+        chosen = [wheres.setdefault((seat.location, seat.times), len(wheres)) for seat in seats]
+        self._places: TabulatedPlaces | ClockedPlaces = ClockedPlaces(
+            self.shape.automaton, list(wheres), width, np.array(chosen)
         )
-        self._opened = _Opened(shape)
+        self._opened = Opened(seats)
         self._truths: list[tuple[int, Truths]] = []
         self._rows: Array | None = None
-        self._loaded = len(members)
+        self._loaded = len(seats)
         self._predicates: dict[Member, list[Predicate]] = {}
 
     def __len__(self) -> int:
@@ -116,10 +119,12 @@ class Batch:
             self._places.keep(kept)
             self._opened.keep(kept)
 
-    def wheres(self, latest: int) -> Iterator[tuple[Member, Location, Times]]:
+    def seats(self, latest: int) -> Iterator[Seat]:
         """Where each instance is; `latest` is the valid time of the latest state."""
         for index, member in enumerate(self._members):
-            yield member, *self._places.where(index, latest)
+            location, times = self._places.where(index, latest)
+            opened = self._opened.of(index, location)
+            yield Seat(member, self.shape, location, times, opened)
 
     def sizes(self) -> Mapping[int, int]:
         """The number of nodes that each formula has here."""
@@ -155,41 +160,3 @@ class Batch:
             self._predicates[member] = [predicate(atom, member.kinds) for atom in atoms]
         found = self._predicates[member]
         return careful_reader({slot: found[slot] for slot in slots(location.node.mask)})(values)
-
-
-class _Opened:
-    """Since when the windows without an end have been open, for each instance."""
-
-    def __init__(self, shape: Shape) -> None:
-        self._tracks = shape.opens_later
-        self._begin: int | None = None
-        self._since: dict[Sides, Array] = {}
-        self._open: dict[Sides, Array] = {}
-
-    def update(self, places: TabulatedPlaces | ClockedPlaces, now: int) -> None:
-        """Takes what is open after a state."""
-        if self._begin is None:
-            self._begin = now
-        if not self._tracks:
-            return
-        locations = places.locations
-        known = {sides for location in locations for sides in location.unbounded}
-        for sides in known:
-            holds = np.array([sides in location.unbounded for location in locations])
-            is_open = holds[places.numbers]
-            since = self._since.setdefault(sides, np.full(is_open.size, now))
-            was_open = self._open.get(sides)
-            since[is_open if was_open is None else is_open & ~was_open] = now
-            self._open[sides] = is_open
-
-    def keep(self, kept: Array) -> None:
-        """Goes on with some of the instances."""
-        self._since = {sides: since[kept] for sides, since in self._since.items()}
-        self._open = {sides: is_open[kept] for sides, is_open in self._open.items()}
-
-    def of(self, index: int, location: Location) -> Mapping[Sides, int]:
-        """Since when those of a location have been open for an instance."""
-        if not self._tracks and self._begin is not None:
-            return dict.fromkeys(location.unbounded, self._begin)
-        found = ((sides, self._since.get(sides)) for sides in location.unbounded)
-        return {sides: int(since[index]) for sides, since in found if since is not None}

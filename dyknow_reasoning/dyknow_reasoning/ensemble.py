@@ -2,48 +2,35 @@
 
 from __future__ import annotations
 
-from collections import Counter, defaultdict
-from dataclasses import dataclass, field
+from collections import Counter
 from typing import TYPE_CHECKING
 
-from dyknow_reasoning.batch import Batch
-from dyknow_reasoning.columns import Columns, UnreadableError, form
+from dyknow_reasoning.columns import Columns, UnreadableError
 from dyknow_reasoning.errors import ReasoningError
 from dyknow_reasoning.pace import Pace
 from dyknow_reasoning.recording import RecordedSymbols, Symbols, values_at
 from dyknow_reasoning.routine import Routine
-from dyknow_reasoning.shapes import Finish, Member, Shape
-from dyknow_reasoning.single import Single
+from dyknow_reasoning.seating import seated
+from dyknow_reasoning.shapes import Finish, Seat, Shape
+from dyknow_reasoning.tally import Outcome, Tally
 from dyknow_stream_processing import ExitCode
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 
     from dyknow_reasoning.atoms import Values
-    from dyknow_reasoning.automaton import Location, Times
+    from dyknow_reasoning.automaton import Location, Move, Times
+    from dyknow_reasoning.batch import Batch
     from dyknow_reasoning.columns import Array, Recording
+    from dyknow_reasoning.gaps import Gap
     from dyknow_reasoning.nodes import Node
+    from dyknow_reasoning.shapes import Member
+    from dyknow_reasoning.single import Single
 
-_FEWEST_IN_A_BATCH = 24
-_MOST_SLOTS_IN_A_BATCH = 6
 _MOST_IN_A_ROUTINE = 256
 _ROUTINE_AFTER = 4
 
-
-@dataclass(frozen=True, slots=True)
-class Outcome:
-    """What a state brings.
-
-    Args:
-        decisions: for each formula that it decides, the instance that made the difference.
-        failures: for each formula that it fails, why.
-    """
-
-    decisions: Mapping[int, Finish] = field(default_factory=dict)
-    failures: Mapping[int, ReasoningError] = field(default_factory=dict)
-
-
-_NO_DECISIONS: Mapping[int, Finish] = {}
+_NOTHING = Outcome()
 _NO_FAILURES: Mapping[int, ReasoningError] = {}
 
 
@@ -51,20 +38,19 @@ class Ensemble:
     """Progresses instances, each by itself or, of many of one shape, together.
 
     Args:
-        members: the instances, those of a formula in their order.
         node_limit: the nodes that the instances of a formula may have together.
     """
 
-    def __init__(self, members: Sequence[Member], node_limit: int) -> None:
+    def __init__(self, node_limit: int) -> None:
         self._node_limit = node_limit
         self._pace = Pace()
-        self._remaining = Counter(member.formula_id for member in members)
-        self._shapes: list[Shape] = []
+        self._tally = Tally()
+        self._shapes: dict[Node, Shape] = {}
+        # Those that begin with the next state.
+        self._newcomers: list[Seat] = []
         self._singles: list[Single] = []
         self._batches: list[Batch] = []
-        self._distribute(members)
         self._columns = Columns()
-        self._attach()
         # Whether a state usually takes no more than a look-up for each instance by itself.
         self._is_plain = False
         # Progresses all over such a state, or does nothing; to be tried before `progress`.
@@ -73,6 +59,48 @@ class Ensemble:
         self._plain_in_a_row = 0
         # Whether a formula may be near the node limit.
         self._is_large = False
+
+    def add(self, members: Iterable[Member]) -> None:
+        """Takes on instances, which begin with the next state."""
+        self._leave_routine()
+        for member in members:
+            node = member.instance.node
+            shape = self._shapes.get(node)
+            if shape is None:
+                shape = self._shapes[node] = Shape(node)
+            seat = Seat(member, shape, shape.automaton.initial, (), {})
+            self._newcomers.append(seat)
+            self._tally.add([member])
+
+    def interrupt(self) -> None:
+        """Sees to it that the next state is progressed by `progress`, not by the routine."""
+        self._leave_routine()
+
+    def cross(self, gap: Gap) -> Outcome:
+        """Goes on with what remains after a gap; drops what has become unknowable."""
+        finishes: list[Finish] = []
+        found: list[Seat] = []
+        known: dict[tuple[Location, Times], tuple[Move, Move]] = {}
+        before = list(self._seats_taken(gap.after))
+        for seat in before:
+            key = seat.location, seat.times
+            if key not in known:
+                known[key] = seat.shape.automaton.across(*key, gap)
+            halves = seat.across(gap, known[key])
+            if halves != [seat]:
+                self._tally.replace(seat.member, [half.member for half in halves])
+            for half in halves:
+                verdict = half.location.verdict
+                if verdict is None:
+                    found.append(half)
+                else:
+                    finishes.append(Finish(half.member, verdict, None))
+        if found == before:
+            return _NOTHING
+        outcome, _ = self._tally.take(finishes)
+        self._singles, self._batches = [], []
+        self._seat([seat for seat in found if seat.member in self._tally], gap.after)
+        return outcome
 
     def progress(self, now: int, elapsed: int, values: Values) -> Outcome | None:
         """Progresses all over a state; drops the formulas that it decides or fails.
@@ -86,6 +114,8 @@ class Ensemble:
             values: of the ground features.
         """
         self._leave_routine()
+        if self._newcomers:
+            self._admit(now - elapsed)
         failures: Mapping[int, ReasoningError] = _NO_FAILURES
         try:
             symbols = [single.read(values) for single in self._singles]
@@ -110,10 +140,12 @@ class Ensemble:
         Returns:
             The states that bring something, by index, and what.
         """
+        if self._newcomers and times:
+            self._admit(times[0] - steps[0])
         index, states = 0, range(0)
         reader: RecordedSymbols | None = None
         symbols: Sequence[Symbols] | None = None
-        while index < len(times) and self._remaining:
+        while index < len(times) and self._tally:
             if reader is None or not reader.reads(self._singles, self._batches):
                 reader = RecordedSymbols(recording, self._singles, self._batches, self._columns)
                 states = range(index, index)
@@ -145,43 +177,41 @@ class Ensemble:
         for batch in self._batches:
             batch.drop(gone, formulas)
         self._batches = [batch for batch in self._batches if len(batch)]
-        for formula_id in formulas:
-            del self._remaining[formula_id]
+        self._newcomers = [
+            each for each in self._newcomers if each.member.formula_id not in formulas
+        ]
+        self._tally.forget(formulas)
         if any(batch.is_sparse for batch in self._batches):
             self._attach()
 
-    def wheres(self, latest: int) -> Iterator[tuple[Member, Location, Times]]:
+    def seats(self, latest: int) -> Iterator[Seat]:
         """Where each instance is; `latest` is the valid time of the latest state."""
         self._leave_routine()
-        for single in self._singles:
-            yield single.member, *single.where(latest)
-        for batch in self._batches:
-            yield from batch.wheres(latest)
+        yield from self._seats_taken(latest)
+        yield from self._newcomers
 
-    def _distribute(self, members: Iterable[Member]) -> None:
-        """Members of one shape whose atoms are alike make a batch if they are many."""
-        shapes: dict[Node, Shape] = {}
-        alike: defaultdict[object, list[Member]] = defaultdict(list)
-        for member in members:
-            node = member.instance.node
-            if node not in shapes:
-                shapes[node] = Shape(node)
-            forms = tuple(form(atom, member.kinds) for atom in member.instance.atoms)
-            narrow = 0 < node.mask.bit_length() <= _MOST_SLOTS_IN_A_BATCH and None not in forms
-            alike[(node, forms) if narrow else node].append(member)
-        for key, found in alike.items():
-            shape = shapes[found[0].instance.node]
-            if type(key) is tuple and len(found) >= _FEWEST_IN_A_BATCH:
-                self._batches.append(Batch(found, shape))
-            else:
-                self._singles += [Single(member, shape) for member in found]
-        self._shapes = list(shapes.values())
-        for shape in self._shapes:
-            shape.harmless = self._node_limit
-        for members_ in alike.values():
-            most = max(self._remaining[member.formula_id] for member in members_)
-            shape = shapes[members_[0].instance.node]
-            shape.harmless = min(shape.harmless, self._node_limit // most)
+    def _seats_taken(self, latest: int) -> Iterator[Seat]:
+        for single in self._singles:
+            yield single.seat(latest)
+        for batch in self._batches:
+            yield from batch.seats(latest)
+
+    def _admit(self, latest: int) -> None:
+        newcomers, self._newcomers = self._newcomers, []
+        self._seat(newcomers, latest)
+
+    def _seat(self, seats: Sequence[Seat], latest: int) -> None:
+        self._singles, self._batches = seated(seats, self._singles, self._batches, latest)
+        shapes = [single.shape for single in self._singles]
+        shapes += [batch.shape for batch in self._batches]
+        shapes += [seat.shape for seat in self._newcomers]
+        self._shapes = {shape.automaton.initial.node: shape for shape in shapes}
+        for seat in seats:
+            most = self._node_limit // self._tally.count(seat.member.formula_id)
+            seat.shape.harmless = min(seat.shape.harmless, most)
+        self._is_large = any(shape.is_large for shape in shapes)
+        self._is_plain = False
+        self._attach()
 
     def _attach(self) -> None:
         self._columns = Columns()
@@ -238,14 +268,22 @@ class Ensemble:
                 finishes.append(finish)
         for batch, array in zip(self._batches, arrays, strict=True) if arrays else ():
             finishes += batch.step(array, now, elapsed, regular=regular)
-        decisions = self._decide(finishes) if finishes else _NO_DECISIONS
-        for shape in self._shapes:
+        decided = self._take(finishes) if finishes else _NOTHING
+        for shape in self._shapes.values():
             if shape.automaton.has_news:
                 self._take_news(now)
+        if decided.failures:
+            failures = {**failures, **decided.failures}
         if self._is_large:
             failures = {**failures, **self._check_sizes(now)}
         self._is_plain = regular and self._takes_look_ups()
+        decisions = decided.decisions
         return Outcome(decisions, failures) if decisions or failures else None
+
+    def _take(self, finishes: Iterable[Finish]) -> Outcome:
+        outcome, gone = self._tally.take(finishes)
+        self.drop([*outcome.decisions, *outcome.failures], gone)
+        return outcome
 
     def _takes_look_ups(self) -> bool:
         """Whether nothing but configurations has to be looked after."""
@@ -292,24 +330,9 @@ class Ensemble:
             self.routine.leave()
             self._former_routine, self.routine = self.routine, None
 
-    def _decide(self, finishes: Iterable[Finish]) -> Mapping[int, Finish]:
-        """The formulas that are false for an instance, or true for the last one."""
-        decisions: dict[int, Finish] = {}
-        members = []
-        for finish in sorted(finishes, key=lambda finish: finish.member.order):
-            formula_id = finish.member.formula_id
-            members.append(finish.member)
-            self._remaining[formula_id] -= 1
-            known = decisions.get(formula_id)
-            false = known is not None and not known.verdict
-            if not false and not (finish.verdict and self._remaining[formula_id]):
-                decisions[formula_id] = finish
-        self.drop(decisions, members)
-        return decisions
-
     def _take_news(self, now: int) -> None:
         """Looks after memory, and the sizes of formulas, when something has been found."""
-        for shape in self._shapes:
+        for shape in self._shapes.values():
             shape.automaton.has_news = False
             if shape.is_full:
                 locations = set()
@@ -320,7 +343,7 @@ class Ensemble:
                     if batch.shape is shape:
                         locations |= batch.leave_configurations(now)
                 shape.forget(locations)
-        self._is_large = any(shape.is_large for shape in self._shapes)
+        self._is_large = any(shape.is_large for shape in self._shapes.values())
 
     def _check_sizes(self, now: int) -> Mapping[int, ReasoningError]:
         """Drops the formulas that have grown beyond the limit."""

@@ -36,7 +36,7 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from dyknow_reasoning.automaton import Sides
-    from dyknow_reasoning.grounding import Instance
+    from dyknow_reasoning.grounding import Binding, Instance
     from dyknow_reasoning.shapes import Finish, Moment
 
 _MOST_REASONS = 4
@@ -51,7 +51,14 @@ def explain(finish: Finish, values: Values) -> str:
         finish: the instance that made the difference.
         values: of the state that decided it.
     """
-    return _Explainer(finish.member.instance, finish.moment, values).text()
+    member, moment = finish.member, finish.moment
+    if moment is None:
+        why = _bound(f'what remained can only be {finish.verdict}'.lower(), member.instance.binding)
+    else:
+        why = _Explainer(member.instance, moment, values).text()
+    if member.gap is None:
+        return why
+    return f'{why}; so it is whatever the states were that are missing {member.gap}'
 
 
 class _Explainer:
@@ -72,8 +79,7 @@ class _Explainer:
         shown = '; '.join(reasons[:_MOST_REASONS])
         more = len(reasons) - _MOST_REASONS
         shown += f'; and {more} more' if more > 0 else ''
-        binding = ', '.join(f'{variable} = {name}' for variable, name in self._binding.items())
-        return f'for {binding}: {shown}' if binding else shown
+        return _bound(shown, self._binding)
 
     def _progressed(self, node: Node, *, fresh: bool) -> Node:
         return self._progression.progress(node, fresh=fresh)
@@ -181,6 +187,11 @@ class _Explainer:
             return str(term)
         value = evaluate(term, self._values)
         return f'{term} = {_spelled(value)}'
+
+
+def _bound(reasons: str, binding: Binding) -> str:
+    objects = ', '.join(f'{variable} = {name}' for variable, name in binding.items())
+    return f'for {objects}: {reasons}' if objects else reasons
 
 
 def _shortened(text: str) -> str:

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from functools import reduce
-from itertools import chain
+from itertools import chain, count
 from operator import attrgetter
 from typing import TYPE_CHECKING, Any
 
@@ -12,58 +10,43 @@ import numpy as np
 
 from dyknow_reasoning.bounds import Chronology
 from dyknow_reasoning.columns import recorded
-from dyknow_reasoning.ensemble import Ensemble, Outcome
+from dyknow_reasoning.ensemble import Ensemble
 from dyknow_reasoning.errors import ReasoningError
 from dyknow_reasoning.explanation import explain
+from dyknow_reasoning.gaps import Gap
 from dyknow_reasoning.grounding import ground
+from dyknow_reasoning.named_formula import NamedFormula
 from dyknow_reasoning.node_store import NodeStore
 from dyknow_reasoning.nodes import FALSE, Constant
-from dyknow_reasoning.parsing import parse_formula
 from dyknow_reasoning.recording import values_at
-from dyknow_reasoning.residual import remaining_text
+from dyknow_reasoning.remainders import Remainders
 from dyknow_reasoning.results import FormulaResult, Verdict
-from dyknow_reasoning.shapes import Member
+from dyknow_reasoning.shapes import members
 from dyknow_reasoning.symbols import Symbol, ground_symbols, symbols_of
-from dyknow_reasoning.type_checking import Kinds, check_types
 from dyknow_stream_processing import ExitCode, format_time, round_time
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator, Mapping, Sequence
+    from collections.abc import Iterable, Mapping, Sequence
+    from collections.abc import Set as AbstractSet
 
     from dyknow_reasoning.atoms import Values
     from dyknow_reasoning.columns import Array, Recording
-    from dyknow_reasoning.formula import Formula
     from dyknow_reasoning.grounding import Domains, Instance
+    from dyknow_reasoning.tally import Outcome
 
 DEFAULT_NODE_LIMIT = 100_000
+_MOST_NODES = 10_000
 _WHATEVER = {
     Verdict.TRUE: 'true for these objects, whatever the states are',
     Verdict.FALSE: 'false for these objects, whatever the states are',
 }
 
 
-@dataclass(frozen=True, slots=True)
-class NamedFormula:
-    """A formula of a group; its `str` is the canonical text.
-
-    Args:
-        name: what the user calls it.
-        formula: its abstract syntax.
-        kinds: the kinds of its features.
-    """
-
-    name: str
-    formula: Formula
-    kinds: Kinds
-
-    def __str__(self) -> str:
-        return str(self.formula)
-
-
 class FormulaGroup:
     """Formulas that are progressed over the same states, each until it is decided.
 
-    Add the formulas, `begin` with the domains, then `progress` state by state.
+    Add formulas, `begin` with the domains, then `progress` state by state. Formulas may come and go
+    at any time.
 
     Args:
         node_limit: a formula that grows to more nodes by progression fails.
@@ -71,35 +54,62 @@ class FormulaGroup:
 
     def __init__(self, node_limit: int = DEFAULT_NODE_LIMIT) -> None:
         self._node_limit = node_limit
+        self._ids = count(1)
         self._formulas: dict[int, NamedFormula] = {}
         self._instances: dict[int, list[Instance]] = {}
         # The formulas that need no state, until that has been told.
         self._known: dict[int, Verdict] = {}
         self._ends: dict[int, str] = {}
         self._undecided: set[int] = set()
+        self._store = NodeStore(Chronology())
+        self._domains: Domains = {}
         self._ensemble: Ensemble | None = None
         self._latest: int | None = None
+        self._gap_follows = False
+        self._remainders: Remainders | None = None
 
     @property
     def formulas(self) -> Mapping[int, NamedFormula]:
         """The formulas by their ids."""
         return self._formulas
 
+    @property
+    def undecided(self) -> AbstractSet[int]:
+        """The ids of the formulas that have no result yet; none before `begin`."""
+        return self._undecided
+
     def add_formula(self, name: str, text: str) -> int:
         """Adds a formula and returns its id.
 
+        Once the group has begun, the formula begins with the next state.
+
         Raises:
             LanguageError: for a text that is no formula, or makes no sense; with the place.
-            ReasoningError: once the group has begun.
+            ReasoningError: once the group has begun, for a sort without a domain.
         """
+        named = NamedFormula.parsed(name, text)
+        if len(self._store) > _MOST_NODES:
+            known = chain.from_iterable(self._instances.values())
+            self._store = NodeStore(Chronology(), {instance.node for instance in known})
+        instances = ground(named.formula, self._domains, self._store) if self._ensemble else []
+        formula_id = next(self._ids)
+        self._formulas[formula_id] = named
         if self._ensemble:
-            raise ReasoningError(
-                f"the formula group has begun; add '{name}' to a new group", ExitCode.ALREADY_EXISTS
-            )
-        formula = parse_formula(text)
-        formula_id = len(self._formulas) + 1
-        self._formulas[formula_id] = NamedFormula(name, formula, check_types(formula, text))
+            self._begin_formula(formula_id, instances, self._ensemble)
         return formula_id
+
+    def remove_formula(self, formula_id: int) -> None:
+        """Takes a formula out of the group; the others go on.
+
+        Raises:
+            ReasoningError: for an unknown formula.
+        """
+        self._find(formula_id)
+        if self._ensemble and formula_id in self._undecided:
+            self._ensemble.drop([formula_id])
+        self._undecided.discard(formula_id)
+        for known in (self._formulas, self._instances, self._known, self._ends):
+            known.pop(formula_id, None)
 
     def symbols(self) -> list[Symbol]:
         """The symbols of all formulas, each once.
@@ -121,15 +131,15 @@ class FormulaGroup:
         """
         if self._ensemble:
             raise ReasoningError('the formula group has begun already', ExitCode.ALREADY_EXISTS)
-        store = NodeStore(Chronology())
-        self._instances = {
-            formula_id: ground(each.formula, domains, store)
+        instances = {
+            formula_id: ground(each.formula, domains, self._store)
             for formula_id, each in self._formulas.items()
         }
-        verdicts = {each: _verdict(instances) for each, instances in self._instances.items()}
-        self._known = {each: verdict for each, verdict in verdicts.items() if verdict}
-        self._undecided = set(self._formulas)
-        self._ensemble = Ensemble(list(self._members()), self._node_limit)
+        self._domains = domains
+        self._ensemble = Ensemble(self._node_limit)
+        self._remainders = Remainders(self._ensemble)
+        for formula_id, found in instances.items():
+            self._begin_formula(formula_id, found, self._ensemble)
 
     def decided_at_once(self) -> list[FormulaResult]:
         """The results of the formulas that are decided whatever the states are.
@@ -157,13 +167,14 @@ class FormulaGroup:
             return self._progress_first(valid_time, values)
         if valid_time <= latest:
             return self.fail(_not_later(valid_time, latest), valid_time)
-        self._latest = valid_time
         elapsed = valid_time - latest
         routine = self._ensemble.routine
         if routine and elapsed == routine.elapsed and routine.step(values):
+            self._latest = valid_time
             return []
+        results = self._prepare(self._ensemble, valid_time, values)
         outcome = self._ensemble.progress(valid_time, elapsed, values)
-        return self._take(outcome, valid_time, values) if outcome else []
+        return results + self._take(outcome, valid_time, values) if outcome else results
 
     def progress_many(
         self, valid_times: Iterable[int], columns: Mapping[str, Iterable[Any]]
@@ -196,6 +207,18 @@ class FormulaGroup:
         steps = np.diff(times, prepend=latest)
         return results + self._progress_recording(ensemble, times, steps, recording)
 
+    def gap(self) -> None:
+        """Tells that states may be missing before the next one, any number with any values.
+
+        No verdict depends on them: see `gaps`. A formula that can become neither true nor false
+        any more fails. Formulas that have seen no state begin with the next one as ever.
+
+        Raises:
+            ReasoningError: before `begin`.
+        """
+        self._begun().interrupt()
+        self._gap_follows = self._latest is not None
+
     def fail(self, error: ReasoningError, valid_time: int) -> list[FormulaResult]:
         """Gives up all undecided formulas, for a state that cannot be used.
 
@@ -216,29 +239,45 @@ class FormulaGroup:
         Raises:
             ReasoningError: for an unknown formula.
         """
-        if formula_id not in self._formulas:
-            raise ReasoningError(
-                f'the formula group has no formula {formula_id}', ExitCode.NOT_FOUND
-            )
-        latest = self._latest
-        if latest is None or self._ensemble is None:
-            return str(self._formulas[formula_id])
-        if formula_id not in self._undecided:
+        named = self._find(formula_id)
+        if formula_id in self._ends:
             return self._ends[formula_id]
-        texts = {
-            member.order: remaining_text(location.node, times, latest, member.instance.atoms)
-            for member, location, times in self._ensemble.wheres(latest)
-            if member.formula_id == formula_id
-        }
-        ordered = [texts[order] for order in sorted(texts)]
-        return reduce(lambda left, right: f'({left}) and ({right})', ordered)
+        if self._latest is None or self._remainders is None or formula_id in self._known:
+            return str(named)
+        return self._remainders.text(formula_id, self._latest) or str(named)
+
+    def presumably_false(self, formula_id: int) -> bool:
+        """Whether a formula would be false if no further state came (RV-LTL).
+
+        Then what shall always hold does, and what shall come about does not. After a gap it is told
+        of what `residual` shows. False for one that failed, and where nothing is known yet.
+
+        Raises:
+            ReasoningError: for an unknown formula.
+        """
+        self._find(formula_id)
+        if formula_id in self._ends:
+            return self._ends[formula_id] == 'false'
+        if formula_id in self._known or self._remainders is None:
+            return self._known.get(formula_id) is Verdict.FALSE
+        return not self._remainders.holds_at_the_end(formula_id, self._latest or 0)
 
     def _progress_first(self, valid_time: int, values: Values) -> list[FormulaResult]:
         ensemble = self._begun()
         self._latest = valid_time
         known = self._decide_at_once(valid_time)
         outcome = ensemble.progress(valid_time, 0, values)
-        return known + (self._take(outcome, valid_time, values) if outcome else [])
+        return known + self._take(outcome, valid_time, values) if outcome else known
+
+    def _prepare(self, ensemble: Ensemble, valid_time: int, values: Values) -> list[FormulaResult]:
+        """Tells what is known before a state is looked at, but not before it comes."""
+        results = self._decide_at_once(valid_time) if self._known else []
+        if self._gap_follows and self._latest is not None:
+            self._gap_follows = False
+            outcome = ensemble.cross(Gap(self._latest, valid_time))
+            results += self._take(outcome, valid_time, values)
+        self._latest = valid_time
+        return results
 
     def _progress_recording(
         self, ensemble: Ensemble, times: Array, steps: Array, recording: Recording
@@ -246,6 +285,8 @@ class FormulaGroup:
         usable = int(np.argmax(steps <= 0)) if (steps <= 0).any() else len(times)
         results: list[FormulaResult] = []
         ahead = times[:usable].tolist()
+        if ahead:
+            results += self._prepare(ensemble, ahead[0], values_at(recording, 0))
         for index, outcome in ensemble.progress_many(ahead, steps[:usable].tolist(), recording):
             results += self._take(outcome, ahead[index], values_at(recording, index))
         if usable:
@@ -259,23 +300,33 @@ class FormulaGroup:
             raise ReasoningError('the formula group has not begun; give it the domains first')
         return self._ensemble
 
-    def _members(self) -> Iterator[Member]:
-        """The instances that need states."""
-        for formula_id, instances in self._instances.items():
-            for order, instance in enumerate(instances):
-                if type(instance.node) is not Constant:
-                    yield Member(formula_id, order, instance, self._formulas[formula_id].kinds)
+    def _find(self, formula_id: int) -> NamedFormula:
+        if formula_id not in self._formulas:
+            raise ReasoningError(
+                f'the formula group has no formula {formula_id}', ExitCode.NOT_FOUND
+            )
+        return self._formulas[formula_id]
+
+    def _begin_formula(
+        self, formula_id: int, instances: list[Instance], ensemble: Ensemble
+    ) -> None:
+        self._instances[formula_id] = instances
+        self._undecided.add(formula_id)
+        if verdict := _verdict(instances):
+            self._known[formula_id] = verdict
+            ensemble.interrupt()
+        else:
+            ensemble.add(members(formula_id, instances, self._formulas[formula_id].kinds))
 
     def _decide_at_once(self, valid_time: int | None) -> list[FormulaResult]:
         known, self._known = self._known, {}
-        results = [
-            self._decided(formula_id, verdict, valid_time, _WHATEVER[verdict])
-            for formula_id, verdict in known.items()
-            if formula_id in self._undecided
-        ]
-        if results:
-            self._begun().drop([result.formula_id for result in results])
-        return self._end(results)
+        return self._end(
+            [
+                self._decided(formula_id, verdict, valid_time, _WHATEVER[verdict])
+                for formula_id, verdict in known.items()
+                if formula_id in self._undecided
+            ]
+        )
 
     def _take(self, outcome: Outcome, valid_time: int, values: Values) -> list[FormulaResult]:
         """The results that a state brings."""

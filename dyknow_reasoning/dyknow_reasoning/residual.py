@@ -20,6 +20,7 @@ from dyknow_reasoning.nodes import (
     Window,
     bounds_of,
     descendants,
+    remains,
 )
 
 if TYPE_CHECKING:
@@ -53,6 +54,25 @@ def remaining_text(node: Node, times: Sequence[int], now: int, atoms: Sequence[A
     """
     bounds = {each: Bound(0, times[each.state] + each.offset - now) for each in bounds_of(node)}
     return residual_text(NodeStore(Chronology(), [node]).renumbered(node, bounds), atoms)
+
+
+def holds_at_the_end(node: Node) -> bool:
+    """Whether what remains of a formula holds if no further state comes.
+
+    What shall always hold does then, and what shall come about does not. Literals of a formula that
+    has seen no state count as true: nothing is known against them.
+    """
+    found: dict[Node, bool] = {}
+    for each in remains(node):
+        match each:
+            case Junction():
+                combine = all if each.universal else any
+                found[each] = combine(found[part] for part in each.parts)
+            case Window():
+                found[each] = each.universal
+            case _:
+                found[each] = each is not FALSE
+    return found[node]
 
 
 def parts_in_order(node: Junction, atoms: Sequence[Atom]) -> Sequence[Node]:

@@ -6,36 +6,64 @@ they are from.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from math import inf
 from typing import TYPE_CHECKING
 
 from dyknow_reasoning.automaton import Automaton, nested_without_end
+from dyknow_reasoning.columns import form
 from dyknow_reasoning.configurations import Configurations
+from dyknow_reasoning.gaps import Half
+from dyknow_reasoning.nodes import Constant
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping
+    from collections.abc import Hashable, Iterable, Iterator, Mapping, Sequence
 
-    from dyknow_reasoning.automaton import Location, Sides, Times
+    from dyknow_reasoning.automaton import Location, Move, Sides, Times
+    from dyknow_reasoning.gaps import Gap
     from dyknow_reasoning.grounding import Instance
     from dyknow_reasoning.nodes import Node
     from dyknow_reasoning.type_checking import Kinds
 
 
+_MOST_SLOTS_IN_A_BATCH = 6
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Member:
-    """An instance of a formula of a group.
+    """An instance of a formula of a group, or a half of one after a gap.
 
     Args:
         formula_id: the formula.
         order: which of its instances.
         instance: over which objects.
         kinds: of the features of the formula.
+        kin: equal for those of one shape; a tuple if those with an equal one can make a batch.
+        half: what it stands for.
+        gap: where states are missing that matter to it.
     """
 
     formula_id: int
     order: int
     instance: Instance
     kinds: Kinds
+    kin: Hashable
+    half: Half = Half.WHOLE
+    gap: Gap | None = None
+
+
+def members(formula_id: int, instances: Sequence[Instance], kinds: Kinds) -> Iterator[Member]:
+    """The instances of a formula that need states."""
+    for order, instance in enumerate(instances):
+        if type(instance.node) is not Constant:
+            yield Member(formula_id, order, instance, kinds, _kin(instance, kinds))
+
+
+def _kin(instance: Instance, kinds: Kinds) -> Hashable:
+    node = instance.node
+    forms = tuple(form(atom, kinds) for atom in instance.atoms)
+    narrow = 0 < node.mask.bit_length() <= _MOST_SLOTS_IN_A_BATCH and None not in forms
+    return (node, forms) if narrow else node
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,12 +92,12 @@ class Finish:
     Args:
         member: the instance.
         verdict: whether it is true.
-        moment: what is known of the deciding state.
+        moment: what is known of the deciding state; None if a gap before it decided.
     """
 
     member: Member
     verdict: bool
-    moment: Moment
+    moment: Moment | None
 
 
 class Shape:
@@ -84,7 +112,7 @@ class Shape:
         self.configurations = Configurations(self.automaton)
         self.opens_later = nested_without_end(formula)
         # The largest number of nodes that an instance may have before the sizes are to be added up.
-        self.harmless = 0
+        self.harmless: float = inf
         self._tabulates = True
 
     @property
@@ -108,3 +136,56 @@ class Shape:
         self.configurations.forget()
         if self.automaton.is_full:
             self.automaton.forget(locations)
+
+
+@dataclass(frozen=True, slots=True)
+class Seat:
+    """Where an undecided instance is.
+
+    Args:
+        member: the instance.
+        shape: its shape.
+        location: what remains of it.
+        times: those that the bounds of the location count from.
+        opened: the valid time from which each window without an end has been open.
+    """
+
+    member: Member
+    shape: Shape
+    location: Location
+    times: Times
+    opened: Mapping[Sides, int]
+
+    @property
+    def is_fresh(self) -> bool:
+        """Whether it has not seen a state yet."""
+        return self.location is self.shape.automaton.initial
+
+    def across(self, gap: Gap, halves: tuple[Move, Move]) -> Sequence[Seat]:
+        """What becomes of it in a gap: itself where that is harmless, one half, or two.
+
+        Args:
+            gap: in which states are missing.
+            halves: to the optimistic and to the pessimistic half of what remains.
+        """
+        optimistic, pessimistic = halves
+        if optimistic.target is pessimistic.target is self.location:
+            return [self]
+        match self.member.half:
+            case Half.OPTIMISTIC:
+                return [self._moved(optimistic, Half.OPTIMISTIC, gap)]
+            case Half.PESSIMISTIC:
+                return [self._moved(pessimistic, Half.PESSIMISTIC, gap)]
+            case Half.WHOLE if optimistic.target is pessimistic.target:
+                return [self._moved(optimistic, Half.WHOLE, gap)]
+        return [
+            self._moved(optimistic, Half.OPTIMISTIC, gap),
+            self._moved(pessimistic, Half.PESSIMISTIC, gap),
+        ]
+
+    def _moved(self, move: Move, half: Half, gap: Gap) -> Seat:
+        joined = self.member.gap.until(gap) if self.member.gap else gap
+        member = replace(self.member, half=half, gap=joined)
+        location, times = move.target, move.select(self.times)
+        opened = {sides: self.opened[sides] for sides in location.unbounded}
+        return Seat(member, self.shape, location, times, opened)

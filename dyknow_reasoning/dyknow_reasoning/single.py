@@ -8,7 +8,7 @@ from dyknow_reasoning.atoms import Predicate, predicate
 from dyknow_reasoning.automaton import Move
 from dyknow_reasoning.nodes import slots
 from dyknow_reasoning.readers import Reader, quick_reader
-from dyknow_reasoning.shapes import Finish, Member, Moment, Shape
+from dyknow_reasoning.shapes import Finish, Moment, Seat, Shape
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -23,8 +23,7 @@ class Single:
     Either `configuration` tells that, or `location` and `times` do.
 
     Args:
-        member: the instance.
-        shape: its shape.
+        seat: where it is.
     """
 
     __slots__ = (
@@ -40,15 +39,15 @@ class Single:
         'shape',
     )
 
-    def __init__(self, member: Member, shape: Shape) -> None:
-        self.member = member
-        self.shape = shape
+    def __init__(self, seat: Seat) -> None:
+        self.member = member = seat.member
+        self.shape: Shape = seat.shape
         self.configuration: Configuration | None = None
         self.mask: int
         self.read: Reader
-        self._location = shape.automaton.initial
-        self._times: Times = ()
-        self._opened: dict[Sides, int] = {}
+        self._location = seat.location
+        self._times: Times = seat.times
+        self._opened: Mapping[Sides, int] = seat.opened
         self._predicates = [predicate(atom, member.kinds) for atom in member.instance.atoms]
         self._readers: dict[int, Reader] = {}
         self._read_for(self._location)
@@ -63,6 +62,10 @@ class Single:
             return self._location, self._times
         found = self.configuration
         return found.location, tuple(latest - age for age in found.ages)
+
+    def seat(self, latest: int) -> Seat:
+        """Where it is; `latest` is the valid time of the latest state."""
+        return Seat(self.member, self.shape, *self.where(latest), self._opened)
 
     def leave_configurations(self, latest: int) -> Location:
         """Goes on without a table; tells what remains.

@@ -223,6 +223,8 @@ def test_misuse() -> None:
         group.progress(0, {})
     with pytest.raises(ReasoningError, match='has not begun'):
         group.decided_at_once()
+    with pytest.raises(ReasoningError, match='has not begun'):
+        group.gap()
     group.add_formula('power', POWER)
     with pytest.raises(LanguageError, match='is a number, not a formula'):
         group.add_formula('bad', 'Power[u] and 3')
@@ -231,8 +233,10 @@ def test_misuse() -> None:
     group.begin(FLEET)
     with pytest.raises(ReasoningError, match='has begun already'):
         group.begin(FLEET)
-    with pytest.raises(ReasoningError, match="add 'late' to a new group"):
-        group.add_formula('late', 'p')
+    with pytest.raises(ReasoningError, match="the sort 'UGV' has no domain"):
+        group.add_formula('late', 'forall x in UGV: always P[x]')
+    with pytest.raises(ReasoningError, match='no formula 2'):
+        group.remove_formula(2)
     with pytest.raises(ReasoningError, match='no formula 7'):
         group.residual(7)
     assert list(group.formulas) == [1]

@@ -14,7 +14,14 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from reasoning_reference import formulas
 
-from dyknow_reasoning import FormulaGroup, FormulaResult, automaton, configurations, ensemble
+from dyknow_reasoning import (
+    FormulaGroup,
+    FormulaResult,
+    automaton,
+    configurations,
+    ensemble,
+    seating,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -67,7 +74,7 @@ PATHS = list(product((one_by_one, at_once), (1, 1000), (0, 1 << 14), (8, 1 << 16
 
 
 def set_limits(patch: pytest.MonkeyPatch, batch: int, configurations_: int, nodes: int) -> None:
-    patch.setattr(ensemble, '_FEWEST_IN_A_BATCH', batch)
+    patch.setattr(seating, '_FEWEST_IN_A_BATCH', batch)
     patch.setattr(ensemble, '_ROUTINE_AFTER', 1)
     patch.setattr(configurations, '_MOST_CONFIGURATIONS', configurations_)
     patch.setattr(automaton, '_MOST_NODES', nodes)

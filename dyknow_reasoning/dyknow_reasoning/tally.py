@@ -1,0 +1,118 @@
+"""What is known of formulas, from what is known of their instances."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+from dyknow_reasoning.gaps import Half, unknowable
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Mapping, Sequence
+
+    from dyknow_reasoning.errors import ReasoningError
+    from dyknow_reasoning.gaps import Gap
+    from dyknow_reasoning.shapes import Finish, Member
+
+
+@dataclass(frozen=True, slots=True)
+class Outcome:
+    """What a state brings.
+
+    Args:
+        decisions: for each formula that it decides, the instance that made the difference.
+        failures: for each formula that it fails, why.
+    """
+
+    decisions: Mapping[int, Finish] = field(default_factory=dict)
+    failures: Mapping[int, ReasoningError] = field(default_factory=dict)
+
+
+class Tally:
+    """Keeps which instances, or halves of them, are undecided.
+
+    A formula is false if an instance is, or the optimistic half of one. It is true once no instance
+    is left, unless the pessimistic half of one was false: then nothing can be known.
+    """
+
+    def __init__(self) -> None:
+        self._undecided: dict[int, set[Member]] = {}
+        self._twins: dict[Member, Member] = {}
+        # Where states are missing that keep a formula from being found true.
+        self._unprovable: dict[int, Gap] = {}
+
+    def __bool__(self) -> bool:
+        return bool(self._undecided)
+
+    def __contains__(self, member: Member) -> bool:
+        return member in self._undecided.get(member.formula_id, ())
+
+    def add(self, members: Iterable[Member]) -> None:
+        """Takes on instances."""
+        for member in members:
+            self._undecided.setdefault(member.formula_id, set()).add(member)
+
+    def count(self, formula_id: int) -> int:
+        """How many instances of a formula are undecided, halves for themselves."""
+        return len(self._undecided[formula_id])
+
+    def replace(self, member: Member, halves: Sequence[Member]) -> None:
+        """Goes on with what became of an instance in a gap."""
+        self._remove(member)
+        if member.formula_id in self._unprovable:
+            halves = [half for half in halves if half.half is not Half.PESSIMISTIC]
+        self.add(halves)
+        if len(halves) > 1:
+            first, second = halves
+            self._twins[first], self._twins[second] = second, first
+
+    def take(self, finishes: Iterable[Finish]) -> tuple[Outcome, Sequence[Member]]:
+        """What the ends of instances come to, and with whom not to go on; drops the formulas."""
+        decisions: dict[int, Finish] = {}
+        failures: dict[int, ReasoningError] = {}
+        gone: list[Member] = []
+        for finish in sorted(finishes, key=lambda finish: finish.member.order):
+            member, formula_id = finish.member, finish.member.formula_id
+            if member not in self:
+                continue
+            ended = [member, *self._superseded(finish)]
+            for each in ended:
+                self._remove(each)
+            gone += ended
+            if formula_id in decisions:
+                continue
+            if not finish.verdict and member.half is not Half.PESSIMISTIC:
+                decisions[formula_id] = finish
+            elif not self._undecided[formula_id]:
+                if formula_id in self._unprovable:
+                    failures[formula_id] = unknowable(self._unprovable[formula_id])
+                else:
+                    decisions[formula_id] = finish
+        self.forget([*decisions, *failures])
+        return Outcome(decisions, failures), gone
+
+    def forget(self, formulas: Iterable[int]) -> None:
+        """Goes on without some formulas."""
+        for formula_id in formulas:
+            self._unprovable.pop(formula_id, None)
+            for member in self._undecided.pop(formula_id, ()):
+                self._twins.pop(member, None)
+
+    def _superseded(self, finish: Finish) -> list[Member]:
+        """The others that need not go on after one has ended."""
+        member = finish.member
+        if member.half is not Half.PESSIMISTIC:
+            return []
+        if finish.verdict:
+            twin = self._twins.get(member)
+            return [twin] if twin else []
+        if member.gap:
+            self._unprovable[member.formula_id] = member.gap
+        others = self._undecided[member.formula_id] - {member}
+        return [other for other in others if other.half is Half.PESSIMISTIC]
+
+    def _remove(self, member: Member) -> None:
+        self._undecided[member.formula_id].discard(member)
+        twin = self._twins.pop(member, None)
+        if twin:
+            self._twins.pop(twin, None)

@@ -1,0 +1,155 @@
+"""Formulas that come to a group and leave it while it is progressed."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from itertools import product
+from typing import TYPE_CHECKING
+
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from reasoning_reference import Trace, formulas
+from test_progression import traces
+
+from dyknow_reasoning import (
+    FormulaGroup,
+    FormulaResult,
+    ReasoningError,
+    Verdict,
+    ensemble,
+    formula_group,
+    seating,
+)
+from dyknow_stream_processing import ExitCode
+
+if TYPE_CHECKING:
+    from dyknow_reasoning.formula import Formula
+
+ARRIVALS = st.lists(st.tuples(st.integers(0, 9), formulas(3)), min_size=1, max_size=6)
+
+
+def plain(result: FormulaResult) -> FormulaResult:
+    """A result that compares by what is told, whichever group it is from."""
+    return replace(result, formula_id=0, explanation=result.explanation or str(result.error))
+
+
+def alone(formula: Formula, trace: Trace) -> list[FormulaResult]:
+    group = FormulaGroup()
+    group.add_formula(str(formula), str(formula))
+    group.begin({})
+    return [plain(result) for time, values in trace for result in group.progress(time, values)]
+
+
+@pytest.mark.parametrize(('batch', 'many'), list(product((1, 1000), (False, True))))
+@settings(max_examples=60, deadline=None, suppress_health_check=list(HealthCheck))
+@given(ARRIVALS, st.sets(st.integers(0, 5)), traces(st.integers(1, 2), most=12))
+def test_each_formula_is_as_in_a_group_of_its_own(
+    batch: int,
+    many: bool,  # noqa: FBT001
+    arrivals: list[tuple[int, Formula]],
+    leaving: set[int],
+    trace: Trace,
+) -> None:
+    """Those that come later begin with the next state; some leave three states later."""
+    group = FormulaGroup()
+    group.begin({})
+    found: dict[int, list[FormulaResult]] = {}
+    spans: dict[int, tuple[Formula, int, int]] = {}
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(seating, '_FEWEST_IN_A_BATCH', batch)
+        patch.setattr(ensemble, '_ROUTINE_AFTER', 1)
+        for index, (time, values) in enumerate(trace):
+            for number, (begin, formula) in enumerate(arrivals):
+                if begin == index:
+                    formula_id = group.add_formula(str(formula), str(formula))
+                    end = index + 3 if number in leaving else len(trace)
+                    spans[formula_id] = formula, index, end
+            for formula_id, (_, _, end) in spans.items():
+                if end == index:
+                    group.remove_formula(formula_id)
+            columns = {name: [value] for name, value in values.items()}
+            told = group.progress_many([time], columns) if many else group.progress(time, values)
+            for result in told:
+                found.setdefault(result.formula_id, []).append(plain(result))
+    for formula_id, (formula, begin, end) in spans.items():
+        assert found.get(formula_id, []) == alone(formula, trace[begin:end])
+
+
+def test_a_formula_that_comes_later() -> None:
+    group = FormulaGroup()
+    first = group.add_formula('first', 'forall x in S: always P[x]')
+    group.begin({'S': ['a', 'b']})
+    assert group.progress(0, {'P[a]': True, 'P[b]': True}) == []
+    second = group.add_formula('second', 'exists x in S: eventually[0, 5 ns] Q[x]')
+    assert {symbol.field for symbol in group.symbols()} == {'P[a]', 'P[b]', 'Q[a]', 'Q[b]'}
+    assert group.residual(second) == str(group.formulas[second])
+    assert [group.presumably_false(each) for each in (first, second)] == [False, True]
+    [failed] = group.progress(1, {'P[a]': True, 'P[b]': True})
+    assert failed.error is not None
+    assert "no field 'Q[a]'" in failed.error.message
+    group.remove_formula(second)
+    assert {symbol.field for symbol in group.symbols()} == {'P[a]', 'P[b]'}
+    assert group.undecided == {first}
+    assert group.add_formula('third', 'true') == second + 1
+    [known] = group.decided_at_once()
+    assert (known.verdict, known.decided_at) == (Verdict.TRUE, None)
+    group.add_formula('fourth', 'false')
+    [known] = group.progress(2, {'P[a]': True, 'P[b]': True})
+    assert (known.verdict, known.decided_at) == (Verdict.FALSE, 2)
+
+
+def test_a_formula_that_is_not_there_cannot_be_removed() -> None:
+    group = FormulaGroup()
+    number = group.add_formula('p', 'p')
+    group.remove_formula(number)
+    with pytest.raises(ReasoningError, match=f'no formula {number}') as caught:
+        group.remove_formula(number)
+    assert caught.value.code is ExitCode.NOT_FOUND
+    group.begin({})
+    assert group.progress(0, {}) == []
+
+
+def test_a_group_forgets_the_formulas_that_have_left(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(formula_group, '_MOST_NODES', 100)
+    group = FormulaGroup()
+    group.begin({})
+    for time in range(300):
+        number = group.add_formula('p', f'always (p -> eventually[0, {time} ms] q)')
+        assert group.progress(time, {'p': True, 'q': True}) == []
+        group.remove_formula(number)
+    assert not group.formulas
+    assert not group.symbols()
+    assert len(group._store) < 200
+
+
+@pytest.mark.parametrize(
+    ('text', 'values', 'expected'),
+    [
+        ('always p', {'p': True}, False),
+        ('eventually q', {'q': False}, True),
+        ('p until q', {'p': True, 'q': False}, True),
+        ('not (p until q)', {'p': True, 'q': False}, False),
+        ('always (p -> eventually q)', {'p': True, 'q': False}, True),
+        ('always (p -> eventually q)', {'p': False, 'q': False}, False),
+        ('(eventually q) or always p', {'p': True, 'q': False}, False),
+    ],
+)
+def test_presumably_false(text: str, values: dict[str, bool], expected: bool) -> None:  # noqa: FBT001
+    group = FormulaGroup()
+    number = group.add_formula('it', text)
+    group.begin({})
+    assert group.progress(0, values) == []
+    assert group.presumably_false(number) is expected
+
+
+def test_presumably_false_once_it_is_known() -> None:
+    group = FormulaGroup()
+    texts = ('always p', 'eventually p', 'false', 'always r')
+    numbers = [group.add_formula(text, text) for text in texts]
+    group.begin({})
+    assert group.presumably_false(numbers[2])
+    assert len(group.progress(0, {'p': True})) == 3
+    assert [group.presumably_false(each) for each in numbers] == [False, False, True, False]
+    assert len(group.progress(1, {'p': False})) == 1
+    assert group.presumably_false(numbers[0])
