@@ -50,7 +50,7 @@ SERVICES = {
     'semantic_matching_engine': {'FindAllMatchingStreams'},
     'stream_reasoning_engine': {
         'FormulaGroupCreate', 'FormulaGroupAddFormula', 'FormulaGroupEvaluate',
-        'FormulaGroupExtractSymbols', 'FormulaGroupDestroy',
+        'FormulaGroupExtractSymbols', 'FormulaGroupRemoveFormula', 'FormulaGroupDestroy',
     },
     'stream_reasoning_coordinator': {'EvaluateFormula'},
 }  # fmt: skip

@@ -24,7 +24,6 @@ ENGINE = 'stream_reasoning_engine'
 COORDINATOR = '/stream_reasoning_coordinator'
 INVALID = ExitStatus.INVALID_ARGUMENT
 MISSING = ExitStatus.NOT_FOUND
-EXISTING = ExitStatus.ALREADY_EXISTS
 SECOND = 1_000_000_000
 NOBODY = 2_000_000_000
 
@@ -207,6 +206,7 @@ def test_a_formula_that_is_refused(
     ('service', 'fields'),
     [
         (srv.FormulaGroupAddFormula, {'formula': 'true'}),
+        (srv.FormulaGroupRemoveFormula, {'formula_id': 1}),
         (srv.FormulaGroupExtractSymbols, {}),
         (srv.FormulaGroupEvaluate, {'state_stream': '/a', 'result_topic': '/b'}),
         (srv.FormulaGroupDestroy, {}),
@@ -233,21 +233,6 @@ def test_an_evaluation_that_is_refused_can_be_asked_for_again(
     answer = nodes.call(ENGINE, srv.FormulaGroupEvaluate, formula_group_id=group, **fields)
     assert_refused(answer.exit_status, INVALID, word)
     States(nodes, group)
-
-
-def test_a_group_that_is_being_evaluated_is_closed(nodes: Nodes, group: int) -> None:
-    States(nodes, group)
-    added = nodes.call(ENGINE, srv.FormulaGroupAddFormula, formula_group_id=group, formula='true')
-    assert_refused(added.exit_status, EXISTING, 'begun')
-    begun = nodes.call(
-        ENGINE,
-        srv.FormulaGroupEvaluate,
-        formula_group_id=group,
-        domains=VEHICLES,
-        state_stream='/a',
-        result_topic='/b',
-    )
-    assert_refused(begun.exit_status, EXISTING, 'begun')
 
 
 class Monitor:

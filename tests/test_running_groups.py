@@ -1,0 +1,360 @@
+"""Formula groups that are evaluated: formulas come and go, and so do their streams of states."""
+
+from __future__ import annotations
+
+from itertools import count
+from typing import TYPE_CHECKING, Any
+
+import pytest
+from dyknow_interfaces import srv
+from dyknow_interfaces.msg import (
+    ConstraintViolation,
+    Domain,
+    ExitStatus,
+    Field,
+    FormulaProgress,
+    FormulaResult,
+    Sample,
+)
+
+from dyknow_stream_processing.ros import VIOLATIONS
+from services import LATCHED, Nodes, assert_refused, nanoseconds, time_of
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+
+ENGINE = 'stream_reasoning_engine'
+SECOND = 1_000_000_000
+NOBODY = 2_000_000_000
+CALM = 'forall u in UAV: always Power[u] < 150'
+SOON = 'forall u in UAV: eventually[0 s, 20 s] Power[u] > 150'
+VEHICLES = [Domain(sort='UAV', objects=['uav1'])]
+NUMBERS = count()
+
+
+@pytest.fixture(scope='module')
+def nodes(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Nodes]:
+    """The reasoning engine alone, which does not wait for long."""
+    limits = {'violation_patience': 1.0, 'orphan_limit': 3.0, 'progress_period': 0.1}
+    with Nodes(tmp_path_factory.mktemp('groups'), stream_reasoning_engine=limits) as nodes:
+        yield nodes
+
+
+class States:
+    """A stream of states that a test publishes."""
+
+    def __init__(self, nodes: Nodes) -> None:
+        self.topic = f'/states/number_{next(NUMBERS)}'
+        self._nodes = nodes
+        node = nodes.client.node
+        self._states = node.create_publisher(Sample, self.topic, 1000)
+        self._violations = node.create_publisher(
+            ConstraintViolation, f'{self.topic}/violations', VIOLATIONS
+        )
+
+    @property
+    def is_heard(self) -> bool:
+        return (
+            self._states.get_subscription_count() > 0
+            and self._violations.get_subscription_count() > 0
+        )
+
+    @property
+    def is_left(self) -> bool:
+        return (
+            self._states.get_subscription_count() == 0
+            and self._violations.get_subscription_count() == 0
+        )
+
+    def publish(self, powers: dict[int, float]) -> None:
+        """The power at each of some seconds."""
+        for seconds, power in powers.items():
+            field = Field(type='float', name='Power[uav1]', value=str(power))
+            self._states.publish(Sample(valid_time=time_of(seconds * SECOND), fields=[field]))
+
+    def break_constraint(self, available_time: int | None = None) -> None:
+        now = self._nodes.client.node.get_clock().now().nanoseconds
+        available = now if available_time is None else available_time
+        self._violations.publish(
+            ConstraintViolation(
+                stream_name='power',
+                valid_time=time_of(12 * SECOND),
+                available_time=time_of(available),
+                message="stream 'power': no sample after 12 s",
+            )
+        )
+
+
+class Group:
+    """A formula group, evaluated."""
+
+    def __init__(self, nodes: Nodes, states: States, *formulas: str) -> None:
+        self._nodes = nodes
+        made = nodes.obtain(ENGINE, srv.FormulaGroupCreate, formula_group_name='power')
+        self.number = made.formula_group_id
+        self.topic = f'/results/of_{self.number}'
+        self.results: list[Any] = nodes.collect(FormulaResult, self.topic, LATCHED)
+        self.formulas = [self.add(formula) for formula in formulas]
+        self.evaluate(states, domains=VEHICLES, result_topic=self.topic)
+        self.wait(lambda: states.is_heard, 'the states are heard')
+
+    def wait(self, is_so: Callable[[], Any], what: str) -> None:
+        self._nodes.client.spin_until(is_so, what)
+
+    def add(self, formula: str) -> int:
+        added = self._nodes.obtain(
+            ENGINE,
+            srv.FormulaGroupAddFormula,
+            formula_group_id=self.number,
+            formula_name=formula,
+            formula=formula,
+        )
+        return int(added.formula_id)
+
+    def evaluate(self, states: States, **fields: Any) -> None:
+        self._nodes.obtain(
+            ENGINE,
+            srv.FormulaGroupEvaluate,
+            formula_group_id=self.number,
+            state_stream=states.topic,
+            **fields,
+        )
+
+    def progressed(self, formula_id: int, states: int) -> Any:
+        """The report that some states have been progressed."""
+        reports = self._nodes.collect(FormulaProgress, f'/{ENGINE}/progress')
+
+        def found() -> list[Any]:
+            return [
+                report
+                for report in reports
+                if report.formula_group_id == self.number
+                and report.formula_id == formula_id
+                and report.states_progressed == states
+            ]
+
+        self.wait(found, f'{states} states')
+        return found()[0]
+
+    def result(self) -> Any:
+        """The only result."""
+        self.wait(lambda: self.results, 'the result')
+        assert len(self.results) == 1
+        return self.results[0]
+
+    def remove(self, formula_id: int) -> Any:
+        return self._nodes.call(
+            ENGINE,
+            srv.FormulaGroupRemoveFormula,
+            formula_group_id=self.number,
+            formula_id=formula_id,
+        ).exit_status
+
+
+def test_formulas_come_and_go(nodes: Nodes) -> None:
+    states = States(nodes)
+    group = Group(nodes, states, CALM)
+    states.publish({10: 100.0})
+    group.progressed(group.formulas[0], 1)
+    later = group.add(CALM)
+    assert group.progressed(later, 1).residual_formula.startswith('forall u')
+    assert group.remove(group.formulas[0]).code == ExitStatus.SUCCESS
+    assert_refused(group.remove(group.formulas[0]), ExitStatus.NOT_FOUND, 'no formula 1')
+    states.publish({11: 160.0})
+    result = group.result()
+    assert (result.formula_id, result.verdict) == (later, FormulaResult.FALSE)
+    known = group.add('forall u in UAV: u = u')
+    group.wait(lambda: len(group.results) > 1, 'the second result')
+    assert group.results[1].formula_id == known
+    assert group.results[1].verdict == FormulaResult.TRUE
+
+
+def test_a_formula_whose_sort_has_no_domain_is_refused(nodes: Nodes) -> None:
+    group = Group(nodes, States(nodes), CALM)
+    formula = 'forall b in Boat: always Power[b] < 150'
+    answer = nodes.call(
+        ENGINE, srv.FormulaGroupAddFormula, formula_group_id=group.number, formula=formula
+    )
+    assert_refused(answer.exit_status, ExitStatus.INVALID_ARGUMENT, 'Boat', 'UAV')
+
+
+def test_reports_tell_what_is_presumably_false(nodes: Nodes) -> None:
+    states = States(nodes)
+    group = Group(nodes, states, CALM, SOON)
+    states.publish({10: 100.0})
+    calm, soon = (group.progressed(each, 1) for each in group.formulas)
+    assert (calm.presumably_false, soon.presumably_false) == (False, True)
+
+
+def test_going_over_loses_no_state(nodes: Nodes) -> None:
+    former, new = States(nodes), States(nodes)
+    group = Group(nodes, former, CALM, 'always[0 s, 4 s] Power[uav1] < 150')
+    former.publish({10: 100.0, 11: 100.0})
+    group.progressed(1, 2)
+    group.evaluate(new)
+    group.wait(lambda: new.is_heard, 'the new states are heard')
+    new.publish({13: 999.0, 14: 100.0, 15: 100.0})
+    former.publish({12: 100.0})
+    assert group.progressed(1, 3).latest_valid_time.sec == 12
+    former.publish({13: 100.0})
+    group.wait(lambda: former.is_left, 'the former states are left')
+    assert group.result().verdict == FormulaResult.TRUE
+    assert nanoseconds(group.results[0].decided_at) == 14 * SECOND
+    assert 'missing' not in group.results[0].explanation
+    assert group.progressed(1, 6).latest_valid_time.sec == 15
+
+
+def test_going_over_to_states_that_are_behind(nodes: Nodes) -> None:
+    former, new = States(nodes), States(nodes)
+    group = Group(nodes, former, CALM)
+    former.publish({10: 100.0, 11: 100.0})
+    group.progressed(1, 2)
+    group.evaluate(new, domains=VEHICLES, result_topic=group.topic)
+    group.wait(lambda: new.is_heard, 'the new states are heard')
+    new.publish({9: 999.0, 10: 999.0, 11: 999.0, 12: 160.0})
+    assert nanoseconds(group.result().decided_at) == 12 * SECOND
+    group.wait(lambda: former.is_left, 'the former states are left')
+
+
+def test_going_over_before_the_first_state(nodes: Nodes) -> None:
+    former, new = States(nodes), States(nodes)
+    group = Group(nodes, former, CALM)
+    group.evaluate(new, gap=True)
+    group.wait(lambda: new.is_heard and former.is_left, 'the new states are heard')
+    new.publish({10: 100.0, 11: 160.0})
+    assert 'missing' not in group.result().explanation
+
+
+def test_going_over_twice(nodes: Nodes) -> None:
+    former, middle, new = States(nodes), States(nodes), States(nodes)
+    group = Group(nodes, former, CALM)
+    former.publish({10: 100.0})
+    group.progressed(1, 1)
+    group.evaluate(middle)
+    group.wait(lambda: middle.is_heard, 'the middle one is heard')
+    middle.publish({11: 999.0})
+    group.evaluate(new)
+    group.wait(lambda: new.is_heard and middle.is_left, 'the new one is heard')
+    assert former.is_heard
+    new.publish({11: 100.0, 12: 160.0})
+    former.publish({11: 100.0})
+    assert nanoseconds(group.result().decided_at) == 12 * SECOND
+
+
+def test_going_over_with_a_gap(nodes: Nodes) -> None:
+    former, new = States(nodes), States(nodes)
+    group = Group(nodes, former, CALM, SOON)
+    former.publish({10: 100.0})
+    group.progressed(1, 1)
+    group.evaluate(new, gap=True)
+    group.wait(lambda: new.is_heard and former.is_left, 'the new states are heard')
+    new.publish({9: 999.0, 20: 100.0, 30: 100.0})
+    failed = group.result()
+    assert failed.formula_id == group.formulas[1]
+    assert_refused(
+        failed.exit_status,
+        ExitStatus.CONSTRAINT_VIOLATION,
+        'missing between 10.000 s and 20.000 s',
+    )
+    new.publish({31: 160.0})
+    group.wait(lambda: len(group.results) > 1, 'the other result')
+    assert group.results[1].verdict == FormulaResult.FALSE
+    assert 'missing between 10.000 s and 20.000 s' in group.results[1].explanation
+
+
+def test_too_many_states_that_wait(nodes: Nodes) -> None:
+    former, new = States(nodes), States(nodes)
+    group = Group(nodes, former, CALM)
+    former.publish({10: 100.0})
+    group.progressed(1, 1)
+    group.evaluate(new)
+    group.wait(lambda: new.is_heard, 'the new states are heard')
+    seconds = iter(range(20, 20_000))
+
+    def is_left() -> bool:
+        new.publish(dict.fromkeys((next(seconds) for _ in range(5)), 100.0))
+        return former.is_left
+
+    group.wait(is_left, 'the former states are left')
+    new.publish({next(seconds): 160.0})
+    assert 'missing between 10.000 s and 20.000 s' in group.result().explanation
+
+
+@pytest.mark.parametrize(
+    ('fields', 'words'),
+    [
+        ({'domains': [Domain(sort='UAV', objects=['uav2'])]}, ('UAV', 'uav1')),
+        ({'domains': [Domain(sort='Boat', objects=['boat1'])]}, ('Boat', 'none')),
+        ({'result_topic': '/results/elsewhere'}, ('/results/of_', '/results/elsewhere')),
+        ({'state_stream': '/two words'}, ('state_stream', '/two words')),
+    ],
+)
+def test_going_over_to_something_else_is_refused(
+    nodes: Nodes, fields: dict[str, Any], words: tuple[str, ...]
+) -> None:
+    states = States(nodes)
+    group = Group(nodes, states, CALM)
+    wanted = {'state_stream': '/states/other', **fields}
+    answer = nodes.call(ENGINE, srv.FormulaGroupEvaluate, formula_group_id=group.number, **wanted)
+    assert_refused(answer.exit_status, ExitStatus.INVALID_ARGUMENT, *words)
+    assert states.is_heard
+    states.publish({10: 160.0})
+    assert group.result().verdict == FormulaResult.FALSE
+
+
+def test_nobody_helps_after_a_violation(nodes: Nodes) -> None:
+    states = States(nodes)
+    states.break_constraint(available_time=SECOND)
+    group = Group(nodes, states, CALM)
+    states.publish({10: 100.0})
+    group.progressed(1, 1)
+    states.break_constraint()
+    assert_refused(
+        group.result().exit_status,
+        ExitStatus.CONSTRAINT_VIOLATION,
+        "at 12.000 s: stream 'power': no sample after 12 s",
+    )
+    late = group.add(CALM)
+    group.wait(lambda: len(group.results) > 1, 'the formula that came too late')
+    assert group.results[1].formula_id == late
+    assert group.results[1].exit_status.code == ExitStatus.CONSTRAINT_VIOLATION
+
+
+@pytest.mark.parametrize('gap', [False, True])
+def test_other_states_help_after_a_violation(nodes: Nodes, gap: bool) -> None:  # noqa: FBT001
+    former, new = States(nodes), States(nodes)
+    group = Group(nodes, former, CALM)
+    former.publish({10: 100.0})
+    group.progressed(1, 1)
+    former.break_constraint()
+    group.evaluate(new, gap=gap)
+    group.wait(lambda: new.is_heard and former.is_left, 'the new states are heard')
+    new.publish({20: 100.0, 21: 160.0})
+    assert nanoseconds(group.result().decided_at) == 21 * SECOND
+    assert 'missing between 10.000 s and 20.000 s' in group.results[0].explanation
+
+
+def known_groups(nodes: Nodes) -> str:
+    answer = nodes.call(ENGINE, srv.FormulaGroupExtractSymbols, formula_group_id=NOBODY)
+    return str(answer.exit_status.message)
+
+
+def test_orphans_are_destroyed(nodes: Nodes) -> None:
+    made = nodes.obtain(ENGINE, srv.FormulaGroupCreate, formula_group_name='forgotten')
+    forgotten = str(made.formula_group_id)
+    assert forgotten in known_groups(nodes)
+    made = nodes.obtain(ENGINE, srv.FormulaGroupCreate, formula_group_name='unheard')
+    states = States(nodes)
+    nodes.obtain(
+        ENGINE,
+        srv.FormulaGroupEvaluate,
+        formula_group_id=made.formula_group_id,
+        state_stream=states.topic,
+        result_topic='/results/unheard',
+    )
+    listened = Group(nodes, States(nodes), CALM)
+    nodes.client.spin_until(lambda: states.is_heard, 'the states are heard')
+    nodes.client.spin_until(lambda: states.is_left, 'the group that is not heard is destroyed')
+    nodes.client.spin_until(lambda: forgotten not in known_groups(nodes), 'the other one is, too')
+    assert str(made.formula_group_id) not in known_groups(nodes)
+    assert str(listened.number) in known_groups(nodes)
