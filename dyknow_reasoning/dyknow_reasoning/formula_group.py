@@ -62,6 +62,7 @@ class FormulaGroup:
         self._ends: dict[int, str] = {}
         self._undecided: set[int] = set()
         self._store = NodeStore(Chronology())
+        self._most_nodes = _MOST_NODES
         self._domains: Domains = {}
         self._ensemble: Ensemble | None = None
         self._latest: int | None = None
@@ -88,9 +89,7 @@ class FormulaGroup:
             ReasoningError: once the group has begun, for a sort without a domain.
         """
         named = NamedFormula.parsed(name, text)
-        if len(self._store) > _MOST_NODES:
-            known = chain.from_iterable(self._instances.values())
-            self._store = NodeStore(Chronology(), {instance.node for instance in known})
+        self._forget_nodes()
         instances = ground(named.formula, self._domains, self._store) if self._ensemble else []
         formula_id = next(self._ids)
         self._formulas[formula_id] = named
@@ -172,7 +171,8 @@ class FormulaGroup:
         if routine and elapsed == routine.elapsed and routine.step(values):
             self._latest = valid_time
             return []
-        results = self._prepare(self._ensemble, valid_time, values)
+        results = self._before(self._ensemble, latest, valid_time, values)
+        self._latest = valid_time
         outcome = self._ensemble.progress(valid_time, elapsed, values)
         return results + self._take(outcome, valid_time, values) if outcome else results
 
@@ -205,7 +205,7 @@ class FormulaGroup:
             results = self._progress_first(latest, values_at(recording, 0))
             times, recording = times[1:], {name: each[1:] for name, each in recording.items()}
         steps = np.diff(times, prepend=latest)
-        return results + self._progress_recording(ensemble, times, steps, recording)
+        return results + self._progress_recording(ensemble, latest, times, steps, recording)
 
     def gap(self) -> None:
         """Tells that states may be missing before the next one, any number with any values.
@@ -269,24 +269,24 @@ class FormulaGroup:
         outcome = ensemble.progress(valid_time, 0, values)
         return known + self._take(outcome, valid_time, values) if outcome else known
 
-    def _prepare(self, ensemble: Ensemble, valid_time: int, values: Values) -> list[FormulaResult]:
-        """Tells what is known before a state is looked at, but not before it comes."""
+    def _before(
+        self, ensemble: Ensemble, latest: int, valid_time: int, values: Values
+    ) -> list[FormulaResult]:
+        """What is known as soon as a state has come, before it is looked at."""
         results = self._decide_at_once(valid_time) if self._known else []
-        if self._gap_follows and self._latest is not None:
+        if self._gap_follows:
             self._gap_follows = False
-            outcome = ensemble.cross(Gap(self._latest, valid_time))
-            results += self._take(outcome, valid_time, values)
-        self._latest = valid_time
+            results += self._take(ensemble.cross(Gap(latest, valid_time)), valid_time, values)
         return results
 
     def _progress_recording(
-        self, ensemble: Ensemble, times: Array, steps: Array, recording: Recording
+        self, ensemble: Ensemble, latest: int, times: Array, steps: Array, recording: Recording
     ) -> list[FormulaResult]:
         usable = int(np.argmax(steps <= 0)) if (steps <= 0).any() else len(times)
         results: list[FormulaResult] = []
         ahead = times[:usable].tolist()
-        if ahead:
-            results += self._prepare(ensemble, ahead[0], values_at(recording, 0))
+        if ahead and (self._known or self._gap_follows):
+            results += self._before(ensemble, latest, ahead[0], values_at(recording, 0))
         for index, outcome in ensemble.progress_many(ahead, steps[:usable].tolist(), recording):
             results += self._take(outcome, ahead[index], values_at(recording, index))
         if usable:
@@ -299,6 +299,13 @@ class FormulaGroup:
         if self._ensemble is None:
             raise ReasoningError('the formula group has not begun; give it the domains first')
         return self._ensemble
+
+    def _forget_nodes(self) -> None:
+        """Drops the nodes of formulas that have left, when they have become many."""
+        if len(self._store) > self._most_nodes:
+            known = chain.from_iterable(self._instances.values())
+            self._store = NodeStore(Chronology(), {instance.node for instance in known})
+            self._most_nodes = max(_MOST_NODES, 2 * len(self._store))
 
     def _find(self, formula_id: int) -> NamedFormula:
         if formula_id not in self._formulas:

@@ -37,7 +37,6 @@ class Tally:
 
     def __init__(self) -> None:
         self._undecided: dict[int, set[Member]] = {}
-        self._twins: dict[Member, Member] = {}
         # Where states are missing that keep a formula from being found true.
         self._unprovable: dict[int, Gap] = {}
 
@@ -56,63 +55,52 @@ class Tally:
         """How many instances of a formula are undecided, halves for themselves."""
         return len(self._undecided[formula_id])
 
-    def replace(self, member: Member, halves: Sequence[Member]) -> None:
+    def replace(self, member: Member, halves: Iterable[Member]) -> None:
         """Goes on with what became of an instance in a gap."""
-        self._remove(member)
-        if member.formula_id in self._unprovable:
-            halves = [half for half in halves if half.half is not Half.PESSIMISTIC]
-        self.add(halves)
-        if len(halves) > 1:
-            first, second = halves
-            self._twins[first], self._twins[second] = second, first
+        self._undecided[member.formula_id].discard(member)
+        unprovable = member.formula_id in self._unprovable
+        self.add(half for half in halves if not (unprovable and half.half is Half.PESSIMISTIC))
 
     def take(self, finishes: Iterable[Finish]) -> tuple[Outcome, Sequence[Member]]:
         """What the ends of instances come to, and with whom not to go on; drops the formulas."""
         decisions: dict[int, Finish] = {}
         failures: dict[int, ReasoningError] = {}
         gone: list[Member] = []
-        for finish in sorted(finishes, key=lambda finish: finish.member.order):
+        for finish in sorted(finishes, key=_order):
             member, formula_id = finish.member, finish.member.formula_id
             if member not in self:
                 continue
-            ended = [member, *self._superseded(finish)]
-            for each in ended:
-                self._remove(each)
+            ended = {member, *self._superseded(finish)}
+            undecided = self._undecided[formula_id]
+            undecided -= ended
             gone += ended
             if formula_id in decisions:
                 continue
             if not finish.verdict and member.half is not Half.PESSIMISTIC:
                 decisions[formula_id] = finish
-            elif not self._undecided[formula_id]:
-                if formula_id in self._unprovable:
-                    failures[formula_id] = unknowable(self._unprovable[formula_id])
-                else:
-                    decisions[formula_id] = finish
+            elif not undecided and formula_id in self._unprovable:
+                failures[formula_id] = unknowable(self._unprovable[formula_id])
+            elif not undecided:
+                decisions[formula_id] = finish
         self.forget([*decisions, *failures])
         return Outcome(decisions, failures), gone
 
     def forget(self, formulas: Iterable[int]) -> None:
         """Goes on without some formulas."""
         for formula_id in formulas:
+            self._undecided.pop(formula_id, None)
             self._unprovable.pop(formula_id, None)
-            for member in self._undecided.pop(formula_id, ()):
-                self._twins.pop(member, None)
 
-    def _superseded(self, finish: Finish) -> list[Member]:
-        """The others that need not go on after one has ended."""
+    def _superseded(self, finish: Finish) -> Iterable[Member]:
+        """The other pessimistic halves once one is false: the formula cannot be found true."""
         member = finish.member
-        if member.half is not Half.PESSIMISTIC:
-            return []
-        if finish.verdict:
-            twin = self._twins.get(member)
-            return [twin] if twin else []
-        if member.gap:
-            self._unprovable[member.formula_id] = member.gap
-        others = self._undecided[member.formula_id] - {member}
+        if finish.verdict or member.gap is None or member.half is not Half.PESSIMISTIC:
+            return ()
+        self._unprovable[member.formula_id] = member.gap
+        others = self._undecided[member.formula_id]
         return [other for other in others if other.half is Half.PESSIMISTIC]
 
-    def _remove(self, member: Member) -> None:
-        self._undecided[member.formula_id].discard(member)
-        twin = self._twins.pop(member, None)
-        if twin:
-            self._twins.pop(twin, None)
+
+def _order(finish: Finish) -> tuple[int, str]:
+    """By instance; the pessimistic half last, for it is the one that proves a formula."""
+    return finish.member.order, finish.member.half.value

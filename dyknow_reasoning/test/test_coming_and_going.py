@@ -120,7 +120,7 @@ def test_a_group_forgets_the_formulas_that_have_left(monkeypatch: pytest.MonkeyP
         group.remove_formula(number)
     assert not group.formulas
     assert not group.symbols()
-    assert len(group._store) < 200
+    assert len(group._store) < 2 * 100
 
 
 @pytest.mark.parametrize(
