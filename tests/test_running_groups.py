@@ -241,6 +241,20 @@ def test_going_over_twice(nodes: Nodes) -> None:
     assert nanoseconds(group.result().decided_at) == 12 * SECOND
 
 
+def test_staying_after_all(nodes: Nodes) -> None:
+    states, other = States(nodes), States(nodes)
+    group = Group(nodes, states, CALM)
+    states.publish({10: 100.0})
+    group.progressed(1, 1)
+    group.evaluate(other)
+    group.wait(lambda: other.is_heard, 'the other states are heard')
+    group.evaluate(states)
+    group.wait(lambda: other.is_left, 'the other states are left')
+    states.publish({11: 100.0, 12: 160.0})
+    assert nanoseconds(group.result().decided_at) == 12 * SECOND
+    assert 'missing' not in group.results[0].explanation
+
+
 def test_going_over_with_a_gap(nodes: Nodes) -> None:
     former, new = States(nodes), States(nodes)
     group = Group(nodes, former, CALM, SOON)

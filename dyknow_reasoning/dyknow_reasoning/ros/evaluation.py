@@ -99,7 +99,7 @@ class Evaluation:
         *,
         gap: bool,
     ) -> None:
-        """Goes over to another stream of states.
+        """Goes over to another stream of states, or stays with the present one after all.
 
         Args:
             domains: none, or what they are.
@@ -114,7 +114,11 @@ class Evaluation:
         self._check_same(domains, result_topic)
         if self._next:
             self._next.destroy()
-        self._next, self._waiting = self._stream(state_stream), []
+        self._next, self._waiting = None, []
+        stays = self._current and self._current.topic == state_stream
+        if stays and not (gap or self._pause):
+            return
+        self._next = self._stream(state_stream)
         if self._latest is None or gap or self._pause:
             self._switch(gap=True)
 
