@@ -6,7 +6,13 @@ from dataclasses import dataclass, field
 from functools import lru_cache
 from typing import TYPE_CHECKING
 
-from dyknow_stream_processing import DyKnowError, FreeNames, free_names, parse_specification
+from dyknow_stream_processing import (
+    DyKnowError,
+    FreeNames,
+    StreamDeclaration,
+    free_names,
+    parse_specification,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Mapping
@@ -62,8 +68,23 @@ class KnownStreams:
         """The names of the streams that flow."""
         return frozenset(stream.name for stream in self._by_topic.values())
 
+    def silent_topics(self, name: str, limit: int) -> tuple[str, ...]:
+        """The topics of a stream that are silent while others are not.
+
+        Args:
+            name: of the stream.
+            limit: nanoseconds since the latest sample of any.
+        """
+        stream = self._streams.get(name)
+        received = stream.received if stream else {}
+        newest = max(received.values(), default=0)
+        return tuple(topic for topic, latest in received.items() if newest - latest > limit)
+
     def origins(self, source: Source) -> frozenset[str]:
-        """All streams and topics that a source is made from, directly or not, by name."""
+        """All streams and topics that a source is made from, directly or not, by name.
+
+        Streams that are declared within others are among them.
+        """
         found: set[str] = set()
         pending = [free_names_of(source)]
         while pending:
@@ -72,9 +93,8 @@ class KnownStreams:
                 found.add(name)
                 stream = self._streams.get(name) or self._by_topic.get(name)
                 if stream is not None:
-                    found |= {stream.name, stream.topic}
-                    if stream.specification:
-                        pending.append(_free_names(stream.specification))
+                    found |= {stream.name, stream.topic, *_declared_names(stream.specification)}
+                    pending.append(_free_names(stream.specification))
         return frozenset(found - {''})
 
     def is_there(self, source: Source) -> bool:
@@ -120,4 +140,14 @@ def free_names_of(source: Source) -> FreeNames:
 
 @lru_cache(maxsize=4096)
 def _free_names(specification: str) -> FreeNames:
+    if not specification:
+        return FreeNames(frozenset(), frozenset())
     return free_names(parse_specification(specification))
+
+
+@lru_cache(maxsize=4096)
+def _declared_names(specification: str) -> frozenset[str]:
+    if not specification:
+        return frozenset()
+    declared = parse_specification(specification).declarations
+    return frozenset(each.name for each in declared if isinstance(each, StreamDeclaration))

@@ -11,7 +11,10 @@ RATE = 'compunit v: float rate(a: float)'
 STREAMS = (
     KnownStream('altitude', f'select z as altitude from "{ODOMETRY}"', '/dyknow/streams/altitude'),
     KnownStream(
-        'climb', 'compunit v: float rate(a: float); sink rate(altitude)', '/x/climb', '/engine'
+        'climb',
+        'compunit v: float rate(a: float); stream smooth = altitude; sink rate(smooth)',
+        '/x/climb',
+        '/engine',
     ),
     KnownStream('laser', '', '/uav1/laser', message_type='std_msgs/msg/Float64'),
     KnownStream('waiting', 'select a from nowhere'),
@@ -34,7 +37,8 @@ def test_streams_that_wait_do_not_flow(known: KnownStreams) -> None:
 
 def test_origins_are_found_through_streams(known: KnownStreams) -> None:
     found = known.origins(source('select v from climb'))
-    assert found == {'climb', '/x/climb', 'altitude', '/dyknow/streams/altitude', ODOMETRY}
+    streams = {'climb', '/x/climb', 'altitude', '/dyknow/streams/altitude'}
+    assert found == streams | {'smooth', ODOMETRY}
     assert known.origins(source('select v from "/x/climb"')) == found
 
 
@@ -60,6 +64,7 @@ def test_a_source_is_there_if_all_that_it_names_is(
     ('origin', 'names'),
     [
         ('climb', {'a'}),
+        ('smooth', {'a'}),
         ('altitude', {'a', 'b'}),
         (ODOMETRY, {'a', 'b', 'c'}),
         (f'select z from "{ODOMETRY}"', {'a', 'b', 'c'}),

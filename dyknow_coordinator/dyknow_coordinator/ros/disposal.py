@@ -21,7 +21,9 @@ class Disposal:
         self._node = node
         self._clients = clients
         self._streams: set[str] = set()
-        clients.stream_manager.on_found.append(self._retry)
+        self._groups: set[int] = set()
+        clients.stream_manager.on_found.append(self._retry_streams)
+        clients.stream_reasoning_engine.on_found.append(self._retry_groups)
 
     def end_stream(self, name: str) -> None:
         """Has a stream ended; when the stream manager is gone, as soon as it is back."""
@@ -29,7 +31,8 @@ class Disposal:
         self._node.spawn(self._end_stream, name)
 
     def end_group(self, group_id: int) -> None:
-        """Has a formula group ended; with its engine it would be gone anyway."""
+        """Has a formula group ended; when its engine was out of reach, as soon as it is back."""
+        self._groups.add(group_id)
         self._node.spawn(self._end_group, group_id)
 
     async def end_streams_of_former_runs(self, prefix: str, current: str) -> None:
@@ -44,9 +47,13 @@ class Disposal:
                 self._node.get_logger().info(f"stream '{name}' of a former run is ended")
                 self.end_stream(name)
 
-    def _retry(self) -> None:
+    def _retry_streams(self) -> None:
         for name in self._streams:
             self._node.spawn(self._end_stream, name)
+
+    def _retry_groups(self) -> None:
+        for group_id in self._groups:
+            self._node.spawn(self._end_group, group_id)
 
     async def _end_stream(self, name: str) -> None:
         try:
@@ -65,9 +72,11 @@ class Disposal:
 
     async def _end_group(self, group_id: int) -> None:
         if not self._clients.stream_reasoning_engine.alive:
-            return  # Its groups are gone with it, or it ends those that nobody listens to.
+            return  # Its groups are gone with it, unless it comes back.
         try:
             await self._clients.destroy_group(group_id)
         except DyKnowError as error:
             if error.code is not ExitCode.NOT_FOUND:
                 self._node.get_logger().warning(f'formula group {group_id} is not ended: {error}')
+                return
+        self._groups.discard(group_id)

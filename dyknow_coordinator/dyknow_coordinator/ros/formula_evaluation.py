@@ -260,6 +260,9 @@ class FormulaEvaluation:
         else:
             # Steps 9 to 11: the stream manager has a stream processing engine make the states.
             await self._group.begin(self, asked.formula_id)
+        if self.outcome.done():
+            # The answer came, or was not wanted any more, while it began.
+            self._leave()
         # Step 12 happens in the reasoning engine; 8 comes to `receive`, 13 to `States`.
 
     async def _domain(self, sort: str) -> tuple[str, ...]:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from dyknow_coordinator.errors import CoordinationError
 from dyknow_coordinator.evaluation import EvaluationPhase
 from dyknow_coordinator.ros.candidates import find_candidates
 from dyknow_coordinator.ros.states import States
@@ -34,6 +33,7 @@ class FormulaGroup:
         self._phase = EvaluationPhase.GROUNDING
         self._members: dict[int, FormulaEvaluation] = {}
         self._joining = 0
+        self._failure: DyKnowError | None = None
 
     @property
     def has_ended(self) -> bool:
@@ -45,6 +45,7 @@ class FormulaGroup:
         own = self.states.ground
         return (
             not self.has_ended
+            and self._failure is None
             and ground.constraints == own.constraints
             and ground.domains.items() <= own.domains.items()
             and sorted(ground.features) == sorted(own.features)
@@ -75,8 +76,8 @@ class FormulaGroup:
             formula_id, _ = await self._facilities.clients.add_formula(
                 self.group_id, evaluation.name, formula
             )
-            if self.has_ended:
-                raise CoordinationError('its formula group has ended', ExitCode.UNAVAILABLE)
+            if self._failure is not None:
+                raise self._failure
             self._claim(evaluation, formula_id)
         finally:
             self._joining -= 1
@@ -91,11 +92,6 @@ class FormulaGroup:
                 if self._members or self._joining:
                     self._facilities.node.spawn(self._remove, formula_id)
         self._end_if_empty()
-
-    def lose_reasoning_engine(self, name: str) -> None:
-        """Ends: what remained of the formulas is gone with the engine."""
-        for member in list(self._members.values()):
-            member.lose(f'node {name}')
 
     async def look_for_streams(self) -> None:
         """Looks which streams carry its features now."""
@@ -123,6 +119,7 @@ class FormulaGroup:
 
     def fail(self, error: DyKnowError) -> None:
         """There can be no more states."""
+        self._failure = error
         for member in self._all():
             member.fail(error)
 

@@ -30,10 +30,14 @@ class Silence:
         self._facilities = facilities
         self._groups = groups
         self._limit = limit
+        self._seen: dict[str, int] = {}
         facilities.node.create_timer(PERIOD, self._look, clock=facilities.node.wall_clock)
 
     def _look(self) -> None:
-        for group in self._groups.running():
+        groups, now = self._groups.running(), self._facilities.node.now()
+        names = [group.states.stream for group in groups]
+        self._seen = {name: self._seen.get(name, now) for name in names}
+        for group in groups:
             known = self._facilities.streams.known
             for topic in self._silent_topics(group):
                 silent = suspects(group.states.chosen, topic, known)
@@ -42,9 +46,11 @@ class Silence:
                 )
 
     def _silent_topics(self, group: FormulaGroup) -> Iterator[str]:
-        """The topics of which something has come, and nothing for a while."""
+        """The topics of which nothing has come for a while, or since the stream was made."""
         stream = self._facilities.streams.known.get(group.states.stream)
-        oldest = self._facilities.node.now() - round(self._limit * 1e9)
-        for topic, latest in stream.received.items() if stream else ():
-            if 0 < latest < oldest:
-                yield topic
+        if stream is not None:
+            seen = self._seen[stream.name]
+            oldest = self._facilities.node.now() - round(self._limit * 1e9)
+            yield from (
+                topic for topic, latest in stream.received.items() if max(latest, seen) < oldest
+            )

@@ -32,6 +32,9 @@ REST: Final = 10.0
 ABSENCE: Final = 1.0
 """Seconds for which there may be no annotation of a feature."""
 
+NEXT_REPORT: Final = 1.2
+"""Seconds until the stream manager has told how streams are now."""
+
 POLL: Final = 0.1
 """Seconds between two attempts."""
 
@@ -177,12 +180,32 @@ class States:
     def _violated(self, stream: StateStream, violation: Any) -> None:
         if self._has_ended or stream not in (self._stream, *self._others):
             return
-        passing = violation.constraint in _PASSING
-        if not passing:
+        if violation.constraint in _PASSING:
+            error = CoordinationError(_text(violation), ExitCode.UNAVAILABLE)
+            self._interrupt(Trouble(error, passing=True))
+        elif violation.stream_name == stream.name:
+            self._facilities.node.spawn(self._look_for_silent, stream, violation)
+        else:
             known = self._facilities.streams.known
-            self._avoid(suspects(self.chosen, violation.stream_name, known))
-        code = ExitCode.UNAVAILABLE if passing else ExitCode.CONSTRAINT_VIOLATION
-        self._interrupt(Trouble(CoordinationError(_text(violation), code), passing))
+            self._blame(suspects(self.chosen, violation.stream_name, known), violation)
+
+    async def _look_for_silent(self, stream: StateStream, violation: Any) -> None:
+        """Finds out which streams have made the states break the caller's constraints."""
+        self._observer.note_phase(EvaluationPhase.INTERRUPTED)
+        # The stream manager tells each second of which topics something has come.
+        await self._facilities.node.deadlines.after(NEXT_REPORT)
+        if not self._has_ended and stream is self._stream:
+            known = self._facilities.streams.known
+            allowed = time_to_nanoseconds(violation.allowed)
+            silent = known.silent_topics(stream.name, allowed)
+            blamed = [each for topic in silent for each in suspects(self.chosen, topic, known)]
+            self._blame(blamed, violation)
+
+    def _blame(self, sources: Sequence[Source], violation: Any) -> None:
+        error = CoordinationError(_text(violation), ExitCode.CONSTRAINT_VIOLATION)
+        # Where it cannot be told which of them failed, none is taken as if nothing had been.
+        self._avoid(sources or self.chosen)
+        self._interrupt(Trouble(error, passing=False))
 
     def _engine_lost(self, stream: StateStream) -> None:
         if self._has_ended or stream not in (self._stream, *self._others):
