@@ -1,5 +1,6 @@
 """Grounding formulas, running their evaluations and answering."""
 
+from dyknow_coordinator.answer import Answer, Progress
 from dyknow_coordinator.errors import CoordinationError
 from dyknow_coordinator.evaluation import Evaluation, EvaluationPhase, Outcome, Verdict
 from dyknow_coordinator.evaluation_status import (
@@ -30,6 +31,7 @@ from dyknow_coordinator.question import Question
 
 __all__ = [
     'Candidates',
+    'Answer',
     'CoordinationError',
     'Diagnosis',
     'Evaluation',
@@ -39,6 +41,7 @@ __all__ = [
     'Level',
     'Outcome',
     'Question',
+    'Progress',
     'Source',
     'Symbol',
     'SymbolGrounding',

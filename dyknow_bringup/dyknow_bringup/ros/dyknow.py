@@ -11,32 +11,27 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import rclpy
-from dyknow_interfaces.srv import EvaluateFormula
-from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
 from rclpy.utilities import remove_ros_args
 
 from dyknow_bringup.errors import BringupError
 from dyknow_bringup.launcher import Launcher
 from dyknow_bringup.monitoring import VERDICTS
 from dyknow_bringup.processes import Configuration, dyknow_processes
+from dyknow_coordinator import Grounding, Verdict
+from dyknow_coordinator.ros import FormulaClient
 from dyknow_stream_processing import DyKnowError, ExitCode, round_time
-from dyknow_stream_processing.ros import (
-    DyKnowNode,
-    Peer,
-    duration,
-    nanoseconds_to_duration,
-    time_to_nanoseconds,
-)
+from dyknow_stream_processing.ros import duration
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-GROUNDINGS = {'auto': 0, 'syntactic': 1, 'semantic': 2}
+    from dyknow_coordinator import Answer
+
+GROUNDINGS = {grounding.name.lower(): grounding for grounding in Grounding}
 CHECK_PERIOD = 0.5
 PATIENCE = 10.0
 """Seconds to wait for the coordinator, which may just have been started."""
-GRACE = 5.0
-"""Seconds beyond the timeout of a formula that its answer may take."""
 
 
 def up(chosen: argparse.Namespace) -> int:
@@ -76,50 +71,42 @@ def up(chosen: argparse.Namespace) -> int:
 
 def evaluate(chosen: argparse.Namespace) -> int:
     """Asks one formula; the exit code is 0 for true, 1 for false and 2 for no verdict."""
-    response = _ask(chosen)
-    status = response.exit_status
+    answer = _ask(chosen)
     if chosen.json:
-        _say(json.dumps(_answer(response)))
-    elif status.code == ExitCode.SUCCESS:
-        decided_at = round_time(time_to_nanoseconds(response.decided_at))
-        _say(f'{VERDICTS[response.verdict]} at {decided_at}: {response.explanation}')
+        _say(json.dumps(_told(answer)))
+    elif answer.error is None:
+        decided_at = round_time(answer.decided_at or 0)
+        _say(f'{VERDICTS[answer.verdict]} at {decided_at}: {answer.explanation}')
     else:
-        print(f'{ExitCode(status.code).name}: {status.message}', file=sys.stderr)  # noqa: T201
-    return {1: 0, 2: 1}.get(response.verdict, 2)
+        print(f'{answer.error.code.name}: {answer.error}', file=sys.stderr)  # noqa: T201
+    return {Verdict.TRUE: 0, Verdict.FALSE: 1}.get(answer.verdict, 2)
 
 
-def _ask(chosen: argparse.Namespace) -> Any:
-    seconds = chosen.timeout / 1e9
+def _ask(chosen: argparse.Namespace) -> Answer:
     rclpy.init(args=sys.argv)
-    node = DyKnowNode('dyknow_evaluate')
-    executor = SingleThreadedExecutor()
-    executor.add_node(node)
+    node = Node('dyknow_evaluate')
     try:
-        coordinator = Peer(node, chosen.coordinator, PATIENCE, seconds + GRACE)
-        asking = executor.create_task(
-            coordinator.ask,
-            EvaluateFormula,
-            formula=chosen.formula,
-            grounding=GROUNDINGS[chosen.grounding],
-            timeout=nanoseconds_to_duration(chosen.timeout),
-        )
-        executor.spin_until_future_complete(asking)
-        return asking.result()
+        with FormulaClient(node, chosen.coordinator) as client:
+            return client.evaluate_blocking(
+                chosen.formula,
+                timeout=chosen.timeout / 1e9,
+                grounding=GROUNDINGS[chosen.grounding],
+                wait=PATIENCE,
+            )
     finally:
-        executor.shutdown()
         node.destroy_node()
         rclpy.try_shutdown()
 
 
-def _answer(response: Any) -> dict[str, Any]:
-    decided = response.exit_status.code == ExitCode.SUCCESS
+def _told(answer: Answer) -> dict[str, Any]:
+    code = ExitCode.SUCCESS if answer.error is None else answer.error.code
     return {
-        'formula': response.canonical_formula,
-        'verdict': VERDICTS[response.verdict],
-        'decided_at_ns': time_to_nanoseconds(response.decided_at) if decided else None,
-        'explanation': response.explanation,
-        'exit_status': ExitCode(response.exit_status.code).name,
-        'message': response.exit_status.message,
+        'formula': answer.canonical_formula,
+        'verdict': VERDICTS[answer.verdict],
+        'decided_at_ns': answer.decided_at,
+        'explanation': answer.explanation,
+        'exit_status': code.name,
+        'message': '' if answer.error is None else answer.error.message,
     }
 
 

@@ -3,30 +3,28 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
-from dyknow_interfaces.action import MonitorFormula
-from rclpy.action import ActionClient
 from rclpy.task import Future
 
 from dyknow_bringup.formulas import load_formulas
 from dyknow_bringup.monitoring import VERDICTS, MonitoredFormula
 from dyknow_bringup.resources import formulas_path
+from dyknow_coordinator.ros import FormulaClient
 from dyknow_stream_processing import ExitCode, round_time
-from dyknow_stream_processing.ros import (
-    DyKnowNode,
-    nanoseconds_to_duration,
-    run,
-)
+from dyknow_stream_processing.ros import DyKnowNode, run
 
 if TYPE_CHECKING:
     from collections.abc import Callable
+
+    from dyknow_coordinator import Answer, Progress
+    from dyknow_coordinator.ros import Monitor
 
 PASSING = (ExitCode.UNAVAILABLE, ExitCode.NOT_FOUND)
 """What may pass while the other nodes are still starting."""
 
 START_UP = 10_000_000_000
-"""Nanoseconds that the start of the other nodes may take."""
+"""Nanoseconds from the first answer on in which other nodes may still be starting."""
 
 RETRY_PERIOD = 0.5
 """Seconds until a formula is asked again."""
@@ -50,75 +48,72 @@ class FormulaMonitor(DyKnowNode):
         )
         self.formulas = [MonitoredFormula(formula) for formula in load_formulas(Path(path))]
         self._on_change = on_change or self._log
-        self._client = ActionClient(self, MonitorFormula, f'{coordinator}/monitor_formula')
-        self._goals: dict[str, Any] = {}
-        self._retry_until = 0
-        self._starter = self.create_timer(0.1, self._start_when_ready, clock=self.wall_clock)
+        self._client = FormulaClient(self, coordinator)
+        self._retry_until: int | None = None
+        self._monitors: dict[str, Monitor] = {}
+        for monitored in self.formulas:
+            self._start(monitored)
 
     @property
     def is_running(self) -> bool:
-        """Whether the coordinator has taken all formulas."""
-        return len(self._goals) == len(self.formulas)
+        """Whether the coordinator has taken on all formulas."""
+        return all(monitor.is_taken for monitor in self._monitors.values())
 
     def cancel_all(self) -> Future:
         """Lets the coordinator forget the formulas; the future is done when it has."""
         cancelled: Future = Future()
-        pending = [goal.cancel_goal_async() for goal in self._goals.values()]
+        pending = [monitor.outcome for monitor in self._monitors.values()]
 
         def note(_: Future) -> None:
             if all(each.done() for each in pending) and not cancelled.done():
                 cancelled.set_result(None)
 
+        for monitor in self._monitors.values():
+            monitor.cancel()
         for each in pending:
             each.add_done_callback(note)
         return cancelled
 
     def destroy_node(self) -> None:
-        """Frees the action client too."""
-        self._client.destroy()
+        """Ends the evaluations too."""
+        self._client.close()
         super().destroy_node()
 
-    def _start_when_ready(self) -> None:
-        if not self._client.server_is_ready():
-            return
-        self.destroy_timer(self._starter)
-        self._retry_until = self.now() + START_UP
-        for monitored in self.formulas:
-            self._send(monitored)
+    def _start(self, monitored: MonitoredFormula) -> None:
+        def note(progress: Progress) -> None:
+            monitored.states = progress.states_progressed
 
-    def _send(self, monitored: MonitoredFormula) -> None:
-        goal = MonitorFormula.Goal(
+        self._monitors[monitored.formula.name] = self._client.monitor(
+            monitored.formula.formula,
+            on_verdict=lambda answer: self._conclude(monitored, answer),
+            on_feedback=note,
             name=monitored.formula.name,
-            formula=monitored.formula.formula,
-            timeout=nanoseconds_to_duration(round(self._timeout * 1e9)),
+            timeout=self._timeout,
+            wait=self._timeout,
         )
 
-        def feedback(message: Any) -> None:
-            monitored.states = message.feedback.states_progressed
-
-        def accepted(future: Any) -> None:
-            self._goals[monitored.formula.name] = future.result()
-            result = future.result().get_result_async()
-            result.add_done_callback(lambda done: self._conclude(monitored, done.result().result))
-
-        self._client.send_goal_async(goal, feedback).add_done_callback(accepted)
-
-    def _conclude(self, monitored: MonitoredFormula, result: Any) -> None:
-        code = ExitCode(result.exit_status.code)
-        if code is ExitCode.CANCELLED:
+    def _conclude(self, monitored: MonitoredFormula, answer: Answer) -> None:
+        error = answer.error
+        if error is None:
+            monitored.outcome = VERDICTS[answer.verdict]
+            monitored.explanation = answer.explanation
+        elif error.code is ExitCode.CANCELLED:
             return
-        if code in PASSING and self.now() < self._retry_until:
+        elif error.code in PASSING and self._is_starting:
             again = self.deadlines.after(RETRY_PERIOD)
-            again.add_done_callback(lambda _: self._send(monitored))
+            again.add_done_callback(lambda _: self._start(monitored))
             return
-        if code is ExitCode.SUCCESS:
-            monitored.outcome = VERDICTS[result.verdict]
-            monitored.explanation = result.explanation
         else:
-            monitored.outcome = code.name
-            monitored.explanation = result.exit_status.message
+            monitored.outcome = error.code.name
+            monitored.explanation = error.message
         monitored.known_at = self.now()
         self._on_change(monitored)
+
+    @property
+    def _is_starting(self) -> bool:
+        if self._retry_until is None:
+            self._retry_until = self.now() + START_UP
+        return self.now() < self._retry_until
 
     def _log(self, monitored: MonitoredFormula) -> None:
         self.get_logger().info(

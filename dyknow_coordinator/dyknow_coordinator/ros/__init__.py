@@ -1,1 +1,5 @@
-"""The node that answers whether formulas hold."""
+"""What touches ROS: the node that answers whether formulas hold, and FormulaClient to ask it."""
+
+from dyknow_coordinator.ros.formula_client import FormulaClient, Monitor
+
+__all__ = ['FormulaClient', 'Monitor']

@@ -69,7 +69,7 @@ def status_from_message(message: StatusMessage) -> EvaluationStatus:
         verdict=Verdict(message.verdict),
         decided_at=time_to_nanoseconds(message.decided_at) or None,
         explanation=message.explanation,
-        error=_error(message.exit_status),
+        error=error_of(message.exit_status),
     )
 
 
@@ -101,6 +101,7 @@ def _exit_status(error: DyKnowError | None) -> ExitStatus:
     return exit_status
 
 
-def _error(exit_status: ExitStatus) -> DyKnowError | None:
+def error_of(exit_status: ExitStatus) -> DyKnowError | None:
+    """The error that an exit status tells of; None on SUCCESS."""
     code = ExitCode(exit_status.code)
     return None if code is ExitCode.SUCCESS else CoordinationError(exit_status.message, code)

@@ -8,6 +8,7 @@ from dyknow_stream_processing.ros.conversion import (
     nanoseconds_to_time,
     time_to_nanoseconds,
 )
+from dyknow_stream_processing.ros.guest import Guest
 from dyknow_stream_processing.ros.lease import Lease
 from dyknow_stream_processing.ros.message_conversion import conversion, extractor
 from dyknow_stream_processing.ros.message_types import message_class, scalar_fields, stamp_of
@@ -19,11 +20,13 @@ from dyknow_stream_processing.ros.runtime import (
     NO_PUBLISHER_EVENTS,
     NO_SUBSCRIPTION_EVENTS,
     RUNNING,
+    SERVICE,
     STREAM,
     VIOLATIONS,
     DyKnowNode,
     fill_exit_status,
     run,
+    snake_case,
 )
 from dyknow_stream_processing.ros.sample_messages import (
     SampleWriter,
@@ -39,11 +42,13 @@ __all__ = [
     'NO_PUBLISHER_EVENTS',
     'NO_SUBSCRIPTION_EVENTS',
     'RUNNING',
+    'SERVICE',
     'STREAM',
     'VIOLATIONS',
     'CommandNode',
     'DyKnowNode',
     'FieldReader',
+    'Guest',
     'Lease',
     'Peer',
     'SampleWriter',
@@ -62,6 +67,7 @@ __all__ = [
     'sample_fields',
     'sample_to_message',
     'scalar_fields',
+    'snake_case',
     'source_type',
     'stamp_of',
     'time_to_nanoseconds',

@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+from itertools import count
 from typing import TYPE_CHECKING, Any
+
+from rclpy.duration import Duration
+from rclpy.qos import QoSProfile
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     from rclpy.task import Future
 
+    from dyknow_stream_processing.ros.guest import Guest
     from dyknow_stream_processing.ros.runtime import DyKnowNode
 
 GRACE = 1.5
@@ -19,6 +24,27 @@ On a busy machine the middleware asserts the liveliness of a healthy node late n
 
 FIRST_SIGN = 3.0
 """Seconds within which a publisher that was found gives its first sign of life."""
+
+_subscriptions = count(1)
+
+
+def with_own_lease(publishing: QoSProfile) -> QoSProfile:
+    """The profile for one subscription that listens to the liveliness of a publisher.
+
+    Of several subscriptions in a process with equal leases, the middleware tells only one that the
+    publisher is alive. So each has a lease that is some microseconds longer.
+
+    Args:
+        publishing: the profile of the publisher.
+    """
+    lease = publishing.liveliness_lease_duration.nanoseconds + 1_000 * next(_subscriptions)
+    return QoSProfile(
+        depth=publishing.depth,
+        reliability=publishing.reliability,
+        durability=publishing.durability,
+        liveliness=publishing.liveliness,
+        liveliness_lease_duration=Duration(nanoseconds=lease),
+    )
 
 
 class Lease:
@@ -31,20 +57,21 @@ class Lease:
 
     def __init__(
         self,
-        node: DyKnowNode,
+        node: DyKnowNode | Guest,
         on_lost: Callable[[], None],
         on_regained: Callable[[], None] = lambda: None,
     ) -> None:
         self._node = node
         self._on_lost = on_lost
         self._on_regained = on_regained
-        self._asserted = False
+        self._alive_count = 0
         self._doubt: Future | None = None
 
     def changed(self, event: Any) -> None:
         """Takes a liveliness event of the subscription."""
-        self._asserted = event.alive_count > 0
-        if not self._asserted:
+        # Its own count goes below 0 when a lease is over whose first assertion it did not tell.
+        self._alive_count = max(0, self._alive_count + event.alive_count_change)
+        if not self._alive_count:
             self._doubt_for(GRACE)
             return
         self.ignore()
@@ -56,7 +83,7 @@ class Lease:
 
         The middleware tells of no lease that was over before it was asserted.
         """
-        if not self._asserted:
+        if not self._alive_count:
             self._doubt_for(FIRST_SIGN)
 
     def ignore(self) -> None:

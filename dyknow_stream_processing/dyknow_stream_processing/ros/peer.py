@@ -9,12 +9,13 @@ from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.task import Future
 
 from dyknow_stream_processing.errors import DyKnowError, ExitCode
-from dyknow_stream_processing.ros.lease import Lease
+from dyknow_stream_processing.ros.lease import Lease, with_own_lease
 from dyknow_stream_processing.ros.runtime import BORN, RUNNING, SERVICE, STATUS, snake_case
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
+    from dyknow_stream_processing.ros.guest import Guest
     from dyknow_stream_processing.ros.runtime import DyKnowNode
 
 POLL = 0.02
@@ -35,7 +36,7 @@ class Peer:
     """
 
     def __init__(
-        self, node: DyKnowNode, name: str, patience: float = 3.0, timeout: float = 5.0
+        self, node: DyKnowNode | Guest, name: str, patience: float = 3.0, timeout: float = 5.0
     ) -> None:
         self.name = name
         self.on_found: list[Callable[[], None]] = []
@@ -46,14 +47,15 @@ class Peer:
         self._clients: dict[Any, Any] = {}
         self._calls: set[Future] = set()
         self._alive = False
+        self._released = False
         self._status: dict[str, str] = {}
         self._message = ''
         self._lease = Lease(node, on_lost=self._die, on_regained=self._regain)
-        node.create_subscription(
+        self._subscription = node.create_subscription(
             DiagnosticStatus,
             f'{name}/status',
             self._heard,
-            STATUS,
+            with_own_lease(STATUS),
             callback_group=node.reentrant,
             event_callbacks=SubscriptionEventCallbacks(
                 liveliness=self._lease.changed, use_default_callbacks=False
@@ -95,19 +97,45 @@ class Peer:
             DyKnowError: UNAVAILABLE when the node is not there or dies meanwhile; TIMEOUT when it
                 takes too long.
         """
+        request = service_type.Request(**fields)
+        return await self.request(service_type, request, self._patience, self._timeout)
+
+    async def request(self, service_type: Any, request: Any, patience: float, limit: float) -> Any:
+        """The response to a request, like `ask`, but with limits of its own.
+
+        Args:
+            service_type: of the service of the node.
+            request: what is asked.
+            patience: seconds to wait for the node to be there.
+            limit: seconds that the call may take from then on.
+
+        Raises:
+            DyKnowError: as `ask` does; CANCELLED when the peer is released meanwhile.
+        """
         client = self._client(service_type)
-        await self._found(client)
+        await self._found(client, patience)
         answer: Future = Future()
-        call = client.call_async(service_type.Request(**fields))
+        call = client.call_async(request)
         call.add_done_callback(lambda done: _pass_on(done, answer))
         self._calls.add(answer)
-        what = f'{self.name} has not answered {service_type.__name__} within {self._timeout:g} s'
-        self._node.deadlines.fail(answer, self._timeout, DyKnowError(what, ExitCode.TIMEOUT))
+        what = f'{self.name} has not answered {service_type.__name__} within {limit:g} s'
+        self._node.deadlines.fail(answer, limit, DyKnowError(what, ExitCode.TIMEOUT))
         try:
             return await answer
         finally:
             self._calls.discard(answer)
             client.remove_pending_request(call)
+
+    def release(self) -> None:
+        """Listens no more; calls that are under way end with CANCELLED."""
+        self._released = True
+        self._alive = False
+        self._lease.ignore()
+        self._node.destroy_subscription(self._subscription)
+        self._fail_calls(self._cancelled())
+        for client in self._clients.values():
+            self._node.destroy_client(client)
+        self._clients.clear()
 
     def _client(self, service_type: Any) -> Any:
         if service_type not in self._clients:
@@ -119,12 +147,14 @@ class Peer:
             )
         return self._clients[service_type]
 
-    async def _found(self, client: Any) -> None:
+    async def _found(self, client: Any, patience: float) -> None:
         clock = self._node.wall_clock
-        end = clock.now().nanoseconds + round(self._patience * 1e9)
+        end = clock.now().nanoseconds + round(patience * 1e9)
         while not (self._alive and client.service_is_ready()):
+            if self._released:
+                raise self._cancelled()
             if clock.now().nanoseconds > end:
-                raise self._unavailable('is not running')
+                raise self.unavailable('is not running')
             await self._node.deadlines.after(POLL)
 
     def _heard(self, message: Any) -> None:
@@ -152,12 +182,19 @@ class Peer:
         if not self._alive:
             return
         self._alive = False
-        for call in list(self._calls):
-            if not call.done():
-                call.set_exception(self._unavailable('has died'))
+        self._fail_calls(self.unavailable('has died'))
         _notify(self.on_lost)
 
-    def _unavailable(self, what: str) -> DyKnowError:
+    def _fail_calls(self, error: DyKnowError) -> None:
+        for call in list(self._calls):
+            if not call.done():
+                call.set_exception(error)
+
+    def _cancelled(self) -> DyKnowError:
+        return DyKnowError(f'{self.name} is not listened to any more', ExitCode.CANCELLED)
+
+    def unavailable(self, what: str) -> DyKnowError:
+        """The error that the node `has died` or `is not running`."""
         return DyKnowError(f'node {self.name} {what}', ExitCode.UNAVAILABLE)
 
 

@@ -35,6 +35,8 @@ from dyknow_stream_processing.errors import DyKnowError, ExitCode
 if TYPE_CHECKING:
     from collections.abc import Awaitable, Callable, Mapping, Sequence
 
+    from dyknow_stream_processing.ros.guest import Guest
+
 LATCHED = QoSProfile(
     depth=1, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL
 )
@@ -224,10 +226,11 @@ class Deadlines:
     request had come, and the tick wakes it.
     """
 
-    def __init__(self, node: DyKnowNode) -> None:
+    def __init__(self, node: DyKnowNode | Guest) -> None:
         self._clock = node.wall_clock
         self._due: dict[Future, tuple[int, DyKnowError | None]] = {}
-        node.create_timer(
+        self._over = False
+        self.timer = node.create_timer(
             PULSE, self._expire, clock=self._clock, callback_group=ReentrantCallbackGroup()
         )
 
@@ -244,11 +247,22 @@ class Deadlines:
     def _add(self, future: Future, seconds: float, error: DyKnowError | None) -> None:
         self._due[future] = (self._clock.now().nanoseconds + round(seconds * 1e9), error)
         future.add_done_callback(lambda done: self._due.pop(done, None))
+        if self._over:
+            self._end([future])
+
+    def end_all(self) -> None:
+        """Ends all waits before their time, and from now on each at once."""
+        self._over = True
+        self._end(list(self._due))
 
     def _expire(self) -> None:
         now = self._clock.now().nanoseconds
-        for future, (due, error) in list(self._due.items()):
-            if due > now or future.done():
+        self._end([future for future, (due, _) in list(self._due.items()) if due <= now])
+
+    def _end(self, futures: Sequence[Future]) -> None:
+        for future in futures:
+            _, error = self._due.get(future, (0, None))
+            if future.done():
                 continue
             if error is None:
                 future.set_result(None)
