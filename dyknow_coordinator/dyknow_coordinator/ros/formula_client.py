@@ -6,7 +6,7 @@ import inspect
 import warnings
 from typing import TYPE_CHECKING, Any, Self
 
-from dyknow_interfaces.action import MonitorFormula
+from dyknow_interfaces.action import MonitorFormula, MonitorPlan
 from dyknow_interfaces.srv import EvaluateFormula
 from rclpy.action import ActionClient
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
@@ -18,8 +18,12 @@ from rclpy.task import Future
 from dyknow_coordinator.answer import Answer, Progress
 from dyknow_coordinator.errors import CoordinationError
 from dyknow_coordinator.grounding import Grounding
+from dyknow_coordinator.plan import PlanOutcome
 from dyknow_coordinator.ros.answer_messages import answer_from_message, progress_from_message
 from dyknow_coordinator.ros.errand import GRACE, Errand, Limits
+from dyknow_coordinator.ros.evaluation_messages import error_of
+from dyknow_coordinator.ros.plan_messages import plan_to_goal, verdict_from_message
+from dyknow_coordinator.ros.plan_monitor import PlanMonitor
 from dyknow_stream_processing import NO_CONSTRAINTS, DyKnowError, ExitCode
 from dyknow_stream_processing.ros import (
     SERVICE,
@@ -33,6 +37,7 @@ from dyknow_stream_processing.ros import (
 if TYPE_CHECKING:
     from collections.abc import Callable
 
+    from dyknow_coordinator.plan import Plan, PlanVerdict
     from dyknow_stream_processing import StreamConstraints
 
 COORDINATOR = 'stream_reasoning_coordinator'
@@ -50,17 +55,17 @@ class Monitor:
 
     def __init__(self) -> None:
         self.outcome: Future = Future()
-        self._errand: Errand | None = None
+        self.errand: Errand | None = None
 
     @property
     def is_taken(self) -> bool:
         """Whether the coordinator has taken the formula on, or refused it."""
-        return self._errand is None or self._errand.accepted.done()
+        return self.errand is None or self.errand.accepted.done()
 
     def cancel(self) -> None:
         """Wants no verdict any more: the answer is then CANCELLED, unless one is there already."""
-        if self._errand is not None:
-            self._errand.cancel()
+        if self.errand is not None:
+            self.errand.cancel()
 
 
 class FormulaClient:
@@ -218,12 +223,55 @@ class FormulaClient:
             return monitor
         goal = _asked(MonitorFormula.Goal, formula, timeout, grounding, constraints)
         goal.name, goal.restart_on_change = name, restart_on_change
-        monitor._errand = self._send(  # noqa: SLF001 - the handle is this client's
+        monitor.errand = self._send(
             MonitorFormula,
             goal,
             Limits(wait, timeout),
             end,
             lambda feedback: on_feedback(progress_from_message(feedback)),
+        )
+        return monitor
+
+    def monitor_plan(
+        self,
+        plan: Plan,
+        *,
+        on_verdict: Callable[[PlanVerdict], Any] = lambda _: None,
+        grounding: Grounding = Grounding.AUTO,
+        constraints: StreamConstraints = NO_CONSTRAINTS,
+        wait: float = 5.0,
+    ) -> PlanMonitor:
+        """Has the execution of a plan monitored, which the caller reports to the handle.
+
+        Args:
+            plan: its name must be unique among those that are monitored.
+            on_verdict: is told of every change of what is known of a formula.
+            grounding: how symbols find their streams.
+            constraints: of the states of all formulas.
+            wait: seconds to wait for the coordinator to be there.
+        """
+        monitor = PlanMonitor(plan.name, self._peer)
+
+        def end(result: Any, error: DyKnowError | None) -> None:
+            verdicts = [] if result is None else result.verdicts
+            monitor.outcome.set_result(
+                PlanOutcome(
+                    tuple(verdict_from_message(verdict) for verdict in verdicts),
+                    error if result is None else error_of(result.exit_status),
+                )
+            )
+
+        if self._closed:
+            end(None, _closed())
+            return monitor
+        goal = plan_to_goal(plan)
+        goal.grounding, goal.constraints = int(grounding), constraints_to_message(constraints)
+        monitor.errand = self._send(
+            MonitorPlan,
+            goal,
+            Limits(wait, None),
+            end,
+            lambda feedback: on_verdict(verdict_from_message(feedback.verdict)),
         )
         return monitor
 

@@ -19,6 +19,7 @@ from dyknow_coordinator.ros.facilities import Facilities
 from dyknow_coordinator.ros.formula_evaluation import FormulaEvaluation
 from dyknow_coordinator.ros.formula_group import FormulaGroups
 from dyknow_coordinator.ros.monitoring import Monitoring
+from dyknow_coordinator.ros.plan_monitoring import PlanMonitoring
 from dyknow_coordinator.ros.results import Results
 from dyknow_coordinator.ros.silence import Silence
 from dyknow_coordinator.ros.streams_mirror import StreamsMirror
@@ -30,7 +31,7 @@ if TYPE_CHECKING:
 
 
 class StreamReasoningCoordinator(DyKnowNode):
-    """Answers EvaluateFormula and MonitorFormula."""
+    """Answers EvaluateFormula, MonitorFormula and MonitorPlan."""
 
     def __init__(self) -> None:
         super().__init__('stream_reasoning_coordinator')
@@ -89,12 +90,14 @@ class StreamReasoningCoordinator(DyKnowNode):
         self._say_how_it_is()
         self.serve(EvaluateFormula, self._evaluate)
         self._monitoring = Monitoring(self, self.start, self._question)
+        self._plan_monitoring = PlanMonitoring(self, self.start)
         service = f'{self.get_fully_qualified_name()}/evaluate_formula'
         Callers(self, service, self._abandon)
 
     def destroy_node(self) -> None:
-        """Frees the action server too."""
+        """Frees the action servers too."""
         self._monitoring.destroy()
+        self._plan_monitoring.destroy()
         super().destroy_node()
 
     def start(self, question: Question) -> FormulaEvaluation:

@@ -1,0 +1,185 @@
+"""Plans: the formulas that run are those whose time it is, after any sensible reports."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from dyknow_coordinator import (
+    CoordinationError,
+    Event,
+    Holds,
+    Place,
+    Plan,
+    PlanAction,
+    PlanExecution,
+    PlanFormula,
+    PlanPhase,
+)
+from dyknow_stream_processing import ExitCode
+
+if TYPE_CHECKING:
+    from dyknow_coordinator import Step
+
+ACTIONS = ('take_off', 'fly_to', 'land')
+ORDERS = ([], [Event.STARTED], [Event.STARTED, Event.SUCCEEDED], [Event.STARTED, Event.FAILED],
+          [Event.FAILED])  # fmt: skip
+"""What may be reported of one action, in this order."""
+
+EACH = tuple(PlanFormula(holds.name, 'true', holds) for holds in Holds)
+PLAN = Plan(
+    'mission', tuple(PlanAction(name, EACH) for name in ACTIONS), (PlanFormula('whole', 'true'),)
+)
+
+
+def expected(history: list[tuple[str, Event]], place: Place) -> PlanPhase:
+    """The phase of a formula that nobody decides, read off the whole history."""
+    own = [event for action, event in history if action == place.action]
+    last_events = [[e for a, e in history if a == action] for action in ACTIONS]
+    over = all(events and events[-1] is not Event.STARTED for events in last_events)
+    over_with_this = over and history[-1][0] == place.action
+    started, succeeded = Event.STARTED in own, Event.SUCCEEDED in own
+    failed = Event.FAILED in own
+    match place.formula:
+        case 'whole' | 'BEFORE':
+            begun, ended = True, over if place.formula == 'whole' else bool(own)
+        case 'WHILE_EXECUTING':
+            begun, ended = started, succeeded or failed
+        case 'AFTER':
+            # Of the action that ends the plan, the time is empty.
+            begun, ended = succeeded and not over_with_this, over
+        case _:
+            begun, ended = started, failed or over
+    if not begun:
+        return PlanPhase.PENDING
+    return PlanPhase.WITHDRAWN if ended else PlanPhase.RUNNING
+
+
+@st.composite
+def histories(draw: st.DrawFn) -> list[tuple[str, Event]]:
+    """Sensible reports of all actions, in any order between actions."""
+    left = {action: list(draw(st.sampled_from(ORDERS))) for action in ACTIONS}
+    history = []
+    while any(left.values()):
+        action = draw(st.sampled_from([name for name, events in left.items() if events]))
+        history.append((action, left[action].pop(0)))
+    return history
+
+
+@given(histories())
+def test_the_formulas_that_run_are_those_whose_time_it_is(
+    history: list[tuple[str, Event]],
+) -> None:
+    execution = PlanExecution(PLAN)
+    running = set(execution.begin().start)
+    for number in range(len(history) + 1):
+        past = history[:number]
+        if past:
+            step = execution.report(*past[-1])
+            assert running.issuperset(step.withdraw)
+            assert running.isdisjoint(step.start)
+            running = running - set(step.withdraw) | set(step.start)
+        phases = {place: execution.phase(place) for place in PLAN.places}
+        assert phases == {place: expected(past, place) for place in PLAN.places}
+        assert running == {place for place, phase in phases.items() if phase is PlanPhase.RUNNING}
+    finished = {action for action, event in history if event is not Event.STARTED}
+    assert execution.ended == (finished == set(ACTIONS))
+    assert not (execution.ended and running)
+
+
+@given(histories(), st.sampled_from(ACTIONS), st.sampled_from(Event))
+def test_a_report_is_refused_exactly_when_it_fits_no_order(
+    history: list[tuple[str, Event]], action: str, event: Event
+) -> None:
+    execution = PlanExecution(PLAN)
+    execution.begin()
+    for report in history:
+        execution.report(*report)
+    own = [past for name, past in history if name == action]
+    before = {place: execution.phase(place) for place in PLAN.places}
+    if [*own, event] in ORDERS:
+        execution.report(action, event)
+    else:
+        with pytest.raises(CoordinationError, match=f"'{action}' cannot have"):
+            execution.report(action, event)
+        assert before == {place: execution.phase(place) for place in PLAN.places}
+
+
+def begun(plan: Plan) -> tuple[PlanExecution, Step]:
+    """A plan that has just begun."""
+    execution = PlanExecution(plan)
+    return execution, execution.begin()
+
+
+WHOLE = Place('', 'whole')
+
+
+@pytest.mark.parametrize('violation', [{'violated': True}, {'failed': True}])
+@pytest.mark.parametrize('stop', [False, True])
+def test_a_plan_stops_at_the_first_violation_if_it_is_to(
+    violation: dict[str, bool], *, stop: bool
+) -> None:
+    execution, _ = begun(Plan('p', PLAN.actions, PLAN.formulas, stop_at_violation=stop))
+    step = execution.settle(WHOLE, **violation)
+    assert execution.ended == stop
+    before = tuple(Place(action, 'BEFORE') for action in ACTIONS)
+    assert step.withdraw == (before if stop else ())
+    assert step.start == ()
+
+
+def test_a_verdict_is_final() -> None:
+    execution, _ = begun(PLAN)
+    execution.settle(WHOLE)
+    execution.settle(WHOLE, failed=True)
+    assert execution.phase(WHOLE) is PlanPhase.DECIDED
+    assert WHOLE not in execution.end().withdraw
+    assert execution.phase(WHOLE) is PlanPhase.DECIDED
+
+
+@pytest.mark.parametrize(
+    ('action', 'event', 'code', 'words'),
+    [
+        ('hover', Event.STARTED, ExitCode.NOT_FOUND, 'it has: take_off, fly_to, land'),
+        ('land', Event.SUCCEEDED, ExitCode.INVALID_ARGUMENT,
+         'it has not started; report that it has started or failed'),
+        ('take_off', Event.STARTED, ExitCode.INVALID_ARGUMENT,
+         'it is being executed; report that it has succeeded or failed'),
+        ('fly_to', Event.FAILED, ExitCode.INVALID_ARGUMENT, 'it has succeeded already'),
+    ],
+)  # fmt: skip
+def test_a_report_that_makes_no_sense_says_what_does(
+    action: str, event: Event, code: ExitCode, words: str
+) -> None:
+    execution, _ = begun(PLAN)
+    execution.report('take_off', Event.STARTED)
+    execution.report('fly_to', Event.STARTED)
+    execution.report('fly_to', Event.SUCCEEDED)
+    with pytest.raises(CoordinationError, match=words) as caught:
+        execution.report(action, event)
+    assert caught.value.code is code
+
+
+def test_nothing_is_reported_of_a_plan_that_is_over() -> None:
+    execution, _ = begun(PLAN)
+    execution.end()
+    with pytest.raises(CoordinationError, match="plan 'mission' is over"):
+        execution.report('take_off', Event.STARTED)
+
+
+@pytest.mark.parametrize(
+    ('plan', 'words'),
+    [
+        (Plan('', PLAN.actions), 'no name'),
+        (Plan('p', ()), 'no actions'),
+        (Plan('p', (PlanAction('a'), PlanAction('a'))), "called 'a'; names must differ"),
+        (Plan('p', (PlanAction(''),)), "one action of plan 'p' has no name"),
+        (Plan('p', (PlanAction('a', EACH[:1] * 2),)), "another formula of action 'a' is called"),
+        (Plan('p', (PlanAction('a'),), EACH[:1] * 2), "another formula of plan 'p' is called"),
+    ],
+)
+def test_a_plan_that_makes_no_sense(plan: Plan, words: str) -> None:
+    with pytest.raises(CoordinationError, match=words):
+        PlanExecution(plan)
