@@ -3,7 +3,7 @@ from pathlib import Path
 from setuptools import find_packages, setup
 
 PACKAGE = 'dyknow_bringup'
-DATA = ('launch', 'ontology', 'scenarios', 'formulas', 'recordings')
+DATA = ('launch', 'ontology', 'scenarios', 'formulas', 'plans', 'recordings')
 
 
 def data_files():
@@ -35,6 +35,7 @@ setup(
             'formula_markers = dyknow_bringup.ros.formula_markers:main',
             'formula_monitor = dyknow_bringup.ros.formula_monitor:main',
             'replay = dyknow_bringup.ros.replay:main',
+            'uav_plan = dyknow_bringup.ros.uav_plan:main',
             'uav_demo = dyknow_bringup.ros.uav_demo:main',
             'uav_simulation = dyknow_bringup.ros.uav_simulation:main',
         ],

@@ -80,6 +80,21 @@ def test_an_unknown_scenario_is_refused_with_those_there_are() -> None:
     assert 'Traceback' not in done.stderr
 
 
+def test_a_plan_is_executed_without_violation() -> None:
+    done = output_of(command('uav_plan'), private_environment())
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert 'land succeeded' in done.stdout
+
+
+def test_a_violation_is_told_with_the_action_that_it_belongs_to() -> None:
+    line = command('uav_plan', '--scenario', 'windy_delivery')
+    done = output_of(line, {**private_environment(), 'COLUMNS': '150'})
+    assert done.returncode == 1, done.stdout + done.stderr
+    assert 'fly_to: enough_power is false at ' in done.stdout
+    assert 'Power[uav1] = ' in done.stdout
+    assert 'land succeeded' in done.stdout
+
+
 def test_a_recording_is_replayed_with_its_clock() -> None:
     environment = private_environment()
     client = Client(environment)

@@ -10,6 +10,7 @@ from dyknow_bringup.fleet import (
 )
 from dyknow_bringup.formulas import NamedFormula, load_formulas
 from dyknow_bringup.messages import MESSAGE_TYPES, ros_message
+from dyknow_bringup.missions import Mission, Task, load_mission
 from dyknow_bringup.recording import STORAGES, record
 from dyknow_bringup.replay import Replay, Schedule
 from dyknow_bringup.scenario import OUTCOMES, Expectation, Scenario, load_scenario
@@ -26,6 +27,7 @@ __all__ = [
     'BringupError',
     'Channel',
     'Expectation',
+    'Mission',
     'NamedFormula',
     'Odometry',
     'QualityOfService',
@@ -35,11 +37,13 @@ __all__ = [
     'Scenario',
     'Schedule',
     'Simulation',
+    'Task',
     'Telemetry',
     'fleet_annotations',
     'fleet_ontology',
     'fleet_specification',
     'load_formulas',
+    'load_mission',
     'load_scenario',
     'record',
     'ros_message',

@@ -38,6 +38,24 @@ def scenario_path(scenario: str) -> Path:
     return path
 
 
+def plan_path(plan: str) -> Path:
+    """The file of a plan, given its name or a path.
+
+    Raises:
+        BringupError: NOT_FOUND, naming the shipped plans.
+    """
+    path = Path(plan)
+    if path.suffix != '.yaml':
+        path = share() / 'plans' / f'{plan}.yaml'
+    if not path.is_file():
+        names = sorted(each.stem for each in (share() / 'plans').glob('*.yaml'))
+        raise BringupError(
+            f"there is no plan '{plan}'; use {', '.join(names)} or the path of a YAML file",
+            ExitCode.NOT_FOUND,
+        )
+    return path
+
+
 def formulas_path() -> Path:
     """The formulas of the demonstration."""
     return share() / 'formulas' / 'uav.yaml'

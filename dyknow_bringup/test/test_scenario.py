@@ -62,7 +62,8 @@ def test_a_scenario_that_is_not_there(share: Path) -> None:
     assert error.value.code == ExitCode.NOT_FOUND
     assert str(error.value).endswith(
         'nominall.yaml: no such file '
-        '(there are: geofence, near_miss, nominal, power_surge, telemetry_loss)'
+        '(there are: delivery, geofence, near_miss, nominal, power_surge, '
+        'telemetry_loss, windy_delivery)'
     )
 
 

@@ -27,7 +27,6 @@ from dyknow_coordinator.grounding import (
     sources,
     state_specification,
 )
-from dyknow_coordinator.question import Question
 from dyknow_coordinator.plan import (
     Event,
     Holds,
@@ -41,6 +40,7 @@ from dyknow_coordinator.plan import (
     PlanVerdict,
     Step,
 )
+from dyknow_coordinator.question import Question
 
 __all__ = [
     'Answer',

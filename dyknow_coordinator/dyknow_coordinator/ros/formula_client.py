@@ -250,16 +250,12 @@ class FormulaClient:
             constraints: of the states of all formulas.
             wait: seconds to wait for the coordinator to be there.
         """
-        monitor = PlanMonitor(plan.name, self._peer)
+        monitor = PlanMonitor(plan.name, self._peer, on_verdict)
 
         def end(result: Any, error: DyKnowError | None) -> None:
-            verdicts = [] if result is None else result.verdicts
-            monitor.outcome.set_result(
-                PlanOutcome(
-                    tuple(verdict_from_message(verdict) for verdict in verdicts),
-                    error if result is None else error_of(result.exit_status),
-                )
-            )
+            verdicts = () if result is None else map(verdict_from_message, result.verdicts)
+            failure = error if result is None else error_of(result.exit_status)
+            monitor.end(PlanOutcome(tuple(verdicts), failure))
 
         if self._closed:
             end(None, _closed())
@@ -271,7 +267,7 @@ class FormulaClient:
             goal,
             Limits(wait, None),
             end,
-            lambda feedback: on_verdict(verdict_from_message(feedback.verdict)),
+            lambda feedback: monitor.tell(verdict_from_message(feedback.verdict)),
         )
         return monitor
 

@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 from dyknow_interfaces.srv import ReportPlanAction
 from rclpy.task import Future
 
 from dyknow_coordinator.errors import CoordinationError
-from dyknow_coordinator.plan import Event
+from dyknow_coordinator.plan import Event, PlanPhase
 from dyknow_coordinator.ros.evaluation_messages import error_of
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from dyknow_coordinator.plan import Place, PlanOutcome, PlanVerdict
     from dyknow_coordinator.ros.errand import Errand
     from dyknow_stream_processing.ros import Peer
 
@@ -29,11 +33,13 @@ class PlanMonitor:
         outcome: a future of the `PlanOutcome`; await it, or look whether it is `done()`.
     """
 
-    def __init__(self, name: str, peer: Peer) -> None:
+    def __init__(self, name: str, peer: Peer, on_verdict: Callable[[PlanVerdict], Any]) -> None:
         self.name = name
         self.outcome: Future = Future()
         self.errand: Errand | None = None
         self._peer = peer
+        self._on_verdict = on_verdict
+        self._told: dict[Place, PlanVerdict] = {}
 
     async def started(self, action: str) -> None:
         """Reports that an action has begun; returns when its formulas are being started.
@@ -63,6 +69,25 @@ class PlanMonitor:
         """Has the plan monitored no more: the outcome is then CANCELLED."""
         if self.errand is not None:
             self.errand.cancel()
+
+    def tell(self, verdict: PlanVerdict) -> None:
+        """Something new is known of a formula."""
+        if not self.outcome.done():
+            self._tell_new(verdict)
+
+    def end(self, outcome: PlanOutcome) -> None:
+        """The plan is over; the outcome may overtake the last verdicts."""
+        self.outcome.set_result(outcome)
+        for verdict in outcome.verdicts:
+            if verdict.phase is not PlanPhase.PENDING:
+                self._tell_new(verdict)
+
+    def _tell_new(self, verdict: PlanVerdict) -> None:
+        # Errors are equal only to themselves; the phase tells that there is one.
+        known = replace(verdict, error=None)
+        if self._told.get(verdict.place) != known:
+            self._told[verdict.place] = known
+            self._on_verdict(verdict)
 
     async def _report(self, action: str, event: Event) -> None:
         if self.errand is not None:

@@ -1,0 +1,45 @@
+"""Plans of vehicles, read from files."""
+
+from pathlib import Path
+
+import pytest
+
+from dyknow_bringup import BringupError, Task, load_mission
+from dyknow_bringup.resources import plan_path
+from dyknow_coordinator import Holds, Place, PlanExecution
+from dyknow_reasoning import check_types, parse_formula
+
+
+def test_the_mission_that_is_shipped_makes_sense() -> None:
+    mission = load_mission(plan_path('delivery'))
+    assert [task.action for task in mission.tasks] == ['take_off', 'fly_to', 'land']
+    assert mission.tasks[0] == Task('take_off', 'eventually Altitude[uav1] > 5.5', 12_000_000_000)
+    formulas = mission.plan.places
+    assert formulas[Place('fly_to', 'not_before')].holds is Holds.BEFORE
+    for text in (*(f.formula for f in formulas.values()), *(t.goal for t in mission.tasks)):
+        check_types(parse_formula(text), text)
+    PlanExecution(mission.plan)
+
+
+@pytest.mark.parametrize(
+    ('text', 'words'),
+    [
+        ('name: p', "add the key 'actions'"),
+        ('{name: p, actions: [{name: a, goal: g}]}', "actions[0]: add the key 'within'"),
+        (
+            '{name: p, actions: [], formulas: [{name: f, formula: g, holds: now}]}',
+            "formulas[0].holds: a formula cannot hold 'now'; write one of while_executing",
+        ),
+    ],
+)
+def test_a_mission_that_makes_no_sense(tmp_path: Path, text: str, words: str) -> None:
+    path = tmp_path / 'mission.yaml'
+    path.write_text(text)
+    with pytest.raises(BringupError) as caught:
+        load_mission(path)
+    assert words in str(caught.value)
+
+
+def test_a_plan_that_is_not_there() -> None:
+    with pytest.raises(BringupError, match="no plan 'picnic'; use delivery or"):
+        plan_path('picnic')
