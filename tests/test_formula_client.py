@@ -7,10 +7,11 @@ from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
 import pytest
+from dyknow_interfaces.msg import EvaluationStatusArray
 from rclpy.executors import MultiThreadedExecutor, SingleThreadedExecutor
 from rclpy.node import Node
 
-from dyknow_coordinator import Grounding, Verdict
+from dyknow_coordinator import EvaluationPhase, Grounding, Verdict
 from dyknow_coordinator.ros import FormulaClient
 from dyknow_stream_processing import DyKnowError, ExitCode
 from system import Batteries, Client, System
@@ -283,17 +284,28 @@ def test_without_a_coordinator(client: Client) -> None:
         assert 'stream_reasoning_coordinator is not running' in answer.error.message
 
 
+def phases(report: Any) -> list[int]:
+    """Of the evaluations that a coordinator reports."""
+    return [evaluation.phase for evaluation in report.evaluations]
+
+
 def test_a_coordinator_that_dies_meanwhile(tmp_path: Path) -> None:
     with System(tmp_path) as system, asker_beside(system.client) as node:
         Batteries(system.client, system.vehicles)
         told: list[Answer] = []
-        progress: list[Progress] = []
+        reports: list[Any] = []
+        system.client.node.create_subscription(
+            EvaluationStatusArray,
+            'stream_reasoning_coordinator/evaluations',
+            reports.append,
+            10,
+        )
         with FormulaClient(node) as client, spinning(node, single(node)):
-            client.monitor(ALWAYS, on_verdict=told.append, on_feedback=progress.append)
+            client.monitor(ALWAYS, on_verdict=told.append)
             thread = threading.Thread(target=lambda: told.append(client.evaluate_blocking(ALWAYS)))
             thread.start()
             system.client.spin_until(
-                lambda: bool(progress) and len(system.streams() - system.fleet_streams) == 2,
+                lambda: bool(reports) and phases(reports[-1]) == [EvaluationPhase.RUNNING] * 2,
                 'both are evaluated',
             )
             system.launcher.kill('stream_reasoning_coordinator')

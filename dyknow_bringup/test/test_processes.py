@@ -64,7 +64,7 @@ def test_scenarios_are_found_by_name_and_by_path(tmp_path: Path) -> None:
     own = tmp_path / 'own.yaml'
     own.touch()
     assert scenario_path(str(own)) == own
-    with pytest.raises(BringupError, match=r"no scenario 'picnic'; use geofence, .*power_surge"):
+    with pytest.raises(BringupError, match=r"no scenario 'picnic'; use delivery, .*power_surge"):
         scenario_path('picnic')
 
 

@@ -10,11 +10,13 @@ BAD = sorted((Path(__file__).parent / 'bad_scenarios').glob('*.yaml'))
 
 def test_the_scenarios(scenarios: dict[str, Scenario]) -> None:
     assert list(scenarios) == [
+        'delivery',
         'geofence',
         'near_miss',
         'nominal',
         'power_surge',
         'telemetry_loss',
+        'windy_delivery',
     ]
 
 

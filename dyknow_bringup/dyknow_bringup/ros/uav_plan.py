@@ -49,7 +49,7 @@ class MonitoredMission(Demonstration):
         launcher: Launcher,
         folder: Path,
     ) -> None:
-        super().__init__(scenario, scenario_file, 2, launcher, folder)
+        super().__init__(scenario, scenario_file, 2, launcher, folder, markers=False)
         self._mission = mission
 
     def _monitor(self) -> bool:
