@@ -6,11 +6,12 @@ from typing import TYPE_CHECKING, Any
 
 from dyknow_interfaces.action import MonitorFormula
 from rclpy.action import ActionServer, CancelResponse
+from rclpy.qos import QoSProfile
 
 from dyknow_coordinator.ros.answers import fill_answer
 from dyknow_coordinator.ros.callers import Callers
 from dyknow_stream_processing import DyKnowError, ExitCode
-from dyknow_stream_processing.ros import fill_exit_status
+from dyknow_stream_processing.ros import SERVICE, fill_exit_status
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -45,6 +46,10 @@ class Monitoring:
             self._monitor,
             callback_group=node.reentrant,
             cancel_callback=self._cancel,
+            goal_service_qos_profile=SERVICE,
+            result_service_qos_profile=SERVICE,
+            cancel_service_qos_profile=SERVICE,
+            feedback_pub_qos_profile=QoSProfile(depth=SERVICE.depth),
         )
         name = f'{node.get_fully_qualified_name()}/monitor_formula/_action/get_result'
         Callers(node, name, self._abandon)

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 from dyknow_interfaces.msg import ConstraintViolation
 from rclpy.event_handler import SubscriptionEventCallbacks
 
-from dyknow_stream_processing.ros import VIOLATIONS, Lease
+from dyknow_stream_processing.ros import VIOLATIONS, Lease, with_own_lease
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -79,7 +79,7 @@ class StateStream:
             ConstraintViolation,
             violations,
             lambda violation: self._on_violation(self, violation),
-            VIOLATIONS,
+            with_own_lease(VIOLATIONS),
             callback_group=self._node.reentrant,
             event_callbacks=SubscriptionEventCallbacks(
                 liveliness=self._lease.changed, use_default_callbacks=False

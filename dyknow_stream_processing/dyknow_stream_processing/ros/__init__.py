@@ -9,7 +9,7 @@ from dyknow_stream_processing.ros.conversion import (
     time_to_nanoseconds,
 )
 from dyknow_stream_processing.ros.guest import Guest
-from dyknow_stream_processing.ros.lease import Lease
+from dyknow_stream_processing.ros.lease import Lease, with_own_lease
 from dyknow_stream_processing.ros.message_conversion import conversion, extractor
 from dyknow_stream_processing.ros.message_types import message_class, scalar_fields, stamp_of
 from dyknow_stream_processing.ros.message_values import FieldReader, without_element
@@ -71,5 +71,6 @@ __all__ = [
     'source_type',
     'stamp_of',
     'time_to_nanoseconds',
+    'with_own_lease',
     'without_element',
 ]
