@@ -36,14 +36,9 @@ class Batch:
         self._members: Array = np.empty(len(seats), dtype=object)
         self._members[:] = [seat.member for seat in seats]
         self._formulas = np.array([seat.member.formula_id for seat in seats])
-        initial = self.shape.automaton.initial
-        self._slots = slots(initial.node.mask)
-        width = 1 << initial.node.mask.bit_length()
-        wheres: dict[tuple[Location, Times], int] = {}
-        chosen = [wheres.setdefault((seat.location, seat.times), len(wheres)) for seat in seats]
-        self._places: TabulatedPlaces | ClockedPlaces = ClockedPlaces(
-            self.shape.automaton, list(wheres), width, np.array(chosen)
-        )
+        mask = self.shape.automaton.initial.node.mask
+        self._slots = slots(mask)
+        self._places = _places(self.shape, seats, width=1 << mask.bit_length())
         self._opened = Opened(seats)
         self._truths: list[tuple[int, Truths]] = []
         self._rows: Array | None = None
@@ -160,3 +155,13 @@ class Batch:
             self._predicates[member] = [predicate(atom, member.kinds) for atom in atoms]
         found = self._predicates[member]
         return careful_reader({slot: found[slot] for slot in slots(location.node.mask)})(values)
+
+
+def _places(shape: Shape, seats: Sequence[Seat], width: int) -> TabulatedPlaces | ClockedPlaces:
+    """Where instances are, as vectors."""
+    if all(seat.is_fresh for seat in seats):
+        begin = shape.configurations.at(shape.automaton.initial, ())
+        return TabulatedPlaces(shape.configurations, np.full(len(seats), begin.number), width)
+    wheres: dict[tuple[Location, Times], int] = {}
+    chosen = [wheres.setdefault((seat.location, seat.times), len(wheres)) for seat in seats]
+    return ClockedPlaces(shape.automaton, list(wheres), width, np.array(chosen))

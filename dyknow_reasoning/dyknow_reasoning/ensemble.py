@@ -72,6 +72,15 @@ class Ensemble:
             self._newcomers.append(seat)
             self._tally.add([member])
 
+    def admit(self, latest: int) -> None:
+        """Gives those that have come their places; otherwise the next state does that.
+
+        Args:
+            latest: the valid time of the latest state; of no meaning before the first one.
+        """
+        newcomers, self._newcomers = self._newcomers, []
+        self._seat(newcomers, latest)
+
     def interrupt(self) -> None:
         """Sees to it that the next state is progressed by `progress`, not by the routine."""
         self._leave_routine()
@@ -115,7 +124,7 @@ class Ensemble:
         """
         self._leave_routine()
         if self._newcomers:
-            self._admit(now - elapsed)
+            self.admit(now - elapsed)
         failures: Mapping[int, ReasoningError] = _NO_FAILURES
         try:
             symbols = [single.read(values) for single in self._singles]
@@ -141,7 +150,7 @@ class Ensemble:
             The states that bring something, by index, and what.
         """
         if self._newcomers and times:
-            self._admit(times[0] - steps[0])
+            self.admit(times[0] - steps[0])
         index, states = 0, range(0)
         reader: RecordedSymbols | None = None
         symbols: Sequence[Symbols] | None = None
@@ -195,10 +204,6 @@ class Ensemble:
             yield single.seat(latest)
         for batch in self._batches:
             yield from batch.seats(latest)
-
-    def _admit(self, latest: int) -> None:
-        newcomers, self._newcomers = self._newcomers, []
-        self._seat(newcomers, latest)
 
     def _seat(self, seats: Sequence[Seat], latest: int) -> None:
         self._singles, self._batches = seated(seats, self._singles, self._batches, latest)

@@ -139,6 +139,7 @@ class FormulaGroup:
         self._remainders = Remainders(self._ensemble)
         for formula_id, found in instances.items():
             self._begin_formula(formula_id, found, self._ensemble)
+        self._ensemble.admit(0)
 
     def decided_at_once(self) -> list[FormulaResult]:
         """The results of the formulas that are decided whatever the states are.
