@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import signal
 import subprocess
 from contextlib import contextmanager
@@ -221,6 +222,36 @@ def test_the_node_of_the_readme(rover: dict[str, str], vehicle: Rover) -> None:
     assert returned == 0, printed
     assert 'a rover did not stop' in printed
     assert 'Speed[rover1] < 0.1' in printed
+
+
+def manual_block(words: str) -> str:
+    """The Python in docs/clients.md in which some words are."""
+    text = (EXAMPLES.parent / 'clients.md').read_text(encoding='utf-8')
+    (block,) = (
+        each for each in re.findall(r'```python\n(.*?)```', text, re.DOTALL) if words in each
+    )
+    return str(block)
+
+
+def test_the_script_of_the_manual(rover: dict[str, str], vehicle: Rover, tmp_path: Path) -> None:
+    script = tmp_path / 'is_all_well.py'
+    script.write_text(manual_block('is_all_well'), encoding='utf-8')
+    returned, printed = vehicle.run(['python3', str(script)], rover)
+    assert returned == 0, printed
+    assert printed.startswith('TRUE ')
+
+
+def test_the_plan_of_the_manual(vehicle: Rover) -> None:
+    names: dict[str, Any] = {}
+    exec(manual_block('PLAN = Plan('), names)  # noqa: S102
+
+    async def act() -> bool:
+        return True
+
+    client = vehicle.client
+    task = client.executor.create_task(names['deliver'], client.node, act, act)
+    client.spin_until(task.done, 'the end of the plan')
+    task.result()
 
 
 def test_dyknow_up_refuses_a_file_that_is_not_there() -> None:

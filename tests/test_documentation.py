@@ -39,7 +39,7 @@ if TYPE_CHECKING:
 
 ROOT = Path(__file__).parent.parent
 EXAMPLES = ROOT / 'docs' / 'examples'
-DOCUMENTS = ('README.md', 'docs/languages.md')
+DOCUMENTS = ('README.md', 'docs/clients.md', 'docs/languages.md')
 
 _BLOCK = re.compile(r'^```(?P<language>\w+)\n(?P<text>.*?)^```$', re.MULTILINE | re.DOTALL)
 

@@ -24,7 +24,7 @@ PASSING = (ExitCode.UNAVAILABLE, ExitCode.NOT_FOUND)
 """What may pass while the other nodes are still starting."""
 
 START_UP = 10_000_000_000
-"""Nanoseconds from the first answer on in which other nodes may still be starting."""
+"""Nanoseconds in which other nodes may still be starting when the coordinator is there."""
 
 RETRY_PERIOD = 0.5
 """Seconds until a formula is asked again."""
@@ -52,12 +52,12 @@ class FormulaMonitor(DyKnowNode):
         self._retry_until: int | None = None
         self._monitors: dict[str, Monitor] = {}
         for monitored in self.formulas:
-            self._start(monitored)
+            self._start(monitored).taken.add_done_callback(self._note_start)
 
     @property
     def is_running(self) -> bool:
         """Whether the coordinator has taken on all formulas."""
-        return all(monitor.is_taken for monitor in self._monitors.values())
+        return all(monitor.taken.done() for monitor in self._monitors.values())
 
     def cancel_all(self) -> Future:
         """Lets the coordinator forget the formulas; the future is done when it has."""
@@ -79,11 +79,15 @@ class FormulaMonitor(DyKnowNode):
         self._client.close()
         super().destroy_node()
 
-    def _start(self, monitored: MonitoredFormula) -> None:
+    def _note_start(self, _: Future) -> None:
+        if self._retry_until is None:
+            self._retry_until = self.now() + START_UP
+
+    def _start(self, monitored: MonitoredFormula) -> Monitor:
         def note(progress: Progress) -> None:
             monitored.states = progress.states_progressed
 
-        self._monitors[monitored.formula.name] = self._client.monitor(
+        monitor = self._monitors[monitored.formula.name] = self._client.monitor(
             monitored.formula.formula,
             on_verdict=lambda answer: self._conclude(monitored, answer),
             on_feedback=note,
@@ -91,6 +95,7 @@ class FormulaMonitor(DyKnowNode):
             timeout=self._timeout,
             wait=self._timeout,
         )
+        return monitor
 
     def _conclude(self, monitored: MonitoredFormula, answer: Answer) -> None:
         error = answer.error
@@ -99,7 +104,7 @@ class FormulaMonitor(DyKnowNode):
             monitored.explanation = answer.explanation
         elif error.code is ExitCode.CANCELLED:
             return
-        elif error.code in PASSING and self._is_starting:
+        elif error.code in PASSING and self.now() < (self._retry_until or 0):
             again = self.deadlines.after(RETRY_PERIOD)
             again.add_done_callback(lambda _: self._start(monitored))
             return
@@ -108,12 +113,6 @@ class FormulaMonitor(DyKnowNode):
             monitored.explanation = error.message
         monitored.known_at = self.now()
         self._on_change(monitored)
-
-    @property
-    def _is_starting(self) -> bool:
-        if self._retry_until is None:
-            self._retry_until = self.now() + START_UP
-        return self.now() < self._retry_until
 
     def _log(self, monitored: MonitoredFormula) -> None:
         self.get_logger().info(

@@ -51,16 +51,13 @@ class Monitor:
 
     Attributes:
         outcome: a future of the `Answer`; await it, or look whether it is `done()`.
+        taken: a future that is done when the coordinator has taken the formula on, or never will.
     """
 
     def __init__(self) -> None:
         self.outcome: Future = Future()
+        self.taken: Future = Future()
         self.errand: Errand | None = None
-
-    @property
-    def is_taken(self) -> bool:
-        """Whether the coordinator has taken the formula on, or refused it."""
-        return self.errand is None or self.errand.accepted.done()
 
     def cancel(self) -> None:
         """Wants no verdict any more: the answer is then CANCELLED, unless one is there already."""
@@ -214,6 +211,8 @@ class FormulaClient:
         def end(result: Any, error: DyKnowError | None) -> None:
             answer = Answer(error=error) if error is not None else answer_from_message(result)
             monitor.outcome.set_result(answer)
+            if monitor.errand is None:
+                monitor.taken.set_result(None)
             _tell(self._node, on_verdict, answer)
 
         try:
@@ -230,6 +229,7 @@ class FormulaClient:
             end,
             lambda feedback: on_feedback(progress_from_message(feedback)),
         )
+        monitor.errand.accepted.add_done_callback(lambda _: monitor.taken.set_result(None))
         return monitor
 
     def monitor_plan(
