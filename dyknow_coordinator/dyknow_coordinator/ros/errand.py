@@ -69,7 +69,7 @@ class Errand:
         self._on_feedback = on_feedback
         self._handle: Any = None
         self._sent = self._ended = self._unwanted = False
-        self._limit: Future | None = None
+        self._limit: Future = Future()
         # Executors of several threads may bring two ends at once.
         self._lock = threading.Lock()
         self._until = guest.wall_clock.now().nanoseconds + round(limits.wait * 1e9)
@@ -85,6 +85,8 @@ class Errand:
 
     def cancel(self) -> None:
         """Wants no result any more; the server tells what it knows, if it can."""
+        if self._ended:
+            return
         self._unwanted = True
         if not self._sent:
             self.fail(DyKnowError('cancelled by the caller', ExitCode.CANCELLED))
@@ -120,8 +122,7 @@ class Errand:
     def _send(self) -> None:
         self._sent = True
         self._peer.on_lost.append(self._lost)
-        if self._limits.work is not None:
-            self._fail_after(self._limits.work + GRACE, 'has no result:', ExitCode.TIMEOUT)
+        self._fail_after(GRACE, 'was sent, and', ExitCode.UNAVAILABLE)
         sending = self._client.send_goal_async(
             self._goal, lambda message: self._on_feedback(message.feedback)
         )
@@ -135,6 +136,10 @@ class Errand:
         self._handle = handle
         if self._unwanted or self._ended:
             handle.cancel_goal_async()
+        elif self._limits.work is None:
+            self._limit.cancel()
+        else:
+            self._fail_after(self._limits.work + GRACE, 'has no result:', ExitCode.TIMEOUT)
         if not self.accepted.done():
             self.accepted.set_result(None)
         handle.get_result_async().add_done_callback(
@@ -146,8 +151,7 @@ class Errand:
         self.fail(self._peer.unavailable('has died'))
 
     def _fail_after(self, seconds: float, what: str, code: ExitCode) -> None:
-        if self._limit is not None:
-            self._limit.cancel()
+        self._limit.cancel()
         text = f'the goal {what} {self._peer.name} has not answered within {seconds:g} s'
         self._limit = self._guest.deadlines.after(seconds)
         self._limit.add_done_callback(lambda done: self._expire(done, DyKnowError(text, code)))
@@ -161,8 +165,7 @@ class Errand:
             if self._ended:
                 return
             self._ended = True
-        if self._limit is not None:
-            self._limit.cancel()
+        self._limit.cancel()
         if self._lost in self._peer.on_lost:
             self._peer.on_lost.remove(self._lost)
         if not self.accepted.done():
