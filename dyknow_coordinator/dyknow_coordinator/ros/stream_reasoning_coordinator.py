@@ -47,8 +47,8 @@ class StreamReasoningCoordinator(DyKnowNode):
             'Most seconds that a formula is evaluated for, whatever the caller asks; 0: any time.',
             (0.0, 1e9),
         )
-        self._memory = self.parameter(
-            'memory',
+        self._keep_ended = self.parameter(
+            'keep_ended',
             30.0,
             'Seconds for which operators see a formula after its end.',
             (0.0, 1e6),
@@ -112,7 +112,7 @@ class StreamReasoningCoordinator(DyKnowNode):
 
     async def _live(self, evaluation: FormulaEvaluation) -> None:
         await evaluation.run()
-        forgotten = self.deadlines.after(self._memory)
+        forgotten = self.deadlines.after(self._keep_ended)
         forgotten.add_done_callback(lambda _: self._forget(evaluation))
 
     def _forget(self, evaluation: FormulaEvaluation) -> None:
