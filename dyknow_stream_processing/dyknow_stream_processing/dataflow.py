@@ -187,6 +187,20 @@ class Dataflow:
             for observer in source.observers:
                 observer.dropped(reason, count)
 
+    def restart(self, violation: Violation) -> None:
+        """Forget all samples and times: for a clock that has gone back.
+
+        Args:
+            violation: is reported by every stream; what was counted so far stays counted.
+        """
+        self._agenda = Agenda()
+        self._wiring = Wiring(self._agenda, self._units, self._has_receipt_time)
+        for stream in self._streams.values():
+            stream.restart(self._agenda, self._wiring.connect(stream.resolved.term))
+        self._wiring.sweep()
+        for stream in self._streams.values():
+            stream.reported(violation)
+
     def advance(self, now: int) -> None:
         """Do what is due until a time, nanoseconds; a time before the last one is ignored."""
         self._agenda.run(now)
@@ -251,6 +265,13 @@ class _Stream:
                 operator.observers.append(self)
                 self._operators.append(operator)
                 pending.extend(operator.inputs)
+
+    def restart(self, agenda: Agenda, root: Operator) -> None:
+        """Take the samples of another operator, whose times may be before those so far."""
+        self._agenda = agenda
+        self._available_time = BEGINNING
+        self._operators.clear()
+        self.attach(root)
 
     def detach(self) -> None:
         """Take no more samples, and observe no more."""

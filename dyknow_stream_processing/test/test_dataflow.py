@@ -8,12 +8,14 @@ import pytest
 
 from dyknow_stream_processing import (
     ALL,
+    Broken,
     ExitCode,
     LanguageError,
     PartialFields,
     Sample,
     StreamError,
     ValueType,
+    Violation,
 )
 
 if TYPE_CHECKING:
@@ -274,3 +276,30 @@ def test_a_clock_that_goes_back_drops_what_comes_again(flow: Flow) -> None:
     flow.push('a', 11, x=3)
     assert [each.available_time for each in flow.samples] == [10_000_000, 11_000_000]
     assert flow.broken() == [('valid_time_order', 5)]
+
+
+def test_streams_begin_anew_when_the_clock_has_gone_back(flow: Flow) -> None:
+    flow.create('select x from "a" with sample_period = 100, max_delay = 50', name='part')
+    flow.create('stream b = select x as y from "b"; sink sync(part, b)', name='s')
+    for time in (1000, 1100):
+        flow.push('a', time, x=1)
+        flow.push('b', time, x=2)
+    flow.take()
+    back = Violation('', Broken.VALID_TIME_ORDER, 0, 0, 0, 0, 'the clock went back')
+    flow.dataflow.restart(back)
+    assert flow.violations == [back, back]
+    flow.violations.clear()
+    for time in (10, 110):
+        flow.push('a', time, x=3)
+        flow.push('b', time, x=4)
+    flow.advance(200)
+    assert (10, {'x': 3, 'y': 4}) in flow.take()
+    assert flow.broken() == []
+    assert flow.dataflow.statistics('s').samples > 1
+    flow.advance(300)
+    assert (Broken.SAMPLE_PERIOD, 210) in flow.broken()
+    flow.dataflow.destroy('part')
+    flow.push('a', 310, x=4)
+    flow.push('b', 310, x=4)
+    flow.advance(400)
+    assert 310 in flow.times()

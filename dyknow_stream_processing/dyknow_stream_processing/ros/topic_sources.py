@@ -4,8 +4,12 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
+from rclpy.clock import JumpThreshold
+from rclpy.duration import Duration
+
 from dyknow_stream_processing.account import SourceAccount
 from dyknow_stream_processing.dataflow import SourceType
+from dyknow_stream_processing.durations import round_duration
 from dyknow_stream_processing.errors import StreamError
 from dyknow_stream_processing.ros.message_conversion import tolerant_extractor
 from dyknow_stream_processing.ros.message_types import message_class, scalar_fields
@@ -83,6 +87,10 @@ class TopicSources:
         self._message_types = message_types or {}
         self._topics = NodeTopics.of(node)
         self._sources: dict[str, tuple[_Source, Callable[[], None]]] = {}
+        backward = JumpThreshold(min_forward=None, min_backward=Duration(nanoseconds=-1))
+        self._jumps = node.get_clock().create_jump_callback(
+            backward, post_callback=self._begin_anew
+        )
 
     def refresh(self) -> None:
         """Listens to what the dataflow needs now, and to nothing else."""
@@ -111,10 +119,23 @@ class TopicSources:
 
     def destroy(self) -> None:
         """Frees all that listens; a second time does nothing."""
+        self._jumps.unregister()
+        self._leave_all()
+
+    def _leave_all(self) -> None:
         self._topics.alarm.forget(self._advance)
         for _, leave in self._sources.values():
             leave()
         self._sources.clear()
+
+    def _begin_anew(self, jump: Any) -> None:
+        """Forgets what came before the clock went back: a simulation or a recording begins anew."""
+        now = self._node.get_clock().now().nanoseconds
+        back = round_duration(-jump.delta.nanoseconds)
+        text = f'the clock went back by {back}; all streams begin anew'
+        self._leave_all()
+        self._dataflow.restart(Violation('', Broken.VALID_TIME_ORDER, now, now, 0, 0, text))
+        self.refresh()
 
     def _listen(self, topic: str, fields: Collection[str]) -> None:
         source = _Source(
