@@ -19,7 +19,7 @@ from rclpy.clock import Clock, ClockType
 from rclpy.duration import Duration
 from rclpy.event_handler import PublisherEventCallbacks, SubscriptionEventCallbacks
 from rclpy.exceptions import ParameterException
-from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
+from rclpy.executors import ExternalShutdownException
 from rclpy.node import Node
 from rclpy.qos import (
     DurabilityPolicy,
@@ -31,6 +31,7 @@ from rclpy.qos import (
 from rclpy.task import Future
 
 from dyknow_stream_processing.errors import DyKnowError, ExitCode
+from dyknow_stream_processing.ros.executor import NodeExecutor
 
 if TYPE_CHECKING:
     from collections.abc import Awaitable, Callable, Mapping, Sequence
@@ -294,7 +295,7 @@ def run(make_node: Callable[[], DyKnowNode], arguments: Sequence[str] | None = N
     rclpy.init(args=None if arguments is None else list(arguments))
     _exit_in_any_case()
     node: DyKnowNode | None = None
-    executor = SingleThreadedExecutor()
+    executor = NodeExecutor()
     try:
         node = make_node()
         executor.add_node(node)
