@@ -6,6 +6,7 @@ from functools import partial
 from typing import TYPE_CHECKING, Any, Final
 
 from dyknow_interfaces.msg import StreamStatusArray
+from dyknow_interfaces.srv import ListStreams, StreamCreateFromSpec, StreamDestroy
 
 from dyknow_stream_processing.ros.introspection import account_from_message
 from dyknow_stream_processing.ros.peer import Peer
@@ -20,6 +21,7 @@ if TYPE_CHECKING:
 INTRODUCTION: Final = 3.0
 """Seconds within which an engine that was found says what it makes."""
 
+_SERVICES: Final = (StreamCreateFromSpec, StreamDestroy, ListStreams)
 _SERVICE = '/stream_create_from_spec'
 _SERVICE_TYPE = 'dyknow_interfaces/srv/StreamCreateFromSpec'
 # Managers make streams too, by having engines make them; by this service they are told apart.
@@ -88,7 +90,7 @@ class Engines:
                 self._meet(name)
 
     def _meet(self, name: str) -> None:
-        peer = Peer(self._node, name)
+        peer = Peer(self._node, name, services=_SERVICES)
         peer.on_found.append(partial(self._note_found, name))
         peer.on_lost.append(partial(self._note_lost, name))
         self._peers[name] = peer

@@ -13,7 +13,7 @@ from dyknow_stream_processing.ros.lease import Lease, with_own_lease
 from dyknow_stream_processing.ros.runtime import BORN, RUNNING, SERVICE, STATUS, snake_case
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping
+    from collections.abc import Callable, Iterable, Mapping
 
     from dyknow_stream_processing.ros.guest import Guest
     from dyknow_stream_processing.ros.runtime import DyKnowNode
@@ -33,10 +33,17 @@ class Peer:
         name: the other node's name, absolute or relative to the namespace of `node`.
         patience: seconds to wait for the other node to be there before a call is given up.
         timeout: seconds that a call may take.
+        services: types of those that will be called. The first call by a client that was made just
+            before takes some 80 ms longer, for the other node has yet to discover it.
     """
 
     def __init__(
-        self, node: DyKnowNode | Guest, name: str, patience: float = 3.0, timeout: float = 5.0
+        self,
+        node: DyKnowNode | Guest,
+        name: str,
+        patience: float = 3.0,
+        timeout: float = 5.0,
+        services: Iterable[Any] = (),
     ) -> None:
         self.name = name
         self.on_found: list[Callable[[], None]] = []
@@ -50,6 +57,8 @@ class Peer:
         self._released = False
         self._status: dict[str, str] = {}
         self._message = ''
+        for service_type in services:
+            self._client(service_type)
         self._lease = Lease(node, on_lost=self._die, on_regained=self._regain)
         self._subscription = node.create_subscription(
             DiagnosticStatus,
