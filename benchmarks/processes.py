@@ -39,10 +39,11 @@ def use_private_domain() -> None:
 
 
 @contextmanager
-def worker(*arguments: object) -> Iterator[subprocess.Popen[str]]:
-    """A process of workers.py; it is ended with the block."""
+def worker(*arguments: object, program: Path = WORKERS) -> Iterator[subprocess.Popen[str]]:
+    """A process of workers.py, or of another program; it is ended with the block."""
     with subprocess.Popen(
-        [sys.executable, str(WORKERS), *map(str, arguments)],
+        [sys.executable, str(program), *map(str, arguments)],
+        stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
         text=True,
         start_new_session=True,
@@ -93,15 +94,19 @@ class Client:
                 raise TimeoutError(f'not within {limit} s: {what}')
             self._executor.spin_once(timeout_sec=0.05)
 
-    def call(self, service_type: Any, service: str, **fields: Any) -> Any:
-        """The response of a service."""
+    def request(self, service_type: Any, service: str, **fields: Any) -> Any:
+        """The future of the response of a service."""
         if service not in self._clients:
             self._clients[service] = self.node.create_client(
                 service_type, service, qos_profile=SERVICE
             )
         client = self._clients[service]
         self.spin_until(client.service_is_ready, service)
-        future = client.call_async(service_type.Request(**fields))
+        return client.call_async(service_type.Request(**fields))
+
+    def call(self, service_type: Any, service: str, **fields: Any) -> Any:
+        """The response of a service."""
+        future = self.request(service_type, service, **fields)
         self.spin_until(future.done, service)
         return future.result()
 
@@ -139,6 +144,17 @@ def resident_memory(process: int) -> float:
     """The memory that a process holds, MB."""
     pages = int(Path(f'/proc/{process}/statm').read_text(encoding='ascii').split()[1])
     return pages * os.sysconf('SC_PAGE_SIZE') / 1e6
+
+
+def growth_per_minute(found: Sequence[tuple[float, float]], warm_up: float) -> float:
+    """How much a quantity grows, by least squares.
+
+    Args:
+        found: times in seconds, and what it was then.
+        warm_up: the part at the beginning that does not count.
+    """
+    times, sizes = zip(*found[int(len(found) * warm_up) :], strict=True)
+    return round(statistics.linear_regression(times, sizes).slope * 60, 3)
 
 
 def percentile(values: Sequence[float], percent: float) -> float:

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import argparse
 import json
-import statistics
 import time
 from contextlib import suppress
 from itertools import count
@@ -18,6 +17,7 @@ from dyknow_interfaces.srv import StreamDestroy
 from processes import (
     ENGINE,
     MANAGER,
+    growth_per_minute,
     nodes,
     processor_time,
     resident_memory,
@@ -95,7 +95,7 @@ def soak(minutes: float) -> dict[str, Any]:
             assert result_of(publisher)['sent'] == messages * TOPICS
         lost = _lost(client, accounts, messages)
         share = processor_time(processes[ENGINE]) / (time.monotonic() - begun)
-    growth = {name: _growth(found) for name, found in memory.items()}
+    growth = {name: growth_per_minute(found, WARM_UP) for name, found in memory.items()}
     return {
         'minutes': minutes,
         'messages': messages * TOPICS,
@@ -140,12 +140,6 @@ def _lost(client: Client, accounts: Accounts, messages: int) -> int:
 def _wait(client: Client, seconds: float) -> None:
     end = time.monotonic() + seconds
     client.spin_until(lambda: time.monotonic() > end, 'the next turn')
-
-
-def _growth(found: list[tuple[float, float]]) -> float:
-    """MB per minute after the warm-up, by least squares."""
-    times, sizes = zip(*found[int(len(found) * WARM_UP) :], strict=True)
-    return round(statistics.linear_regression(times, sizes).slope * 60, 3)
 
 
 def main() -> None:

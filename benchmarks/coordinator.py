@@ -1,0 +1,215 @@
+"""What it costs to have formulas evaluated by all of DyKnow, beside a chain of bare rclpy nodes.
+
+python benchmarks/coordinator.py [--json] [--quick]
+    [--only grounding|verdict|formulas|vehicles|at_once]
+"""
+
+from __future__ import annotations
+
+import random
+import time
+from contextlib import ExitStack
+from typing import TYPE_CHECKING, Any
+
+import relays
+import robots
+from dyknow_interfaces.msg import FormulaResult
+from parts import measure
+from processes import Client, summary, use_private_domain, wait_for_line, worker
+from whole import Whole, ask, timed
+
+from dyknow_stream_processing.ros import time_to_nanoseconds
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+UNSTAMPED = 'always "/robot/level".data < 5'
+STAMPED = 'always "/uav1/battery".current < 5'
+HIGH = 9.0
+"""A level at which these are false."""
+
+AT_ONCE = 'forall u in UAV: Power[u] > 0'
+"""What the first state decides."""
+
+chance = random.Random(1)  # noqa: S311
+
+
+def grounding(*, quick: bool) -> Any:
+    """From the call to the verdict of the first state: three vehicles at 100 Hz, one at a time."""
+    number = 20 if quick else 100
+    with Whole(3, 100.0) as whole:
+        delays = []
+        for _ in range(number):
+            begun = time.time_ns()
+            future = whole.ask(AT_ONCE)
+            ended = timed(future)
+            whole.client.spin_until(lambda: bool(ended), 'the answer')  # noqa: B023
+            answer = future.result()
+            assert answer.verdict == FormulaResult.TRUE, answer
+            decided = time_to_nanoseconds(answer.decided_at)
+            assert decided > begun - robots.SECOND // 10, (decided - begun, answer)
+            delays.append(ended[0] - begun)
+            # Evaluations begin at any time between two messages.
+            whole.wait(chance.uniform(0.05, 0.1))
+    return {'first_us': round(delays[0] / 1e3), **summary(delays[1:])}
+
+
+def verdict(*, quick: bool) -> Any:
+    """From a sample that makes a formula false to the answer."""
+    number = 10 if quick else 100
+    rows = {}
+    with Whole(1, 20.0, progress_period=0.2) as whole:
+
+        def asked(formula: str) -> Any:
+            known = set(whole.progress)
+            future = whole.ask(formula)
+            whole.wait_for_running(1, known)
+            return future
+
+        for name, topic, formula in (
+            ('unstamped', robots.ROBOT, UNSTAMPED),
+            ('stamped', 'uav1', STAMPED),
+        ):
+            decide = _decider(whole.client, whole.fleet, topic)
+            found = [decide(asked(formula)) for _ in range(number)]
+            rows[name] = {'dyknow': summary(found)}
+    for name, topic in (('unstamped', robots.ROBOT), ('stamped', 'uav1')):
+        rows[name]['bare'] = summary(_bare_delays(topic, number))
+        for figure in ('median', 'p99'):
+            key = f'{figure}_us'
+            ratio = rows[name]['dyknow'][key] / rows[name]['bare'][key]
+            rows[name][f'{figure}_ratio'] = round(ratio, 2)
+    return rows
+
+
+def _bare_delays(topic: str, number: int) -> list[int]:
+    with ExitStack() as stack:
+        for role in relays.ROLES:
+            wait_for_line(stack.enter_context(worker(role, program=relays.PROGRAM)))
+        fleet = stack.enter_context(worker(20.0, 'uav1', robots.ROBOT, program=robots.PROGRAM))
+        stack.callback(robots.dismiss, fleet)
+        wait_for_line(fleet)
+        client = Client()
+        stack.callback(client.close)
+        decide = _decider(client, fleet, topic)
+
+        def asked() -> Any:
+            future = ask(client, relays.SERVICE_NAME, 'any', 60.0)
+            _wait(client, 0.2)
+            return future
+
+        found = asked()
+        while not found.done():  # The nodes may not have found each other yet.
+            robots.order(fleet, 'send', topic, HIGH)
+            _wait(client, 0.2)
+        return [decide(asked()) for _ in range(number)]
+
+
+def _decider(client: Client, fleet: Any, topic: str) -> Callable[[Any], int]:
+    """Publishes the sample that decides; how long the answer takes then, nanoseconds."""
+
+    def decide(future: Any) -> int:
+        ended = timed(future)
+        _wait(client, chance.uniform(0.0, 0.05))
+        assert not future.done(), future.result()
+        sent = int(robots.order(fleet, 'send', topic, HIGH))
+        client.spin_until(lambda: bool(ended), 'the answer')
+        answer = future.result()
+        assert answer.verdict == FormulaResult.FALSE, answer
+        decided = time_to_nanoseconds(answer.decided_at)
+        assert sent <= decided <= ended[0], (sent, decided, answer)
+        return ended[0] - sent
+
+    return decide
+
+
+def _wait(client: Client, seconds: float) -> None:
+    end = time.monotonic() + seconds
+    client.spin_until(lambda: time.monotonic() > end, 'time')
+
+
+def formulas(*, quick: bool) -> Any:
+    """A hundred formulas over a fleet of ten at 20 Hz."""
+    return _load(vehicles=10, rate=20.0, number=100, seconds=4.0 if quick else 15.0)
+
+
+def vehicles(*, quick: bool) -> Any:
+    """One quantified formula over fifty vehicles at 10 Hz."""
+    return _load(vehicles=50, rate=10.0, number=1, seconds=4.0 if quick else 15.0)
+
+
+def at_once(*, quick: bool) -> Any:
+    """1, 10 and 100 evaluations at once, over three vehicles at 10 Hz."""
+    seconds = 3.0 if quick else 10.0
+    return [
+        {'evaluations': number, **_load(vehicles=3, rate=10.0, number=number, seconds=seconds)}
+        for number in (1, 10, 100)
+    ]
+
+
+def _load(vehicles: int, rate: float, number: int, seconds: float) -> dict[str, Any]:
+    """What formulas that differ in their limits cost while they run, and whether they are right."""
+    with Whole(vehicles, rate) as whole:
+        idle = whole.costs(seconds / 2)
+        to_first_state = _answer_times(whole, number)
+        known = set(whole.progress)
+        limits = [100.0 + each for each in range(number)]
+        futures = {
+            limit: whole.ask(f'forall u in UAV: always Power[u] < {limit!r}') for limit in limits
+        }
+        whole.wait_for_running(number, known)
+        running = whole.costs(seconds)
+        counted, lost = _states(whole, known, rate)
+        middle = limits[number // 2]
+        whole.order('set', f'uav{vehicles}', middle)
+        below = [future for limit, future in futures.items() if limit <= middle]
+        whole.client.spin_until(lambda: all(each.done() for each in below), 'the verdicts', 60.0)
+        assert all(each.result().verdict == FormulaResult.FALSE for each in below)
+        assert not any(future.done() for limit, future in futures.items() if limit > middle)
+    return {
+        'to_first_state_ms': to_first_state,
+        'states_counted': counted,
+        'states_lost': lost,
+        'idle': idle,
+        'running': running,
+        'share_of_all': round(sum(each['share'] for each in running.values()), 3),
+    }
+
+
+def _answer_times(whole: Whole, number: int) -> dict[str, float]:
+    """How long so many evaluations that begin at once take to their first state."""
+    begun = time.time_ns()
+    futures = [whole.ask(AT_ONCE) for _ in range(number)]
+    times = [timed(each) for each in futures]
+    whole.client.spin_until(lambda: all(times), 'the first answers', 120.0)
+    wrong = [each.result() for each in futures if each.result().verdict != FormulaResult.TRUE]
+    assert not wrong, wrong[:3]
+    ended = sorted(each[0] - begun for each in times)
+    return {
+        'first': round(ended[0] / 1e6, 1),
+        'median': round(ended[number // 2] / 1e6, 1),
+        'last': round(ended[-1] / 1e6, 1),
+    }
+
+
+def _states(whole: Whole, known: set[tuple[int, int]], rate: float) -> tuple[int, int]:
+    """How many states the formulas were progressed over, and how many of the fleet are missing.
+
+    The fleet stamps the messages of all vehicles with the ticks of the clock, so each is a state.
+    """
+    counted, lost = 0, 0
+    for key in whole.progress.keys() - known:
+        (first, begun), (last, ended) = whole.progress[key][0], whole.progress[key][-1]
+        counted += last - first
+        lost += round((ended - begun) * rate / robots.SECOND) - (last - first)
+    return counted, lost
+
+
+def main() -> None:
+    """Measures and prints."""
+    use_private_domain()
+    measure(__doc__, grounding, verdict, formulas, vehicles, at_once)
+
+
+if __name__ == '__main__':
+    main()

@@ -1,0 +1,215 @@
+"""Random formulas over a fleet: how they are asked, and what may be answered.
+
+python benchmarks/questions.py SECONDS asks three of them, as a client that is killed later.
+"""
+
+from __future__ import annotations
+
+import sys
+import time
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from dyknow_interfaces.action import MonitorFormula
+from dyknow_interfaces.msg import ExitStatus, FormulaResult
+from processes import Client
+from rclpy.action import ActionClient
+from robots import SECOND
+from whole import COORDINATOR, EVALUATE, ask
+
+from dyknow_stream_processing.ros import nanoseconds_to_duration, time_to_nanoseconds
+
+if TYPE_CHECKING:
+    import random
+    from collections.abc import Callable, Mapping, Sequence
+
+    from rclpy.task import Future
+
+PROGRAM = Path(__file__)
+
+LATITUDE = 6.0
+"""Seconds after its timeout within which each is answered."""
+
+WINDOW = 2
+"""Seconds of the windows in formulas."""
+
+MARGIN = SECOND // 4
+"""Nanoseconds at either end of a window that are given no thought: five states."""
+
+RESTING = SECOND
+"""Nanoseconds for which a value holds at most: a stream that is silent breaks its constraints."""
+
+FAILURES = frozenset({ExitStatus.UNAVAILABLE, ExitStatus.CONSTRAINT_VIOLATION, ExitStatus.TIMEOUT})
+"""What may become of any formula while nodes and topics fail."""
+
+
+@dataclass(frozen=True)
+class Kind:
+    """A sort of question.
+
+    Args:
+        formula: over a vehicle that is filled in.
+        verdicts: those that may be right.
+        failures: the other ends that it may come to.
+        timeout: seconds.
+        watches: whether its verdict depends on high levels.
+        cancelled_after: seconds, for one that is monitored.
+    """
+
+    formula: str
+    verdicts: frozenset[int] = frozenset()
+    failures: frozenset[int] = FAILURES
+    timeout: float = 10.0
+    watches: bool = False
+    cancelled_after: float | None = None
+
+
+_TRUE = frozenset({FormulaResult.TRUE})
+_FALSE = frozenset({FormulaResult.FALSE})
+_REFUSED = FAILURES | {ExitStatus.INVALID_ARGUMENT}
+_UNKNOWN = FAILURES | {ExitStatus.NOT_FOUND}
+_CANCELLED = FAILURES | {ExitStatus.CANCELLED}
+_ALL = 'forall u in UAV: always Power[u] < 100'
+
+KINDS = {
+    'true at once': Kind('forall u in UAV: Power[u] > 0', _TRUE),
+    'true soon': Kind(f'always[0 s, {WINDOW} s] Power[{{}}] < 1000', _TRUE),
+    'false soon': Kind(f'eventually[0 s, {WINDOW} s] Power[{{}}] > 1000', _FALSE),
+    'held': Kind(f'always[0 s, {WINDOW} s] Power[{{}}] < 100', _TRUE | _FALSE, watches=True),
+    'held for ever': Kind('always Power[{}] < 100', _FALSE, watches=True),
+    'held by all': Kind(_ALL, _FALSE, timeout=20.0, watches=True),
+    'timeout': Kind('always Power[{}] < 1000', timeout=1.0),
+    'cancelled': Kind('always Power[{}] < 1000', failures=_CANCELLED, cancelled_after=1.5),
+    'monitored': Kind(f'always[0 s, {WINDOW} s] Power[{{}}] < 1000', _TRUE, cancelled_after=30.0),
+    'bad syntax': Kind('always Power[{}] <', failures=_REFUSED),
+    'bad type': Kind('Power[{}] and true', failures=_REFUSED),
+    'unknown feature': Kind('always Powr[{}] < 100', failures=_UNKNOWN),
+    'unknown object': Kind('always Power[nobody] < 100', failures=_UNKNOWN),
+}
+
+
+@dataclass
+class Asked:
+    """A question, and what became of it; times of the monotonic clock, seconds."""
+
+    name: str
+    vehicles: Sequence[str]
+    begun: float
+    answer: Any = None
+    ended: float | None = None
+
+    @property
+    def kind(self) -> Kind:
+        """Which sort it is of."""
+        return KINDS[self.name]
+
+    @property
+    def outcome(self) -> str:
+        """In a word."""
+        if self.answer is None:
+            return 'lost'
+        code, verdict = self.answer.exit_status.code, self.answer.verdict
+        if code:
+            return f'error {code}'
+        return {FormulaResult.TRUE: 'true', FormulaResult.FALSE: 'false'}.get(verdict, 'undecided')
+
+    def fault(self, high: Mapping[str, Sequence[int]]) -> str:
+        """What is wrong with the answer; empty where nothing is.
+
+        Args:
+            high: the stamps of the high levels of each vehicle.
+        """
+        if self.ended is None:
+            return 'not answered'
+        if self.ended - self.begun > self.kind.timeout + LATITUDE:
+            return f'answered after {self.ended - self.begun:.1f} s: {self.outcome}'
+        code, verdict = self.answer.exit_status.code, self.answer.verdict
+        if code:
+            return '' if code in self.kind.failures else f'error {self.answer.exit_status}'
+        if verdict not in self.kind.verdicts:
+            return f'verdict {verdict}'
+        return self._misjudged(high) if self.kind.watches else ''
+
+    def _misjudged(self, high: Mapping[str, Sequence[int]]) -> str:
+        decided = time_to_nanoseconds(self.answer.decided_at)
+        stamps = [stamp for vehicle in self.vehicles for stamp in high.get(vehicle, ())]
+        if self.answer.verdict == FormulaResult.FALSE:
+            seen = any(decided - RESTING <= stamp <= decided for stamp in stamps)
+            return '' if seen else 'false, and no level was high'
+        begun = decided - WINDOW * SECOND + MARGIN
+        missed = [stamp for stamp in stamps if begun <= stamp <= decided - MARGIN]
+        return f'true, and {len(missed)} levels were high' if missed else ''
+
+
+@dataclass
+class Clientele:
+    """Those who ask; `turn` has them ask more."""
+
+    client: Client
+    vehicles: Sequence[str]
+    chance: random.Random
+    most: int = 12
+    asked: list[Asked] = field(default_factory=list)
+
+    def __post_init__(self) -> None:
+        self._monitor = ActionClient(
+            self.client.node, MonitorFormula, f'{COORDINATOR}/monitor_formula'
+        )
+
+    @property
+    def open(self) -> list[Asked]:
+        """The questions that are not answered yet."""
+        return [each for each in self.asked if each.ended is None]
+
+    def turn(self) -> None:
+        """Asks a question, unless many are open."""
+        if len(self.open) >= self.most:
+            return
+        name = self.chance.choice(list(KINDS))
+        vehicle = self.chance.choice(self.vehicles)
+        formula = KINDS[name].formula.format(vehicle)
+        vehicles = [vehicle] if '{}' in KINDS[name].formula else self.vehicles
+        asked = Asked(name, vehicles, time.monotonic())
+        self.asked.append(asked)
+
+        def end(answer: Any) -> None:
+            asked.answer, asked.ended = answer, time.monotonic()
+
+        if asked.kind.cancelled_after is None:
+            future = ask(self.client, EVALUATE, formula, asked.kind.timeout)
+            future.add_done_callback(lambda done: end(done.result()))
+        else:
+            self._watch(formula, asked, end)
+
+    def _watch(self, formula: str, asked: Asked, end: Callable[[Any], None]) -> None:
+        timeout = nanoseconds_to_duration(round(asked.kind.timeout * 1e9))
+        goal = MonitorFormula.Goal(formula=formula, timeout=timeout)
+
+        def accepted(done: Future) -> None:
+            handle = done.result()
+            handle.get_result_async().add_done_callback(lambda found: end(found.result().result))
+            self._cancel_later(handle, asked)
+
+        self._monitor.send_goal_async(goal).add_done_callback(accepted)
+
+    def _cancel_later(self, handle: Any, asked: Asked) -> None:
+        def cancel() -> None:
+            self.client.node.destroy_timer(timer)
+            if asked.ended is None:
+                handle.cancel_goal_async()
+
+        timer = self.client.node.create_timer(asked.kind.cancelled_after, cancel)
+
+
+def main() -> None:
+    """Asks, and never comes to take the answers."""
+    client = Client()
+    for each in range(3):
+        ask(client, EVALUATE, f'always Power[uav1] < 1{each}00', float(sys.argv[1]))
+    print('begun', flush=True)
+    client.spin_until(lambda: False, 'nothing', 1e6)
+
+
+if __name__ == '__main__':
+    main()

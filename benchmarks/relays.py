@@ -1,0 +1,98 @@
+"""Bare rclpy nodes that pass on what the nodes of DyKnow would, each in a process of its own.
+
+python benchmarks/relays.py samples|verdicts|answers
+"""
+
+from __future__ import annotations
+
+import sys
+from contextlib import suppress
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import rclpy
+from dyknow_interfaces.msg import Field, FormulaResult, Sample
+from dyknow_interfaces.srv import EvaluateFormula
+from rclpy.callback_groups import ReentrantCallbackGroup
+from rclpy.executors import ExternalShutdownException
+from rclpy.task import Future
+from sensor_msgs.msg import BatteryState
+from std_msgs.msg import Float64
+
+from dyknow_stream_processing.ros.runtime import STREAM
+
+if TYPE_CHECKING:
+    from rclpy.node import Node
+
+PROGRAM = Path(__file__)
+SERVICE_NAME = '/relayed/evaluate_formula'
+LIMIT = 5.0
+"""A level from which on a formula is false."""
+
+
+def samples(node: Node) -> None:
+    """As the stream processing engine: messages of the robots become samples."""
+    publisher = node.create_publisher(Sample, '/relayed/samples', STREAM)
+
+    def publish(value: float) -> None:
+        now = node.get_clock().now().to_msg()
+        sample = Sample(valid_time=now, available_time=now)
+        sample.fields = [Field(type='float', name='level', value=repr(value))]
+        publisher.publish(sample)
+
+    node.create_subscription(Float64, '/robot/level', lambda each: publish(each.data), STREAM)
+    node.create_subscription(
+        BatteryState, '/uav1/battery', lambda each: publish(each.current), STREAM
+    )
+
+
+def verdicts(node: Node) -> None:
+    """As the stream reasoning engine: samples become results."""
+    publisher = node.create_publisher(FormulaResult, '/relayed/results', STREAM)
+
+    def take(sample: Any) -> None:
+        value = float(sample.fields[0].value)
+        if value >= LIMIT:
+            result = FormulaResult(verdict=FormulaResult.FALSE, decided_at=sample.valid_time)
+            result.explanation = f'false because level = {value}'
+            publisher.publish(result)
+
+    node.create_subscription(Sample, '/relayed/samples', take, STREAM)
+
+
+def answers(node: Node) -> None:
+    """As the stream reasoning coordinator: a service that is answered by the next result."""
+    group = ReentrantCallbackGroup()
+    waiting: list[Future] = []
+
+    async def evaluate(_request: Any, response: Any) -> Any:
+        future: Future = Future()
+        waiting.append(future)
+        result = await future
+        response.verdict, response.decided_at = result.verdict, result.decided_at
+        response.explanation = result.explanation
+        return response
+
+    def take(result: Any) -> None:
+        while waiting:
+            waiting.pop().set_result(result)
+
+    node.create_service(EvaluateFormula, SERVICE_NAME, evaluate, callback_group=group)
+    node.create_subscription(FormulaResult, '/relayed/results', take, STREAM, callback_group=group)
+
+
+ROLES = {each.__name__: each for each in (samples, verdicts, answers)}
+
+
+def main() -> None:
+    """Relays until it is killed."""
+    rclpy.init()
+    node = rclpy.create_node(f'relay_{sys.argv[1]}')
+    ROLES[sys.argv[1]](node)
+    print('begun', flush=True)
+    with suppress(KeyboardInterrupt, ExternalShutdownException):
+        rclpy.spin(node)
+
+
+if __name__ == '__main__':
+    main()

@@ -1,0 +1,185 @@
+"""A fleet for the benchmarks of the coordinator: a process that publishes what it is told to.
+
+python benchmarks/robots.py RATE NAME...
+
+Every vehicle publishes its battery, all with one stamp for each tick of the clock; the current is
+the level of the vehicle. A robot publishes its level on a topic without stamps, at the same ticks.
+A line on the standard input is an order, and is answered by a line:
+
+- `set NAME LEVEL` changes a level from the next tick on.
+- `high` asks which stamps each name has published a level with that is higher than the calm one.
+- `send NAME LEVEL` publishes a level once, now; the answer is when, in nanoseconds.
+- `pause NAME`, `resume NAME`: the topic falls silent, and speaks again.
+- `late NAME MILLISECONDS`: its messages are sent so long after their stamps.
+- `twice NAME`, `swap NAME`: the next message is sent twice, or after the one that follows it.
+- `ticks` asks how many there were.
+"""
+
+from __future__ import annotations
+
+import json
+import select
+import sys
+import time
+from collections import defaultdict
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import rclpy
+from rclpy.qos import QoSProfile
+from sensor_msgs.msg import BatteryState
+from std_msgs.msg import Float64
+
+from dyknow_stream_processing.ros.conversion import nanoseconds_to_time
+
+if TYPE_CHECKING:
+    import subprocess
+    from collections.abc import Sequence
+
+    from rclpy.node import Node
+
+PROGRAM = Path(__file__)
+ROBOT = 'robot'
+"""The one whose topic has no stamps."""
+
+CALM = 1.0
+"""The level of all at the beginning."""
+
+SECOND = 1_000_000_000
+
+LIMIT = 10.0
+"""Seconds that a fleet may take to end."""
+
+
+class Fleet:
+    """What the process publishes."""
+
+    def __init__(self, node: Node, names: Sequence[str], rate: float) -> None:
+        quality = QoSProfile(depth=1000)
+        self._publishers: dict[str, Any] = {
+            name: node.create_publisher(BatteryState, f'/{name}/battery', quality) for name in names
+        }
+        self._publishers[ROBOT] = node.create_publisher(Float64, f'/{ROBOT}/level', quality)
+        self._levels = dict.fromkeys(self._publishers, CALM)
+        self._silent: set[str] = set()
+        self._high: dict[str, list[int]] = defaultdict(list)
+        self._delays: dict[str, int] = defaultdict(int)
+        self._twice: set[str] = set()
+        self._swapped: dict[str, Any] = {}
+        self._delayed: list[tuple[int, str, Any]] = []
+        self._period = round(SECOND / rate)
+        self._ticks = 0
+        self._next = time.time_ns() // self._period * self._period + self._period
+
+    def run(self) -> None:
+        """Publishes at each tick and obeys, until the standard input ends."""
+        while True:
+            self._tick_if_due()
+            wait = max(0, self._next - time.time_ns()) / SECOND
+            if select.select([sys.stdin], [], [], wait)[0]:
+                line = sys.stdin.readline()
+                if not line:
+                    return
+                self._tick_if_due()  # Or the stamps on a topic would go back.
+                print(self._obey(*line.split()), flush=True)
+
+    def _tick_if_due(self) -> None:
+        while time.time_ns() >= self._next:
+            self._tick()
+
+    def _tick(self) -> None:
+        stamp, self._next = self._next, self._next + self._period
+        self._ticks += 1
+        for name in self._publishers:
+            if name not in self._silent:
+                self._dispatch(name, stamp)
+        for due in [each for each in self._delayed if each[0] <= stamp]:
+            self._delayed.remove(due)
+            self._publishers[due[1]].publish(due[2])
+
+    def _dispatch(self, name: str, stamp: int) -> None:
+        message = self._message(name, stamp)
+        delay = self._delays[name]
+        if name in self._swapped and self._swapped[name] is None:
+            self._swapped[name] = message
+            return
+        if delay:
+            self._delayed.append((stamp + delay, name, message))
+            return
+        publish = self._publishers[name].publish
+        publish(message)
+        if name in self._twice:
+            self._twice.discard(name)
+            publish(message)
+        held = self._swapped.pop(name, None)
+        if held is not None:
+            publish(held)
+
+    def _message(self, name: str, stamp: int) -> Any:
+        level = self._levels[name]
+        if level > CALM:
+            self._high[name].append(stamp)
+        if name == ROBOT:
+            return Float64(data=level)
+        message = BatteryState(current=level)
+        message.header.stamp = nanoseconds_to_time(stamp)
+        return message
+
+    def _obey(self, order: str, name: str = '', number: str = '0') -> object:
+        answer: object = 'done'
+        match order:
+            case 'set':
+                self._levels[name] = float(number)
+            case 'send':
+                calm, self._levels[name] = self._levels[name], float(number)
+                answer = time.time_ns()
+                self._publishers[name].publish(self._message(name, answer))
+                self._levels[name] = calm
+            case 'pause':
+                self._silent.add(name)
+            case 'resume':
+                self._silent.discard(name)
+            case 'late':
+                self._delays[name] = round(float(number) * 1e6)
+            case 'twice':
+                self._twice.add(name)
+            case 'swap':
+                self._swapped[name] = None
+            case 'ticks':
+                answer = self._ticks
+            case 'high':
+                answer = json.dumps(self._high)
+            case _:
+                answer = f'unknown order {order}'
+        return answer
+
+
+def order(fleet: subprocess.Popen[str], *words: object) -> str:
+    """Gives a fleet an order, and returns its answer."""
+    if fleet.stdin is None or fleet.stdout is None:
+        raise RuntimeError('the fleet has no pipes')
+    fleet.stdin.write(' '.join(map(str, words)) + '\n')
+    fleet.stdin.flush()
+    return fleet.stdout.readline().strip()
+
+
+def dismiss(fleet: subprocess.Popen[str]) -> None:
+    """Has a fleet end; killed, it may leave a lock in shared memory that others wait for."""
+    if fleet.stdin is not None:
+        fleet.stdin.close()
+    fleet.wait(LIMIT)
+
+
+def main() -> None:
+    """Publishes until the standard input ends."""
+    rclpy.init()
+    node = rclpy.create_node('fleet')
+    fleet = Fleet(node, sys.argv[2:], float(sys.argv[1]))
+    print('begun', flush=True)
+    fleet.run()
+    node.destroy_node()
+    rclpy.try_shutdown()
+
+
+if __name__ == '__main__':
+    main()

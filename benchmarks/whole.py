@@ -1,0 +1,214 @@
+"""All of DyKnow for a fleet, each node a process of its own, and what it costs."""
+
+from __future__ import annotations
+
+import tempfile
+import time
+from contextlib import ExitStack
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Self
+
+import robots
+from diagnostic_msgs.msg import DiagnosticStatus
+from dyknow_interfaces.msg import FormulaProgress
+from dyknow_interfaces.srv import EvaluateFormula, ListStreams
+from processes import MANAGER, Client, processor_time, resident_memory, wait_for_line, worker
+
+from dyknow_bringup.fleet import fleet_ontology, vehicle_names
+from dyknow_bringup.launcher import Launcher
+from dyknow_bringup.processes import Configuration, dyknow_processes
+from dyknow_bringup.resources import uav_ontology_path
+from dyknow_stream_processing.ros import nanoseconds_to_duration
+from dyknow_stream_processing.ros.runtime import RUNNING, STATUS
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping, Sequence
+
+    from rclpy.task import Future
+
+    from dyknow_bringup.processes import Process
+
+COORDINATOR = 'stream_reasoning_coordinator'
+REASONER = 'stream_reasoning_engine'
+EVALUATE = f'{COORDINATOR}/evaluate_formula'
+
+
+def configure(
+    sources: Mapping[str, Sequence[str]], folder: Path, constraints: str
+) -> Configuration:
+    """The power of each vehicle, from the stamped messages of one battery or another.
+
+    Args:
+        sources: the names of the batteries of each vehicle.
+        folder: for the files.
+        constraints: of each stream.
+    """
+    streams = [(vehicle, name) for vehicle, names in sources.items() for name in names]
+    texts = {
+        'fleet.nt': fleet_ontology(list(sources)),
+        'fleet.ssl': ''.join(
+            f'stream {name}_power contains Power[{vehicle}] = power;\n' for vehicle, name in streams
+        ),
+        'fleet.streams': ''.join(
+            f'stream {name}_power = select current as power from "/{name}/battery" '
+            f'{constraints}; sink {name}_power;\n'
+            for _, name in streams
+        ),
+    }
+    for name, text in texts.items():
+        (folder / name).write_text(text, encoding='utf-8')
+    return Configuration(
+        ontologies=(uav_ontology_path(), folder / 'fleet.nt'),
+        annotations=(folder / 'fleet.ssl',),
+        streams=(folder / 'fleet.streams',),
+    )
+
+
+class Whole:
+    """The nodes, a fleet and a client; ends with its block.
+
+    Args:
+        batteries: how many each vehicle has.
+        constraints: of the streams of the fleet, such as `with max_delay = 1 s`.
+        progress_period: seconds between two reports of the reasoning engine on a formula.
+        logs: a folder for what the nodes print; where there is none, it is forgotten.
+    """
+
+    def __init__(
+        self,
+        vehicles: int,
+        rate: float,
+        batteries: int = 1,
+        constraints: str = '',
+        progress_period: float = 1.0,
+        logs: Path | None = None,
+    ) -> None:
+        self.sources = {
+            name: (name, *(f'{name}_spare{number}' for number in range(1, batteries)))
+            for name in vehicle_names(vehicles)
+        }
+        self.progress: dict[tuple[int, int], list[tuple[int, int]]] = {}
+        self.fleet: Any = None
+        self.pids: dict[str, int] = {}
+        self._rate = rate
+        self._constraints = constraints
+        self._progress_period = progress_period
+        self._logs = logs
+        self._stack = ExitStack()
+
+    def __enter__(self) -> Self:
+        folder = Path(self._stack.enter_context(tempfile.TemporaryDirectory()))
+        self.client = Client()
+        self._stack.callback(self.client.close)
+        self.fleet = self._stack.enter_context(
+            worker(self._rate, *self.batteries, robots.ROBOT, program=robots.PROGRAM)
+        )
+        self._stack.callback(robots.dismiss, self.fleet)
+        wait_for_line(self.fleet)
+        self.launcher = self._stack.enter_context(Launcher(self._logs or folder))
+        configuration = configure(self.sources, folder, self._constraints)
+        self.processes = {
+            each.executable: self._configured(each, folder)
+            for each in dyknow_processes(configuration)
+        }
+        for process in self.processes.values():
+            self.start(process)
+        self._wait_until_ready()
+        self.client.node.create_subscription(
+            FormulaProgress, f'{REASONER}/progress', self._note, 1000
+        )
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._stack.close()
+
+    def start(self, process: Process) -> None:
+        """Starts a node."""
+        self.pids[process.executable] = self.launcher.start(process).pid
+
+    @property
+    def batteries(self) -> list[str]:
+        """The names of all."""
+        return [name for names in self.sources.values() for name in names]
+
+    def is_tidy(self) -> bool:
+        """Whether there are the streams of the fleet, and no others."""
+        return self.streams() == {f'{name}_power' for name in self.batteries}
+
+    def order(self, *words: object) -> str:
+        """Gives the fleet an order."""
+        return robots.order(self.fleet, *words)
+
+    def ask(self, formula: str, timeout: float = 600.0) -> Future:
+        """Asks the coordinator, and does not wait."""
+        return ask(self.client, EVALUATE, formula, timeout)
+
+    def streams(self) -> set[str]:
+        """Those that the manager knows."""
+        return set(self.client.call(ListStreams, f'{MANAGER}/list_streams').stream_names)
+
+    def wait_for_running(self, number: int, known: set[tuple[int, int]]) -> None:
+        """Waits until states have come for so many formulas that were not known before."""
+        self.client.spin_until(
+            lambda: len(self.progress.keys() - known) >= number, f'{number} formulas run', 60.0
+        )
+
+    def wait(self, seconds: float) -> None:
+        """Lets time pass."""
+        end = time.monotonic() + seconds
+        self.client.spin_until(lambda: time.monotonic() > end, 'time', seconds + 1)
+
+    def costs(self, seconds: float) -> dict[str, dict[str, float]]:
+        """Share of a core, and memory in MB, of each node over a time."""
+        begun, before = time.monotonic(), self._processor_times()
+        self.wait(seconds)
+        elapsed, after = time.monotonic() - begun, self._processor_times()
+        return {
+            name: {
+                'share': round((after[name] - before[name]) / elapsed, 3),
+                'memory_mb': round(resident_memory(pid), 1),
+            }
+            for name, pid in self.pids.items()
+        }
+
+    def _configured(self, process: Process, folder: Path) -> Process:
+        parameters = {
+            REASONER: {'progress_period': self._progress_period},
+            MANAGER: {'memory': str(folder / 'streams.memory')},
+        }.get(process.executable, {})
+        return replace(process, parameters={**process.parameters, **parameters})
+
+    def _processor_times(self) -> dict[str, float]:
+        return {name: processor_time(pid) for name, pid in self.pids.items()}
+
+    def _wait_until_ready(self) -> None:
+        said: list[str] = []
+        listener = self.client.node.create_subscription(
+            DiagnosticStatus,
+            f'{COORDINATOR}/status',
+            lambda status: said.append(status.message),
+            STATUS,
+        )
+        self.client.spin_until(lambda: said[-1:] == [RUNNING], f'the coordinator runs: {said}')
+        self.client.node.destroy_subscription(listener)
+        self.client.spin_until(self.is_tidy, 'just the streams of the fleet')
+
+    def _note(self, report: Any) -> None:
+        valid = report.latest_valid_time.sec * robots.SECOND + report.latest_valid_time.nanosec
+        if report.states_progressed:
+            key = (report.formula_group_id, report.formula_id)
+            self.progress.setdefault(key, []).append((report.states_progressed, valid))
+
+
+def ask(client: Client, service: str, formula: str, timeout: float) -> Future:
+    """The future of an answer."""
+    fields = {'formula': formula, 'timeout': nanoseconds_to_duration(round(timeout * 1e9))}
+    return client.request(EvaluateFormula, service, **fields)
+
+
+def timed(future: Future, clock: Callable[[], int] = time.time_ns) -> list[int]:
+    """Is given the time at which a future is done, nanoseconds."""
+    times: list[int] = []
+    future.add_done_callback(lambda _: times.append(clock()))
+    return times
