@@ -236,6 +236,7 @@ class FormulaEvaluation:
                 self._facilities.results.topic,
             )
             ground_features = tuple(map(str, features(await clients.symbols(group_id))))
+            candidates.choose(ground_features)
         except BaseException:
             self._facilities.disposal.end_group(group_id)
             raise
