@@ -46,20 +46,28 @@ async def find_candidates(
         except DyKnowError as error:
             if error.code is not ExitCode.NOT_FOUND:
                 raise
-            if grounding is Grounding.AUTO and _is_stream(facilities, symbol):
-                found.append(await _named(facilities, symbol))
+            named = await _if_stream(facilities, symbol) if grounding is Grounding.AUTO else None
+            if named is not None:
+                found.append(named)
             else:
                 nearest[str(symbol)] = error.message
     return Candidates(tuple(found), nearest)
 
 
-def _is_stream(facilities: Facilities, symbol: Symbol) -> bool:
-    return symbol.may_be_stream and facilities.streams.known.get(symbol.name) is not None
+async def _if_stream(facilities: Facilities, symbol: Symbol) -> Source | None:
+    if not symbol.may_be_stream:
+        return None
+    try:
+        return await _named(facilities, symbol)
+    except DyKnowError as error:
+        if error.code is not ExitCode.NOT_FOUND:
+            raise
+        return None
 
 
 async def _named(facilities: Facilities, symbol: Symbol) -> Source:
     """The source of a symbol that is the name of a stream with one field."""
-    await facilities.clients.topic(
-        symbol.name
-    )  # Who mistypes a name hears of those that there are.
+    # Who mistypes a name hears of those that there are.
+    await facilities.clients.topic(symbol.name)
+    await facilities.streams.hear_of(symbol.name)
     return only_field(symbol, facilities.streams.fields(symbol.name))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Final
 
 from dyknow_interfaces.msg import StreamStatus, StreamStatusArray
 
@@ -23,6 +23,12 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from dyknow_stream_processing.ros import DyKnowNode
+
+LIMIT: Final = 1.0
+"""Seconds within which the stream manager tells of a stream that it has made."""
+
+POLL: Final = 0.05
+"""Seconds between two looks."""
 
 
 class StreamsMirror:
@@ -45,6 +51,14 @@ class StreamsMirror:
             callback_group=node.reentrant,
             event_callbacks=NO_SUBSCRIPTION_EVENTS,
         )
+
+    async def hear_of(self, name: str) -> None:
+        """Waits for a moment until a stream is told of: one that was just made may not be yet."""
+        deadlines = self._node.deadlines
+        limit = deadlines.after(LIMIT)
+        while self.known.get(name) is None and not limit.done():
+            await deadlines.after(POLL)
+        limit.cancel()
 
     def fields(self, name: str) -> tuple[str, ...]:
         """The fields of a stream.
