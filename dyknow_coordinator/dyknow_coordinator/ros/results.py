@@ -34,7 +34,7 @@ class Results:
 
     def __init__(self, node: DyKnowNode, progress_topic: str) -> None:
         # One for each run: nobody listens to those of a former run, whose groups are ended then.
-        self.topic = f'{node.get_fully_qualified_name()}/results_{node.now():x}'
+        self.topic = f'{node.get_fully_qualified_name()}/results_{node.born:x}'
         self._listeners: dict[tuple[int, int], Listener] = {}
         # A result may come before the answer that says which formula it is about.
         self._unclaimed: dict[tuple[int, int], Any] = {}

@@ -61,7 +61,7 @@ class StreamReasoningCoordinator(DyKnowNode):
             (0.1, 1e9),
         )
         own = f'states_{zlib.crc32(self.get_fully_qualified_name().encode()):08x}_'
-        run_ = f'{own}{self.now():x}_'
+        run_ = f'{own}{self.born:x}_'
         clients = Clients(self)
         self._peers = clients
         disposal = Disposal(self, clients)

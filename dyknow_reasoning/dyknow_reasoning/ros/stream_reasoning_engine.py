@@ -54,7 +54,7 @@ class StreamReasoningEngine(DyKnowNode):
             (0.0, 86_400.0),
         )
         self._groups: dict[int, Evaluation] = {}
-        self._ids = count(_first_id(self.now()))
+        self._ids = count(_first_id(self.born))
         self._progress = self.create_publisher(
             FormulaProgress, '~/progress', 100, event_callbacks=NO_PUBLISHER_EVENTS
         )
@@ -132,12 +132,12 @@ class StreamReasoningEngine(DyKnowNode):
                     self._progress.publish(report)
 
 
-def _first_id(now: int) -> int:
+def _first_id(born: int) -> int:
     """A number that groups of an engine that had this one's name before are unlikely to have.
 
     Who asks for a group of the other one gets NOT_FOUND rather than somebody else's group.
     """
-    seconds = now // NANOSECONDS['s']
+    seconds = born // NANOSECONDS['s']
     return seconds % 1_000_000 * 1_000 + 1
 
 

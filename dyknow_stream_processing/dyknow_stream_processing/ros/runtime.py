@@ -105,7 +105,9 @@ class DyKnowNode(Node):
         # For what must go on while simulated time stands still.
         self.wall_clock = Clock(clock_type=ClockType.STEADY_TIME)
         self.deadlines = Deadlines(self)
-        self._born = str(Clock(clock_type=ClockType.SYSTEM_TIME).now().nanoseconds)
+        # Simulated time may begin anew with each run.
+        self.born = int(Clock(clock_type=ClockType.SYSTEM_TIME).now().nanoseconds)
+        """When it was started, by the system clock, nanoseconds: tells it from its predecessors."""
         self._status: Any = None
         self._last_status: Any = None
         self.set_status(RUNNING)
@@ -127,7 +129,7 @@ class DyKnowNode(Node):
             message=message,
             values=[
                 KeyValue(key=key, value=value)
-                for key, value in {BORN: self._born, **(values or {})}.items()
+                for key, value in {BORN: str(self.born), **(values or {})}.items()
             ],
         )
         if self._status is not None:
