@@ -78,6 +78,10 @@ class FormulaGroup:
             )
             if self._failure is not None:
                 raise self._failure
+            if evaluation.outcome.done():
+                # It has left already.
+                self._facilities.node.spawn(self._remove, formula_id)
+                return
             self._claim(evaluation, formula_id)
         finally:
             self._joining -= 1
