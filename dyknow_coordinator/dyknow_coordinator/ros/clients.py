@@ -14,7 +14,6 @@ from dyknow_interfaces.srv import (
     FormulaGroupEvaluate,
     FormulaGroupExtractSymbols,
     FormulaGroupRemoveFormula,
-    ListStreams,
     StreamCreateFromSpec,
     StreamDestroy,
     StreamGetTopic,
@@ -133,11 +132,6 @@ class Clients:
             ),
         )
         return str(response.stream_topic), str(response.stream_constraint_violation_topic)
-
-    async def streams(self) -> tuple[str, ...]:
-        """The names of all streams."""
-        response = await self.stream_manager.call(ListStreams)
-        return tuple(response.stream_names)
 
     async def topic(self, stream: str) -> tuple[str, str]:
         """The topic of a stream, and the type of its messages."""

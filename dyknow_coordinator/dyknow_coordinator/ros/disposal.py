@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING
 from dyknow_stream_processing import DyKnowError, ExitCode
 
 if TYPE_CHECKING:
+    from collections.abc import Iterable
+
     from dyknow_coordinator.ros.clients import Clients
     from dyknow_stream_processing.ros import DyKnowNode
 
@@ -35,15 +37,19 @@ class Disposal:
         self._groups.add(group_id)
         self._node.spawn(self._end_group, group_id)
 
-    async def end_streams_of_former_runs(self, prefix: str, current: str) -> None:
+    def end_streams_of_former_runs(
+        self, streams: Iterable[str], prefix: str, current: str
+    ) -> None:
         """Ends the streams that a coordinator of this name left behind when it was killed.
 
         Args:
+            streams: the names of those that flow.
             prefix: that of the names of all its streams.
             current: that of the names of the streams of this run.
         """
-        for name in await self._clients.streams():
-            if name.startswith(prefix) and not name.startswith(current):
+        for name in streams:
+            is_former = name.startswith(prefix) and not name.startswith(current)
+            if is_former and name not in self._streams:
                 self._node.get_logger().info(f"stream '{name}' of a former run is ended")
                 self.end_stream(name)
 

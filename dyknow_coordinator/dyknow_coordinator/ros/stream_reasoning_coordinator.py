@@ -60,8 +60,8 @@ class StreamReasoningCoordinator(DyKnowNode):
             'operators are warned.',
             (0.1, 1e9),
         )
-        own = f'states_{zlib.crc32(self.get_fully_qualified_name().encode()):08x}_'
-        run_ = f'{own}{self.born:x}_'
+        self._own = f'states_{zlib.crc32(self.get_fully_qualified_name().encode()):08x}_'
+        self._run = f'{self._own}{self.born:x}_'
         clients = Clients(self)
         self._peers = clients
         disposal = Disposal(self, clients)
@@ -72,7 +72,7 @@ class StreamReasoningCoordinator(DyKnowNode):
             results=Results(self, clients.progress_topic),
             disposal=disposal,
             # Unique in the system, also across restarts of this node.
-            names=(f'{run_}{number}' for number in count(1)),
+            names=(f'{self._run}{number}' for number in count(1)),
         )
         self._groups = FormulaGroups(self._facilities)
         self._evaluations: list[FormulaEvaluation] = []
@@ -84,9 +84,6 @@ class StreamReasoningCoordinator(DyKnowNode):
             peer.on_found.append(self._say_how_it_is)
             peer.on_lost.append(self._say_how_it_is)
         clients.stream_reasoning_engine.on_lost.append(self._reasoning_engine_lost)
-        clients.stream_manager.on_found.append(
-            lambda: self.spawn(disposal.end_streams_of_former_runs, own, run_)
-        )
         self._say_how_it_is()
         self.serve(EvaluateFormula, self._evaluate)
         self._monitoring = Monitoring(self, self.start, self._question)
@@ -137,6 +134,9 @@ class StreamReasoningCoordinator(DyKnowNode):
             evaluation.cancel('no client of ~/evaluate_formula is left')
 
     def _streams_changed(self) -> None:
+        self._facilities.disposal.end_streams_of_former_runs(
+            self._facilities.streams.known.flowing(), self._own, self._run
+        )
         for group in self._groups.running():
             group.states.improve()
 
