@@ -1,0 +1,148 @@
+"""Callers that want no answer any more, or are gone, and a coordinator that is: nothing is left."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import pytest
+from dyknow_interfaces.msg import ExitStatus, FormulaResult
+
+from evaluations import COORDINATOR, Evaluations, Monitored
+from system import Batteries, System, short_lease_of
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+ALWAYS = 'forall u in UAV: always Power[u] < 150'
+SOON = 'forall u in UAV: always[0 s, 500 ms] Power[u] < 150'
+
+
+@pytest.fixture(scope='module')
+def system(tmp_path_factory: pytest.TempPathFactory) -> Iterator[System]:
+    folder = tmp_path_factory.mktemp('system')
+    parameters = {'stream_reasoning_engine': {'orphan_limit': 2.0}}
+    with System(folder, parameters=parameters, short_lease=True) as running:
+        yield running
+
+
+@pytest.fixture(scope='module')
+def evaluations(system: System) -> Evaluations:
+    return Evaluations(system)
+
+
+@pytest.fixture(autouse=True)
+def calm(batteries: Batteries, evaluations: Evaluations) -> Iterator[None]:
+    """Every test leaves nothing behind."""
+    batteries.silent.clear()
+    yield
+    evaluations.wait_for_nothing()
+
+
+@contextmanager
+def caller(system: System, folder: Path, *arguments: str) -> Iterator[subprocess.Popen[bytes]]:
+    """A process that asks for a formula."""
+    process = subprocess.Popen(
+        [sys.executable, str(Path(__file__).parent / 'asking.py'), *arguments],
+        env={**os.environ, **system.environment, **short_lease_of(folder)},
+    )
+    try:
+        yield process
+    finally:
+        process.kill()
+        process.wait()
+
+
+@pytest.mark.parametrize('way', [[], ['action']], ids=['service', 'action'])
+@pytest.mark.parametrize('number', [signal.SIGTERM, signal.SIGKILL])
+def test_a_caller_that_is_gone(
+    system: System,
+    evaluations: Evaluations,
+    tmp_path: Path,
+    number: signal.Signals,
+    way: list[str],
+) -> None:
+    with caller(system, tmp_path, ALWAYS, *way) as process:
+        evaluations.wait_for(1)
+        process.send_signal(number)
+        process.wait()
+        evaluations.wait_for_nothing()
+    interface = 'monitor_formula' if way else 'evaluate_formula'
+    status = evaluations.latest.exit_status
+    assert status.code == ExitStatus.CANCELLED
+    assert status.message == f'no client of ~/{interface} is left'
+
+
+def test_a_caller_that_cancels(
+    system: System, batteries: Batteries, evaluations: Evaluations
+) -> None:
+    monitored = Monitored(system.client, ALWAYS, timeout=60.0)
+    evaluations.wait_for_state()
+    monitored.cancel()
+    result = monitored.result()
+    assert result.exit_status.code == ExitStatus.CANCELLED
+    assert result.exit_status.message == 'cancelled by the caller'
+    assert result.verdict == FormulaResult.UNDECIDED
+    assert batteries.power['uav1'] == 100.0
+
+
+def test_a_caller_that_cancels_at_once(system: System) -> None:
+    monitored = Monitored(system.client, ALWAYS, timeout=60.0)
+    monitored.cancel()
+    assert monitored.result().exit_status.code == ExitStatus.CANCELLED
+
+
+def test_a_time_that_is_over_at_each_step(system: System, batteries: Batteries) -> None:
+    """However far its grounding has come, nothing is left of an evaluation."""
+    times = [milliseconds / 1000 for milliseconds in range(1, 100, 7)]
+    futures = [system.ask(ALWAYS, timeout=seconds) for seconds in times]
+    system.client.spin_until(lambda: all(each.done() for each in futures), 'answers')
+    assert {each.result().exit_status.code for each in futures} == {ExitStatus.TIMEOUT}
+    assert {each.result().verdict for each in futures} == {FormulaResult.UNDECIDED}
+    assert not batteries.silent
+
+
+def test_a_coordinator_that_is_killed(system: System, evaluations: Evaluations) -> None:
+    """Its successor ends its streams, and the reasoning engine its groups."""
+    system.ask(ALWAYS, timeout=60.0)
+    system.ask('always Power[uav1] < 150', timeout=60.0)
+    evaluations.wait_for_state(2)
+    assert len(evaluations.groups()) == 2
+    system.launcher.kill(COORDINATOR)
+    system.restart(COORDINATOR)
+    system.client.wait_for_coordinator()
+    evaluations.wait_for_nothing()
+    system.wait_for_streams()
+    answer = system.evaluate(SOON)
+    assert answer.verdict == FormulaResult.TRUE, answer.exit_status.message
+
+
+def test_a_coordinator_that_is_killed_with_the_stream_manager(
+    system: System, evaluations: Evaluations
+) -> None:
+    """The streams of the former run are not known yet when the two have found each other."""
+    system.ask(ALWAYS, timeout=60.0)
+    evaluations.wait_for_state()
+    for executable in (COORDINATOR, 'stream_manager'):
+        system.launcher.kill(executable)
+    for executable in ('stream_manager', COORDINATOR):
+        system.restart(executable)
+    system.client.wait_for_coordinator()
+    evaluations.wait_for_nothing()
+    system.wait_for_streams()
+
+
+def test_a_limit_for_all_callers(system: System, evaluations: Evaluations) -> None:
+    system.launcher.kill(COORDINATOR)
+    system.restart(COORDINATOR, timeout_limit=1.0)
+    system.client.wait_for_coordinator()
+    monitored = Monitored(system.client, ALWAYS, timeout=60.0)
+    result = monitored.result()
+    assert result.exit_status.code == ExitStatus.TIMEOUT
+    assert 'no verdict within 1 s' in result.exit_status.message
+    evaluations.wait_for_nothing()

@@ -1,0 +1,205 @@
+"""Nodes that stop, hang or are killed while formulas are evaluated, and come back."""
+
+from __future__ import annotations
+
+import itertools
+import signal
+import time
+from typing import TYPE_CHECKING, Any
+
+import pytest
+from dyknow_interfaces.msg import ExitStatus, FormulaResult
+
+from dyknow_bringup.launcher import Launcher
+from dyknow_bringup.processes import Process
+from evaluations import Evaluations
+from services import nanoseconds
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+    from pathlib import Path
+
+    from system import Batteries, System
+
+ALWAYS = 'forall u in UAV: always Power[u] < 150'
+SOON = 'forall u in UAV: always[0 s, 500 ms] Power[u] < 150'
+REASONER, ENGINE = 'stream_reasoning_engine', 'stream_processing_engine'
+SECOND = 1_000_000_000
+
+_numbers = itertools.count(1)
+
+
+@pytest.fixture(scope='module')
+def evaluations(system: System) -> Evaluations:
+    return Evaluations(system)
+
+
+@pytest.fixture(autouse=True)
+def calm(system: System, batteries: Batteries, evaluations: Evaluations) -> Iterator[None]:
+    """Every test begins with 100 W everywhere, and leaves nothing behind."""
+    batteries.power.update(dict.fromkeys(batteries.power, 100.0))
+    system.wait_for_streams()
+    yield
+    evaluations.wait_for_nothing()
+
+
+def assert_unavailable(system: System, future: Any, name: str) -> None:
+    """Within the five seconds that callers are promised, and naming the node."""
+    begun = time.monotonic()
+    system.client.spin_until(future.done, 'the answer', 6.0)
+    answer = future.result()
+    assert answer.exit_status.code == ExitStatus.UNAVAILABLE, answer.exit_status
+    assert name in answer.exit_status.message
+    assert answer.verdict == FormulaResult.UNDECIDED
+    assert time.monotonic() - begun < 5.0
+
+
+def assert_all_is_well(system: System) -> None:
+    """Formulas are evaluated again; it may take a moment until all nodes have met."""
+    system.client.wait_for_coordinator()
+    system.wait_for_streams()
+    answer = system.evaluate(SOON)
+    assert answer.exit_status.code == ExitStatus.SUCCESS, answer.exit_status.message
+    assert answer.verdict == FormulaResult.TRUE
+
+
+@pytest.mark.parametrize('executable', [REASONER, ENGINE])
+def test_a_node_that_evaluates_stops(
+    system: System, evaluations: Evaluations, executable: str
+) -> None:
+    future = system.ask(ALWAYS, timeout=60.0)
+    evaluations.wait_for_state()
+    with system.stopped(executable):
+        assert_unavailable(system, future, executable)
+    assert_all_is_well(system)
+    evaluations.wait_for_nothing()
+
+
+def test_all_nodes_that_only_ground_stop(
+    system: System, batteries: Batteries, evaluations: Evaluations
+) -> None:
+    """What is grounded goes on, and who asks meanwhile has an answer."""
+    others = (
+        'stream_manager',
+        'ontology_manager',
+        'stream_semantics_manager',
+        'semantic_matching_engine',
+    )
+    future = system.ask(ALWAYS, timeout=60.0)
+    evaluations.wait_for_state()
+    with system.stopped(*others):
+        asked = system.ask(SOON)
+        assert_unavailable(system, asked, 'ontology_manager')
+        assert not future.done()
+        batteries.power['uav2'] = 240.0
+        system.client.spin_until(future.done, 'the verdict', 3.0)
+    assert future.result().verdict == FormulaResult.FALSE, future.result()
+    batteries.power['uav2'] = 100.0
+    assert_all_is_well(system)
+
+
+def test_a_hiccup_is_no_failure(
+    system: System, batteries: Batteries, evaluations: Evaluations
+) -> None:
+    """A node that is stopped for less than its lease and the grace loses nobody a verdict."""
+    future = system.ask(ALWAYS, timeout=60.0)
+    (before,) = evaluations.wait_for_state()
+    for executable in (REASONER, 'stream_reasoning_coordinator', 'stream_manager'):
+        with system.stopped(executable):
+            halt = batteries.stamp
+            system.client.spin_until(lambda: batteries.stamp > halt + SECOND // 2, 'half a second')  # noqa: B023
+    (after,) = evaluations.running
+    assert after.formula_group_id == before.formula_group_id
+    assert list(after.events) == []
+    surge = batteries.stamp
+    batteries.power['uav1'] = 240.0
+    system.client.spin_until(future.done, 'the verdict')
+    assert future.result().verdict == FormulaResult.FALSE, future.result()
+    assert 0 < nanoseconds(future.result().decided_at) - surge <= SECOND
+
+
+@pytest.fixture
+def far(system: System, tmp_path: Path) -> Iterator[Launcher]:
+    """Another engine, in a namespace of its own, which will make the streams of states."""
+    # That of a former one may be known still.
+    namespace = f'far_{next(_numbers)}'
+    with Launcher(tmp_path, namespace=namespace, environment=system.environment) as launcher:
+        launcher.start(Process('dyknow_stream_processing', ENGINE))
+        system.client.spin_until(
+            lambda: f'/{namespace}/{ENGINE}' in system.engines(), 'the other engine is known'
+        )
+        yield launcher
+
+
+@pytest.mark.parametrize('dies', ['the far one', 'the near one'])
+def test_the_other_engine_takes_over(
+    system: System, batteries: Batteries, evaluations: Evaluations, far: Launcher, dies: str
+) -> None:
+    future = system.ask(ALWAYS, timeout=60.0)
+    (before,) = evaluations.wait_for_state()
+    assert before.state_stream.startswith('/far_')
+    killed = time.monotonic()
+    if dies == 'the far one':
+        far.kill(ENGINE)
+    else:
+        system.launcher.kill(ENGINE)
+    evaluations.wait_for_event('gone', 'states are made of')
+    assert time.monotonic() - killed < 5.0
+    (after,) = evaluations.wait_for(1)
+    batteries.power['uav2'] = 240.0
+    system.client.spin_until(future.done, 'the verdict')
+    assert future.result().verdict == FormulaResult.FALSE, future.result()
+    assert after.formula_group_id == before.formula_group_id
+    if dies == 'the near one':
+        system.restart(ENGINE)
+
+
+def test_no_verdict_over_what_an_engine_took_along(
+    system: System, batteries: Batteries, evaluations: Evaluations, far: Launcher
+) -> None:
+    """A surge while no engine makes states is not seen; nor is its absence taken for granted."""
+    future = system.ask('always[0 s, 6 s] Power[uav1] < 150', timeout=60.0)
+    evaluations.wait_for_state()
+    far.kill(ENGINE)
+    halt = batteries.stamp
+    system.client.spin_until(lambda: batteries.stamp > halt + SECOND // 2, 'half a second')
+    batteries.power['uav1'] = 240.0
+    surge = batteries.stamp
+    system.client.spin_until(lambda: batteries.stamp > surge + SECOND // 2, 'half a second')
+    batteries.power['uav1'] = 100.0
+    system.client.spin_until(future.done, 'the answer')
+    answer = future.result()
+    assert answer.exit_status.code == ExitStatus.CONSTRAINT_VIOLATION, answer
+    assert 'missing' in answer.exit_status.message
+
+
+def test_both_engines_die(system: System, evaluations: Evaluations, far: Launcher) -> None:
+    future = system.ask(ALWAYS, timeout=60.0)
+    evaluations.wait_for_state()
+    far.kill(ENGINE)
+    system.launcher.kill(ENGINE)
+    assert_unavailable(system, future, 'stream_processing_engine')
+    system.restart(ENGINE)
+    assert_all_is_well(system)
+
+
+def test_a_reasoning_engine_dies_under_many_formulas(
+    system: System, evaluations: Evaluations
+) -> None:
+    futures = [system.ask(ALWAYS.replace('150', str(150 + n)), 60.0) for n in range(10)]
+    evaluations.wait_for_state(10)
+    system.launcher.kill(REASONER)
+    for future in futures:
+        assert_unavailable(system, future, REASONER)
+    system.restart(REASONER)
+    assert_all_is_well(system)
+
+
+def test_a_node_that_dies_during_the_grounding(system: System) -> None:
+    """Whatever the coordinator waits for, it does not wait for ever."""
+    system.running['semantic_matching_engine'].send_signal(signal.SIGSTOP)
+    future = system.ask(SOON)
+    system.launcher.kill('semantic_matching_engine')
+    assert_unavailable(system, future, 'semantic_matching_engine')
+    system.restart('semantic_matching_engine')
+    assert_all_is_well(system)

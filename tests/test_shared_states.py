@@ -1,0 +1,160 @@
+"""Formulas over the same streams share their states, and nothing else."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import pytest
+from dyknow_interfaces.msg import ExitStatus, FormulaResult, StreamConstraints
+
+from dyknow_stream_processing.ros import nanoseconds_to_duration
+from evaluations import Evaluations, Monitored
+from services import nanoseconds
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from system import Batteries, System
+
+TRUE, FALSE = FormulaResult.TRUE, FormulaResult.FALSE
+SECOND = 1_000_000_000
+
+
+@pytest.fixture(scope='module')
+def evaluations(system: System) -> Evaluations:
+    return Evaluations(system)
+
+
+@pytest.fixture(autouse=True)
+def calm(system: System, batteries: Batteries, evaluations: Evaluations) -> Iterator[None]:
+    """Every test begins with 100 W everywhere, and leaves nothing behind."""
+    batteries.silent.clear()
+    batteries.power.update(dict.fromkeys(batteries.power, 100.0))
+    system.wait_for_streams()
+    yield
+    evaluations.wait_for_nothing()
+
+
+def states(system: System) -> set[str]:
+    return system.streams() - system.fleet_streams
+
+
+def test_twenty_formulas_over_the_same_streams(
+    system: System, batteries: Batteries, evaluations: Evaluations
+) -> None:
+    first = system.ask('forall u in UAV: always Power[u] < 130', timeout=30.0)
+    evaluations.wait_for_state()
+    others = [
+        system.ask(f'forall u in UAV: always Power[u] < {limit}', timeout=30.0)
+        for limit in range(131, 150)
+    ]
+    running = evaluations.wait_for_state(20)
+    assert len({each.formula_group_id for each in running}) == 1
+    assert len({each.state_stream for each in running}) == 1
+    assert len(evaluations.groups()) == 1
+    assert len(states(system)) == 1
+    # The last ones stay when the first one has its verdict.
+    batteries.power['uav1'] = 140.0
+    early = [first, *others[:10]]
+    system.client.spin_until(lambda: all(each.done() for each in early), 'half of the verdicts')
+    assert {each.result().verdict for each in early} == {FALSE}
+    assert len(evaluations.wait_for(9)) == 9
+    assert not any(each.done() for each in others[10:])
+    batteries.power['uav2'] = 240.0
+    system.client.spin_until(lambda: all(each.done() for each in others), 'all verdicts')
+    assert {each.result().verdict for each in others} == {FALSE}
+
+
+def test_a_formula_begins_with_its_own_first_state(
+    system: System, batteries: Batteries, evaluations: Evaluations
+) -> None:
+    """What was before a formula came does not count for it."""
+    batteries.power['uav1'] = 240.0
+    former = system.ask('eventually Power[uav1] < 150', timeout=30.0)
+    (before,) = evaluations.wait_for_state()
+    late = system.ask('eventually[0 s, 1 s] Power[uav1] < 150')
+    asked = batteries.stamp
+    system.client.spin_until(late.done, 'the verdict')
+    assert late.result().verdict == FALSE, late.result()
+    assert nanoseconds(late.result().decided_at) > asked + SECOND // 2
+    (after,) = evaluations.wait_for(1)
+    assert after.formula_group_id == before.formula_group_id
+    batteries.power['uav1'] = 100.0
+    system.client.spin_until(former.done, 'the verdict')
+    assert former.result().verdict == TRUE
+
+
+def test_one_is_cancelled(system: System, batteries: Batteries, evaluations: Evaluations) -> None:
+    staying = system.ask('always Power[uav1] < 150', timeout=30.0)
+    evaluations.wait_for_state()
+    leaving = Monitored(system.client, 'always Power[uav1] < 160', timeout=30.0)
+    evaluations.wait_for_state(2)
+    assert len(evaluations.groups()) == 1
+    leaving.cancel()
+    assert leaving.result().exit_status.code == ExitStatus.CANCELLED
+    evaluations.wait_for(1)
+    batteries.power['uav1'] = 155.0
+    system.client.spin_until(staying.done, 'the verdict')
+    assert staying.result().verdict == FALSE
+
+
+def test_states_of_another_kind_are_not_shared(system: System, evaluations: Evaluations) -> None:
+    slow = StreamConstraints(sample_period=[nanoseconds_to_duration(SECOND)])
+    futures = [
+        system.ask('always Power[uav1] < 150', timeout=3.0),
+        system.ask('always Power[uav1] < 150', timeout=3.0, constraints=slow),
+        system.ask('always Power[uav2] < 150', timeout=3.0),
+        system.ask('forall u in UAV: always Power[u] < 150', timeout=3.0),
+    ]
+    running = evaluations.wait_for(4)
+    assert len({each.formula_group_id for each in running}) == 4
+    assert len({each.state_stream for each in running}) == 4
+    system.client.spin_until(lambda: all(each.done() for each in futures), 'timeouts')
+
+
+def test_all_formulas_of_a_group_hear_of_what_broke(
+    system: System, batteries: Batteries, evaluations: Evaluations
+) -> None:
+    """Also those that come just when it breaks."""
+    formula = 'always Power[uav1] < {}'
+    futures = [system.ask(formula.format(limit), timeout=20.0) for limit in range(150, 155)]
+    evaluations.wait_for_state(5)
+    batteries.silent.add('uav1')
+
+    asked = batteries.stamp
+
+    def ask_on() -> bool:
+        nonlocal asked
+        if batteries.stamp > asked:
+            asked = batteries.stamp
+            for _ in range(5):
+                futures.append(system.ask(formula.format(155 + len(futures)), timeout=20.0))
+        return bool(futures[0].done())
+
+    system.client.spin_until(ask_on, 'an answer', 5.0)
+    told = [each for each in futures if each.done()]
+    assert {each.result().exit_status.code for each in told} == {ExitStatus.CONSTRAINT_VIOLATION}
+    # Who asked after it broke is evaluated over the next states that there are.
+    batteries.silent.clear()
+    batteries.power['uav1'] = 1000.0
+    system.client.spin_until(lambda: all(each.done() for each in futures), 'all answers')
+    for answer in (each.result() for each in futures):
+        assert (
+            answer.verdict == FALSE or answer.exit_status.code == ExitStatus.CONSTRAINT_VIOLATION
+        ), answer
+
+
+def test_two_hundred_at_once(
+    system: System, batteries: Batteries, evaluations: Evaluations
+) -> None:
+    formulas = [f'forall u in UAV: always Power[u] < {limit}' for limit in range(150, 250)]
+    formulas += [f'forall u in UAV: eventually Power[u] > {limit}' for limit in range(150, 250)]
+    futures = [system.ask(formula, timeout=60.0) for formula in formulas]
+    running = evaluations.wait_for_state(200)
+    assert len({each.formula_group_id for each in running}) == 1
+    assert len(states(system)) == 1
+    batteries.power['uav1'] = batteries.power['uav2'] = 300.0
+    system.client.spin_until(lambda: all(each.done() for each in futures), 'all verdicts')
+    messages = {each.result().exit_status.message for each in futures}
+    assert messages == {''}
+    assert [each.result().verdict for each in futures] == [FALSE] * 100 + [TRUE] * 100

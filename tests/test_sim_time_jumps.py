@@ -1,0 +1,172 @@
+"""Simulated time: all follows /clock, and a clock that jumps leads to no false verdict."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import pytest
+from dyknow_interfaces.msg import ExitStatus, FormulaResult
+from rosgraph_msgs.msg import Clock
+from std_msgs.msg import Float64
+
+from dyknow_stream_processing.ros import nanoseconds_to_time
+from evaluations import COORDINATOR, Evaluations, Spares
+from services import nanoseconds
+from system import Batteries, System
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+SECOND = 1_000_000_000
+TICK = 20_000_000
+ALWAYS = 'always Power[uav1] < 150'
+SOON = 'always[0 s, 500 ms] Power[uav1] < 150'
+
+
+class Simulation:
+    """A clock, the batteries of a fleet and a level without a stamp, by simulated time."""
+
+    def __init__(self, system: System) -> None:
+        self.now = 1000 * SECOND
+        self.speed = 1
+        self.level = 10.0
+        self.batteries = Batteries(system.client, system.vehicles)
+        # It is told when to publish.
+        self.batteries.silent.update(system.vehicles)
+        self._node = system.client.node
+        self._vehicles = system.vehicles
+        self._clock = self._node.create_publisher(Clock, '/clock', 10)
+        self._level = self._node.create_publisher(Float64, '/tank/level', 10)
+        self._node.create_timer(TICK / SECOND, self._tick)
+
+    def _tick(self) -> None:
+        for _ in range(self.speed):
+            self.now += TICK
+            self._clock.publish(Clock(clock=nanoseconds_to_time(self.now)))
+            if self.now % Batteries.PERIOD == 0:
+                self._level.publish(Float64(data=self.level))
+                for vehicle in self._vehicles:
+                    self.batteries.publish(vehicle, self.now)
+
+
+@pytest.fixture(scope='module')
+def system(tmp_path_factory: pytest.TempPathFactory) -> Iterator[System]:
+    folder = tmp_path_factory.mktemp('system')
+    parameters = {'stream_reasoning_engine': {'orphan_limit': 2.0}}
+    with System(folder, use_sim_time=True, parameters=parameters, short_lease=True) as running:
+        yield running
+
+
+@pytest.fixture(scope='module')
+def simulation(system: System) -> Simulation:
+    return Simulation(system)
+
+
+@pytest.fixture(scope='module')
+def evaluations(system: System) -> Evaluations:
+    return Evaluations(system)
+
+
+@pytest.fixture(autouse=True)
+def calm(simulation: Simulation, evaluations: Evaluations) -> Iterator[None]:
+    simulation.speed = 1
+    yield
+    simulation.speed = 1
+    evaluations.wait_for_nothing()
+
+
+def assert_broken(answer: Any, *words: str) -> None:
+    """No verdict, but which stream broke which constraint."""
+    assert answer.exit_status.code == ExitStatus.CONSTRAINT_VIOLATION, answer
+    assert answer.verdict == FormulaResult.UNDECIDED
+    for word in words:
+        assert word in answer.exit_status.message
+
+
+def test_all_follows_the_clock(
+    system: System, simulation: Simulation, evaluations: Evaluations
+) -> None:
+    future = system.ask('always[0 s, 6 s] Power[uav1] < 150')
+    evaluations.wait_for_state()
+    begun = simulation.now
+    simulation.speed = 2
+    system.client.spin_until(future.done, 'the verdict', 5.0)
+    answer = future.result()
+    assert answer.exit_status.code == ExitStatus.SUCCESS, answer.exit_status.message
+    assert answer.verdict == FormulaResult.TRUE
+    assert begun + 2 * SECOND < nanoseconds(answer.decided_at) <= simulation.now
+
+
+def test_a_clock_that_stands_still(
+    system: System, simulation: Simulation, evaluations: Evaluations
+) -> None:
+    """No verdict comes then, nor a violation; the caller's timeout is one of the wall clock."""
+    future = system.ask('always[0 s, 3 s] Power[uav1] < 150', timeout=4.0)
+    evaluations.wait_for_state()
+    simulation.speed = 0
+    system.client.spin_until(future.done, 'the answer')
+    assert future.result().exit_status.code == ExitStatus.TIMEOUT
+    assert future.result().verdict == FormulaResult.UNDECIDED
+
+
+@pytest.mark.parametrize('formula', [ALWAYS, 'always[0 s, 30 s] Power[uav1] < 150'])
+def test_a_jump_forth(
+    system: System, simulation: Simulation, evaluations: Evaluations, formula: str
+) -> None:
+    future = system.ask(formula)
+    evaluations.wait_for_state()
+    simulation.now += 60 * SECOND
+    system.client.spin_until(future.done, 'the answer', 5.0)
+    assert_broken(future.result(), 'uav1_battery', 'sample_period: ', '250 ms allowed')
+    again = system.evaluate(SOON)
+    assert again.verdict == FormulaResult.TRUE, again.exit_status.message
+
+
+@pytest.mark.parametrize('jump', [500_000_000, 60 * SECOND], ids=['0.5 s', '60 s'])
+def test_a_jump_back(
+    system: System, simulation: Simulation, evaluations: Evaluations, jump: int
+) -> None:
+    """As when a simulation is reset."""
+    future = system.ask('eventually[5 s, 6 s] Power[uav1] > 150')
+    evaluations.wait_for_state()
+    simulation.now -= jump
+    system.client.spin_until(future.done, 'the answer', 5.0)
+    assert_broken(future.result())
+    # What comes after is evaluated as ever: a simulation may be reset without restarting anything.
+    again = system.evaluate(SOON)
+    assert again.verdict == FormulaResult.TRUE, again.exit_status.message
+
+
+def test_a_jump_back_of_a_stream_without_stamps(
+    system: System, simulation: Simulation, evaluations: Evaluations
+) -> None:
+    spares = Spares(system)
+    spares.make('level', 'select data as level from "/tank/level"')
+    future = system.ask('eventually[5 s, 6 s] level > 150')
+    evaluations.wait_for_state()
+    simulation.now -= 60 * SECOND
+    system.client.spin_until(future.done, 'the answer', 5.0)
+    assert_broken(future.result())
+    again = system.evaluate('always[0 s, 500 ms] level < 150')
+    assert again.verdict == FormulaResult.TRUE, again.exit_status.message
+    spares.clear()
+
+
+def test_a_coordinator_that_is_killed(
+    system: System, simulation: Simulation, evaluations: Evaluations
+) -> None:
+    """Its successor is another one although simulated time has not come to it yet."""
+    system.ask(ALWAYS, timeout=60.0)
+    (former,) = evaluations.wait_for_state()
+    system.launcher.kill(COORDINATOR)
+    simulation.speed = 0
+    system.restart(COORDINATOR)
+    system.client.wait_for_coordinator()
+    simulation.speed = 1
+    system.wait_for_streams()
+    future = system.ask(ALWAYS, timeout=2.0)
+    system.client.spin_until(lambda: bool(evaluations.running), 'another evaluation')
+    (other,) = evaluations.wait_for_state()
+    assert other.state_stream != former.state_stream
+    system.client.spin_until(future.done, 'the answer')
+    assert future.result().exit_status.code == ExitStatus.TIMEOUT, future.result()

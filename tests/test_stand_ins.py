@@ -1,0 +1,271 @@
+"""Streams that fail while a formula is evaluated: others stand in, and no verdict is false."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import pytest
+from dyknow_interfaces.msg import ExitStatus, FormulaResult
+from std_msgs.msg import Float64
+
+from evaluations import Evaluations, Spares
+from services import nanoseconds
+from system import Batteries, System
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+TRUE, FALSE, UNDECIDED = FormulaResult.TRUE, FormulaResult.FALSE, FormulaResult.UNDECIDED
+SECOND = 1_000_000_000
+SPARE = 'uav1_spare_power'
+
+
+@pytest.fixture(scope='module')
+def system(tmp_path_factory: pytest.TempPathFactory) -> Iterator[System]:
+    parameters = {'stream_reasoning_coordinator': {'silence_limit': 1.0}}
+    with System(tmp_path_factory.mktemp('system'), parameters=parameters) as running:
+        yield running
+
+
+@pytest.fixture(scope='module')
+def batteries(system: System) -> Batteries:
+    """The fleet, and a battery of `spare1` that stands in for the one of `uav1`."""
+    return Batteries(system.client, (*system.vehicles, 'spare1', 'spare2'))
+
+
+@pytest.fixture(scope='module')
+def evaluations(system: System) -> Evaluations:
+    return Evaluations(system)
+
+
+@pytest.fixture
+def spares(system: System) -> Iterator[Spares]:
+    spares = Spares(system)
+    yield spares
+    spares.clear()
+
+
+@pytest.fixture(autouse=True)
+def calm(batteries: Batteries, evaluations: Evaluations) -> Iterator[None]:
+    """Every test begins with 100 W everywhere, and leaves nothing behind."""
+    batteries.silent.clear()
+    batteries.power.update(dict.fromkeys(batteries.power, 100.0))
+    yield
+    evaluations.wait_for_nothing()
+
+
+def test_a_stream_that_falls_silent_is_replaced(
+    system: System, batteries: Batteries, evaluations: Evaluations, spares: Spares
+) -> None:
+    spares.power(SPARE, 'spare1', of='uav1')
+    future = system.ask('always Power[uav1] < 150', timeout=20.0)
+    (before,) = evaluations.wait_for(1)
+    (grounding,) = before.groundings
+    assert 'from uav1_power' in grounding.stream
+    assert [SPARE in each for each in grounding.stand_ins] == [True]
+    batteries.silent.add('uav1')
+    evaluations.wait_for_event('uav1_battery', 'sample_period', '250 ms', SPARE)
+    since = batteries.stamp
+    batteries.power['spare1'] = 240.0
+    system.client.spin_until(future.done, 'the verdict')
+    answer = future.result()
+    assert answer.exit_status.code == ExitStatus.SUCCESS, answer.exit_status.message
+    assert answer.verdict == FALSE
+    assert 'Power[uav1] = 24' in answer.explanation
+    assert nanoseconds(answer.decided_at) > since
+    assert SPARE in answer.groundings[0].stream
+
+
+def test_no_state_has_a_value_that_is_not_known(
+    system: System, batteries: Batteries, evaluations: Evaluations, spares: Spares
+) -> None:
+    """The last that was heard of uav1 would violate the formula; what is the case does not."""
+    spares.power(SPARE, 'spare1', of='uav1')
+    batteries.power['uav1'] = 240.0
+    future = system.ask('always (Power[uav2] > 200 -> Power[uav1] < 150)', timeout=20.0)
+    evaluations.wait_for(1)
+    silence = batteries.stamp
+    batteries.silent.add('uav1')
+    system.client.spin_until(lambda: batteries.stamp > silence + SECOND // 2, 'half a second')
+    batteries.power['uav2'] = 240.0
+    evaluations.wait_for_event('sample_period', SPARE)
+    replaced = batteries.stamp
+    system.client.spin_until(lambda: batteries.stamp > replaced + SECOND, 'a second')
+    assert not future.done(), future.result()
+    rise = batteries.stamp
+    batteries.power['spare1'] = 240.0
+    system.client.spin_until(future.done, 'the verdict')
+    assert future.result().verdict == FALSE
+    assert nanoseconds(future.result().decided_at) > rise
+
+
+@pytest.mark.parametrize('power', [100.0, 240.0])
+def test_a_verdict_that_depends_on_what_was_missed(
+    system: System, batteries: Batteries, evaluations: Evaluations, spares: Spares, power: float
+) -> None:
+    spares.power(SPARE, 'spare1', of='uav1')
+    batteries.power['spare1'] = power
+    once = system.ask('eventually[1 s, 4 s] Power[uav1] > 150', timeout=20.0)
+    ever = system.ask('always[1 s, 4 s] Power[uav1] < 150', timeout=20.0)
+    evaluations.wait_for_state(2)
+    batteries.silent.add('uav1')
+    system.client.spin_until(lambda: once.done() and ever.done(), 'the answers')
+    known = {100.0: (UNDECIDED, UNDECIDED), 240.0: (TRUE, FALSE)}
+    assert (once.result().verdict, ever.result().verdict) == known[power]
+    for answer in (once.result(), ever.result()):
+        if answer.verdict == UNDECIDED:
+            assert answer.exit_status.code == ExitStatus.CONSTRAINT_VIOLATION
+            assert 'missing' in answer.exit_status.message
+        else:
+            assert answer.exit_status.code == ExitStatus.SUCCESS, answer.exit_status.message
+
+
+def test_without_a_stand_in_the_caller_hears_what_broke(
+    system: System, batteries: Batteries, evaluations: Evaluations
+) -> None:
+    future = system.ask('forall u in UAV: always Power[u] < 150')
+    evaluations.wait_for(1)
+    batteries.silent.add('uav2')
+    system.client.spin_until(future.done, 'the answer', 5.0)
+    answer = future.result()
+    assert answer.exit_status.code == ExitStatus.CONSTRAINT_VIOLATION
+    assert answer.verdict == UNDECIDED
+    for word in ('uav2_battery', 'sample_period: ', 's observed', '250 ms allowed'):
+        assert word in answer.exit_status.message
+    assert 'uav1' not in answer.exit_status.message
+
+
+def test_a_stand_in_that_fails_too(
+    system: System, batteries: Batteries, evaluations: Evaluations, spares: Spares
+) -> None:
+    spares.power(SPARE, 'spare1', of='uav1')
+    future = system.ask('always Power[uav1] < 150', timeout=30.0)
+    evaluations.wait_for(1)
+    batteries.silent.add('uav1')
+    evaluations.wait_for_event('uav1_battery', SPARE)
+    evaluations.wait_for(1)
+    batteries.silent.add('spare1')
+    system.client.spin_until(future.done, 'the answer')
+    answer = future.result()
+    assert answer.exit_status.code == ExitStatus.CONSTRAINT_VIOLATION, answer
+    assert f'{SPARE}_battery' in answer.exit_status.message
+    assert answer.verdict == UNDECIDED
+
+
+def test_the_second_stand_in(
+    system: System, batteries: Batteries, evaluations: Evaluations, spares: Spares
+) -> None:
+    """Both of the first two fall silent at once."""
+    spares.power(SPARE, 'spare1', of='uav1')
+    spares.power('uav1_zpower', 'spare2', of='uav1')
+    future = system.ask('always Power[uav1] < 150', timeout=30.0)
+    evaluations.wait_for(1)
+    batteries.silent |= {'uav1', 'spare1'}
+    evaluations.wait_for_event('uav1_zpower')
+    batteries.power['spare2'] = 240.0
+    system.client.spin_until(future.done, 'the verdict')
+    assert future.result().verdict == FALSE, future.result()
+
+
+@pytest.mark.parametrize(
+    ('age', 'constraint', 'measured'),
+    [(3 * SECOND, 'max_delay', '1 s allowed'), (0, 'sample_period', '150 ms allowed')],
+    ids=['late', 'twice'],
+)
+def test_a_sample_that_should_not_be(
+    system: System,
+    batteries: Batteries,
+    evaluations: Evaluations,
+    age: int,
+    constraint: str,
+    measured: str,
+) -> None:
+    future = system.ask('always Power[uav1] < 150')
+    evaluations.wait_for_state()
+    batteries.power['uav1'] = 240.0
+    batteries.publish('uav1', batteries.stamp - age)
+    batteries.power['uav1'] = 100.0
+    system.client.spin_until(future.done, 'the answer')
+    answer = future.result()
+    assert answer.exit_status.code == ExitStatus.CONSTRAINT_VIOLATION, answer
+    assert f'{constraint}: ' in answer.exit_status.message
+    assert measured in answer.exit_status.message
+    assert 'uav1_battery' in answer.exit_status.message
+    assert answer.verdict == UNDECIDED
+
+
+def test_samples_that_overtake_each_other_within_the_delay(
+    system: System, batteries: Batteries, evaluations: Evaluations
+) -> None:
+    """A surge that comes in the wrong order is seen where it belongs."""
+    future = system.ask(
+        'always (Power[uav1] > 150 -> eventually[100 ms, 300 ms] Power[uav1] > 150)', timeout=6.0
+    )
+    evaluations.wait_for_state()
+    batteries.silent.add('uav1')
+    first = batteries.stamp + Batteries.PERIOD
+    system.client.spin_until(lambda: batteries.stamp >= first + 3 * Batteries.PERIOD, 'its time')
+    for number, power in ((1, 240.0), (0, 100.0), (2, 100.0)):
+        batteries.power['uav1'] = power
+        batteries.publish('uav1', first + number * Batteries.PERIOD)
+    batteries.publish('uav1', first + 3 * Batteries.PERIOD)
+    batteries.silent.clear()
+    system.client.spin_until(future.done, 'the verdict')
+    answer = future.result()
+    assert answer.exit_status.code == ExitStatus.SUCCESS, answer.exit_status.message
+    assert answer.verdict == FALSE
+    assert nanoseconds(answer.decided_at) > first + Batteries.PERIOD
+
+
+class Levels:
+    """Topics without stamps and without constraints."""
+
+    def __init__(self, system: System, *names: str) -> None:
+        self._node = system.client.node
+        self.silent: set[str] = set()
+        self.level = dict.fromkeys(names, 10.0)
+        self._publishers = {
+            name: self._node.create_publisher(Float64, f'/{name}/level', 10) for name in names
+        }
+        self._timer = self._node.create_timer(0.1, self._publish)
+
+    def _publish(self) -> None:
+        for name, publisher in self._publishers.items():
+            if name not in self.silent:
+                publisher.publish(Float64(data=self.level[name]))
+
+    def close(self) -> None:
+        self._node.destroy_timer(self._timer)
+        for publisher in self._publishers.values():
+            self._node.destroy_publisher(publisher)
+
+
+@pytest.fixture
+def levels(system: System, spares: Spares) -> Iterator[Levels]:
+    """Two streams that carry the altitude of uav1, the first the better one by its name."""
+    levels = Levels(system, 'barometer', 'laser')
+    for name in levels.level:
+        spares.make(name, f'select data as altitude from "/{name}/level"')
+        spares.annotate(name, 'Altitude[uav1] = altitude')
+    yield levels
+    levels.close()
+
+
+@pytest.mark.parametrize('speaks', [True, False], ids=['falls silent', 'never spoke'])
+def test_silence_without_constraints(
+    system: System, evaluations: Evaluations, levels: Levels, *, speaks: bool
+) -> None:
+    if not speaks:
+        levels.silent.add('barometer')
+    future = system.ask('always Altitude[uav1] < 50', timeout=15.0)
+    (before,) = evaluations.wait_for(1)
+    assert 'from barometer' in before.groundings[0].stream
+    if speaks:
+        evaluations.wait_for_state()
+        levels.silent.add('barometer')
+    evaluations.wait_for_event('/barometer/level', '1 s', 'from laser')
+    levels.level['laser'] = 60.0
+    system.client.spin_until(future.done, 'the verdict')
+    answer = future.result()
+    assert answer.exit_status.code == ExitStatus.SUCCESS, answer.exit_status.message
+    assert answer.verdict == FALSE
