@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, Final
 
 from dyknow_interfaces.msg import Domain, StreamSpec
 from dyknow_interfaces.srv import (
@@ -19,7 +19,9 @@ from dyknow_interfaces.srv import (
     StreamGetTopic,
 )
 
+from dyknow_coordinator.errors import CoordinationError
 from dyknow_coordinator.grounding import Symbol, SymbolKind
+from dyknow_stream_processing import DyKnowError, ExitCode
 from dyknow_stream_processing.ros import Peer, constraints_to_message
 
 if TYPE_CHECKING:
@@ -29,24 +31,37 @@ if TYPE_CHECKING:
     from dyknow_stream_processing.ros import DyKnowNode
 
 
+_SERVICES: Final = {
+    'stream_manager': (StreamCreateFromSpec, StreamDestroy, StreamGetTopic),
+    'ontology_manager': (ConceptGetInstances,),
+    'semantic_matching_engine': (FindAllMatchingStreams,),
+    'stream_reasoning_engine': (
+        FormulaGroupAddFormula,
+        FormulaGroupCreate,
+        FormulaGroupDestroy,
+        FormulaGroupEvaluate,
+        FormulaGroupExtractSymbols,
+        FormulaGroupRemoveFormula,
+    ),
+}
+
+
 class Clients:
     """The nodes that the coordinator orchestrates."""
 
     def __init__(self, node: DyKnowNode) -> None:
         names = {
             role: node.parameter(role, role, f'Name of the {role.replace("_", " ")} node.')
-            for role in (
-                'stream_manager',
-                'ontology_manager',
-                'stream_semantics_manager',
-                'semantic_matching_engine',
-                'stream_reasoning_engine',
-            )
+            for role in (*_SERVICES, 'stream_semantics_manager')
         }
-        self.stream_manager = Peer(node, names['stream_manager'])
-        self.ontology_manager = Peer(node, names['ontology_manager'])
-        self.semantic_matching_engine = Peer(node, names['semantic_matching_engine'])
-        self.stream_reasoning_engine = Peer(node, names['stream_reasoning_engine'])
+
+        def peer(role: str) -> Peer:
+            return Peer(node, names[role], services=_SERVICES[role])
+
+        self.stream_manager = peer('stream_manager')
+        self.ontology_manager = peer('ontology_manager')
+        self.semantic_matching_engine = peer('semantic_matching_engine')
+        self.stream_reasoning_engine = peer('stream_reasoning_engine')
         self.streams_topic = f'{names["stream_manager"]}/streams'
         self.progress_topic = f'{names["stream_reasoning_engine"]}/progress'
         self.version_topics = tuple(
@@ -72,7 +87,7 @@ class Clients:
 
     async def add_formula(self, group_id: int, name: str, formula: str) -> tuple[int, str]:
         """The id and the canonical text of a formula that is now in the group."""
-        response = await self.stream_reasoning_engine.call(
+        response = await self._call_group(
             FormulaGroupAddFormula,
             formula_group_id=group_id,
             formula_name=name,
@@ -82,9 +97,7 @@ class Clients:
 
     async def symbols(self, group_id: int) -> tuple[Symbol, ...]:
         """The symbols of a group; ground features once its evaluation has begun."""
-        response = await self.stream_reasoning_engine.call(
-            FormulaGroupExtractSymbols, formula_group_id=group_id
-        )
+        response = await self._call_group(FormulaGroupExtractSymbols, formula_group_id=group_id)
         return tuple(
             Symbol(SymbolKind(symbol.kind), symbol.name, tuple(symbol.arguments))
             for symbol in response.symbols
@@ -110,7 +123,7 @@ class Clients:
         gap: bool = False,
     ) -> None:
         """Lets the reasoning engine listen to states, or to others, after a gap or not."""
-        await self.stream_reasoning_engine.call(
+        await self._call_group(
             FormulaGroupEvaluate,
             formula_group_id=group_id,
             domains=[Domain(sort=sort, objects=list(found)) for sort, found in domains.items()],
@@ -144,10 +157,20 @@ class Clients:
 
     async def remove_formula(self, group_id: int, formula_id: int) -> None:
         """Takes a formula out of a group."""
-        await self.stream_reasoning_engine.call(
+        await self._call_group(
             FormulaGroupRemoveFormula, formula_group_id=group_id, formula_id=formula_id
         )
 
     async def destroy_group(self, group_id: int) -> None:
         """Ends a formula group."""
         await self.stream_reasoning_engine.call(FormulaGroupDestroy, formula_group_id=group_id)
+
+    async def _call_group(self, service_type: Any, **fields: Any) -> Any:
+        """The response of a service about a formula group that was there a moment ago."""
+        try:
+            return await self.stream_reasoning_engine.call(service_type, **fields)
+        except DyKnowError as error:
+            if error.code is not ExitCode.NOT_FOUND:
+                raise
+            text = f'node {self.stream_reasoning_engine.name} was started anew: {error}'
+            raise CoordinationError(text, ExitCode.UNAVAILABLE) from None

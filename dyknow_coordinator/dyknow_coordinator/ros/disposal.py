@@ -22,13 +22,19 @@ class Disposal:
     def __init__(self, node: DyKnowNode, clients: Clients) -> None:
         self._node = node
         self._clients = clients
+        self._kept: set[str] = set()
         self._streams: set[str] = set()
         self._groups: set[int] = set()
         clients.stream_manager.on_found.append(self._retry_streams)
         clients.stream_reasoning_engine.on_found.append(self._retry_groups)
 
+    def keep_stream(self, name: str) -> None:
+        """Notes that a stream is wanted, before it is asked for."""
+        self._kept.add(name)
+
     def end_stream(self, name: str) -> None:
         """Has a stream ended; when the stream manager is gone, as soon as it is back."""
+        self._kept.discard(name)
         self._streams.add(name)
         self._node.spawn(self._end_stream, name)
 
@@ -37,20 +43,19 @@ class Disposal:
         self._groups.add(group_id)
         self._node.spawn(self._end_group, group_id)
 
-    def end_streams_of_former_runs(
-        self, streams: Iterable[str], prefix: str, current: str
-    ) -> None:
-        """Ends the streams that a coordinator of this name left behind when it was killed.
+    def end_unwanted(self, streams: Iterable[str], prefix: str) -> None:
+        """Ends streams that nobody wants: of a coordinator that was killed, or of a lost answer.
+
+        A stream manager that was just started knows nothing of a stream that an engine makes still,
+        and takes it over later.
 
         Args:
             streams: the names of those that flow.
-            prefix: that of the names of all its streams.
-            current: that of the names of the streams of this run.
+            prefix: that of the names of all streams that a coordinator of this name asks for.
         """
         for name in streams:
-            is_former = name.startswith(prefix) and not name.startswith(current)
-            if is_former and name not in self._streams:
-                self._node.get_logger().info(f"stream '{name}' of a former run is ended")
+            if name.startswith(prefix) and name not in self._kept | self._streams:
+                self._node.get_logger().info(f"stream '{name}', which nobody wants, is ended")
                 self.end_stream(name)
 
     def _retry_streams(self) -> None:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 from dyknow_coordinator.evaluation import EvaluationPhase
 from dyknow_coordinator.ros.candidates import find_candidates
 from dyknow_coordinator.ros.states import States
-from dyknow_stream_processing import DyKnowError, ExitCode
+from dyknow_stream_processing import DyKnowError
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -145,9 +145,8 @@ class FormulaGroup:
         try:
             await self._facilities.clients.remove_formula(self.group_id, formula_id)
         except DyKnowError as error:
-            # NOT_FOUND: the group has ended meanwhile.
-            if error.code is not ExitCode.NOT_FOUND:
-                self._facilities.node.get_logger().warning(str(error))
+            # The group may have ended meanwhile.
+            self._facilities.node.get_logger().info(str(error))
 
 
 class FormulaGroups:

@@ -22,6 +22,7 @@ class StateStream:
     """A stream of states, and what goes wrong with it.
 
     Args:
+        disposal: ends it.
         name: unique in the system.
         on_violation: is told each violation in it and in all that it is made of.
         on_lost: is told when the engine that makes it is gone.
@@ -30,6 +31,7 @@ class StateStream:
     def __init__(
         self,
         node: DyKnowNode,
+        disposal: Disposal,
         name: str,
         on_violation: Callable[[StateStream, Any], None],
         on_lost: Callable[[StateStream], None],
@@ -38,6 +40,7 @@ class StateStream:
         # Where engines in the namespace of this node make it: it can be listened to beforehand.
         self.topic = node.resolve_topic_name(f'dyknow/streams/{name}')
         self._node = node
+        self._disposal = disposal
         self._on_violation = on_violation
         self._lease = Lease(node, on_lost=lambda: on_lost(self))
         self._subscription: Any = None
@@ -52,13 +55,14 @@ class StateStream:
             DyKnowError: when it cannot be made.
         """
         self._requested = True
+        self._disposal.keep_stream(self.name)
         topic, violations = await clients.create_stream(self.name, specification, constraints)
         expected, self.topic = self.topic, topic
         if self._requested:
             self._watch(violations)
         return topic == expected
 
-    def end(self, disposal: Disposal) -> None:
+    def end(self) -> None:
         """Has the stream ended."""
         self._lease.ignore()
         if self._subscription is not None:
@@ -66,7 +70,7 @@ class StateStream:
             self._subscription = None
         if self._requested:
             self._requested = False
-            disposal.end_stream(self.name)
+            self._disposal.end_stream(self.name)
 
     def maker(self) -> str:
         """The node that makes it, as the graph tells, where it does."""

@@ -160,7 +160,8 @@ class States:
             self._observer.fail(error)
 
     def _new_stream(self, name: str) -> StateStream:
-        return StateStream(self._facilities.node, name, self._violated, self._engine_lost)
+        node, disposal = self._facilities.node, self._facilities.disposal
+        return StateStream(node, disposal, name, self._violated, self._engine_lost)
 
     def _choose(self) -> tuple[Source, ...]:
         return self._chosen_of(self.ground.candidates)
@@ -274,7 +275,7 @@ class States:
             await self._listen(stream, gap=gap)
             await self._request(stream, chosen, gap=gap)
         except DyKnowError:
-            stream.end(self._facilities.disposal)
+            stream.end()
             if not gap and stream in self._others:
                 self._others.remove(stream)
                 await self._listen(self._stream, gap=False)
@@ -288,7 +289,7 @@ class States:
 
     def _end_streams(self) -> None:
         for stream in (self._stream, *self._others):
-            stream.end(self._facilities.disposal)
+            stream.end()
         self._others.clear()
 
     async def _request(self, stream: StateStream, chosen: tuple[Source, ...], *, gap: bool) -> None:
@@ -314,7 +315,7 @@ class States:
             await self._facilities.node.deadlines.after(POLL)
         if former in self._others:
             self._others.remove(former)
-            former.end(self._facilities.disposal)
+            former.end()
 
     def _is_listened_to(self, topic: str) -> bool:
         name = self._facilities.clients.stream_reasoning_engine.name.rpartition('/')[2]

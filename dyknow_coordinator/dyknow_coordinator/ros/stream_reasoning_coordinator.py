@@ -60,8 +60,7 @@ class StreamReasoningCoordinator(DyKnowNode):
             'operators are warned.',
             (0.1, 1e9),
         )
-        self._own = f'states_{zlib.crc32(self.get_fully_qualified_name().encode()):08x}_'
-        self._run = f'{self._own}{self.born:x}_'
+        self._prefix = f'states_{zlib.crc32(self.get_fully_qualified_name().encode()):08x}_'
         clients = Clients(self)
         self._peers = clients
         disposal = Disposal(self, clients)
@@ -72,7 +71,7 @@ class StreamReasoningCoordinator(DyKnowNode):
             results=Results(self, clients.progress_topic),
             disposal=disposal,
             # Unique in the system, also across restarts of this node.
-            names=(f'{self._run}{number}' for number in count(1)),
+            names=(f'{self._prefix}{self.born:x}_{number}' for number in count(1)),
         )
         self._groups = FormulaGroups(self._facilities)
         self._evaluations: list[FormulaEvaluation] = []
@@ -134,9 +133,8 @@ class StreamReasoningCoordinator(DyKnowNode):
             evaluation.cancel('no client of ~/evaluate_formula is left')
 
     def _streams_changed(self) -> None:
-        self._facilities.disposal.end_streams_of_former_runs(
-            self._facilities.streams.known.flowing(), self._own, self._run
-        )
+        flowing = self._facilities.streams.known.flowing()
+        self._facilities.disposal.end_unwanted(flowing, self._prefix)
         for group in self._groups.running():
             group.states.improve()
 

@@ -11,7 +11,7 @@ from dyknow_interfaces.srv import FindAllMatchingStreams
 from dyknow_semantics import Knowledge, Matcher, SemanticsError, parse_bridges, parse_concept
 from dyknow_semantics.ros.files import read_all
 from dyknow_semantics.ros.mirrors import mirror_annotations, mirror_bridged_ontologies
-from dyknow_stream_processing import ExitCode
+from dyknow_stream_processing import DyKnowError, ExitCode
 from dyknow_stream_processing.ros import RUNNING, DyKnowNode, run
 
 if TYPE_CHECKING:
@@ -29,19 +29,31 @@ class SemanticMatchingEngine(DyKnowNode):
         self._annotations = mirror_annotations(self)
         self._index = Matcher(Knowledge(()))
         self._faults: tuple[str, ...] = ()
+        # What is known beforehand need not be learnt while somebody waits for an answer.
+        for mirror in (self._ontologies, self._annotations):
+            mirror.peer.on_found.append(lambda: self.spawn(self._learn_beforehand))
         self.serve(FindAllMatchingStreams, self._find_all_matching_streams)
 
     async def _find_all_matching_streams(self, request: Any, response: Any) -> None:
         concept = parse_concept(request.concept)
+        await self._learn()
+        matches = self._index.match(concept)
+        if not matches:
+            raise SemanticsError(self._index.nearest(concept), ExitCode.NOT_FOUND)
+        response.stream_specifications = [found.specification for found in matches]
+
+    async def _learn(self) -> None:
         ontologies = await self._ontologies.content()
         annotations = await self._annotations.content()
         self._index.learn(ontologies.known, ontologies.stated)
         self._index.update(annotations)
         self._report_faults(ontologies)
-        matches = self._index.match(concept)
-        if not matches:
-            raise SemanticsError(self._index.nearest(concept), ExitCode.NOT_FOUND)
-        response.stream_specifications = [found.specification for found in matches]
+
+    async def _learn_beforehand(self) -> None:
+        try:
+            await self._learn()
+        except DyKnowError as error:
+            self.get_logger().info(f'nothing can be matched yet: {error}')
 
     def _report_faults(self, ontologies: Bridged) -> None:
         """Tells of bridges that make no sense relative to the ontologies, when that changes."""
