@@ -55,7 +55,7 @@ def caller(system: System, folder: Path, *arguments: str) -> Iterator[subprocess
         yield process
     finally:
         process.kill()
-        process.wait()
+        system.client.spin_until(lambda: process.poll() is not None, 'the caller is gone')
 
 
 @pytest.mark.parametrize('way', [[], ['action']], ids=['service', 'action'])
@@ -70,7 +70,7 @@ def test_a_caller_that_is_gone(
     with caller(system, tmp_path, ALWAYS, *way) as process:
         evaluations.wait_for(1)
         process.send_signal(number)
-        process.wait()
+        system.client.spin_until(lambda: process.poll() is not None, 'the caller is gone')
         evaluations.wait_for_nothing()
     interface = 'monitor_formula' if way else 'evaluate_formula'
     status = evaluations.latest.exit_status
