@@ -58,8 +58,11 @@ def caller(system: System, folder: Path, *arguments: str) -> Iterator[subprocess
         system.client.spin_until(lambda: process.poll() is not None, 'the caller is gone')
 
 
-@pytest.mark.parametrize('way', [[], ['action']], ids=['service', 'action'])
-@pytest.mark.parametrize('number', [signal.SIGTERM, signal.SIGKILL])
+@pytest.mark.parametrize(
+    ('number', 'way'),
+    [(signal.SIGTERM, []), (signal.SIGKILL, []), (signal.SIGKILL, ['action'])],
+    ids=['it ends', 'it is killed', 'it is killed during an action'],
+)
 def test_a_caller_that_is_gone(
     system: System,
     evaluations: Evaluations,
@@ -107,27 +110,14 @@ def test_a_time_that_is_over_at_each_step(system: System, batteries: Batteries) 
     assert not batteries.silent
 
 
-def test_a_coordinator_that_is_killed(system: System, evaluations: Evaluations) -> None:
-    """Its successor ends its streams, and the reasoning engine its groups."""
+def test_a_coordinator_that_is_killed_with_the_stream_manager(
+    system: System, evaluations: Evaluations
+) -> None:
+    """Its successor ends its streams, as they are told of, and the reasoning engine its groups."""
     system.ask(ALWAYS, timeout=60.0)
     system.ask('always Power[uav1] < 150', timeout=60.0)
     evaluations.wait_for_state(2)
     assert len(evaluations.groups()) == 2
-    system.launcher.kill(COORDINATOR)
-    system.restart(COORDINATOR)
-    system.client.wait_for_coordinator()
-    evaluations.wait_for_nothing()
-    system.wait_for_streams()
-    answer = system.evaluate(SOON)
-    assert answer.verdict == FormulaResult.TRUE, answer.exit_status.message
-
-
-def test_a_coordinator_that_is_killed_with_the_stream_manager(
-    system: System, evaluations: Evaluations
-) -> None:
-    """The streams of the former run are not known yet when the two have found each other."""
-    system.ask(ALWAYS, timeout=60.0)
-    evaluations.wait_for_state()
     for executable in (COORDINATOR, 'stream_manager'):
         system.launcher.kill(executable)
     for executable in ('stream_manager', COORDINATOR):
@@ -135,6 +125,8 @@ def test_a_coordinator_that_is_killed_with_the_stream_manager(
     system.client.wait_for_coordinator()
     evaluations.wait_for_nothing()
     system.wait_for_streams()
+    answer = system.evaluate(SOON)
+    assert answer.verdict == FormulaResult.TRUE, answer.exit_status.message
 
 
 def test_a_limit_for_all_callers(system: System, evaluations: Evaluations) -> None:

@@ -8,53 +8,52 @@ from typing import TYPE_CHECKING
 import pytest
 from dyknow_interfaces.msg import ExitStatus, FormulaResult
 
-from system import Batteries, System
-
 if TYPE_CHECKING:
-    from pathlib import Path
+    from system import Batteries, System
 
 ALWAYS = 'forall u in UAV: always Power[u] < 150'
 SOON = 'forall u in UAV: always[0 s, 500 ms] Power[u] < 150'
 
 
 @pytest.mark.parametrize('executable', ['stream_processing_engine', 'stream_reasoning_engine'])
-def test_a_node_killed_during_an_evaluation(tmp_path: Path, executable: str) -> None:
-    with System(tmp_path) as system:
-        batteries = Batteries(system.client, system.vehicles)
-        future = system.ask(ALWAYS, timeout=60.0)
-        system.wait_until_running(future)
-        system.launcher.kill(executable)
-        killed = time.monotonic()
-        system.client.spin_until(future.done, 'the answer', 5.0)
-        assert time.monotonic() - killed < 5.0
-        answer = future.result()
-        assert answer.exit_status.code == ExitStatus.UNAVAILABLE
-        assert executable.replace('_', ' ') in answer.exit_status.message.replace('_', ' ')
-        assert answer.verdict == FormulaResult.UNDECIDED
+def test_a_node_killed_during_an_evaluation(
+    system: System, batteries: Batteries, executable: str
+) -> None:
+    future = system.ask(ALWAYS, timeout=60.0)
+    system.wait_until_running(future)
+    system.launcher.kill(executable)
+    killed = time.monotonic()
+    system.client.spin_until(future.done, 'the answer', 5.0)
+    assert time.monotonic() - killed < 5.0
+    answer = future.result()
+    assert answer.exit_status.code == ExitStatus.UNAVAILABLE
+    assert executable.replace('_', ' ') in answer.exit_status.message.replace('_', ' ')
+    assert answer.verdict == FormulaResult.UNDECIDED
 
-        system.restart(executable)
-        system.wait_for_streams()
-        again = system.evaluate(SOON)
-        assert again.exit_status.code == ExitStatus.SUCCESS, again.exit_status.message
-        assert again.verdict == FormulaResult.TRUE
-        assert batteries.power['uav1'] == 100.0
+    system.restart(executable)
+    system.wait_for_streams()
+    again = system.evaluate(SOON)
+    assert again.exit_status.code == ExitStatus.SUCCESS, again.exit_status.message
+    assert again.verdict == FormulaResult.TRUE
+    assert batteries.power['uav1'] == 100.0
 
 
 @pytest.mark.parametrize(
     'executable', ['stream_manager', 'ontology_manager', 'semantic_matching_engine']
 )
-def test_a_node_that_is_missing_when_a_formula_is_asked(tmp_path: Path, executable: str) -> None:
-    with System(tmp_path) as system:
-        Batteries(system.client, system.vehicles)
-        system.launcher.kill(executable)
-        begun = time.monotonic()
-        answer = system.evaluate(SOON)
-        assert time.monotonic() - begun < 5.0
-        assert answer.exit_status.code == ExitStatus.UNAVAILABLE
-        assert executable in answer.exit_status.message
+def test_a_node_that_is_missing_when_a_formula_is_asked(
+    system: System, batteries: Batteries, executable: str
+) -> None:
+    system.launcher.kill(executable)
+    begun = time.monotonic()
+    answer = system.evaluate(SOON)
+    assert time.monotonic() - begun < 5.0
+    assert answer.exit_status.code == ExitStatus.UNAVAILABLE
+    assert executable in answer.exit_status.message
 
-        system.restart(executable)
-        system.wait_for_streams()
-        again = system.evaluate(SOON)
-        assert again.exit_status.code == ExitStatus.SUCCESS, again.exit_status.message
-        assert again.verdict == FormulaResult.TRUE
+    system.restart(executable)
+    system.wait_for_streams()
+    again = system.evaluate(SOON)
+    assert again.exit_status.code == ExitStatus.SUCCESS, again.exit_status.message
+    assert again.verdict == FormulaResult.TRUE
+    assert batteries.power['uav1'] == 100.0

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import itertools
-import signal
 import time
 from typing import TYPE_CHECKING, Any
 
@@ -180,26 +179,4 @@ def test_both_engines_die(system: System, evaluations: Evaluations, far: Launche
     system.launcher.kill(ENGINE)
     assert_unavailable(system, future, 'stream_processing_engine')
     system.restart(ENGINE)
-    assert_all_is_well(system)
-
-
-def test_a_reasoning_engine_dies_under_many_formulas(
-    system: System, evaluations: Evaluations
-) -> None:
-    futures = [system.ask(ALWAYS.replace('150', str(150 + n)), 60.0) for n in range(10)]
-    evaluations.wait_for_state(10)
-    system.launcher.kill(REASONER)
-    for future in futures:
-        assert_unavailable(system, future, REASONER)
-    system.restart(REASONER)
-    assert_all_is_well(system)
-
-
-def test_a_node_that_dies_during_the_grounding(system: System) -> None:
-    """Whatever the coordinator waits for, it does not wait for ever."""
-    system.running['semantic_matching_engine'].send_signal(signal.SIGSTOP)
-    future = system.ask(SOON)
-    system.launcher.kill('semantic_matching_engine')
-    assert_unavailable(system, future, 'semantic_matching_engine')
-    system.restart('semantic_matching_engine')
     assert_all_is_well(system)

@@ -101,7 +101,7 @@ def test_a_clock_that_stands_still(
     system: System, simulation: Simulation, evaluations: Evaluations
 ) -> None:
     """No verdict comes then, nor a violation; the caller's timeout is one of the wall clock."""
-    future = system.ask('always[0 s, 3 s] Power[uav1] < 150', timeout=4.0)
+    future = system.ask('always[0 s, 3 s] Power[uav1] < 150', timeout=2.5)
     evaluations.wait_for_state()
     simulation.speed = 0
     system.client.spin_until(future.done, 'the answer')
@@ -109,15 +109,14 @@ def test_a_clock_that_stands_still(
     assert future.result().verdict == FormulaResult.UNDECIDED
 
 
-@pytest.mark.parametrize('formula', [ALWAYS, 'always[0 s, 30 s] Power[uav1] < 150'])
-def test_a_jump_forth(
-    system: System, simulation: Simulation, evaluations: Evaluations, formula: str
-) -> None:
-    future = system.ask(formula)
-    evaluations.wait_for_state()
+def test_a_jump_forth(system: System, simulation: Simulation, evaluations: Evaluations) -> None:
+    """Also a window that was jumped over is not known to have been as it should."""
+    futures = [system.ask(ALWAYS), system.ask('always[0 s, 30 s] Power[uav1] < 150')]
+    evaluations.wait_for_state(2)
     simulation.now += 60 * SECOND
-    system.client.spin_until(future.done, 'the answer', 5.0)
-    assert_broken(future.result(), 'uav1_battery', 'sample_period: ', '250 ms allowed')
+    system.client.spin_until(lambda: all(each.done() for each in futures), 'the answers', 5.0)
+    for future in futures:
+        assert_broken(future.result(), 'uav1_battery', 'sample_period: ', '250 ms allowed')
     again = system.evaluate(SOON)
     assert again.verdict == FormulaResult.TRUE, again.exit_status.message
 
@@ -163,9 +162,8 @@ def test_a_coordinator_that_is_killed(
     system.restart(COORDINATOR)
     system.client.wait_for_coordinator()
     simulation.speed = 1
-    system.wait_for_streams()
+    evaluations.wait_for_nothing()
     future = system.ask(ALWAYS, timeout=2.0)
-    system.client.spin_until(lambda: bool(evaluations.running), 'another evaluation')
     (other,) = evaluations.wait_for_state()
     assert other.state_stream != former.state_stream
     system.client.spin_until(future.done, 'the answer')
