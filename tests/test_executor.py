@@ -9,12 +9,13 @@ import pytest
 from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.clock import Clock, ClockType
 from rclpy.context import Context
+from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.task import Future
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
-from dyknow_stream_processing.ros.executor import NodeExecutor
+from dyknow_stream_processing.ros.executor import NodeExecutor, fits
 from system import private_environment
 
 if TYPE_CHECKING:
@@ -224,3 +225,11 @@ def test_what_a_callback_raises_ends_the_spin(bench: Bench, *, is_coroutine: boo
     bench.timer(fail)
     with pytest.raises(KeyError, match='later' if is_coroutine else 'now'):
         bench.spin()
+
+
+def test_another_rclpy_runs_nodes_by_its_own_executor(bench: Bench) -> None:
+    plain = SingleThreadedExecutor(context=bench.context)
+    assert fits(plain)
+    delattr(plain, '_tasks')
+    assert not fits(plain)
+    bench.end()

@@ -23,6 +23,28 @@ PASSES: Final = 2
 """A coroutine may give one that was resumed before it in the same pass what that one waits for."""
 
 
+# What `NodeExecutor` uses of rclpy's executor beside what is documented.
+_STATE: Final = ('_tasks', '_tasks_lock', '_guard', '_sigint_gc', '_is_shutdown')
+_METHODS: Final = tuple(
+    f'_take_{kind}'
+    for kind in ('timer', 'subscription', 'guard_condition', 'client', 'service', 'waitable')
+)
+
+
+def node_executor() -> SingleThreadedExecutor:
+    """The executor of a node: `NodeExecutor`, unless this rclpy is not one that it fits."""
+    plain = SingleThreadedExecutor()
+    if not fits(plain):
+        return plain
+    plain.shutdown()
+    return NodeExecutor()
+
+
+def fits(executor: SingleThreadedExecutor) -> bool:
+    """Whether an executor of rclpy is inside as those that `NodeExecutor` is made of."""
+    return all(hasattr(executor, name) for name in (*_STATE, *_METHODS))
+
+
 class NodeExecutor(SingleThreadedExecutor):
     """Runs callbacks and coroutines as `SingleThreadedExecutor` does, in the thread that spins.
 

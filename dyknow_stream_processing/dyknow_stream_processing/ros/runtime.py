@@ -31,7 +31,7 @@ from rclpy.qos import (
 from rclpy.task import Future
 
 from dyknow_stream_processing.errors import DyKnowError, ExitCode
-from dyknow_stream_processing.ros.executor import NodeExecutor
+from dyknow_stream_processing.ros.executor import node_executor
 
 if TYPE_CHECKING:
     from collections.abc import Awaitable, Callable, Mapping, Sequence
@@ -297,7 +297,7 @@ def run(make_node: Callable[[], DyKnowNode], arguments: Sequence[str] | None = N
     rclpy.init(args=None if arguments is None else list(arguments))
     _exit_in_any_case()
     node: DyKnowNode | None = None
-    executor = NodeExecutor()
+    executor = node_executor()
     try:
         node = make_node()
         executor.add_node(node)
