@@ -10,6 +10,7 @@ import pytest
 
 sys.path.insert(0, str(Path(__file__).parent))
 
+from evaluations import Evaluations, Spares
 from system import Batteries, Client, System, private_environment
 
 if TYPE_CHECKING:
@@ -27,6 +28,29 @@ def system(tmp_path_factory: pytest.TempPathFactory) -> Iterator[System]:
 def batteries(system: System) -> Batteries:
     """The telemetry of the vehicles."""
     return Batteries(system.client, system.vehicles)
+
+
+@pytest.fixture(scope='module')
+def evaluations(system: System) -> Evaluations:
+    """What the coordinator tells of all evaluations."""
+    return Evaluations(system)
+
+
+@pytest.fixture
+def spares(system: System) -> Iterator[Spares]:
+    """Streams that a test makes beside those of the fleet, and their annotations."""
+    made = Spares(system)
+    yield made
+    made.clear()
+
+
+@pytest.fixture
+def calm(batteries: Batteries, evaluations: Evaluations) -> Iterator[None]:
+    """The test begins with 100 W everywhere, and leaves nothing behind."""
+    batteries.silent.clear()
+    batteries.power.update(dict.fromkeys(batteries.power, 100.0))
+    yield
+    evaluations.wait_for_nothing()
 
 
 @pytest.fixture

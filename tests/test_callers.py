@@ -22,6 +22,8 @@ if TYPE_CHECKING:
 ALWAYS = 'forall u in UAV: always Power[u] < 150'
 SOON = 'forall u in UAV: always[0 s, 500 ms] Power[u] < 150'
 
+pytestmark = pytest.mark.usefixtures('calm')
+
 
 @pytest.fixture(scope='module')
 def system(tmp_path_factory: pytest.TempPathFactory) -> Iterator[System]:
@@ -29,19 +31,6 @@ def system(tmp_path_factory: pytest.TempPathFactory) -> Iterator[System]:
     parameters = {'stream_reasoning_engine': {'orphan_limit': 2.0}}
     with System(folder, parameters=parameters, short_lease=True) as running:
         yield running
-
-
-@pytest.fixture(scope='module')
-def evaluations(system: System) -> Evaluations:
-    return Evaluations(system)
-
-
-@pytest.fixture(autouse=True)
-def calm(batteries: Batteries, evaluations: Evaluations) -> Iterator[None]:
-    """Every test leaves nothing behind."""
-    batteries.silent.clear()
-    yield
-    evaluations.wait_for_nothing()
 
 
 @contextmanager

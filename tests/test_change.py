@@ -19,6 +19,8 @@ TRUE, FALSE = FormulaResult.TRUE, FormulaResult.FALSE
 SPARE = 'uav1_spare_power'
 FAST = 'sample_period = 200 ms, sample_period_deviation = 50 ms, max_delay = 1 s'
 
+pytestmark = pytest.mark.usefixtures('calm')
+
 
 @pytest.fixture(scope='module')
 def system(tmp_path_factory: pytest.TempPathFactory) -> Iterator[System]:
@@ -30,27 +32,6 @@ def system(tmp_path_factory: pytest.TempPathFactory) -> Iterator[System]:
 @pytest.fixture(scope='module')
 def batteries(system: System) -> Batteries:
     return Batteries(system.client, (*system.vehicles, 'spare1', 'uav3'))
-
-
-@pytest.fixture(scope='module')
-def evaluations(system: System) -> Evaluations:
-    return Evaluations(system)
-
-
-@pytest.fixture
-def spares(system: System) -> Iterator[Spares]:
-    spares = Spares(system)
-    yield spares
-    spares.clear()
-
-
-@pytest.fixture(autouse=True)
-def calm(batteries: Batteries, evaluations: Evaluations) -> Iterator[None]:
-    """Every test begins with 100 W everywhere, and leaves nothing behind."""
-    batteries.silent.clear()
-    batteries.power.update(dict.fromkeys(batteries.power, 100.0))
-    yield
-    evaluations.wait_for_nothing()
 
 
 def assert_no_state_was_lost(monitored: Monitored) -> None:

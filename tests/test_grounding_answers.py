@@ -15,8 +15,6 @@ from evaluations import Evaluations, Monitored, Spares
 from services import nanoseconds
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
-
     from system import Batteries, System
 
 AUTO, SYNTACTIC = EvaluateFormula.Request.AUTO, EvaluateFormula.Request.SYNTACTIC
@@ -24,25 +22,7 @@ SEMANTIC = EvaluateFormula.Request.SEMANTIC
 TRUE = FormulaResult.TRUE
 MILLISECOND, SECOND = 1_000_000, 1_000_000_000
 
-
-@pytest.fixture(scope='module')
-def evaluations(system: System) -> Evaluations:
-    return Evaluations(system)
-
-
-@pytest.fixture
-def spares(system: System) -> Iterator[Spares]:
-    spares = Spares(system)
-    yield spares
-    spares.clear()
-
-
-@pytest.fixture(autouse=True)
-def calm(batteries: Batteries, evaluations: Evaluations) -> Iterator[None]:
-    """Every test begins with 100 W everywhere, and leaves nothing behind."""
-    batteries.power.update(dict.fromkeys(batteries.power, 100.0))
-    yield
-    evaluations.wait_for_nothing()
+pytestmark = pytest.mark.usefixtures('calm')
 
 
 @pytest.fixture(scope='module')

@@ -11,13 +11,13 @@ from dyknow_interfaces.msg import ExitStatus, FormulaResult
 
 from dyknow_bringup.launcher import Launcher
 from dyknow_bringup.processes import Process
-from evaluations import Evaluations
 from services import nanoseconds
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
     from pathlib import Path
 
+    from evaluations import Evaluations
     from system import Batteries, System
 
 ALWAYS = 'forall u in UAV: always Power[u] < 150'
@@ -26,11 +26,6 @@ REASONER, ENGINE = 'stream_reasoning_engine', 'stream_processing_engine'
 SECOND = 1_000_000_000
 
 _numbers = itertools.count(1)
-
-
-@pytest.fixture(scope='module')
-def evaluations(system: System) -> Evaluations:
-    return Evaluations(system)
 
 
 @pytest.fixture(autouse=True)

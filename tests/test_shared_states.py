@@ -20,11 +20,6 @@ TRUE, FALSE = FormulaResult.TRUE, FormulaResult.FALSE
 SECOND = 1_000_000_000
 
 
-@pytest.fixture(scope='module')
-def evaluations(system: System) -> Evaluations:
-    return Evaluations(system)
-
-
 @pytest.fixture(autouse=True)
 def calm(system: System, batteries: Batteries, evaluations: Evaluations) -> Iterator[None]:
     """Every test begins with 100 W everywhere, and leaves nothing behind."""

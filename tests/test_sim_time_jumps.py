@@ -62,11 +62,6 @@ def simulation(system: System) -> Simulation:
     return Simulation(system)
 
 
-@pytest.fixture(scope='module')
-def evaluations(system: System) -> Evaluations:
-    return Evaluations(system)
-
-
 @pytest.fixture(autouse=True)
 def calm(simulation: Simulation, evaluations: Evaluations) -> Iterator[None]:
     simulation.speed = 1

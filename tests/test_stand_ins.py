@@ -8,16 +8,19 @@ import pytest
 from dyknow_interfaces.msg import ExitStatus, FormulaResult
 from std_msgs.msg import Float64
 
-from evaluations import Evaluations, Spares
 from services import nanoseconds
 from system import Batteries, System
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
+    from evaluations import Evaluations, Spares
+
 TRUE, FALSE, UNDECIDED = FormulaResult.TRUE, FormulaResult.FALSE, FormulaResult.UNDECIDED
 SECOND = 1_000_000_000
 SPARE = 'uav1_spare_power'
+
+pytestmark = pytest.mark.usefixtures('calm')
 
 
 @pytest.fixture(scope='module')
@@ -31,27 +34,6 @@ def system(tmp_path_factory: pytest.TempPathFactory) -> Iterator[System]:
 def batteries(system: System) -> Batteries:
     """The fleet, and a battery of `spare1` that stands in for the one of `uav1`."""
     return Batteries(system.client, (*system.vehicles, 'spare1', 'spare2'))
-
-
-@pytest.fixture(scope='module')
-def evaluations(system: System) -> Evaluations:
-    return Evaluations(system)
-
-
-@pytest.fixture
-def spares(system: System) -> Iterator[Spares]:
-    spares = Spares(system)
-    yield spares
-    spares.clear()
-
-
-@pytest.fixture(autouse=True)
-def calm(batteries: Batteries, evaluations: Evaluations) -> Iterator[None]:
-    """Every test begins with 100 W everywhere, and leaves nothing behind."""
-    batteries.silent.clear()
-    batteries.power.update(dict.fromkeys(batteries.power, 100.0))
-    yield
-    evaluations.wait_for_nothing()
 
 
 def test_a_stream_that_falls_silent_is_replaced(

@@ -8,6 +8,7 @@ stream begins (9), or the first states would be missed.
 
 from __future__ import annotations
 
+import traceback
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -105,9 +106,8 @@ class FormulaEvaluation:
         except DyKnowError as error:
             self._evaluation.fail(error)
         except Exception as error:  # noqa: BLE001 - the caller must get an answer
-            self._facilities.node.get_logger().error(
-                f'fault in the evaluation {self.name}: {error!r}'
-            )
+            text = ''.join(traceback.format_exception(error))
+            self._facilities.node.get_logger().error(f'fault in {self.name}:\n{text}')
             self._evaluation.fail(
                 CoordinationError(f'fault in DyKnow: {error!r}', ExitCode.INTERNAL_ERROR)
             )

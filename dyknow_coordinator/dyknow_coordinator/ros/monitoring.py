@@ -5,13 +5,12 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from dyknow_interfaces.action import MonitorFormula
-from rclpy.action import ActionServer, CancelResponse
-from rclpy.qos import QoSProfile
+from rclpy.action import CancelResponse
 
+from dyknow_coordinator.ros.actions import serve_action
 from dyknow_coordinator.ros.answers import fill_answer
-from dyknow_coordinator.ros.callers import Callers
 from dyknow_stream_processing import DyKnowError, ExitCode
-from dyknow_stream_processing.ros import SERVICE, fill_exit_status
+from dyknow_stream_processing.ros import fill_exit_status
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -39,20 +38,9 @@ class Monitoring:
         self._start = start
         self._question = question
         self._evaluations: dict[bytes, FormulaEvaluation] = {}
-        self._action = ActionServer(
-            node,
-            MonitorFormula,
-            '~/monitor_formula',
-            self._monitor,
-            callback_group=node.reentrant,
-            cancel_callback=self._cancel,
-            goal_service_qos_profile=SERVICE,
-            result_service_qos_profile=SERVICE,
-            cancel_service_qos_profile=SERVICE,
-            feedback_pub_qos_profile=QoSProfile(depth=SERVICE.depth),
+        self._action = serve_action(
+            node, MonitorFormula, self._monitor, self._cancel, self._abandon
         )
-        name = f'{node.get_fully_qualified_name()}/monitor_formula/_action/get_result'
-        Callers(node, name, self._abandon)
 
     def destroy(self) -> None:
         """Frees the action server."""

@@ -8,19 +8,18 @@ from typing import TYPE_CHECKING, Any, Protocol
 
 from dyknow_interfaces.action import MonitorPlan
 from dyknow_interfaces.srv import ReportPlanAction
-from rclpy.action import ActionServer, CancelResponse
-from rclpy.qos import QoSProfile
+from rclpy.action import CancelResponse
 from rclpy.task import Future
 
 from dyknow_coordinator.errors import CoordinationError
 from dyknow_coordinator.evaluation import Verdict
 from dyknow_coordinator.plan import Event, PlanExecution, PlanPhase, PlanVerdict
 from dyknow_coordinator.question import Question
+from dyknow_coordinator.ros.actions import serve_action
 from dyknow_coordinator.ros.answers import grounding_of
-from dyknow_coordinator.ros.callers import Callers
 from dyknow_coordinator.ros.plan_messages import plan_from_goal, verdict_to_message
 from dyknow_stream_processing import DyKnowError, ExitCode
-from dyknow_stream_processing.ros import SERVICE, constraints_from_message, fill_exit_status
+from dyknow_stream_processing.ros import constraints_from_message, fill_exit_status
 
 if TYPE_CHECKING:
     from dyknow_coordinator.evaluation import Outcome
@@ -176,20 +175,7 @@ class PlanMonitoring:
         self._plans: dict[str, MonitoredPlan] = {}
         self._goals: dict[bytes, MonitoredPlan] = {}
         node.serve(ReportPlanAction, self._report)
-        self._action = ActionServer(
-            node,
-            MonitorPlan,
-            '~/monitor_plan',
-            self._monitor,
-            callback_group=node.reentrant,
-            cancel_callback=self._cancel,
-            goal_service_qos_profile=SERVICE,
-            result_service_qos_profile=SERVICE,
-            cancel_service_qos_profile=SERVICE,
-            feedback_pub_qos_profile=QoSProfile(depth=SERVICE.depth),
-        )
-        name = f'{node.get_fully_qualified_name()}/monitor_plan/_action/get_result'
-        Callers(node, name, self._abandon)
+        self._action = serve_action(node, MonitorPlan, self._monitor, self._cancel, self._abandon)
 
     def destroy(self) -> None:
         """Frees the action server."""

@@ -226,7 +226,7 @@ class States:
         limit = self._facilities.node.deadlines.after(RESUME_LIMIT)
         limit.add_done_callback(lambda _: self._give_up())
         while self._troubles and not self._has_ended:
-            trouble, count = self._troubles[-1], len(self._troubles)
+            trouble, count = _worst(self._troubles), len(self._troubles)
             chosen = self._choose()
             if not trouble.passing and self._rests(chosen):
                 self._observer.fail(trouble.error)
@@ -246,7 +246,7 @@ class States:
 
     def _give_up(self) -> None:
         if self._troubles and not self._has_ended:
-            self._observer.fail(self._troubles[-1].error)
+            self._observer.fail(_worst(self._troubles).error)
 
     async def _improve(self) -> None:
         try:
@@ -324,6 +324,11 @@ class States:
 
     def _now_used(self) -> str:
         return f'states are made of {", ".join(sorted(map(str, self.chosen)))}'
+
+
+def _worst(troubles: Sequence[Trouble]) -> Trouble:
+    """The latest, and one that streams are to be blamed for before others."""
+    return next((each for each in reversed(troubles) if not each.passing), troubles[-1])
 
 
 def _text(violation: Any) -> str:
