@@ -208,3 +208,9 @@ def test_constraints_that_make_no_sense(system: System) -> None:
     answer = system.evaluate('always Power[uav1] < 150', constraints=constraints)
     assert answer.exit_status.code == ExitStatus.INVALID_ARGUMENT, answer
     assert 'sample_period' in answer.exit_status.message
+
+
+def test_a_topic_that_cannot_be_one(system: System) -> None:
+    answer = system.evaluate('eventually "/a//b".voltage > 9', grounding=SYNTACTIC)
+    assert answer.exit_status.code == ExitStatus.INVALID_ARGUMENT, answer.exit_status.message
+    assert "'/a//b' cannot be the name of a topic" in answer.exit_status.message

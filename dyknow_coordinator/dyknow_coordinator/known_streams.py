@@ -46,19 +46,19 @@ class KnownStreams:
     Args:
         streams: those streams.
         is_published: whether anybody publishes a topic.
-        topic_of: the topic that a stream which nobody told of would have.
+        absolute: the absolute name of a topic.
     """
 
     def __init__(
         self,
         streams: Iterable[KnownStream],
         is_published: Callable[[str], bool],
-        topic_of: Callable[[str], str] = lambda name: f'dyknow/streams/{name}',
+        absolute: Callable[[str], str] = lambda topic: topic,
     ) -> None:
         self._streams = {stream.name: stream for stream in streams}
         self._by_topic = {each.topic: each for each in self._streams.values() if each.topic}
         self._is_published = is_published
-        self._topic_of = topic_of
+        self._absolute = absolute
 
     def get(self, name: str) -> KnownStream | None:
         """A stream by its name; None where there is none."""
@@ -91,7 +91,10 @@ class KnownStreams:
             names = pending.pop()
             for name in (names.streams | names.topics) - found:
                 found.add(name)
-                stream = self._streams.get(name) or self._by_topic.get(name)
+                stream = self._streams.get(name)
+                if name in names.topics:
+                    found.add(self._absolute(name))
+                    stream = self._by_topic.get(self._absolute(name))
                 if stream is not None:
                     found |= {stream.name, stream.topic, *_declared_names(stream.specification)}
                     pending.append(_free_names(stream.specification))
@@ -107,7 +110,7 @@ class KnownStreams:
     def _has_stream(self, name: str) -> bool:
         stream = self._streams.get(name)
         if stream is None:
-            return self._is_published(self._topic_of(name))
+            return self._is_published(f'dyknow/streams/{name}')
         return bool(stream.topic) and self._is_published(stream.topic)
 
 

@@ -107,3 +107,10 @@ def test_the_fields_of_a_stream_are_read_off_its_text(text: str, fields: tuple[s
 def test_a_reference_names_its_topic() -> None:
     made = referenced(Symbol(SymbolKind.FEATURE, f'"{ODOMETRY}".z'))
     assert KnownStreams((), lambda _: True).origins(made) == {ODOMETRY}
+
+
+def test_relative_topics_are_known_by_their_absolute_names() -> None:
+    made = source('select z from "odometry"')
+    known = KnownStreams((), lambda _: True, lambda topic: f'/uav1/{topic}')
+    assert suspects([made], '/uav1/odometry', known) == (made,)
+    assert suspects([made], 'odometry', known) == (made,)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any, Final
 
 from dyknow_interfaces.msg import StreamStatus, StreamStatusArray
+from rclpy.exceptions import InvalidTopicNameException
 
 from dyknow_coordinator.errors import CoordinationError
 from dyknow_coordinator.known_streams import KnownStream, KnownStreams
@@ -20,12 +21,15 @@ from dyknow_stream_processing.ros import (
 )
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Iterable
 
     from dyknow_stream_processing.ros import DyKnowNode
 
 LIMIT: Final = 1.0
 """Seconds within which the stream manager tells of a stream that it has made."""
+
+NO_TOPIC: Final = '/_no_topic'
+"""A topic that nobody publishes."""
 
 POLL: Final = 0.05
 """Seconds between two looks."""
@@ -40,8 +44,8 @@ class StreamsMirror:
     """
 
     def __init__(self, node: DyKnowNode, topic: str, on_change: Callable[[], None]) -> None:
-        self.known = KnownStreams((), self._is_published)
         self._node = node
+        self.known = self._knowing(())
         self._on_change = on_change
         node.create_subscription(
             StreamStatusArray,
@@ -79,12 +83,21 @@ class StreamsMirror:
 
     def _hear(self, message: Any) -> None:
         before = self.known.flowing()
-        self.known = KnownStreams(map(_known, message.streams), self._is_published)
+        self.known = self._knowing(map(_known, message.streams))
         if self.known.flowing() != before:
             self._on_change()
 
+    def _knowing(self, streams: Iterable[KnownStream]) -> KnownStreams:
+        return KnownStreams(streams, self._is_published, self._absolute)
+
     def _is_published(self, topic: str) -> bool:
-        return self._node.count_publishers(topic) > 0
+        return self._node.count_publishers(self._absolute(topic)) > 0
+
+    def _absolute(self, topic: str) -> str:
+        try:
+            return self._node.resolve_topic_name(topic)
+        except (ValueError, RuntimeError, InvalidTopicNameException):
+            return NO_TOPIC  # What makes streams says why it cannot be one.
 
 
 def _known(status: StreamStatus) -> KnownStream:
