@@ -52,7 +52,7 @@ SERVICES = {
         'FormulaGroupCreate', 'FormulaGroupAddFormula', 'FormulaGroupEvaluate',
         'FormulaGroupExtractSymbols', 'FormulaGroupRemoveFormula', 'FormulaGroupDestroy',
     },
-    'stream_reasoning_coordinator': {'EvaluateFormula'},
+    'stream_reasoning_coordinator': {'EvaluateFormula', 'ReportPlanAction'},
 }  # fmt: skip
 """The types of the services of each node."""
 

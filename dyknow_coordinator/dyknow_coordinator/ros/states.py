@@ -147,8 +147,10 @@ class States:
     def replace_silent(self, silent: Sequence[Source], why: str) -> None:
         """Goes over to other streams, where they are there, since nothing comes of some."""
         self._avoid(silent)
-        replaced = set(self._choose()) - set(self.chosen)
-        if replaced and all(map(self._facilities.streams.known.is_there, replaced)):
+        others = set(self._choose()) - set(self.chosen)
+        are_there = all(map(self._facilities.streams.known.is_there, others))
+        # Those that have failed themselves would be left again at once, and so for ever.
+        if others and are_there and not self._rests(others):
             error = CoordinationError(why, ExitCode.UNAVAILABLE)
             self._interrupt(Trouble(error, passing=True))
 
