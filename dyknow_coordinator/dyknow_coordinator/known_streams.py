@@ -27,7 +27,6 @@ class KnownStream:
     Args:
         specification: how it is made; empty for a topic that some other program publishes.
         topic: empty while it does not flow.
-        engine: which makes it; empty where none does.
         received: when the latest message of each topic that it is made of came, nanoseconds by
             the clock of the engine; 0 before the first.
     """
@@ -35,7 +34,6 @@ class KnownStream:
     name: str
     specification: str = ''
     topic: str = ''
-    engine: str = ''
     message_type: str = ''
     received: Mapping[str, int] = field(default_factory=dict)
 

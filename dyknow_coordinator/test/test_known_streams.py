@@ -14,7 +14,6 @@ STREAMS = (
         'climb',
         'compunit v: float rate(a: float); stream smooth = altitude; sink rate(smooth)',
         '/x/climb',
-        '/engine',
     ),
     KnownStream('laser', '', '/uav1/laser', message_type='std_msgs/msg/Float64'),
     KnownStream('waiting', 'select a from nowhere'),

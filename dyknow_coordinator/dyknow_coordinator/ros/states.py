@@ -150,7 +150,7 @@ class States:
         others = set(self._choose()) - set(self.chosen)
         are_there = all(map(self._facilities.streams.known.is_there, others))
         # Those that have failed themselves would be left again at once, and so for ever.
-        if others and are_there and not self._rests(others):
+        if others and are_there and not any(map(self._rests, others)):
             error = CoordinationError(why, ExitCode.UNAVAILABLE)
             self._interrupt(Trouble(error, passing=True))
 
@@ -169,12 +169,10 @@ class States:
         return self._chosen_of(self.ground.candidates)
 
     def _chosen_of(self, candidates: Candidates) -> tuple[Source, ...]:
-        known = self._facilities.streams.known
-        limit = self._facilities.wall_time() - REST
         return candidates.choose(
             self.ground.features,
-            lambda source: self._failed.get(source, limit) <= limit,
-            known.is_there,
+            lambda source: not self._rests(source),
+            self._facilities.streams.known.is_there,
         )
 
     def _avoid(self, sources: Iterable[Source]) -> None:
@@ -230,7 +228,7 @@ class States:
         while self._troubles and not self._has_ended:
             trouble, count = _worst(self._troubles), len(self._troubles)
             chosen = self._choose()
-            if not trouble.passing and self._rests(chosen):
+            if not trouble.passing and any(map(self._rests, chosen)):
                 self._observer.fail(trouble.error)
                 break
             try:
@@ -260,9 +258,10 @@ class States:
             self._observer.tell(f'a better stream cannot be used: {error}')
         await self._recover()
 
-    def _rests(self, chosen: Iterable[Source]) -> bool:
+    def _rests(self, source: Source) -> bool:
+        """Whether a source has failed of late."""
         limit = self._facilities.wall_time() - REST
-        return any(self._failed.get(source, limit) > limit for source in chosen)
+        return self._failed.get(source, limit) > limit
 
     async def _go_over(self, chosen: tuple[Source, ...], *, gap: bool) -> None:
         """Has the reasoning engine take states of other streams."""

@@ -62,7 +62,6 @@ class StreamReasoningCoordinator(DyKnowNode):
         )
         self._prefix = f'states_{zlib.crc32(self.get_fully_qualified_name().encode()):08x}_'
         clients = Clients(self)
-        self._peers = clients
         disposal = Disposal(self, clients)
         self._facilities = Facilities(
             node=self,
@@ -147,10 +146,10 @@ class StreamReasoningCoordinator(DyKnowNode):
 
     def _reasoning_engine_lost(self) -> None:
         for evaluation in list(self._evaluations):
-            evaluation.lose(f'node {self._peers.stream_reasoning_engine.name}')
+            evaluation.lose(f'node {self._facilities.clients.stream_reasoning_engine.name}')
 
     def _say_how_it_is(self) -> None:
-        missing = [peer.name for peer in self._peers.peers if not peer.alive]
+        missing = [peer.name for peer in self._facilities.clients.peers if not peer.alive]
         if missing:
             self.set_status(f'waiting for {", ".join(missing)}', level=DiagnosticStatus.WARN)
         else:

@@ -105,7 +105,6 @@ def _known(status: StreamStatus) -> KnownStream:
         status.name,
         specification=status.specification,
         topic=status.topic,
-        engine=status.engine,
         message_type=status.message_type,
         received={each.topic: time_to_nanoseconds(each.latest) for each in status.sources},
     )
