@@ -49,11 +49,16 @@ class Evaluations:
         """The one that was asked for last."""
         return self._statuses[-1]
 
+    def told(self) -> str:
+        """What was told last, for people."""
+        return '\n'.join(map(str, self._statuses)) or 'nothing'
+
     def wait_for(self, count: int) -> list[Any]:
         """Waits until so many are past their grounding; those."""
         self._system.client.spin_until(
             lambda: [each.phase for each in self.running] == [EvaluationStatus.RUNNING] * count,
             f'{count} evaluations that run',
+            instead=self.told,
         )
         return self.running
 
@@ -64,6 +69,7 @@ class Evaluations:
                 len(self.running) == count and all(each.states_progressed for each in self.running)
             ),
             f'states of {count} evaluations',
+            instead=self.told,
         )
         return self.running
 
@@ -76,6 +82,7 @@ class Evaluations:
                 for event in each.events
             ),
             f'an event with {words}',
+            instead=self.told,
         )
 
     def groups(self) -> set[int]:

@@ -108,11 +108,24 @@ class Client:
         self.node.destroy_node()
         self.context.try_shutdown()
 
-    def spin_until(self, condition: Callable[[], bool], what: str, limit: float = LIMIT) -> None:
-        """Runs callbacks until a condition holds; fails the test when it does not come to hold."""
+    def spin_until(
+        self,
+        condition: Callable[[], bool],
+        what: str,
+        limit: float = LIMIT,
+        instead: Callable[[], object] | None = None,
+    ) -> None:
+        """Runs callbacks until a condition holds; fails the test when it does not come to hold.
+
+        Args:
+            what: is waited for.
+            instead: what there is as long as there is not.
+        """
         end = time.monotonic() + limit
         while not condition():
-            assert time.monotonic() < end, f'not within {limit} s: {what}'
+            if time.monotonic() > end:
+                found = '' if instead is None else f'; there is {instead()}'
+                raise AssertionError(f'not within {limit} s: {what}{found}')
             self.executor.spin_once(timeout_sec=0.05)
 
     def request(self, service_type: Any, service: str, **fields: Any) -> Any:
@@ -222,6 +235,15 @@ class System:
         finally:
             for executable in executables:
                 self.running[executable].send_signal(signal.SIGCONT)
+
+    @contextmanager
+    def killed(self, executable: str) -> Iterator[None]:
+        """A node that is killed, and started again afterwards."""
+        self.launcher.kill(executable)
+        try:
+            yield
+        finally:
+            self.restart(executable)
 
     def restart(self, executable: str, **parameters: Parameter) -> None:
         """Starts a node that was killed, and waits until it is heard of.

@@ -167,13 +167,15 @@ def test_streams_follow_what_they_are_made_from(nodes: StreamNodes) -> None:
     assert made.stream_topic == '/far/dyknow/streams/level'
     nodes.start(ONE)
     nodes.wait_for_engines(ONE, FAR)
-    nodes.create('half', 'select level as half from level')
-    nodes.wait_until_flowing('level', 'half')
-    assert nodes.engines_of() == {'level': FAR, 'half': ONE}
-    nodes.listen('/dyknow/streams/half')
+    names = 'level', 'half', 'quarter'
+    for name in names[1:]:
+        nodes.create(name, CHAIN[name])
+    nodes.wait_until_flowing(*names)
+    assert nodes.engines_of() == {'level': FAR, 'half': ONE, 'quarter': ONE}
+    nodes.listen(*topics('half', 'quarter'))
     nodes.wait_for_samples()
     nodes.kill(FAR)
-    nodes.wait_until_flowing('level', 'half', off=FAR)
+    nodes.wait_until_flowing(*names, off=FAR)
     nodes.wait_for_samples()
 
 

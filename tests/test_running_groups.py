@@ -43,8 +43,8 @@ def nodes(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Nodes]:
 class States:
     """A stream of states that a test publishes."""
 
-    def __init__(self, nodes: Nodes) -> None:
-        self.topic = f'/states/number_{next(NUMBERS)}'
+    def __init__(self, nodes: Nodes, topic: str = '') -> None:
+        self.topic = topic or f'/states/number_{next(NUMBERS)}'
         self._nodes = nodes
         node = nodes.client.node
         self._states = node.create_publisher(Sample, self.topic, 1000)
@@ -94,6 +94,7 @@ class Group:
         self.number = made.formula_group_id
         self.topic = f'/results/of_{self.number}'
         self.results: list[Any] = nodes.collect(FormulaResult, self.topic, LATCHED)
+        self._progress = nodes.collect(FormulaProgress, f'/{ENGINE}/progress')
         self.formulas = [self.add(formula) for formula in formulas]
         self.evaluate(states, domains=VEHICLES, result_topic=self.topic)
         self.wait(lambda: states.is_heard, 'the states are heard')
@@ -122,19 +123,25 @@ class Group:
 
     def progressed(self, formula_id: int, states: int) -> Any:
         """The report that some states have been progressed."""
-        reports = self._nodes.collect(FormulaProgress, f'/{ENGINE}/progress')
 
         def found() -> list[Any]:
             return [
-                report
-                for report in reports
-                if report.formula_group_id == self.number
-                and report.formula_id == formula_id
-                and report.states_progressed == states
+                report for report in self._reports(formula_id) if report.states_progressed == states
             ]
 
         self.wait(found, f'{states} states')
         return found()[0]
+
+    def events(self, formula_id: int) -> list[str]:
+        """All that was reported to have happened."""
+        return [event for report in self._reports(formula_id) for event in report.events]
+
+    def _reports(self, formula_id: int) -> list[Any]:
+        return [
+            report
+            for report in self._progress
+            if report.formula_group_id == self.number and report.formula_id == formula_id
+        ]
 
     def result(self) -> Any:
         """The only result."""
@@ -274,6 +281,28 @@ def test_going_over_with_a_gap(nodes: Nodes) -> None:
     group.wait(lambda: len(group.results) > 1, 'the other result')
     assert group.results[1].verdict == FormulaResult.FALSE
     assert 'missing between 10.000 s and 20.000 s' in group.results[1].explanation
+
+
+def test_states_come_from_another_publisher(nodes: Nodes) -> None:
+    """An engine that was killed and is back at once gives its streams the same topics."""
+    former = States(nodes)
+    group = Group(nodes, former, CALM, SOON)
+    former.publish({10: 100.0})
+    group.progressed(1, 1)
+    new = States(nodes, former.topic)
+    group.wait(lambda: new.is_heard, 'the new states are heard')
+    new.publish({20: 100.0, 30: 100.0})
+    failed = group.result()
+    assert failed.formula_id == group.formulas[1]
+    missing = 'missing between 10.000 s and 20.000 s'
+    assert_refused(failed.exit_status, ExitStatus.CONSTRAINT_VIOLATION, missing)
+    assert group.progressed(1, 3).latest_valid_time.sec == 30
+    (event,) = group.events(1)
+    assert 'made anew' in event
+    assert missing in event
+    new.publish({31: 160.0})
+    group.wait(lambda: len(group.results) > 1, 'the other result')
+    assert group.results[1].verdict == FormulaResult.FALSE
 
 
 def test_too_many_states_that_wait(nodes: Nodes) -> None:

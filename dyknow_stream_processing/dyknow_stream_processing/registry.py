@@ -224,8 +224,22 @@ class StreamRegistry:
         return tuple(sorted(users))
 
     def outdated(self) -> tuple[CreatedStream, ...]:
-        """The streams that read from where what they are made from is no more."""
-        return tuple(each for each in self._created() if each.topic and self._is_outdated(each))
+        """The streams that read from where what they are made from is no more.
+
+        What an engine makes from one of its own streams goes on with that as it was, so it is
+        outdated with it.
+        """
+        made = [each for each in self._created() if each.topic]
+        found = {each.name: each for each in made if self._reads_elsewhere(each)}
+        new = list(found.values())
+        while new:
+            new = [
+                each
+                for each in made
+                if each.name not in found and any(self._is_local(each, one) for one in new)
+            ]
+            found.update((each.name, each) for each in new)
+        return tuple(found.values())
 
     def least_loaded(self, engines: Iterable[str]) -> str | None:
         """The engine with the fewest streams; none where there is no engine."""
@@ -329,12 +343,20 @@ class StreamRegistry:
     def _sources_by_name(self, stream: CreatedStream) -> frozenset[str]:
         return free_names(self._original(stream)).streams
 
-    def _is_outdated(self, stream: CreatedStream) -> bool:
+    def _reads_elsewhere(self, stream: CreatedStream) -> bool:
         for name, topic in stream.sources.items():
             source = self._streams.get(name)
             if source is not None and source.topic not in ('', topic):
                 return True
         return False
+
+    def _is_local(self, stream: CreatedStream, source: CreatedStream) -> bool:
+        """Whether an engine makes a stream from another one without its topic."""
+        return (
+            stream.engine == source.engine
+            and source.name not in stream.sources
+            and source.name in self._sources_by_name(stream)
+        )
 
     def account(self, stream: Stream, reported: StreamAccount | None) -> StreamAccount:
         """What is known of a stream, with what its engine reported of it."""

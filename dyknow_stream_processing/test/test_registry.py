@@ -138,6 +138,21 @@ def test_a_stream_is_made_anew_when_its_sources_move(registry: StreamRegistry) -
     assert [stream.name for stream in registry.outdated()] == ['x']
 
 
+def test_an_engine_makes_anew_what_it_makes_from_a_stream_that_it_makes_anew(
+    registry: StreamRegistry,
+) -> None:
+    for name, engine in (('y', E2), ('z', E2), ('far', E1)):
+        registry.add(created(name, 'select a from x'))
+        place(registry, name, engine)
+    registry.add(created('x', 'select a from a'))
+    registry.place('x', E2, '/dyknow/streams/x', {'a': '/dyknow/streams/a'})
+    registry.add(created('top', 'sync(y, battery)'))
+    place(registry, 'top', E2)
+    assert registry.outdated() == ()
+    place(registry, 'a', FAR)
+    assert {stream.name for stream in registry.outdated()} == {'x', 'y', 'z', 'top'}
+
+
 def test_what_a_manager_before_asked_for_is_understood_again() -> None:
     """A new manager learns a text with the topics that the last one wrote into it."""
     before = StreamRegistry()

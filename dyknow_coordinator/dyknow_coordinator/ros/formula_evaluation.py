@@ -169,6 +169,8 @@ class FormulaEvaluation:
     def note_progress(self, progress: Any) -> None:
         """Takes a report of the reasoning engine."""
         self._progress = progress
+        for event in progress.events:
+            self.tell(event)
         self.on_progress()
 
     def note_phase(self, phase: EvaluationPhase) -> None:

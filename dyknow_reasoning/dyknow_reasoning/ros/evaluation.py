@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import deque
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -9,6 +10,7 @@ from dyknow_interfaces.msg import FormulaProgress
 from dyknow_interfaces.msg import FormulaResult as FormulaResultMessage
 
 from dyknow_reasoning import FormulaGroup, FormulaResult, ReasoningError
+from dyknow_reasoning.gaps import Gap
 from dyknow_reasoning.ros.state_stream import Breach, State, StateStream, check_topic
 from dyknow_stream_processing import DyKnowError, ExitCode
 from dyknow_stream_processing.ros import (
@@ -24,6 +26,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
 
 _MOST_WAITING = 1000
+_MOST_EVENTS = 20
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,6 +56,7 @@ class Evaluation:
         self._id = group_id
         self._states = 0
         self._latest: int | None = None
+        self._events: deque[str] = deque(maxlen=_MOST_EVENTS)
         self._domains: Mapping[str, Sequence[str]] = {}
         self._result_topic = ''
         self._results: Any = None
@@ -148,7 +152,9 @@ class Evaluation:
             self.publish(self.group.fail(error, pause.breach.valid_time))
 
     def progress_reports(self) -> Iterable[Any]:
-        """How far each undecided formula has come."""
+        """How far each undecided formula has come, and what has happened since the last reports."""
+        events = list(self._events)
+        self._events.clear()
         for formula_id in sorted(self.group.undecided):
             yield FormulaProgress(
                 formula_group_id=self._id,
@@ -157,6 +163,7 @@ class Evaluation:
                 latest_valid_time=nanoseconds_to_time(self._latest or 0),
                 residual_formula=self.group.residual(formula_id),
                 presumably_false=self.group.presumably_false(formula_id),
+                events=events,
             )
 
     def publish(self, results: Iterable[FormulaResult]) -> None:
@@ -247,14 +254,13 @@ class Evaluation:
                 'skipped: it has come further than they'
             )
             self._catches_up, self._skipped = False, 0
+        if state.lost and self._latest is not None:
+            self._miss(state.lost, Gap(self._latest, state.valid_time))
         self._latest = state.valid_time
         if self.group.undecided:
             self._progress(state)
 
     def _progress(self, state: State) -> None:
-        if state.lost:
-            self.publish(self.group.fail(state.lost, self._latest or 0))
-            return
         self._states += 1
         try:
             fields = sample_fields(state.message)
@@ -263,6 +269,12 @@ class Evaluation:
             self.publish(self.group.fail(failure, state.valid_time))
             return
         self.publish(self.group.progress(state.valid_time, fields))
+
+    def _miss(self, why: str, gap: Gap) -> None:
+        """Goes on over states that did not all come: no verdict depends on the others."""
+        self.group.gap()
+        self._events.append(f'{why}: states may be missing {gap}')
+        self._node.get_logger().warning(f"the group '{self.name}': {self._events[-1]}")
 
     def _message(self, result: FormulaResult) -> Any:
         message = FormulaResultMessage(

@@ -10,12 +10,12 @@ from rclpy.exceptions import InvalidTopicNameException
 from rclpy.validate_topic_name import validate_topic_name
 
 from dyknow_reasoning import ReasoningError
-from dyknow_stream_processing import ExitCode
 from dyknow_stream_processing.ros import (
     NO_SUBSCRIPTION_EVENTS,
     STREAM,
     VIOLATIONS,
     DyKnowNode,
+    Numbering,
     time_to_nanoseconds,
 )
 
@@ -30,12 +30,12 @@ class State:
     Args:
         valid_time: in nanoseconds.
         message: the `Sample`.
-        lost: says so if states before it were lost.
+        lost: says so if states before it may be missing; empty otherwise.
     """
 
     valid_time: int
     message: Any
-    lost: ReasoningError | None
+    lost: str
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,7 +73,8 @@ class StateStream:
         self._on_state = on_state
         self._on_breach = on_breach
         self._begun = node.now()
-        self._next_number: int | None = None
+        self._numbering = Numbering(lambda: node.count_publishers(topic), self._missed)
+        self._lost = ''
         # The first one is served first where both have messages: no state is taken that comes
         # after a violation.
         self._violations = node.create_subscription(
@@ -98,27 +99,18 @@ class StateStream:
         self._node.destroy_subscription(self._violations)
 
     def _receive(self, message: Any, info: Mapping[str, int | None]) -> None:
-        lost = self._states_lost(info.get('publication_sequence_number'))
-        self._on_state(self, State(time_to_nanoseconds(message.valid_time), message, lost))
+        self._lost = ''
+        self._numbering.note(info.get('publication_sequence_number'))
+        self._on_state(self, State(time_to_nanoseconds(message.valid_time), message, self._lost))
+
+    def _missed(self, count: int) -> None:
+        self._lost = f'{count} states were lost' if count else 'the stream of states was made anew'
 
     def _violated(self, message: Any) -> None:
         # The topic is latched: what was broken before anybody here cared is kept in it.
         if time_to_nanoseconds(message.available_time) >= self._begun:
             self.breach = Breach(time_to_nanoseconds(message.valid_time), message.message)
             self._on_breach(self, self.breach)
-
-    def _states_lost(self, number: int | None) -> ReasoningError | None:
-        """A verdict would be a guess if a state were missing, or came from another publisher."""
-        if number is None:
-            return None  # Not all middleware numbers its messages.
-        expected, self._next_number = self._next_number, number + 1
-        if expected in {None, number}:
-            return None
-        return ReasoningError(
-            f'states were lost: number {expected} of the state stream should have come, and '
-            f'number {number} came',
-            ExitCode.UNAVAILABLE,
-        )
 
 
 def check_topic(field: str, topic: str) -> None:

@@ -13,6 +13,7 @@ from dyknow_stream_processing.ros.lease import Lease, with_own_lease
 from dyknow_stream_processing.ros.message_conversion import conversion, extractor
 from dyknow_stream_processing.ros.message_types import message_class, scalar_fields, stamp_of
 from dyknow_stream_processing.ros.message_values import FieldReader, without_element
+from dyknow_stream_processing.ros.numbering import Numbering
 from dyknow_stream_processing.ros.peer import Peer
 from dyknow_stream_processing.ros.runtime import (
     LATCHED,
@@ -50,6 +51,7 @@ __all__ = [
     'FieldReader',
     'Guest',
     'Lease',
+    'Numbering',
     'Peer',
     'SampleWriter',
     'StreamProxy',

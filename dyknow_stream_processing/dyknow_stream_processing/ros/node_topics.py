@@ -185,7 +185,6 @@ class Feed:
             return None
         self._fault = ''
         self._inform(class_)
-        self._numbering.look_again()
         held, self._held = self._held, wanted
         if self._upstream is not None:
             self._upstream.look()
