@@ -10,15 +10,17 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 from processes import ENGINE, MANAGER
-from whole import REASONER
+from whole import FAR_ENGINE, REASONER
 
 if TYPE_CHECKING:
     import random
-    from collections.abc import Callable
+    from collections.abc import Callable, Sequence
 
     from whole import Whole
 
-NODES = (ENGINE, REASONER, MANAGER, 'semantic_matching_engine')
+NODES = (ENGINE, FAR_ENGINE, REASONER, MANAGER, 'semantic_matching_engine')
+"""Those that formulas are evaluated by; the others hold what is known, and are asked."""
+
 HIGH = 500.0
 """A level that makes formulas false."""
 
@@ -27,10 +29,15 @@ CALM = 1.0
 
 @dataclass
 class Faults:
-    """Makes something go wrong now and then, and right again later."""
+    """Makes something go wrong now and then, and right again later.
+
+    Args:
+        nodes: those that are killed and stopped.
+    """
 
     whole: Whole
     chance: random.Random
+    nodes: Sequence[str]
     happened: Counter[str] = field(default_factory=Counter)
     _due: list[tuple[float, Callable[[], None]]] = field(default_factory=list)
     _next: float = 0.0
@@ -104,18 +111,18 @@ class Faults:
         node = self._well()
         if node:
             self.happened[f'{node} killed'] += 1
-            self.whole.launcher.kill(node)
+            self.whole.kill(node)
 
             def restart() -> None:
-                self.whole.start(self.whole.processes[node])
+                self.whole.start(node)
                 self._for(3.0, lambda: self._ill.discard(node))
 
             self._for(self.chance.uniform(0.0, 3.0), restart)
 
     def _well(self) -> str:
-        """A node that nothing is wrong with; none where one is ill already."""
-        if self._ill:
+        """A node to fail; none where one is ill already, or none is to."""
+        if self._ill or not self.nodes:
             return ''
-        node = self.chance.choice(NODES)
+        node = self.chance.choice(self.nodes)
         self._ill.add(node)
         return node

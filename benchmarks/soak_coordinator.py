@@ -1,6 +1,6 @@
 """All of DyKnow under load while nodes and topics fail at random: is each answer right?
 
-python benchmarks/soak_coordinator.py [--minutes 20] [--seed 1] [--logs FOLDER] [--json]
+python benchmarks/soak_coordinator.py [--minutes 20] [--seed 1] [--steady] [--logs FOLDER] [--json]
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING, Any
 import questions
 from dyknow_interfaces.msg import EvaluationStatus, EvaluationStatusArray
 from dyknow_interfaces.srv import FormulaGroupDestroy
-from faults import Faults
+from faults import NODES, Faults
 from processes import (
     growth_per_minute,
     resident_memory,
@@ -49,6 +49,9 @@ KILLED_CLIENTS = 15.0
 LIMIT = 0.5
 """MB per minute that the memory of a node may seem to grow."""
 
+LONG = 300.0
+"""Seconds that a node has to live for its growth to tell anything: it warms up for minutes."""
+
 WARM_UP = 0.4
 PATIENCE = 20.0
 """Seconds to leave the graph in."""
@@ -57,20 +60,18 @@ REST = 60.0
 """Seconds after the last answer in which what is not needed any more has to be gone."""
 
 
-def soak(
-    minutes: float, seed: int, logs: Path | None, tell: Callable[[dict[str, Any]], None]
-) -> None:
+def soak(arguments: argparse.Namespace, tell: Callable[[dict[str, Any]], None]) -> None:
     """Asks and breaks, then tells what came of it."""
-    chance = random.Random(seed)  # noqa: S311
+    chance = random.Random(arguments.seed)  # noqa: S311
     lives: dict[tuple[str, int], list[tuple[float, float]]] = {}
     evaluations: list[Any] = []
-    with Whole(VEHICLES, RATE, 2, CONSTRAINTS, logs=logs) as whole:
+    with Whole(VEHICLES, RATE, 2, CONSTRAINTS, far=True, logs=arguments.logs) as whole:
         whole.client.node.create_subscription(
             EvaluationStatusArray, f'{COORDINATOR}/evaluations', evaluations.append, LATCHED
         )
         clientele = Clientele(whole.client, list(whole.sources), chance)
-        faults = Faults(whole, chance)
-        end = time.monotonic() + minutes * 60
+        faults = Faults(whole, chance, () if arguments.steady else NODES)
+        end = time.monotonic() + arguments.minutes * 60
         while time.monotonic() < end:
             _one_client_is_killed(whole, clientele, faults, lives)
             evaluations[:] = evaluations[-1:]
@@ -78,11 +79,12 @@ def soak(
         _wait_for_answers(whole, clientele)
         left = _left(whole, evaluations)
         high = json.loads(whole.order('high'))
-        codes = whole.launcher.stop_all()
+        codes = whole.stop()
         tell(
             {
-                'minutes': minutes,
-                'seed': seed,
+                'minutes': arguments.minutes,
+                'seed': arguments.seed,
+                'steady': arguments.steady,
                 'faults': dict(sorted(faults.happened.items())),
                 **_account(clientele, whole.sources, high),
                 'left_behind': left,
@@ -177,7 +179,7 @@ def _memory(lives: dict[tuple[str, int], list[tuple[float, float]]]) -> dict[str
     growth = {
         name: growth_per_minute(found, WARM_UP)
         for name, found in longest.items()
-        if len(found) > 4  # noqa: PLR2004 - a line through fewer points tells nothing
+        if found[-1][0] - found[0][0] > LONG
     }
     return {
         'memory_mb': {name: [found[0][1], found[-1][1]] for name, found in longest.items()},
@@ -191,6 +193,9 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument('--minutes', type=float, default=20.0)
     parser.add_argument('--seed', type=int, default=1, help='of the questions and faults')
+    parser.add_argument(
+        '--steady', action='store_true', help='no node fails: tells how the memory of each grows'
+    )
     parser.add_argument('--logs', type=Path, help='an existing folder for what the nodes print')
     parser.add_argument('--json', action='store_true', help='print one JSON object')
     arguments = parser.parse_args()
@@ -208,7 +213,7 @@ def main() -> None:
         watch.start()
         raise SystemExit(_is_wrong(found))
 
-    soak(arguments.minutes, arguments.seed, arguments.logs, tell)
+    soak(arguments, tell)
 
 
 def _is_wrong(found: dict[str, Any]) -> bool:

@@ -13,7 +13,15 @@ import robots
 from diagnostic_msgs.msg import DiagnosticStatus
 from dyknow_interfaces.msg import FormulaProgress
 from dyknow_interfaces.srv import EvaluateFormula, ListStreams
-from processes import MANAGER, Client, processor_time, resident_memory, wait_for_line, worker
+from processes import (
+    ENGINE,
+    MANAGER,
+    Client,
+    processor_time,
+    resident_memory,
+    wait_for_line,
+    worker,
+)
 
 from dyknow_bringup.fleet import fleet_ontology, vehicle_names
 from dyknow_bringup.launcher import Launcher
@@ -31,6 +39,8 @@ if TYPE_CHECKING:
 
 COORDINATOR = 'stream_reasoning_coordinator'
 REASONER = 'stream_reasoning_engine'
+FAR_NAMESPACE = 'far'
+FAR_ENGINE = f'{FAR_NAMESPACE}/{ENGINE}'
 EVALUATE = f'{COORDINATOR}/evaluate_formula'
 
 
@@ -72,6 +82,7 @@ class Whole:
         batteries: how many each vehicle has.
         constraints: of the streams of the fleet, such as `with max_delay = 1 s`.
         progress_period: seconds between two reports of the reasoning engine on a formula.
+        far: whether there is a second stream processing engine, in a namespace of its own.
         logs: a folder for what the nodes print; where there is none, it is forgotten.
     """
 
@@ -82,6 +93,8 @@ class Whole:
         batteries: int = 1,
         constraints: str = '',
         progress_period: float = 1.0,
+        *,
+        far: bool = False,
         logs: Path | None = None,
     ) -> None:
         self.sources = {
@@ -95,6 +108,7 @@ class Whole:
         self._constraints = constraints
         self._progress_period = progress_period
         self._logs = logs
+        self._far = far
         self._stack = ExitStack()
 
     def __enter__(self) -> Self:
@@ -106,14 +120,22 @@ class Whole:
         )
         self._stack.callback(robots.dismiss, self.fleet)
         wait_for_line(self.fleet)
-        self.launcher = self._stack.enter_context(Launcher(self._logs or folder))
         configuration = configure(self.sources, folder, self._constraints)
-        self.processes = {
+        self._processes = {
             each.executable: self._configured(each, folder)
             for each in dyknow_processes(configuration)
         }
-        for process in self.processes.values():
-            self.start(process)
+        launcher = self._stack.enter_context(Launcher(self._logs or folder))
+        self._launchers = dict.fromkeys(self._processes, launcher)
+        if self._far:
+            logs = (self._logs or folder) / FAR_NAMESPACE
+            logs.mkdir(exist_ok=True)
+            self._launchers[FAR_ENGINE] = self._stack.enter_context(
+                Launcher(logs, namespace=FAR_NAMESPACE)
+            )
+            self._processes[FAR_ENGINE] = self._processes[ENGINE]
+        for node in self._processes:
+            self.start(node)
         self._wait_until_ready()
         self.client.node.create_subscription(
             FormulaProgress, f'{REASONER}/progress', self._note, 1000
@@ -123,9 +145,20 @@ class Whole:
     def __exit__(self, *_: object) -> None:
         self._stack.close()
 
-    def start(self, process: Process) -> None:
+    def start(self, node: str) -> None:
         """Starts a node."""
-        self.pids[process.executable] = self.launcher.start(process).pid
+        self.pids[node] = self._launchers[node].start(self._processes[node]).pid
+
+    def kill(self, node: str) -> None:
+        """Ends a node without warning."""
+        self._launchers[node].kill(self._processes[node].executable)
+
+    def stop(self) -> dict[str, int]:
+        """Ends all nodes; their exit codes."""
+        codes = self._launchers[COORDINATOR].stop_all()
+        if self._far:
+            (codes[FAR_ENGINE],) = self._launchers[FAR_ENGINE].stop_all().values()
+        return codes
 
     @property
     def batteries(self) -> list[str]:

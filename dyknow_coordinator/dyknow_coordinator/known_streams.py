@@ -27,6 +27,7 @@ class KnownStream:
     Args:
         specification: how it is made; empty for a topic that some other program publishes.
         topic: empty while it does not flow.
+        engine: the node that makes it, or made it last.
         received: when the latest message of each topic that it is made of came, nanoseconds by
             the clock of the engine; 0 before the first.
     """
@@ -35,6 +36,7 @@ class KnownStream:
     specification: str = ''
     topic: str = ''
     message_type: str = ''
+    engine: str = ''
     received: Mapping[str, int] = field(default_factory=dict)
 
 

@@ -45,7 +45,6 @@ class StateStream:
         self._lease = Lease(node, on_lost=lambda: on_lost(self))
         self._subscription: Any = None
         self._requested = False
-        self._maker = ''
 
     async def request(
         self, clients: Clients, specification: str, constraints: StreamConstraints
@@ -73,15 +72,6 @@ class StateStream:
             self._requested = False
             self._disposal.end_stream(self.name)
 
-    def maker(self) -> str:
-        """The node that makes it, or made it last, as the graph has told."""
-        self._note_maker()
-        return self._maker or 'a node'
-
-    def _note_maker(self) -> None:
-        for info in self._node.get_publishers_info_by_topic(self.topic):
-            self._maker = f'node {info.node_namespace.rstrip("/")}/{info.node_name}'
-
     def _watch(self, violations: str) -> None:
         self._subscription = self._node.create_subscription(
             ConstraintViolation,
@@ -90,11 +80,7 @@ class StateStream:
             with_own_lease(VIOLATIONS),
             callback_group=self._node.reentrant,
             event_callbacks=SubscriptionEventCallbacks(
-                liveliness=self._liveliness_changed, use_default_callbacks=False
+                liveliness=self._lease.changed, use_default_callbacks=False
             ),
         )
         self._lease.expect()
-
-    def _liveliness_changed(self, event: Any) -> None:
-        self._note_maker()  # Once it is gone, the graph may not tell any more.
-        self._lease.changed(event)

@@ -211,8 +211,12 @@ class States:
     def _engine_lost(self, stream: StateStream) -> None:
         if self._has_ended or stream not in (self._stream, *self._others):
             return
-        text = f'{stream.maker()}, the stream processing engine that made the states, is gone'
-        self._interrupt(Trouble(CoordinationError(text, ExitCode.UNAVAILABLE), passing=True))
+        known = self._facilities.streams.known.get(stream.name)
+        maker = 'the stream_processing_engine that made the states'
+        if known is not None and known.engine:
+            maker = f'node {known.engine}, the stream processing engine that made the states,'
+        error = CoordinationError(f'{maker} is gone', ExitCode.UNAVAILABLE)
+        self._interrupt(Trouble(error, passing=True))
 
     def _interrupt(self, trouble: Trouble) -> None:
         self._troubles.append(trouble)

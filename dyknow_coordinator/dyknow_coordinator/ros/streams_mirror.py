@@ -83,9 +83,20 @@ class StreamsMirror:
 
     def _hear(self, message: Any) -> None:
         before = self.known.flowing()
-        self.known = self._knowing(map(_known, message.streams))
+        self.known = self._knowing([self._known(status) for status in message.streams])
         if self.known.flowing() != before:
             self._on_change()
+
+    def _known(self, status: StreamStatus) -> KnownStream:
+        before = self.known.get(status.name)
+        return KnownStream(
+            status.name,
+            specification=status.specification,
+            topic=status.topic,
+            message_type=status.message_type,
+            engine=status.engine or (before.engine if before else ''),
+            received={each.topic: time_to_nanoseconds(each.latest) for each in status.sources},
+        )
 
     def _knowing(self, streams: Iterable[KnownStream]) -> KnownStreams:
         return KnownStreams(streams, self._is_published, self._absolute)
@@ -98,13 +109,3 @@ class StreamsMirror:
             return self._node.resolve_topic_name(topic)
         except (ValueError, RuntimeError, InvalidTopicNameException):
             return NO_TOPIC  # What makes streams says why it cannot be one.
-
-
-def _known(status: StreamStatus) -> KnownStream:
-    return KnownStream(
-        status.name,
-        specification=status.specification,
-        topic=status.topic,
-        message_type=status.message_type,
-        received={each.topic: time_to_nanoseconds(each.latest) for each in status.sources},
-    )
