@@ -164,10 +164,14 @@ def test_formulas_come_and_go(nodes: Nodes) -> None:
     states.publish({10: 100.0})
     group.progressed(group.formulas[0], 1)
     later = group.add(CALM)
-    assert group.progressed(later, 1).residual_formula.startswith('forall u')
+    report = group.progressed(later, 0)
+    assert report.residual_formula.startswith('forall u')
+    assert report.latest_valid_time.sec == 0
     assert group.remove(group.formulas[0]).code == ExitStatus.SUCCESS
     assert_refused(group.remove(group.formulas[0]), ExitStatus.NOT_FOUND, 'no formula 1')
-    states.publish({11: 160.0})
+    states.publish({11: 100.0})
+    assert group.progressed(later, 1).latest_valid_time.sec == 11
+    states.publish({12: 160.0})
     result = group.result()
     assert (result.formula_id, result.verdict) == (later, FormulaResult.FALSE)
     known = group.add('forall u in UAV: u = u')

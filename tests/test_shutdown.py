@@ -7,36 +7,52 @@ import signal
 import subprocess
 import sys
 
+import pytest
+
 from system import private_environment
 
-STUCK = """
+NODE = """
+import ctypes
 import threading
 from dyknow_stream_processing.ros import DyKnowNode, run
 
 class Stuck(DyKnowNode):
     def __init__(self):
         super().__init__('stuck')
-        self.create_timer(0.01, self._wait)
+        self.create_timer(0.01, self.{stuck_in})
 
-    def _wait(self):
-        print('stuck', flush=True)
+    def wait(self):
+        print('running', flush=True)
         threading.Event().wait()
+
+    def go_on(self):
+        print('running', flush=True)
+
+    def destroy_node(self):
+        # A call of C by `PyDLL` lets no other thread of Python run meanwhile.
+        ctypes.PyDLL(None).sleep(60)
 
 raise SystemExit(run(Stuck))
 """
 
 
-def test_a_node_that_is_stuck_in_a_callback_ends_all_the_same() -> None:
+@pytest.mark.parametrize(
+    ('callback', 'code', 'printed'), [('wait', 0, ''), ('go_on', 1, 'in destroy_node')]
+)
+def test_a_node_that_is_stuck_ends_all_the_same(callback: str, code: int, printed: str) -> None:
     with subprocess.Popen(
-        [sys.executable, '-c', STUCK],
+        [sys.executable, '-c', NODE.replace('{stuck_in}', callback)],
         env={**os.environ, **private_environment()},
         stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
         text=True,
     ) as process:
         assert process.stdout is not None
-        assert process.stdout.readline() == 'stuck\n'
+        assert process.stderr is not None
+        assert process.stdout.readline() == 'running\n'
         process.send_signal(signal.SIGTERM)
         try:
-            assert process.wait(30) == 0
+            assert process.wait(30) == code
+            assert printed in process.stderr.read()
         finally:
             process.kill()

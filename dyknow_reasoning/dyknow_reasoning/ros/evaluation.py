@@ -55,6 +55,8 @@ class Evaluation:
         self._node = node
         self._id = group_id
         self._states = 0
+        # How many states came before each formula.
+        self._states_before: dict[int, int] = {}
         self._latest: int | None = None
         self._events: deque[str] = deque(maxlen=_MOST_EVENTS)
         self._domains: Mapping[str, Sequence[str]] = {}
@@ -73,6 +75,28 @@ class Evaluation:
     def has_begun(self) -> bool:
         """Whether it is evaluated."""
         return self._current is not None
+
+    def add_formula(self, name: str, text: str) -> int:
+        """Adds a formula, that begins with the next state, and returns its id.
+
+        Raises:
+            LanguageError: as `FormulaGroup.add_formula` does.
+            ReasoningError: likewise.
+        """
+        formula_id = self.group.add_formula(name, text)
+        self._states_before[formula_id] = self._states
+        if self.has_begun:
+            self.publish(self.group.decided_at_once())
+        return formula_id
+
+    def remove_formula(self, formula_id: int) -> None:
+        """Takes a formula out.
+
+        Raises:
+            ReasoningError: for an unknown formula.
+        """
+        self.group.remove_formula(formula_id)
+        del self._states_before[formula_id]
 
     def begin(
         self, domains: Mapping[str, Sequence[str]], state_stream: str, result_topic: str
@@ -156,11 +180,13 @@ class Evaluation:
         events = list(self._events)
         self._events.clear()
         for formula_id in sorted(self.group.undecided):
+            states = self._states - self._states_before[formula_id]
+            latest = self._latest if states else None
             yield FormulaProgress(
                 formula_group_id=self._id,
                 formula_id=formula_id,
-                states_progressed=self._states,
-                latest_valid_time=nanoseconds_to_time(self._latest or 0),
+                states_progressed=states,
+                latest_valid_time=nanoseconds_to_time(latest or 0),
                 residual_formula=self.group.residual(formula_id),
                 presumably_false=self.group.presumably_false(formula_id),
                 events=events,

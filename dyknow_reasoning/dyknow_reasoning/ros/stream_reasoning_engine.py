@@ -75,14 +75,11 @@ class StreamReasoningEngine(DyKnowNode):
 
     def _add_formula(self, request: Any, response: Any) -> None:
         evaluation = self._find(request.formula_group_id)
-        group = evaluation.group
-        response.formula_id = group.add_formula(request.formula_name, request.formula)
-        response.canonical_formula = str(group.formulas[response.formula_id])
-        if evaluation.has_begun:
-            evaluation.publish(group.decided_at_once())
+        response.formula_id = evaluation.add_formula(request.formula_name, request.formula)
+        response.canonical_formula = str(evaluation.group.formulas[response.formula_id])
 
     def _remove_formula(self, request: Any, _response: Any) -> None:
-        self._find(request.formula_group_id).group.remove_formula(request.formula_id)
+        self._find(request.formula_group_id).remove_formula(request.formula_id)
 
     def _extract_symbols(self, request: Any, response: Any) -> None:
         symbols = self._find(request.formula_group_id).group.symbols()

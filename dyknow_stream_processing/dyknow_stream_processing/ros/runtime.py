@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import faulthandler
 import os
 import re
 import sys
 import threading
 import time
 import traceback
+from contextlib import suppress
 from inspect import isawaitable
 from typing import TYPE_CHECKING, Any
 
@@ -288,6 +290,15 @@ def _exit_in_any_case() -> None:
     threading.Thread(target=watch, daemon=True).start()
 
 
+def _exit_even_if_no_thread_runs() -> None:
+    """Ends the process with code 1 some time later, and prints where it hangs.
+
+    The middleware may let no other thread of Python run while it waits.
+    """
+    with suppress(AttributeError, OSError, RuntimeError, ValueError):  # There is no stderr.
+        faulthandler.dump_traceback_later(SHUTDOWN_LIMIT + 1.0, exit=True)
+
+
 def run(make_node: Callable[[], DyKnowNode], arguments: Sequence[str] | None = None) -> int:
     """Runs a node until SIGINT or SIGTERM; the main function of every executable.
 
@@ -313,6 +324,7 @@ def run(make_node: Callable[[], DyKnowNode], arguments: Sequence[str] | None = N
         if rclpy.ok():
             raise
     finally:
+        _exit_even_if_no_thread_runs()
         executor.shutdown()
         if node is not None:
             node.destroy_node()
