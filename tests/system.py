@@ -35,12 +35,13 @@ from dyknow_stream_processing.ros.runtime import BORN, LATCHED, RUNNING, SERVICE
 
 if TYPE_CHECKING:
     import subprocess
-    from collections.abc import Callable, Iterator, Mapping
+    from collections.abc import Callable, Iterable, Iterator, Mapping
     from pathlib import Path
 
     from dyknow_bringup.processes import Parameter
 
 _domains = itertools.count(os.getpid())
+_MOST_PARTICIPANTS = 20
 
 PATIENCE = 3.0
 """Seconds after which a request that is not answered is sent again."""
@@ -54,6 +55,8 @@ def private_environment() -> dict[str, str]:
     return {
         'ROS_DOMAIN_ID': str(_free_domain()),
         'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST',
+        # A process that is killed may leave locks in shared memory, for which others wait then.
+        'FASTDDS_BUILTIN_TRANSPORTS': 'UDPv4',
     }
 
 
@@ -77,17 +80,24 @@ def short_lease_of(folder: Path) -> dict[str, str]:
 
 
 def _free_domain() -> int:
-    """A domain in which nobody listens: the ports of its first participant are free."""
-    for number in itertools.islice(_domains, 100):
-        domain = 1 + number % 100
-        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-            try:
-                # DDS gives the first participant of a domain this port.
-                probe.bind(('', 7410 + 250 * domain))
-            except OSError:
-                continue
-        return domain
-    raise AssertionError('no ROS domain is free')
+    """A domain in which nobody listens: the ports of its participants are free."""
+    domains = (1 + number % 100 for number in itertools.islice(_domains, 100))
+    # DDS gives the participants of a domain these ports, one after the other.
+    return next(each for each in domains if all(map(_is_free, _ports(each))))
+
+
+def _ports(domain: int) -> Iterable[int]:
+    first = 7410 + 250 * domain
+    return range(first, first + 2 * _MOST_PARTICIPANTS, 2)
+
+
+def _is_free(port: int) -> bool:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        try:
+            probe.bind(('', port))
+        except OSError:
+            return False
+    return True
 
 
 class Client:

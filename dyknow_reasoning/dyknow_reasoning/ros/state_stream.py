@@ -16,6 +16,7 @@ from dyknow_stream_processing.ros import (
     VIOLATIONS,
     DyKnowNode,
     Numbering,
+    publishers_of,
     time_to_nanoseconds,
 )
 
@@ -73,7 +74,7 @@ class StateStream:
         self._on_state = on_state
         self._on_breach = on_breach
         self._begun = node.now()
-        self._numbering = Numbering(lambda: node.count_publishers(topic), self._missed)
+        self._numbering = Numbering(lambda: publishers_of(node, topic), self._missed)
         self._lost = ''
         # The first one is served first where both have messages: no state is taken that comes
         # after a violation.

@@ -13,7 +13,7 @@ from dyknow_stream_processing.ros.lease import Lease, with_own_lease
 from dyknow_stream_processing.ros.message_conversion import conversion, extractor
 from dyknow_stream_processing.ros.message_types import message_class, scalar_fields, stamp_of
 from dyknow_stream_processing.ros.message_values import FieldReader, without_element
-from dyknow_stream_processing.ros.numbering import Numbering
+from dyknow_stream_processing.ros.numbering import Numbering, publishers_of
 from dyknow_stream_processing.ros.peer import Peer
 from dyknow_stream_processing.ros.runtime import (
     LATCHED,
@@ -64,6 +64,7 @@ __all__ = [
     'message_class',
     'nanoseconds_to_duration',
     'nanoseconds_to_time',
+    'publishers_of',
     'run',
     'run_command',
     'sample_fields',

@@ -14,7 +14,7 @@ from rclpy.clock import Clock, ClockType
 from dyknow_stream_processing.errors import StreamError
 from dyknow_stream_processing.ros.alarm import Alarm
 from dyknow_stream_processing.ros.message_types import message_class, type_name_of
-from dyknow_stream_processing.ros.numbering import Numbering
+from dyknow_stream_processing.ros.numbering import Numbering, publishers_of
 from dyknow_stream_processing.ros.publications import Publication, followed, published
 from dyknow_stream_processing.ros.runtime import NO_SUBSCRIPTION_EVENTS
 from dyknow_stream_processing.ros.upstream import Upstream
@@ -160,7 +160,7 @@ class Feed:
         self._informed: tuple[Any, tuple[Listener, ...]] = (None, ())
         self._subscription: Any = None
         self._upstream: Upstream | None = None
-        self._numbering = Numbering(lambda: node.count_publishers(topic), self._missed)
+        self._numbering = Numbering(lambda: publishers_of(node, topic), self._missed)
         self._fault = ''
 
     @property

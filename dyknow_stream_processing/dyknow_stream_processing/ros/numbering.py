@@ -5,23 +5,29 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Hashable
+    from collections.abc import Set as AbstractSet
+
+    from rclpy.node import Node
 
 
 class Numbering:
     """Follows the numbers of the messages of a topic, which each of its publishers counts itself.
 
-    A publisher that was killed is counted for another 20 s, beside the one that took its place.
+    A publisher that was killed is listed for another 20 s, beside the one that took its place.
 
     Args:
-        count_publishers: how many publishers the topic has.
-        missed: is told how many messages were lost, before the message that shows it; 0 where the
-            numbers begin anew: another publisher has come, and nobody knows what was before.
+        publishers: lists those of the topic.
+        missed: is told how many messages were lost, before the message that shows it; 0 where
+            another publisher has come meanwhile: nobody knows what was before.
     """
 
-    def __init__(self, count_publishers: Callable[[], int], missed: Callable[[int], None]) -> None:
-        self._count_publishers = count_publishers
+    def __init__(
+        self, publishers: Callable[[], AbstractSet[Hashable]], missed: Callable[[int], None]
+    ) -> None:
+        self._publishers = publishers
         self._missed = missed
+        self._known: AbstractSet[Hashable] = frozenset()
         # The next number of each publisher; that of the one that was heard last at the end.
         self._expected: list[int] = []
 
@@ -37,13 +43,17 @@ class Numbering:
             expected.remove(number)
         elif expected:
             self._judge(number)
+        else:
+            self._known = self._publishers()
         expected.append(number + 1)
 
     def _judge(self, number: int) -> None:
         """Finds out why a number comes that is nobody's next one."""
-        expected, publishers = self._expected, max(self._count_publishers(), 1)
+        known, self._known = self._known, self._publishers()
+        expected, publishers = self._expected, max(len(self._known), 1)
         if len(expected) < publishers:
-            self._missed(0)
+            if not self._known <= known:
+                self._missed(0)
             return
         # Those that were not heard for the longest time are gone.
         del expected[: len(expected) - publishers]
@@ -54,3 +64,9 @@ class Numbering:
         else:
             expected.remove(before)
             self._missed(number - before)
+
+
+def publishers_of(node: Node, topic: str) -> frozenset[tuple[int, ...]]:
+    """What tells the publishers of a topic from each other."""
+    found = node.get_publishers_info_by_topic(topic)
+    return frozenset(tuple(each.endpoint_gid) for each in found)
