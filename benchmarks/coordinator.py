@@ -38,6 +38,9 @@ def grounding(*, quick: bool) -> Any:
     """From the call to the verdict of the first state: three vehicles at 100 Hz, one at a time."""
     number = 20 if quick else 100
     with Whole(3, 100.0) as whole:
+        # The caller's client and the coordinator find each other: no formula is evaluated yet.
+        refused = whole.ask('')
+        whole.client.spin_until(refused.done, 'the refusal of an empty formula')
         delays = []
         for _ in range(number):
             begun = time.time_ns()
