@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import subprocess
+from itertools import count
 from typing import TYPE_CHECKING, Any
 
 import pytest
@@ -405,6 +406,41 @@ def test_the_engine_tells_what_becomes_of_its_streams(engine: Nodes) -> None:
     assert nanoseconds(reports[-1].stamp) > now
     engine.obtain(ENGINE, srv.StreamDestroy, stream_name='told')
     engine.client.spin_until(lambda: told() is None, 'it is told no more')
+
+
+def test_who_comes_back_can_tell_how_much_it_missed(engine: Nodes) -> None:
+    """To the middleware, a process that was out of reach for long is a new subscriber."""
+    spec = StreamSpec(name='counted', specification='select data from "/counted"')
+    engine.obtain(ENGINE, srv.StreamCreateFromSpec, spec=spec)
+    client, values = engine.client, count()
+    published: list[int] = []
+    source = client.node.create_publisher(Float64, '/counted', 1000)
+
+    def publish() -> None:
+        published.append(next(values))
+        source.publish(Float64(data=float(published[-1])))
+
+    timer = client.node.create_timer(0.02, publish)
+
+    def values_and_numbers() -> list[tuple[float, int]]:
+        found: list[tuple[float, int]] = []
+
+        def note(sample: Any, info: Any) -> None:
+            value = float(sample.fields[0].value)
+            found.append((value, info['publication_sequence_number']))
+
+        listener = client.node.create_subscription(Sample, '/dyknow/streams/counted', note, 1000)
+        client.spin_until(lambda: len(found) >= 3, 'samples')
+        client.node.destroy_subscription(listener)
+        return found
+
+    before = values_and_numbers()
+    published.clear()
+    client.spin_until(lambda: len(published) > 20, 'samples that nobody hears')
+    after = values_and_numbers()
+    assert after[0][0] > before[-1][0] + 10
+    assert len({value - number for value, number in before + after}) == 1
+    timer.cancel()
 
 
 def test_an_engine_cannot_publish_where_no_topic_can_be(tmp_path: Path) -> None:

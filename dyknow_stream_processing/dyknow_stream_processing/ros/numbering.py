@@ -19,7 +19,7 @@ class Numbering:
     Args:
         publishers: lists those of the topic.
         missed: is told how many messages were lost, before the message that shows it; 0 where
-            another publisher has come meanwhile: nobody knows what was before.
+            that cannot be known: another publisher may have come meanwhile.
     """
 
     def __init__(
@@ -51,14 +51,14 @@ class Numbering:
         """Finds out why a number comes that is nobody's next one."""
         known, self._known = self._known, self._publishers()
         expected, publishers = self._expected, max(len(self._known), 1)
-        if len(expected) < publishers:
-            if not self._known <= known:
-                self._missed(0)
-            return
         # Those that were not heard for the longest time are gone.
-        del expected[: len(expected) - publishers]
+        del expected[: max(len(expected) - publishers, 0)]
         before = max((each for each in expected if each < number), default=None)
-        if before is None:
+        if len(expected) < publishers:
+            # One that was there from the beginning, unless one that was heard has lost some.
+            if before is not None or not self._known <= known:
+                self._missed(0)
+        elif before is None:
             del expected[0]
             self._missed(0)
         else:

@@ -59,6 +59,7 @@ class _Output:
     samples: Any
     violations: Any
     meter: FlowMeter
+    is_wanted: bool = False
     writer: SampleWriter = field(default_factory=SampleWriter)
     flow: Flow = STILL
 
@@ -168,7 +169,9 @@ class StreamProcessingEngine(DyKnowNode):
         output = self._outputs[name]
         output.meter.note(sample)
         # Many streams are there for others of this engine alone, and messages are what costs most.
-        if output.samples.get_subscription_count():
+        # Who has listened once learns by the numbers of messages what it missed while it was away.
+        output.is_wanted = output.is_wanted or output.samples.get_subscription_count() > 0
+        if output.is_wanted:
             output.samples.publish(output.writer.write(sample))
 
     def _publish_violation(self, name: str, violation: Violation) -> None:
