@@ -128,12 +128,18 @@ def far(system: System, tmp_path: Path) -> Iterator[Launcher]:
     )
 
 
+def ask_for_far_states(system: System, evaluations: Evaluations, formula: str) -> tuple[Any, Any]:
+    """The future of an answer, and what is told of the evaluation once it has had a state."""
+    future = system.ask(formula, timeout=60.0)
+    (told,) = evaluations.wait_for_state()
+    assert told.state_stream.startswith('/far_')
+    return future, told
+
+
 def test_the_other_engine_takes_over(
     system: System, batteries: Batteries, evaluations: Evaluations, far: Launcher
 ) -> None:
-    future = system.ask(ALWAYS, timeout=60.0)
-    (before,) = evaluations.wait_for_state()
-    assert before.state_stream.startswith('/far_')
+    future, before = ask_for_far_states(system, evaluations, ALWAYS)
     killed = time.monotonic()
     far.kill(ENGINE)
     evaluations.wait_for_event('gone', 'states are made of')
@@ -150,9 +156,7 @@ def test_what_states_are_made_of_moves_to_their_engine(
     system: System, batteries: Batteries, evaluations: Evaluations
 ) -> None:
     """It may hear first that the other one is gone, or that it makes those streams itself now."""
-    future = system.ask(ALWAYS, timeout=60.0)
-    (before,) = evaluations.wait_for_state()
-    assert before.state_stream.startswith('/far_')
+    future, before = ask_for_far_states(system, evaluations, ALWAYS)
     with system.killed(ENGINE):
         killed = time.monotonic()
         evaluations.wait_for_event('may be missing')
@@ -184,9 +188,7 @@ def test_no_verdict_over_what_an_engine_took_along(
     system: System, batteries: Batteries, evaluations: Evaluations, far: Launcher
 ) -> None:
     """A surge while no engine makes states is not seen; nor is its absence taken for granted."""
-    future = system.ask('always[0 s, 6 s] Power[uav1] < 150', timeout=60.0)
-    (before,) = evaluations.wait_for_state()
-    assert before.state_stream.startswith('/far_')
+    future, _ = ask_for_far_states(system, evaluations, 'always[0 s, 6 s] Power[uav1] < 150')
     far.kill(ENGINE)
     surge_for_half_a_second(system, batteries)
     assert_nothing_is_known(system, evaluations, future)
@@ -197,9 +199,7 @@ def test_no_verdict_over_what_an_engine_missed_that_was_back_at_once(
     system: System, batteries: Batteries, evaluations: Evaluations
 ) -> None:
     """Before anybody has noticed that it was gone, its streams are where they were."""
-    future = system.ask('always[0 s, 8 s] Power[uav1] < 150', timeout=60.0)
-    (before,) = evaluations.wait_for_state()
-    assert before.state_stream.startswith('/far_')
+    future, _ = ask_for_far_states(system, evaluations, 'always[0 s, 8 s] Power[uav1] < 150')
     with system.killed(ENGINE):
         surge_for_half_a_second(system, batteries)
     assert_nothing_is_known(system, evaluations, future)
