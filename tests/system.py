@@ -83,7 +83,9 @@ def _free_domain() -> int:
     """A domain in which nobody listens: the ports of its participants are free."""
     domains = (1 + number % 100 for number in itertools.islice(_domains, 100))
     # DDS gives the participants of a domain these ports, one after the other.
-    return next(each for each in domains if all(map(_is_free, _ports(each))))
+    found = next((each for each in domains if all(map(_is_free, _ports(each)))), None)
+    assert found is not None, 'no ROS domain is free'
+    return found
 
 
 def _ports(domain: int) -> Iterable[int]:

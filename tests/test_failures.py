@@ -15,27 +15,30 @@ ALWAYS = 'forall u in UAV: always Power[u] < 150'
 SOON = 'forall u in UAV: always[0 s, 500 ms] Power[u] < 150'
 
 
+def assert_all_is_well(system: System, batteries: Batteries) -> None:
+    """Formulas are evaluated again."""
+    system.wait_for_streams()
+    again = system.evaluate(SOON)
+    assert again.exit_status.code == ExitStatus.SUCCESS, again.exit_status.message
+    assert again.verdict == FormulaResult.TRUE
+    assert batteries.power['uav1'] == 100.0
+
+
 @pytest.mark.parametrize('executable', ['stream_processing_engine', 'stream_reasoning_engine'])
 def test_a_node_killed_during_an_evaluation(
     system: System, batteries: Batteries, executable: str
 ) -> None:
     future = system.ask(ALWAYS, timeout=60.0)
     system.wait_until_running(future)
-    system.launcher.kill(executable)
-    killed = time.monotonic()
-    system.client.spin_until(future.done, 'the answer', 5.0)
-    assert time.monotonic() - killed < 5.0
-    answer = future.result()
-    assert answer.exit_status.code == ExitStatus.UNAVAILABLE
-    assert executable.replace('_', ' ') in answer.exit_status.message.replace('_', ' ')
-    assert answer.verdict == FormulaResult.UNDECIDED
-
-    system.restart(executable)
-    system.wait_for_streams()
-    again = system.evaluate(SOON)
-    assert again.exit_status.code == ExitStatus.SUCCESS, again.exit_status.message
-    assert again.verdict == FormulaResult.TRUE
-    assert batteries.power['uav1'] == 100.0
+    with system.killed(executable):
+        killed = time.monotonic()
+        system.client.spin_until(future.done, 'the answer', 5.0)
+        assert time.monotonic() - killed < 5.0
+        answer = future.result()
+        assert answer.exit_status.code == ExitStatus.UNAVAILABLE
+        assert executable.replace('_', ' ') in answer.exit_status.message.replace('_', ' ')
+        assert answer.verdict == FormulaResult.UNDECIDED
+    assert_all_is_well(system, batteries)
 
 
 @pytest.mark.parametrize(
@@ -44,16 +47,10 @@ def test_a_node_killed_during_an_evaluation(
 def test_a_node_that_is_missing_when_a_formula_is_asked(
     system: System, batteries: Batteries, executable: str
 ) -> None:
-    system.launcher.kill(executable)
-    begun = time.monotonic()
-    answer = system.evaluate(SOON)
-    assert time.monotonic() - begun < 5.0
-    assert answer.exit_status.code == ExitStatus.UNAVAILABLE
-    assert executable in answer.exit_status.message
-
-    system.restart(executable)
-    system.wait_for_streams()
-    again = system.evaluate(SOON)
-    assert again.exit_status.code == ExitStatus.SUCCESS, again.exit_status.message
-    assert again.verdict == FormulaResult.TRUE
-    assert batteries.power['uav1'] == 100.0
+    with system.killed(executable):
+        begun = time.monotonic()
+        answer = system.evaluate(SOON)
+        assert time.monotonic() - begun < 5.0
+        assert answer.exit_status.code == ExitStatus.UNAVAILABLE
+        assert executable in answer.exit_status.message
+    assert_all_is_well(system, batteries)

@@ -47,6 +47,19 @@ def with_own_lease(publishing: QoSProfile) -> QoSProfile:
     )
 
 
+class AliveCount:
+    """How many publishers of a topic are alive, by the liveliness events of a subscription."""
+
+    def __init__(self) -> None:
+        self.value = 0
+
+    def note(self, event: Any) -> int:
+        """The count after an event."""
+        # Its own count goes below 0 when a lease is over whose first assertion it did not tell.
+        self.value = max(0, self.value + event.alive_count_change)
+        return self.value
+
+
 class Lease:
     """Judges the liveliness events of a subscription.
 
@@ -64,14 +77,12 @@ class Lease:
         self._node = node
         self._on_lost = on_lost
         self._on_regained = on_regained
-        self._alive_count = 0
+        self._alive = AliveCount()
         self._doubt: Future | None = None
 
     def changed(self, event: Any) -> None:
         """Takes a liveliness event of the subscription."""
-        # Its own count goes below 0 when a lease is over whose first assertion it did not tell.
-        self._alive_count = max(0, self._alive_count + event.alive_count_change)
-        if not self._alive_count:
+        if not self._alive.note(event):
             self._doubt_for(GRACE)
             return
         self.ignore()
@@ -83,7 +94,7 @@ class Lease:
 
         The middleware tells of no lease that was over before it was asserted.
         """
-        if not self._alive_count:
+        if not self._alive.value:
             self._doubt_for(FIRST_SIGN)
 
     def ignore(self) -> None:

@@ -8,7 +8,7 @@ from dyknow_interfaces.msg import ConstraintViolation
 from rclpy.event_handler import SubscriptionEventCallbacks
 
 from dyknow_stream_processing.ros.conversion import time_to_nanoseconds
-from dyknow_stream_processing.ros.lease import FIRST_SIGN, GRACE, with_own_lease
+from dyknow_stream_processing.ros.lease import FIRST_SIGN, GRACE, AliveCount, with_own_lease
 from dyknow_stream_processing.ros.runtime import VIOLATIONS
 from dyknow_stream_processing.violation import Broken, Violation
 
@@ -50,7 +50,7 @@ class Upstream:
         self._begun = node.get_clock().now().nanoseconds
         self._subscription: Any = None
         self._lost_after: int | None = None
-        self._alive_count = 0
+        self._alive = AliveCount()
 
     def look(self) -> None:
         """Listens to the violations once they are published, and judges the lease."""
@@ -85,9 +85,7 @@ class Upstream:
             self._tell(Broken.SOURCE, 'it was made anew; samples may be missing before this one')
 
     def _liveliness_changed(self, event: Any) -> None:
-        # Its own count goes below 0 when a lease is over whose first assertion it did not tell.
-        self._alive_count = max(0, self._alive_count + event.alive_count_change)
-        if self._alive_count:
+        if self._alive.note(event):
             self._lost_after = None
         else:
             self._expect_sign_within(GRACE)
