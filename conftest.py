@@ -6,6 +6,7 @@ The packages are imported before pytest meets the folders of the same names that
 from hypothesis import HealthCheck, settings
 
 import dyknow_bringup  # noqa: F401
+import dyknow_common  # noqa: F401
 import dyknow_coordinator  # noqa: F401
 import dyknow_reasoning  # noqa: F401
 import dyknow_semantics  # noqa: F401

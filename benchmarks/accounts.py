@@ -3,15 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from dyknow_interfaces.msg import StreamStatusArray
-from processes import ENGINE
+from processes import ENGINE, Client
 
-from dyknow_stream_processing.ros.runtime import LATCHED
-
-if TYPE_CHECKING:
-    from processes import Client
+from dyknow_common.ros import LATCHED
 
 
 @dataclass(frozen=True, slots=True)

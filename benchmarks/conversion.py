@@ -9,8 +9,9 @@ from __future__ import annotations
 import argparse
 import json
 import sys
+from collections.abc import Callable
 from timeit import Timer
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from dyknow_interfaces.msg import Field
@@ -21,14 +22,11 @@ from rclpy.serialization import deserialize_message, serialize_message
 from dyknow_stream_processing import Sample
 from dyknow_stream_processing.ros import (
     SampleWriter,
-    conversion,
     extractor,
+    message_conversion,
     sample_fields,
     stamp_of,
 )
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
 
 SIZES = (10, 100, 1000)
 ODOMETRY_FIELDS = ('pose.pose.position.z', 'twist.twist.linear.x', 'pose.covariance[35]')
@@ -65,7 +63,7 @@ def odometry_row() -> dict[str, Any]:
 
     values = dict(zip(ODOMETRY_FIELDS, (12.5, 1.5, 0.25), strict=True))
     assert convert() == Sample(7_000_000_000, 8_000_000_000, values)
-    everything = conversion(Odometry)
+    everything = message_conversion(Odometry)
     assert everything.from_fields(everything.to_fields(message)) == message
     return {
         'row': 'Odometry to a sample of 3 fields',

@@ -8,8 +8,9 @@ from __future__ import annotations
 
 import random
 import time
+from collections.abc import Callable
 from contextlib import ExitStack
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import relays
 import robots
@@ -18,10 +19,7 @@ from parts import measure
 from processes import Client, summary, use_private_domain, wait_for_line, worker
 from whole import Whole, ask, timed
 
-from dyknow_stream_processing.ros import time_to_nanoseconds
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
+from dyknow_common.ros import time_to_nanoseconds
 
 UNSTAMPED = 'always "/robot/level".data < 5'
 STAMPED = 'always "/uav1/battery".current < 5'

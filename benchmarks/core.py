@@ -4,18 +4,10 @@ from __future__ import annotations
 
 import statistics
 import time
-from typing import TYPE_CHECKING
+from collections.abc import Callable, Sequence
 
-from dyknow_stream_processing import (
-    NO_CONSTRAINTS,
-    Dataflow,
-    Sample,
-    load_units,
-    parse_specification,
-)
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+from dyknow_common import NO_CONSTRAINTS
+from dyknow_stream_processing import Dataflow, Sample, load_units, parse_specification
 
 PERIOD = 10_000_000
 REPETITIONS = 5

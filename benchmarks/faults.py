@@ -3,20 +3,15 @@
 from __future__ import annotations
 
 import os
+import random
 import signal
 import time
 from collections import Counter
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
 
 from processes import ENGINE, MANAGER
-from whole import FAR_ENGINE, REASONER
-
-if TYPE_CHECKING:
-    import random
-    from collections.abc import Callable, Sequence
-
-    from whole import Whole
+from whole import FAR_ENGINE, REASONER, Whole
 
 NODES = (ENGINE, FAR_ENGINE, REASONER, MANAGER, 'semantic_matching_engine')
 """Those that formulas are evaluated by; the others hold what is known, and are asked."""

@@ -9,20 +9,18 @@ import subprocess
 import sys
 import tempfile
 import time
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import rclpy
 from dyknow_interfaces.srv import StreamCreateFromSpec
 from rclpy.executors import SingleThreadedExecutor
 
-from dyknow_bringup.launcher import Launcher
-from dyknow_bringup.processes import Process
-from dyknow_stream_processing.ros.runtime import SERVICE
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Sequence
+from dyknow_bringup.processes.launcher import Launcher
+from dyknow_bringup.processes.processes import Process
+from dyknow_common.ros import SERVICE
 
 WORKERS = Path(__file__).with_name('workers.py')
 PACKAGE = 'dyknow_stream_processing'

@@ -9,17 +9,15 @@ import argparse
 import json
 import subprocess
 import sys
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from statistics import median
 from time import process_time
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from dyknow_reasoning import FormulaGroup
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Sequence
 
 MS = 1_000_000
 PERIOD = 100 * MS

@@ -5,26 +5,23 @@ python benchmarks/questions.py SECONDS asks three of them, as a client that is k
 
 from __future__ import annotations
 
+import random
 import sys
 import time
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from dyknow_interfaces.action import MonitorFormula
 from dyknow_interfaces.msg import ExitStatus, FormulaResult
 from processes import Client
 from rclpy.action import ActionClient
+from rclpy.task import Future
 from robots import SECOND
 from whole import COORDINATOR, EVALUATE, ask
 
-from dyknow_stream_processing.ros import nanoseconds_to_duration, time_to_nanoseconds
-
-if TYPE_CHECKING:
-    import random
-    from collections.abc import Callable, Mapping, Sequence
-
-    from rclpy.task import Future
+from dyknow_common.ros import nanoseconds_to_duration, time_to_nanoseconds
 
 PROGRAM = Path(__file__)
 

@@ -8,21 +8,19 @@ from __future__ import annotations
 import sys
 from contextlib import suppress
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import rclpy
 from dyknow_interfaces.msg import Field, FormulaResult, Sample
 from dyknow_interfaces.srv import EvaluateFormula
 from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.executors import ExternalShutdownException
+from rclpy.node import Node
 from rclpy.task import Future
 from sensor_msgs.msg import BatteryState
 from std_msgs.msg import Float64
 
-from dyknow_stream_processing.ros.runtime import STREAM
-
-if TYPE_CHECKING:
-    from rclpy.node import Node
+from dyknow_common.ros import STREAM
 
 PROGRAM = Path(__file__)
 SERVICE_NAME = '/relayed/evaluate_formula'

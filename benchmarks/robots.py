@@ -19,24 +19,21 @@ from __future__ import annotations
 
 import json
 import select
+import subprocess
 import sys
 import time
 from collections import defaultdict
+from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import rclpy
+from rclpy.node import Node
 from rclpy.qos import QoSProfile
 from sensor_msgs.msg import BatteryState
 from std_msgs.msg import Float64
 
-from dyknow_stream_processing.ros.conversion import nanoseconds_to_time
-
-if TYPE_CHECKING:
-    import subprocess
-    from collections.abc import Sequence
-
-    from rclpy.node import Node
+from dyknow_common.ros import nanoseconds_to_time
 
 PROGRAM = Path(__file__)
 ROBOT = 'robot'

@@ -11,9 +11,10 @@ import subprocess
 import sys
 import tempfile
 import time
+from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import rclpy
 from dyknow_interfaces.srv import (
@@ -25,15 +26,18 @@ from parts import measure
 from processes import Client, use_private_domain
 from rclpy.executors import ExternalShutdownException
 
-from dyknow_bringup.launcher import Launcher
-from dyknow_bringup.processes import Process
-from dyknow_semantics import Knowledge, Matcher, Ontology, parse_annotations, parse_concept
-from dyknow_stream_processing.ros.runtime import SERVICE
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from dyknow_semantics import Annotation, Triple
+from dyknow_bringup.processes.launcher import Launcher
+from dyknow_bringup.processes.processes import Process
+from dyknow_common.ros import SERVICE
+from dyknow_semantics import (
+    Annotation,
+    Knowledge,
+    Matcher,
+    Ontology,
+    Triple,
+    parse_annotations,
+    parse_concept,
+)
 
 HERE = 'http://www.example.org/benchmark#'
 RDF_TYPE = 'http://www.w3.org/1999/02/22-rdf-syntax-ns#type'

@@ -13,9 +13,10 @@ import re
 import threading
 import time
 from collections import Counter
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import questions
 from dyknow_interfaces.msg import EvaluationStatus, EvaluationStatusArray
@@ -32,10 +33,7 @@ from processes import (
 from questions import LATITUDE, Clientele
 from whole import COORDINATOR, REASONER, Whole
 
-from dyknow_stream_processing.ros.runtime import LATCHED
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+from dyknow_common.ros import LATCHED
 
 VEHICLES = 3
 RATE = 20.0

@@ -10,13 +10,14 @@ import json
 import time
 from contextlib import suppress
 from itertools import count
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from accounts import Accounts
 from dyknow_interfaces.srv import StreamDestroy
 from processes import (
     ENGINE,
     MANAGER,
+    Client,
     growth_per_minute,
     nodes,
     processor_time,
@@ -26,9 +27,6 @@ from processes import (
     worker,
 )
 from workers import FIELDS
-
-if TYPE_CHECKING:
-    from processes import Client
 
 TOPICS = 10
 RATE = 50.0

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import tempfile
 import time
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Self
+from typing import Any, Self
 
 import robots
 from diagnostic_msgs.msg import DiagnosticStatus
@@ -22,20 +23,13 @@ from processes import (
     wait_for_line,
     worker,
 )
+from rclpy.task import Future
 
-from dyknow_bringup.fleet import fleet_ontology, vehicle_names
-from dyknow_bringup.launcher import Launcher
-from dyknow_bringup.processes import Configuration, dyknow_processes
+from dyknow_bringup.processes.launcher import Launcher
+from dyknow_bringup.processes.processes import Process, SystemConfiguration, dyknow_processes
 from dyknow_bringup.resources import uav_ontology_path
-from dyknow_stream_processing.ros import nanoseconds_to_duration
-from dyknow_stream_processing.ros.runtime import RUNNING, STATUS
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping, Sequence
-
-    from rclpy.task import Future
-
-    from dyknow_bringup.processes import Process
+from dyknow_bringup.simulation.fleet import fleet_ontology, vehicle_names
+from dyknow_common.ros import RUNNING, STATUS, nanoseconds_to_duration
 
 COORDINATOR = 'stream_reasoning_coordinator'
 REASONER = 'stream_reasoning_engine'
@@ -46,7 +40,7 @@ EVALUATE = f'{COORDINATOR}/evaluate_formula'
 
 def configure(
     sources: Mapping[str, Sequence[str]], folder: Path, constraints: str
-) -> Configuration:
+) -> SystemConfiguration:
     """The power of each vehicle, from the stamped messages of one battery or another.
 
     Args:
@@ -68,7 +62,7 @@ def configure(
     }
     for name, text in texts.items():
         (folder / name).write_text(text, encoding='utf-8')
-    return Configuration(
+    return SystemConfiguration(
         ontologies=(uav_ontology_path(), folder / 'fleet.nt'),
         annotations=(folder / 'fleet.ssl',),
         streams=(folder / 'fleet.streams',),

@@ -8,19 +8,17 @@ import random
 import threading
 import time
 from contextlib import suppress
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import rclpy
 from dyknow_interfaces.msg import Field, Sample
 from nav_msgs.msg import Odometry
 from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
 from rclpy.qos import QoSProfile
 
-from dyknow_stream_processing.ros import STREAM, StreamProxy
-from dyknow_stream_processing.ros.conversion import nanoseconds_to_time, time_to_nanoseconds
-
-if TYPE_CHECKING:
-    from rclpy.node import Node
+from dyknow_common.ros import STREAM, nanoseconds_to_time, time_to_nanoseconds
+from dyknow_stream_processing.ros import StreamProxy
 
 FIELDS = 'pose.pose.position.x as x, pose.pose.position.y as y, twist.twist.linear.x as speed'
 WARM_UP = 0.5

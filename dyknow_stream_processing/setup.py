@@ -6,7 +6,7 @@ setup(
     name=PACKAGE,
     version='0.1.0',
     packages=find_packages(exclude=['test']),
-    package_data={'dyknow_stream_processing': ['py.typed', '*.lark']},
+    package_data={'dyknow_stream_processing': ['py.typed', '**/*.lark']},
     data_files=[
         ('share/ament_index/resource_index/packages', [f'resource/{PACKAGE}']),
         (f'share/{PACKAGE}', ['package.xml']),
@@ -20,7 +20,7 @@ setup(
     license='Apache-2.0',
     entry_points={
         'console_scripts': [
-            'generate_conversions = dyknow_stream_processing.ros.generate_conversions:main',
+            'generate_conversions = dyknow_stream_processing.ros.messages.generate_conversions:main',
             'stream_manager = dyknow_stream_processing.ros.stream_manager:main',
             'stream_processing_engine = dyknow_stream_processing.ros.stream_processing_engine:main',
             'streams = dyknow_stream_processing.ros.streams:main',

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from dyknow_interfaces.action import MonitorFormula
 from dyknow_interfaces.msg import EvaluationStatus, EvaluationStatusArray, ExitStatus, StreamSpec
@@ -17,10 +17,8 @@ from dyknow_interfaces.srv import (
 from rclpy.action import ActionClient
 from rclpy.qos import DurabilityPolicy, QoSProfile
 
-from dyknow_stream_processing.ros import nanoseconds_to_duration
-
-if TYPE_CHECKING:
-    from system import Client, System
+from dyknow_common.ros import nanoseconds_to_duration
+from system import Client, System
 
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 COORDINATOR = 'stream_reasoning_coordinator'

@@ -2,19 +2,15 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from collections.abc import Callable
 
 import rclpy
 from rclpy.executors import SingleThreadedExecutor
 
-from dyknow_coordinator.ros.evaluations_report import EvaluationsReport
-from dyknow_stream_processing.ros import DyKnowNode
+from dyknow_common.ros import DyKnowNode
+from dyknow_coordinator import EvaluationStatus
+from dyknow_coordinator.ros.reporting.evaluations_report import EvaluationsReport
 from system import Client, private_environment
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from dyknow_coordinator import EvaluationStatus
 
 COORDINATOR = 'stream_reasoning_coordinator'
 

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import re
+import signal
 from contextlib import ExitStack
-from typing import TYPE_CHECKING, Any, Self
+from pathlib import Path
+from typing import Any, Self
 
 from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticStatus
@@ -13,13 +15,9 @@ from nav_msgs.msg import Odometry
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from std_msgs.msg import Float64
 
-from dyknow_bringup.launcher import Launcher
-from dyknow_bringup.processes import Process
+from dyknow_bringup.processes.launcher import Launcher
+from dyknow_bringup.processes.processes import Process
 from system import Client, private_environment
-
-if TYPE_CHECKING:
-    import signal
-    from pathlib import Path
 
 LATCHED = QoSProfile(depth=1000, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 """What was published before one came is heard too."""

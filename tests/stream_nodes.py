@@ -6,7 +6,9 @@ import os
 import signal
 import subprocess
 import time
-from typing import TYPE_CHECKING, Any, Self
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, Self
 
 from diagnostic_msgs.msg import DiagnosticStatus
 from dyknow_interfaces import srv
@@ -16,10 +18,6 @@ from std_msgs.msg import Float64
 
 from dyknow_bringup.resources import executable_path
 from system import PATIENCE, Client, private_environment
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-    from pathlib import Path
 
 PACKAGE = 'dyknow_stream_processing'
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)

@@ -6,10 +6,13 @@ import itertools
 import os
 import signal
 import socket
+import subprocess
 import time
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any, Self
+from pathlib import Path
+from typing import Any, Self
 
 import rclpy
 from diagnostic_msgs.msg import DiagnosticStatus
@@ -20,25 +23,26 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from sensor_msgs.msg import BatteryState
 
-from dyknow_bringup.fleet import fleet_specification, vehicle_names
-from dyknow_bringup.launcher import Launcher
-from dyknow_bringup.processes import (
-    Configuration,
+from dyknow_bringup.processes.launcher import Launcher
+from dyknow_bringup.processes.processes import (
+    Parameter,
     Process,
+    SystemConfiguration,
     dyknow_processes,
     write_fleet_configuration,
 )
 from dyknow_bringup.resources import uav_ontology_path
+from dyknow_bringup.simulation.fleet import fleet_specification, vehicle_names
+from dyknow_common.ros import (
+    BORN,
+    LATCHED,
+    RUNNING,
+    SERVICE,
+    STATUS,
+    nanoseconds_to_duration,
+    nanoseconds_to_time,
+)
 from dyknow_stream_processing import parse_specification, specifications_by_sink
-from dyknow_stream_processing.ros import nanoseconds_to_duration, nanoseconds_to_time
-from dyknow_stream_processing.ros.runtime import BORN, LATCHED, RUNNING, SERVICE, STATUS
-
-if TYPE_CHECKING:
-    import subprocess
-    from collections.abc import Callable, Iterable, Iterator, Mapping
-    from pathlib import Path
-
-    from dyknow_bringup.processes import Parameter
 
 _domains = itertools.count(os.getpid())
 _MOST_PARTICIPANTS = 20
@@ -370,4 +374,4 @@ class Batteries:
         self._publishers[vehicle].publish(message)
 
 
-__all__ = ['Batteries', 'Client', 'Configuration', 'System', 'private_environment']
+__all__ = ['Batteries', 'Client', 'System', 'SystemConfiguration', 'private_environment']

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
 
 import pytest
 from builtin_interfaces.msg import Duration
@@ -12,10 +14,6 @@ from dyknow_interfaces.msg import ExitStatus, FormulaResult
 from std_msgs.msg import Float64
 
 from services import LATCHED, PACKAGES, Nodes
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator
-    from pathlib import Path
 
 ONTOLOGY = """\
 <http://example.org/{prefix}> <{rdf}type> <{owl}Ontology> .

@@ -6,18 +6,15 @@ import os
 import signal
 import subprocess
 import sys
+from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import pytest
 from dyknow_interfaces.msg import ExitStatus, FormulaResult
 
 from evaluations import COORDINATOR, Evaluations, Monitored
 from system import Batteries, System, short_lease_of
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator
 
 ALWAYS = 'forall u in UAV: always Power[u] < 150'
 SOON = 'forall u in UAV: always[0 s, 500 ms] Power[u] < 150'

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from collections.abc import Iterator
 
 import pytest
 from dyknow_interfaces.msg import ExitStatus, FormulaResult
@@ -11,9 +11,6 @@ from dyknow_interfaces.srv import ConceptCreate, ConceptDestroy, InstanceCreate,
 from evaluations import Evaluations, Monitored, Spares
 from services import nanoseconds
 from system import Batteries, System
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator
 
 TRUE, FALSE = FormulaResult.TRUE, FormulaResult.FALSE
 SPARE = 'uav1_spare_power'

@@ -6,8 +6,9 @@ import os
 import re
 import shlex
 import subprocess
+from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import pytest
 import yaml
@@ -15,9 +16,6 @@ from ament_index_python.packages import get_resources
 from dyknow_interfaces import action, msg, srv
 
 from dyknow_reasoning import check_types, parse_formula
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator
 
 ROOT = Path(__file__).parent.parent
 EXAMPLE = ROOT / 'docs' / 'examples' / 'watch_cpp'

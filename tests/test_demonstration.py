@@ -7,9 +7,10 @@ import os
 import re
 import signal
 import subprocess
+from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import pytest
 from dyknow_interfaces.msg import ExitStatus, FormulaResult
@@ -19,9 +20,6 @@ from sensor_msgs.msg import BatteryState
 
 from dyknow_bringup.resources import executable_path, share
 from system import Client, System, private_environment
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator
 
 EXAMPLES = Path(__file__).parent.parent / 'docs' / 'examples'
 RECORDING = share() / 'recordings' / 'power_surge'

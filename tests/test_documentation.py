@@ -7,13 +7,16 @@ import os
 import re
 import subprocess
 import sys
+from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import pytest
 
-from dyknow_reasoning import SymbolKind, check_types, parse_formula, symbols_of
+from dyknow_common import NO_CONSTRAINTS, LanguageError, SymbolKind
+from dyknow_reasoning import check_types, parse_formula, symbols_of
 from dyknow_semantics import (
+    Annotation,
+    Knowledge,
     Ontology,
     check_annotation,
     match,
@@ -22,20 +25,13 @@ from dyknow_semantics import (
     parse_concept,
 )
 from dyknow_stream_processing import (
-    NO_CONSTRAINTS,
-    LanguageError,
     load_units,
     made,
     parse_specification,
     resolve,
     specifications_by_sink,
-    units,
 )
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator
-
-    from dyknow_semantics import Annotation, Knowledge
+from dyknow_stream_processing.dataflow import built_in_units as units
 
 ROOT = Path(__file__).parent.parent
 EXAMPLES = ROOT / 'docs' / 'examples'
@@ -155,9 +151,8 @@ def test_the_computational_units_of_the_manual_are_those_that_come_with_dyknow()
 
 
 USE_OF_UNITS = """
-from dyknow_stream_processing import (
-    NO_CONSTRAINTS, Dataflow, Sample, load_units, parse_specification
-)
+from dyknow_common import NO_CONSTRAINTS
+from dyknow_stream_processing import Dataflow, Sample, load_units, parse_specification
 
 samples = []
 dataflow = Dataflow(load_units(), lambda topic: None)

@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import pytest
 from dyknow_interfaces.msg import ExitStatus, FormulaResult
 from dyknow_interfaces.srv import EvaluateFormula, StreamDestroy
 
-if TYPE_CHECKING:
-    from system import Batteries, System
+from system import Batteries, System
 
 SYNTACTIC = EvaluateFormula.Request.SYNTACTIC
 

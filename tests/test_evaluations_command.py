@@ -6,7 +6,7 @@ import json
 import os
 import signal
 import subprocess
-from typing import TYPE_CHECKING
+from collections.abc import Iterator
 
 import pytest
 
@@ -14,9 +14,6 @@ from dyknow_bringup.resources import executable_path
 from dyknow_coordinator import EvaluationPhase, EvaluationStatus, Grounding, SymbolGrounding
 from reporter import COORDINATOR, Reporter
 from system import LIMIT
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator
 
 GROUNDING = SymbolGrounding('p', Grounding.SEMANTIC, 'select a as p from b', ('select c as p',))
 

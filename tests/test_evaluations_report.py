@@ -2,29 +2,26 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from dyknow_interfaces.msg import EvaluationStatusArray
 from rclpy.qos import DurabilityPolicy, QoSProfile
 
+from dyknow_common import ExitCode, Verdict
 from dyknow_coordinator import (
     CoordinationError,
     EvaluationPhase,
     EvaluationStatus,
     Grounding,
     SymbolGrounding,
-    Verdict,
 )
-from dyknow_coordinator.ros.evaluation_messages import status_from_message
-from dyknow_stream_processing import ExitCode
+from dyknow_coordinator.ros.reporting.evaluation_messages import status_from_message
 from reporter import Reporter
 from services import nanoseconds
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator
 
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 EVALUATIONS = '/stream_reasoning_coordinator/evaluations'

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import threading
-from typing import TYPE_CHECKING, Any
+from collections.abc import Callable, Iterator
+from typing import Any
 
 import pytest
 from rclpy.callback_groups import ReentrantCallbackGroup
@@ -15,11 +16,8 @@ from rclpy.task import Future
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
-from dyknow_stream_processing.ros.executor import NodeExecutor, fits
+from dyknow_common.ros import NodeExecutor, fits
 from system import private_environment
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
 
 PERIOD = 0.01
 LIMIT = 20.0

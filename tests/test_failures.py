@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import time
-from typing import TYPE_CHECKING
 
 import pytest
 from dyknow_interfaces.msg import ExitStatus, FormulaResult
 
-if TYPE_CHECKING:
-    from system import Batteries, System
+from system import Batteries, System
 
 ALWAYS = 'forall u in UAV: always Power[u] < 150'
 SOON = 'forall u in UAV: always[0 s, 500 ms] Power[u] < 150'

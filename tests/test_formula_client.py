@@ -3,24 +3,20 @@
 from __future__ import annotations
 
 import threading
+from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import Any
 
 import pytest
 from dyknow_interfaces.msg import EvaluationStatusArray
 from rclpy.executors import MultiThreadedExecutor, SingleThreadedExecutor
 from rclpy.node import Node
 
-from dyknow_coordinator import EvaluationPhase, Grounding, Verdict
+from dyknow_common import DyKnowError, ExitCode, Verdict
+from dyknow_coordinator import Answer, EvaluationPhase, Grounding, Progress
 from dyknow_coordinator.ros import FormulaClient
-from dyknow_stream_processing import DyKnowError, ExitCode
 from system import Batteries, Client, System
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator
-    from pathlib import Path
-
-    from dyknow_coordinator import Answer, Progress
 
 ALWAYS = 'forall u in UAV: always Power[u] < 150'
 SOON = 'forall u in UAV: always[0 s, 500 ms] Power[u] < 150'

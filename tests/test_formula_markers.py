@@ -4,29 +4,26 @@ from __future__ import annotations
 
 import os
 import subprocess
+from collections.abc import Iterator
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import Any
 
 import pytest
 from nav_msgs.msg import Odometry
 from visualization_msgs.msg import Marker, MarkerArray
 
 from dyknow_bringup.resources import executable_path
+from dyknow_common import ExitCode, Verdict
 from dyknow_coordinator import (
     CoordinationError,
     EvaluationPhase,
     EvaluationStatus,
     Grounding,
     SymbolGrounding,
-    Verdict,
 )
-from dyknow_stream_processing import ExitCode
 from reporter import Reporter
 from system import LIMIT
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator
-    from pathlib import Path
 
 MARKERS = '/formula_markers/markers'
 PLACES = {'uav1': 0.0, 'uav2': 20.0}

@@ -3,19 +3,17 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import pytest
 from dyknow_interfaces.msg import ExitStatus, FormulaResult, StreamConstraints, SymbolGrounding
 from dyknow_interfaces.srv import EvaluateFormula
 from nav_msgs.msg import Odometry
 
-from dyknow_stream_processing.ros import nanoseconds_to_duration, nanoseconds_to_time
+from dyknow_common.ros import nanoseconds_to_duration, nanoseconds_to_time
 from evaluations import Evaluations, Monitored, Spares
 from services import nanoseconds
-
-if TYPE_CHECKING:
-    from system import Batteries, System
+from system import Batteries, System
 
 AUTO, SYNTACTIC = EvaluateFormula.Request.AUTO, EvaluateFormula.Request.SYNTACTIC
 SEMANTIC = EvaluateFormula.Request.SEMANTIC

@@ -4,21 +4,18 @@ from __future__ import annotations
 
 import itertools
 import time
-from typing import TYPE_CHECKING, Any
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
 
 import pytest
 from dyknow_interfaces.msg import ExitStatus, FormulaResult
 
-from dyknow_bringup.launcher import Launcher
-from dyknow_bringup.processes import Process
+from dyknow_bringup.processes.launcher import Launcher
+from dyknow_bringup.processes.processes import Process
+from evaluations import Evaluations
 from services import nanoseconds
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator
-    from pathlib import Path
-
-    from evaluations import Evaluations
-    from system import Batteries, System
+from system import Batteries, System
 
 ALWAYS = 'forall u in UAV: always Power[u] < 150'
 SOON = 'forall u in UAV: always[0 s, 500 ms] Power[u] < 150'

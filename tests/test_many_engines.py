@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import signal
-from typing import TYPE_CHECKING
+from collections.abc import Iterator
+from pathlib import Path
 
 import pytest
 from diagnostic_msgs.msg import DiagnosticStatus
@@ -11,10 +12,6 @@ from dyknow_interfaces import srv
 from dyknow_interfaces.msg import ExitStatus, StreamSpec
 
 from stream_nodes import TANK, StreamNodes
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator
-    from pathlib import Path
 
 ONE, TWO = '/engine_one', '/engine_two'
 FAR = '/far/engine'

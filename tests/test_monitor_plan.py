@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, Self
+from collections.abc import Callable, Iterator
+from typing import Any, Self
 
 import pytest
 from action_msgs.msg import GoalStatus
@@ -11,15 +12,19 @@ from dyknow_interfaces.msg import ExitStatus
 from dyknow_interfaces.srv import ReportPlanAction
 from rclpy.action import ActionClient
 
-from dyknow_coordinator import Holds, Place, Plan, PlanAction, PlanFormula, PlanPhase, Verdict
+from dyknow_common import DyKnowError, ExitCode, Verdict
+from dyknow_coordinator import (
+    FormulaPosition,
+    Holds,
+    Plan,
+    PlanAction,
+    PlanFormula,
+    PlanOutcome,
+    PlanPhase,
+    PlanVerdict,
+)
 from dyknow_coordinator.ros import FormulaClient
-from dyknow_stream_processing import DyKnowError, ExitCode
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
-
-    from dyknow_coordinator import PlanOutcome, PlanVerdict
-    from system import Batteries, System
+from system import Batteries, System
 
 CALM = 'forall u in UAV: always Power[u] < 150'
 PENDING, RUNNING, DECIDED, WITHDRAWN, FAILED = PlanPhase
@@ -31,7 +36,7 @@ class Asker:
     def __init__(self, system: System) -> None:
         self.system = system
         self.client = FormulaClient(system.client.node)
-        self.phases: dict[Place, list[PlanPhase]] = {}
+        self.phases: dict[FormulaPosition, list[PlanPhase]] = {}
 
     def __enter__(self) -> Self:
         return self
@@ -51,7 +56,7 @@ class Asker:
 
     def wait(self, action: str, formula: str, phase: PlanPhase) -> None:
         """Waits until a formula is told to be in a phase."""
-        place = Place(action, formula)
+        place = FormulaPosition(action, formula)
         self.system.client.spin_until(
             lambda: phase in self.phases.get(place, ()), f'{place} is {phase.name}: {self.phases}'
         )
@@ -87,7 +92,7 @@ def test_formulas_run_when_it_is_their_time(asker: Asker) -> None:
     asker.wait('take_off', 'BEFORE', WITHDRAWN)
     asker.wait('take_off', 'WHILE_EXECUTING', RUNNING)
     asker.wait('take_off', 'FROM_START', RUNNING)
-    assert Place('take_off', 'AFTER') not in asker.phases
+    assert FormulaPosition('take_off', 'AFTER') not in asker.phases
     asker.report(monitor.succeeded, 'take_off')
     asker.wait('take_off', 'WHILE_EXECUTING', WITHDRAWN)
     asker.wait('take_off', 'AFTER', RUNNING)
@@ -114,14 +119,14 @@ def test_a_violated_formula_is_told_with_its_action(asker: Asker, batteries: Bat
     asker.report(monitor.failed, 'land')
     outcome = asker.outcome(monitor)
     (violation,) = outcome.violations
-    assert violation.place == Place('climb', 'calm')
+    assert violation.place == FormulaPosition('climb', 'calm')
     assert violation.verdict is Verdict.FALSE
     assert violation.formula == 'forall u in UAV: (always (Power[u] < 150))'
     assert 'Power[uav2] = 24' in violation.explanation
     assert violation.decided_at is not None
     verdicts = {verdict.place: verdict for verdict in outcome.verdicts}
-    assert verdicts[Place('climb', 'soon')].verdict is Verdict.TRUE
-    assert verdicts[Place('land', 'calm')].phase is PENDING
+    assert verdicts[FormulaPosition('climb', 'soon')].verdict is Verdict.TRUE
+    assert verdicts[FormulaPosition('land', 'calm')].phase is PENDING
 
 
 def test_a_plan_that_stops_at_a_violation(asker: Asker) -> None:

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import time
-from typing import TYPE_CHECKING, Any
+from collections.abc import Callable, Iterator
+from typing import Any
 
 import pytest
 import rclpy
@@ -37,10 +38,7 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from std_msgs.msg import Float64
 
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
-
-    from system import System
+from system import System
 
 LIMIT = 20.0
 

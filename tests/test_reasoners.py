@@ -5,7 +5,9 @@ from __future__ import annotations
 import os
 import shutil
 import subprocess
-from typing import TYPE_CHECKING, Any
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
 
 import pytest
 from diagnostic_msgs.msg import DiagnosticStatus
@@ -15,10 +17,6 @@ from dyknow_interfaces.msg import ExitStatus
 from dyknow_bringup.resources import executable_path
 from services import LATCHED, Nodes, assert_refused
 from system import private_environment
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator
-    from pathlib import Path
 
 ONTOLOGY = 'ontology_manager'
 HARBOUR = """

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from itertools import pairwise
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import pytest
 from action_msgs.msg import GoalStatus
@@ -14,11 +15,7 @@ from dyknow_interfaces.msg import Domain, ExitStatus, Field, FormulaResult, Samp
 from rclpy.action import ActionClient
 
 from services import LATCHED, Nodes, assert_refused, nanoseconds, time_of
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator
-
-    from system import Batteries, System
+from system import Batteries, System
 
 ENGINE = 'stream_reasoning_engine'
 COORDINATOR = '/stream_reasoning_coordinator'

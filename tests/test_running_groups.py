@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterator
 from itertools import count
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import pytest
 from dyknow_interfaces import srv
@@ -17,11 +18,8 @@ from dyknow_interfaces.msg import (
     Sample,
 )
 
-from dyknow_stream_processing.ros import VIOLATIONS
+from dyknow_common.ros import VIOLATIONS
 from services import LATCHED, Nodes, assert_refused, nanoseconds, time_of
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
 
 ENGINE = 'stream_reasoning_engine'
 SECOND = 1_000_000_000

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
 
 import pytest
 from dyknow_interfaces import srv
@@ -11,10 +13,6 @@ from sensor_msgs.msg import BatteryState
 
 from dyknow_bringup.resources import uav_ontology_path
 from services import LATCHED, Nodes, assert_refused
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator
-    from pathlib import Path
 
 ONTOLOGY = 'ontology_manager'
 SEMANTICS = 'stream_semantics_manager'

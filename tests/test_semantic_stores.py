@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import Any
 
 import pytest
 from dyknow_interfaces import srv
@@ -10,9 +11,6 @@ from dyknow_interfaces.msg import ExitStatus
 
 from dyknow_bringup.resources import uav_ontology_path
 from services import Nodes, assert_refused
-
-if TYPE_CHECKING:
-    from pathlib import Path
 
 ONTOLOGY = 'ontology_manager'
 SEMANTICS = 'stream_semantics_manager'

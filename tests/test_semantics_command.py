@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import subprocess
-from typing import TYPE_CHECKING
+from collections.abc import Iterator
 
 import pytest
 from dyknow_interfaces import srv
@@ -12,9 +12,6 @@ from dyknow_interfaces import srv
 from dyknow_bringup.resources import executable_path, uav_ontology_path
 from services import Nodes
 from system import LIMIT
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator
 
 ONTOLOGY = 'ontology_manager'
 SEMANTICS = 'stream_semantics_manager'

@@ -6,7 +6,8 @@ import os
 import signal
 import subprocess
 import time
-from typing import TYPE_CHECKING
+from collections.abc import Iterator
+from pathlib import Path
 
 import pytest
 from diagnostic_msgs.msg import DiagnosticStatus
@@ -16,10 +17,6 @@ from dyknow_interfaces.msg import ExitStatus, StreamSpec
 from dyknow_bringup.resources import executable_path
 from services import LATCHED, PACKAGES, SERVICES, Nodes, assert_refused, service_name
 from system import private_environment
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator
-    from pathlib import Path
 
 
 @pytest.fixture(scope='module')

@@ -2,19 +2,15 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from collections.abc import Iterator
 
 import pytest
 from dyknow_interfaces.msg import ExitStatus, FormulaResult, StreamConstraints
 
-from dyknow_stream_processing.ros import nanoseconds_to_duration
+from dyknow_common.ros import nanoseconds_to_duration
 from evaluations import Evaluations, Monitored
 from services import nanoseconds
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator
-
-    from system import Batteries, System
+from system import Batteries, System
 
 TRUE, FALSE = FormulaResult.TRUE, FormulaResult.FALSE
 SECOND = 1_000_000_000

@@ -2,20 +2,18 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from collections.abc import Iterator
+from typing import Any
 
 import pytest
 from dyknow_interfaces.msg import ExitStatus, FormulaResult
 from rosgraph_msgs.msg import Clock
 from std_msgs.msg import Float64
 
-from dyknow_stream_processing.ros import nanoseconds_to_time
+from dyknow_common.ros import nanoseconds_to_time
 from evaluations import COORDINATOR, Evaluations, Spares
 from services import nanoseconds
 from system import Batteries, System
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator
 
 SECOND = 1_000_000_000
 TICK = 20_000_000

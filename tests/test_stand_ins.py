@@ -2,19 +2,15 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from collections.abc import Iterator
 
 import pytest
 from dyknow_interfaces.msg import ExitStatus, FormulaResult
 from std_msgs.msg import Float64
 
+from evaluations import Evaluations, Spares
 from services import nanoseconds
 from system import Batteries, System
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator
-
-    from evaluations import Evaluations, Spares
 
 TRUE, FALSE, UNDECIDED = FormulaResult.TRUE, FormulaResult.FALSE, FormulaResult.UNDECIDED
 SECOND = 1_000_000_000

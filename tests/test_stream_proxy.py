@@ -5,8 +5,10 @@ from __future__ import annotations
 import itertools
 import subprocess
 import sys
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import Any
 
 import pytest
 from dyknow_interfaces import srv
@@ -17,16 +19,12 @@ from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import TimeReference
 from std_msgs.msg import Float64, Int32
 
-from dyknow_stream_processing import StreamConstraints, StreamError
-from dyknow_stream_processing.ros import VIOLATIONS, StreamProxy
+from dyknow_common import StreamConstraints
+from dyknow_common.ros import VIOLATIONS
+from dyknow_stream_processing import Sample, StreamError, Violation
+from dyknow_stream_processing.ros import StreamProxy
 from services import Nodes, time_of
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
-    from pathlib import Path
-
-    from dyknow_stream_processing import Sample, Violation
-    from system import Client
+from system import Client
 
 BEST_EFFORT = QoSProfile(depth=100, reliability=ReliabilityPolicy.BEST_EFFORT)
 RELIABLE = QoSProfile(depth=100)

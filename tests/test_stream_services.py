@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import os
 import subprocess
+from collections.abc import Iterator
 from itertools import count
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import Any
 
 import pytest
 from builtin_interfaces.msg import Duration
@@ -26,10 +28,6 @@ from std_msgs.msg import Float64
 from dyknow_bringup.resources import executable_path
 from services import LATCHED, Nodes, Telemetry, assert_refused, nanoseconds, time_of
 from system import private_environment
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator
-    from pathlib import Path
 
 ENGINE = 'stream_processing_engine'
 MANAGER = 'stream_manager'

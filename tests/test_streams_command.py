@@ -6,17 +6,14 @@ import json
 import os
 import signal
 import subprocess
-from typing import TYPE_CHECKING
+from collections.abc import Iterator
+from pathlib import Path
 
 import pytest
 
 from dyknow_bringup.resources import executable_path
 from stream_nodes import PACKAGE, TANK, StreamNodes
 from system import LIMIT
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator
-    from pathlib import Path
 
 ENGINE = '/far/stream_processing_engine'
 

@@ -1,21 +1,28 @@
 """Everything to start DyKnow: a UAV fleet simulation, configuration and the demonstration."""
 
-from dyknow_bringup.bag import Bag, QualityOfService, RecordedMessage, RecordedTopic
+from dyknow_bringup.demonstration.formulas import DescribedFormula, load_formulas
 from dyknow_bringup.errors import BringupError
-from dyknow_bringup.fleet import (
+from dyknow_bringup.recordings.bag import Bag, QualityOfService, RecordedMessage, RecordedTopic
+from dyknow_bringup.recordings.recording import STORAGES, record
+from dyknow_bringup.recordings.replay import Replay, Schedule
+from dyknow_bringup.simulation.fleet import (
     fleet_annotations,
     fleet_ontology,
     fleet_specification,
     vehicle_names,
 )
-from dyknow_bringup.formulas import NamedFormula, load_formulas
-from dyknow_bringup.messages import MESSAGE_TYPES, ros_message
-from dyknow_bringup.missions import Mission, Task, load_mission
-from dyknow_bringup.recording import STORAGES, record
-from dyknow_bringup.replay import Replay, Schedule
-from dyknow_bringup.scenario import OUTCOMES, Expectation, Scenario, load_scenario
-from dyknow_bringup.simulation import Simulation
-from dyknow_bringup.telemetry import TRANSPORT, Battery, Channel, Odometry, Telemetry, topic
+from dyknow_bringup.simulation.missions import Mission, Task, load_mission
+from dyknow_bringup.simulation.scenario import OUTCOMES, Expectation, Scenario, load_scenario
+from dyknow_bringup.simulation.simulation import Simulation
+from dyknow_bringup.simulation.telemetry import (
+    TRANSPORT,
+    Battery,
+    Channel,
+    Odometry,
+    Telemetry,
+    topic,
+)
+from dyknow_bringup.simulation.telemetry_messages import MESSAGE_TYPES, ros_message
 
 __all__ = [
     'MESSAGE_TYPES',
@@ -26,9 +33,9 @@ __all__ = [
     'Battery',
     'BringupError',
     'Channel',
+    'DescribedFormula',
     'Expectation',
     'Mission',
-    'NamedFormula',
     'Odometry',
     'QualityOfService',
     'RecordedMessage',

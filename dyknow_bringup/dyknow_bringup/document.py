@@ -3,24 +3,22 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Collection
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import Any
 
 import yaml
 
 from dyknow_bringup.errors import BringupError
-from dyknow_stream_processing import ExitCode, parse_duration
-
-if TYPE_CHECKING:
-    from collections.abc import Collection
-    from pathlib import Path
+from dyknow_common import ExitCode, parse_duration
 
 Point = tuple[float, float, float]
 """Coordinates or components along x, y and z (east, north, up)."""
 
 
 @dataclass(frozen=True, slots=True)
-class Entry:
+class YamlEntry:
     """A value in a YAML file.
 
     Args:
@@ -38,7 +36,7 @@ class Entry:
         place = f'{self.path}: {self.key}' if self.key else str(self.path)
         return BringupError(f'{place}: {mend}')
 
-    def mapping(self) -> dict[str, Entry]:
+    def mapping(self) -> dict[str, YamlEntry]:
         """The entries of a mapping, whatever its keys are.
 
         Raises:
@@ -47,9 +45,11 @@ class Entry:
         if not isinstance(self.value, dict) or not all(isinstance(key, str) for key in self.value):
             raise self.error(f'write a mapping from names to values instead of {self.value!r}')
         prefix = f'{self.key}.' if self.key else ''
-        return {key: Entry(self.path, prefix + key, value) for key, value in self.value.items()}
+        return {key: YamlEntry(self.path, prefix + key, value) for key, value in self.value.items()}
 
-    def record(self, required: Collection[str], optional: Collection[str] = ()) -> dict[str, Entry]:
+    def record(
+        self, required: Collection[str], optional: Collection[str] = ()
+    ) -> dict[str, YamlEntry]:
         """The entries of a mapping whose keys are known.
 
         Raises:
@@ -65,7 +65,7 @@ class Entry:
                 raise self.error(f"add the key '{key}'")
         return entries
 
-    def items(self) -> list[Entry]:
+    def items(self) -> list[YamlEntry]:
         """The entries of a list.
 
         Raises:
@@ -74,7 +74,7 @@ class Entry:
         if not isinstance(self.value, list):
             raise self.error(f'write a list instead of {self.value!r}')
         return [
-            Entry(self.path, f'{self.key}[{index}]', value)
+            YamlEntry(self.path, f'{self.key}[{index}]', value)
             for index, value in enumerate(self.value)
         ]
 
@@ -154,14 +154,14 @@ class Entry:
         return begin, end
 
 
-def read_document(path: Path) -> Entry:
+def read_document(path: Path) -> YamlEntry:
     """The whole of a YAML file.
 
     Raises:
         BringupError: for a file that is not there, cannot be read, or is no YAML.
     """
     try:
-        return Entry(path, '', yaml.safe_load(path.read_text(encoding='utf-8')))
+        return YamlEntry(path, '', yaml.safe_load(path.read_text(encoding='utf-8')))
     except FileNotFoundError:
         raise _not_found(path) from None
     except (OSError, UnicodeDecodeError) as error:

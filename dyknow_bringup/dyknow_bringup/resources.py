@@ -7,7 +7,7 @@ from pathlib import Path
 from ament_index_python.packages import get_package_prefix, get_package_share_directory
 
 from dyknow_bringup.errors import BringupError
-from dyknow_stream_processing import ExitCode
+from dyknow_common import ExitCode
 
 
 def share() -> Path:

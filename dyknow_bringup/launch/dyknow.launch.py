@@ -5,8 +5,8 @@ ros2 launch dyknow_bringup dyknow.launch.py ontology:=my.owl annotations:=my.ssl
 
 from pathlib import Path
 
-from dyknow_bringup.launching import launch_description
-from dyknow_bringup.processes import Configuration, dyknow_processes
+from dyknow_bringup.processes.launching import launch_description
+from dyknow_bringup.processes.processes import SystemConfiguration, dyknow_processes
 
 ARGUMENTS = {
     'ontology': ('', 'OWL files, separated by commas'),
@@ -28,7 +28,7 @@ def processes(values):
     names = ('ontology', 'annotations', 'streams', 'bridges')
     store = values['store']
     return dyknow_processes(
-        Configuration(
+        SystemConfiguration(
             *(files(values[name]) for name in names),
             store=Path(store).resolve() if store else None,
             reasoner=values['reasoner'],

@@ -6,9 +6,8 @@ ros2 launch dyknow_bringup uav_monitoring.launch.py scenario:=near_miss uavs:=5
 import tempfile
 from pathlib import Path
 
-from dyknow_bringup.fleet import vehicle_names
-from dyknow_bringup.launching import launch_description
-from dyknow_bringup.processes import (
+from dyknow_bringup.processes.launching import launch_description
+from dyknow_bringup.processes.processes import (
     dyknow_processes,
     formula_markers,
     formula_monitor,
@@ -16,6 +15,7 @@ from dyknow_bringup.processes import (
     write_fleet_configuration,
 )
 from dyknow_bringup.resources import formulas_path, scenario_path, uav_ontology_path
+from dyknow_bringup.simulation.fleet import vehicle_names
 
 ARGUMENTS = {
     'scenario': ('nominal', 'name of a shipped scenario, or path of a YAML file'),

@@ -2,7 +2,7 @@ from pathlib import Path
 
 import pytest
 
-from dyknow_bringup import NamedFormula, Scenario, load_formulas, load_scenario
+from dyknow_bringup import DescribedFormula, Scenario, load_formulas, load_scenario
 
 SHARE = Path(__file__).parent.parent
 
@@ -20,5 +20,5 @@ def scenarios() -> dict[str, Scenario]:
 
 
 @pytest.fixture(scope='session')
-def formulas() -> dict[str, NamedFormula]:
+def formulas() -> dict[str, DescribedFormula]:
     return {formula.name: formula for formula in load_formulas(SHARE / 'formulas' / 'uav.yaml')}

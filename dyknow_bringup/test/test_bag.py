@@ -16,7 +16,7 @@ from dyknow_bringup import (
     record,
     vehicle_names,
 )
-from dyknow_stream_processing import NANOSECONDS, ExitCode
+from dyknow_common import NANOSECONDS, ExitCode
 
 SECOND = NANOSECONDS['s']
 START = 1_700_000_000 * SECOND

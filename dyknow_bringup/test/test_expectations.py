@@ -16,15 +16,15 @@ import pytest
 from dyknow_bringup import (
     Battery,
     Channel,
-    NamedFormula,
+    DescribedFormula,
     Odometry,
     Scenario,
     Simulation,
     Telemetry,
     vehicle_names,
 )
+from dyknow_common import NANOSECONDS
 from dyknow_reasoning import FormulaGroup
-from dyknow_stream_processing import NANOSECONDS
 
 MS = NANOSECONDS['ms']
 SECOND = NANOSECONDS['s']
@@ -231,7 +231,7 @@ def states(formula: str, values: dict[str, Ground]) -> list[tuple[int, dict[str,
 @pytest.mark.parametrize(('count', 'asked'), [(3, 0), (5, 2_500 * MS)])
 def test_progression_says_the_same(
     scenarios: dict[str, Scenario],
-    formulas: dict[str, NamedFormula],
+    formulas: dict[str, DescribedFormula],
     name: str,
     count: int,
     asked: int,
@@ -245,7 +245,7 @@ def test_progression_says_the_same(
 
 @pytest.mark.parametrize('name', SURGES)
 def test_progression_of_the_power_formula_says_the_same(
-    formulas: dict[str, NamedFormula], name: str
+    formulas: dict[str, DescribedFormula], name: str
 ) -> None:
     watts, false_at = SURGES[name]
     group = FormulaGroup()

@@ -6,8 +6,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dyknow_bringup import NamedFormula
-from dyknow_bringup.fences import Fence, closed, fences
+from dyknow_bringup import DescribedFormula
+from dyknow_bringup.markers.fences import Fence, closed, fences
 
 AXES = ('East', 'North', 'Altitude')
 COORDINATES = st.floats(-1e4, 1e4)
@@ -45,7 +45,7 @@ def test_what_is_a_fence(formula: str, found: list[Fence]) -> None:
     assert list(fences(formula, AXES)) == found
 
 
-def test_the_fences_of_the_demonstration(formulas: dict[str, NamedFormula]) -> None:
+def test_the_fences_of_the_demonstration(formulas: dict[str, DescribedFormula]) -> None:
     found = {name: fences(formula.formula, AXES) for name, formula in formulas.items()}
     assert {name for name, some in found.items() if some} == {'ceiling', 'geofence'}
     assert found['geofence'] == (fence((-30, -30, -inf), (60, inf, inf)),)

@@ -9,7 +9,7 @@ from dyknow_bringup import (
     fleet_specification,
     vehicle_names,
 )
-from dyknow_stream_processing.parsing import parse_specification
+from dyknow_stream_processing.language.parsing import parse_specification
 
 SPECIFICATION = """\
 compunit power: float electrical_power((voltage: float, current: float));

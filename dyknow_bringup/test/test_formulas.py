@@ -2,13 +2,13 @@ from pathlib import Path
 
 import pytest
 
-from dyknow_bringup import BringupError, NamedFormula, load_formulas
+from dyknow_bringup import BringupError, DescribedFormula, load_formulas
 from dyknow_reasoning import parse_formula
 
 ONE = '{name: power, formula: always p, description: A sentence.}'
 
 
-def test_the_formulas(formulas: dict[str, NamedFormula]) -> None:
+def test_the_formulas(formulas: dict[str, DescribedFormula]) -> None:
     assert list(formulas) == [
         'power', 'separation', 'ceiling', 'geofence', 'speed_limit', 'takeoff',
     ]  # fmt: skip
@@ -19,7 +19,7 @@ def test_the_formulas(formulas: dict[str, NamedFormula]) -> None:
     assert formulas['ceiling'].description == 'Every vehicle stays below 30 m.'
 
 
-def test_the_formulas_are_in_the_language(formulas: dict[str, NamedFormula]) -> None:
+def test_the_formulas_are_in_the_language(formulas: dict[str, DescribedFormula]) -> None:
     for formula in formulas.values():
         parsed = parse_formula(formula.formula)
         assert parse_formula(str(parsed)) == parsed

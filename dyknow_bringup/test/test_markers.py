@@ -4,14 +4,15 @@ from dataclasses import replace
 
 import pytest
 
-from dyknow_bringup.markers import (
+from dyknow_bringup.markers.markers import (
     COLOURS,
     NO_LONGER_WATCHED,
     Marker,
-    Shape,
+    MarkerShape,
     formula_markers,
     objects_of,
 )
+from dyknow_common import ExitCode, Verdict
 from dyknow_coordinator import (
     CoordinationError,
     EvaluationPhase,
@@ -19,9 +20,7 @@ from dyknow_coordinator import (
     Grounding,
     Level,
     SymbolGrounding,
-    Verdict,
 )
-from dyknow_stream_processing import ExitCode
 
 AXES = ('East', 'North', 'Altitude')
 SECOND = 1_000_000_000
@@ -49,13 +48,13 @@ CEILING = EvaluationStatus(
 )
 
 
-def draw(*statuses: EvaluationStatus, shape: Shape | None = None) -> list[Marker]:
+def draw(*statuses: EvaluationStatus, shape: MarkerShape | None = None) -> list[Marker]:
     drawn = formula_markers(statuses, POSITIONS, AXES, NOW)
     return [marker for marker in drawn if shape in (None, marker.shape)]
 
 
 def test_a_line_between_each_pair() -> None:
-    lines = draw(SEPARATION, shape=Shape.LINES)
+    lines = draw(SEPARATION, shape=MarkerShape.LINES)
     assert [line.points for line in lines] == [
         (POSITIONS['uav2'], POSITIONS['uav1']),
         (POSITIONS['uav3'], POSITIONS['uav1']),
@@ -81,7 +80,7 @@ def test_a_line_between_each_pair() -> None:
     ],
 )
 def test_colours_say_how_it_is(changes: dict[str, object], level: Level) -> None:
-    lines = draw(replace(SEPARATION, **changes), shape=Shape.LINES)  # type: ignore[arg-type]
+    lines = draw(replace(SEPARATION, **changes), shape=MarkerShape.LINES)  # type: ignore[arg-type]
     assert {line.colour for line in lines} == {COLOURS[level]}
 
 
@@ -92,13 +91,13 @@ def test_the_pair_that_broke_it_stands_out() -> None:
         verdict=Verdict.FALSE,
         explanation='for x = uav3: XYDist[uav3, uav1] = 9.5 at 12.000 s is not > 10',
     )
-    colours = [line.colour for line in draw(broken, shape=Shape.LINES)]
+    colours = [line.colour for line in draw(broken, shape=MarkerShape.LINES)]
     assert colours == [NO_LONGER_WATCHED, COLOURS[Level.ERROR]]
 
 
 def test_a_fence_is_a_box_with_edges() -> None:
     box, edges = draw(CEILING)[:2]
-    assert (box.shape, edges.shape) == (Shape.BOX, Shape.LINES)
+    assert (box.shape, edges.shape) == (MarkerShape.BOX, MarkerShape.LINES)
     assert box.colour[:3] == edges.colour[:3]
     assert box.colour[3] < edges.colour[3]
     assert box.position[2] + box.scale[2] / 2 == 30
@@ -109,7 +108,7 @@ def test_texts_say_what_and_why_one_above_the_other() -> None:
     broken = replace(
         CEILING, phase=EvaluationPhase.ENDED, verdict=Verdict.FALSE, explanation='31 is not < 30'
     )
-    low, high = draw(broken, SEPARATION, shape=Shape.TEXT)
+    low, high = draw(broken, SEPARATION, shape=MarkerShape.TEXT)
     assert low.text == 'ceiling: false: 31 is not < 30\n' + CEILING.formula
     assert low.position[:2] == (20.0, 0.0)
     assert max(position[2] for position in POSITIONS.values()) < low.position[2]
@@ -117,7 +116,7 @@ def test_texts_say_what_and_why_one_above_the_other() -> None:
 
 
 def test_a_formula_without_a_name_is_written_once() -> None:
-    (text,) = draw(replace(CEILING, name=CEILING.formula), shape=Shape.TEXT)
+    (text,) = draw(replace(CEILING, name=CEILING.formula), shape=MarkerShape.TEXT)
     assert ''.join(text.text.split()).count('Altitude[u]<30') == 1
 
 
@@ -131,7 +130,7 @@ def test_what_is_not_known_is_not_drawn() -> None:
     assert not draw(replace(CEILING, phase=EvaluationPhase.ENDED, error=cancelled))
     assert not formula_markers([SEPARATION, CEILING], {}, AXES, NOW)
     alone = formula_markers([SEPARATION], {'uav2': POSITIONS['uav2']}, AXES, NOW)
-    assert [marker.shape for marker in alone] == [Shape.TEXT]
+    assert [marker.shape for marker in alone] == [MarkerShape.TEXT]
 
 
 def test_the_objects_of_ground_features() -> None:

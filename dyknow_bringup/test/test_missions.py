@@ -6,7 +6,7 @@ import pytest
 
 from dyknow_bringup import BringupError, Task, load_mission
 from dyknow_bringup.resources import plan_path
-from dyknow_coordinator import Holds, Place, PlanExecution
+from dyknow_coordinator import FormulaPosition, Holds, PlanExecution
 from dyknow_reasoning import check_types, parse_formula
 
 
@@ -15,7 +15,7 @@ def test_the_mission_that_is_shipped_makes_sense() -> None:
     assert [task.action for task in mission.tasks] == ['take_off', 'fly_to', 'land']
     assert mission.tasks[0] == Task('take_off', 'eventually Altitude[uav1] > 5.5', 12_000_000_000)
     formulas = mission.plan.places
-    assert formulas[Place('fly_to', 'not_before')].holds is Holds.BEFORE
+    assert formulas[FormulaPosition('fly_to', 'not_before')].holds is Holds.BEFORE
     for text in (*(f.formula for f in formulas.values()), *(t.goal for t in mission.tasks)):
         check_types(parse_formula(text), text)
     PlanExecution(mission.plan)

@@ -6,9 +6,9 @@ import pytest
 import yaml
 
 from dyknow_bringup.errors import BringupError
-from dyknow_bringup.processes import (
-    Configuration,
+from dyknow_bringup.processes.processes import (
     Process,
+    SystemConfiguration,
     dyknow_processes,
     formula_markers,
     formula_monitor,
@@ -20,7 +20,7 @@ from dyknow_bringup.resources import executable_path, scenario_names, scenario_p
 
 
 def test_the_seven_nodes_are_installed() -> None:
-    processes = dyknow_processes(Configuration())
+    processes = dyknow_processes(SystemConfiguration())
     assert len(processes) == 7
     for process in processes:
         assert executable_path(process.package, process.executable).is_file()
@@ -69,7 +69,7 @@ def test_scenarios_are_found_by_name_and_by_path(tmp_path: Path) -> None:
 
 
 def test_what_is_kept_and_what_reasons() -> None:
-    processes = dyknow_processes(Configuration(store=Path('/kept'), reasoner='hermit'))
+    processes = dyknow_processes(SystemConfiguration(store=Path('/kept'), reasoner='hermit'))
     parameters = {process.executable: process.parameters for process in processes}
     assert parameters['ontology_manager'] == {
         'store': '/kept/ontology.sqlite3',
@@ -79,6 +79,6 @@ def test_what_is_kept_and_what_reasons() -> None:
 
 
 def test_bridges_go_to_the_matching_engine() -> None:
-    processes = dyknow_processes(Configuration(bridges=(Path('/robots.bridges'),)))
+    processes = dyknow_processes(SystemConfiguration(bridges=(Path('/robots.bridges'),)))
     parameters = {process.executable: process.parameters for process in processes}
     assert parameters['semantic_matching_engine'] == {'bridges': ['/robots.bridges']}

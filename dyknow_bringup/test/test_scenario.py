@@ -2,8 +2,8 @@ from pathlib import Path
 
 import pytest
 
-from dyknow_bringup import BringupError, NamedFormula, Scenario, load_scenario
-from dyknow_stream_processing import NANOSECONDS, ExitCode
+from dyknow_bringup import BringupError, DescribedFormula, Scenario, load_scenario
+from dyknow_common import NANOSECONDS, ExitCode
 
 BAD = sorted((Path(__file__).parent / 'bad_scenarios').glob('*.yaml'))
 
@@ -36,7 +36,7 @@ def test_a_scenario_as_written(scenarios: dict[str, Scenario]) -> None:
 
 
 def test_every_scenario_says_how_every_formula_ends(
-    scenarios: dict[str, Scenario], formulas: dict[str, NamedFormula]
+    scenarios: dict[str, Scenario], formulas: dict[str, DescribedFormula]
 ) -> None:
     for scenario in scenarios.values():
         assert list(scenario.expected) == list(formulas)

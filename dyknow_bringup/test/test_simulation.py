@@ -17,7 +17,7 @@ from dyknow_bringup import (
     Telemetry,
     vehicle_names,
 )
-from dyknow_stream_processing import NANOSECONDS
+from dyknow_common import NANOSECONDS
 
 SECOND = NANOSECONDS['s']
 START = 1_700_000_000 * SECOND + 123

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dyknow_bringup.vehicle import (
+from dyknow_bringup.simulation.vehicle import (
     ACCELERATION_LIMIT,
     CLIMB_LIMIT,
     EMPTY_VOLTAGE,

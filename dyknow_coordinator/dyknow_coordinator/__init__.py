@@ -1,23 +1,14 @@
 """Grounding formulas, running their evaluations and answering."""
 
-from dyknow_coordinator.answer import Answer, Progress
 from dyknow_coordinator.errors import CoordinationError
-from dyknow_coordinator.evaluation import Evaluation, EvaluationPhase, Outcome, Verdict
-from dyknow_coordinator.evaluation_status import (
-    Diagnosis,
-    EvaluationStatus,
-    Level,
-    SymbolGrounding,
-    details,
-    diagnose,
-    outcome,
-)
-from dyknow_coordinator.grounding import (
+from dyknow_coordinator.evaluation.answer import Answer, Progress
+from dyknow_coordinator.evaluation.evaluation import Evaluation, EvaluationOutcome, EvaluationPhase
+from dyknow_coordinator.evaluation.request import EvaluationRequest
+from dyknow_coordinator.grounding.ground import SymbolGrounding
+from dyknow_coordinator.grounding.grounding import (
     Candidates,
+    FeatureSource,
     Grounding,
-    Source,
-    Symbol,
-    SymbolKind,
     check_grounding,
     concept_of,
     features,
@@ -27,10 +18,10 @@ from dyknow_coordinator.grounding import (
     sources,
     state_specification,
 )
-from dyknow_coordinator.plan import (
+from dyknow_coordinator.plans.plan import (
     Event,
+    FormulaPosition,
     Holds,
-    Place,
     Plan,
     PlanAction,
     PlanExecution,
@@ -40,7 +31,14 @@ from dyknow_coordinator.plan import (
     PlanVerdict,
     Step,
 )
-from dyknow_coordinator.question import Question
+from dyknow_coordinator.reporting.evaluation_status import (
+    Diagnosis,
+    EvaluationStatus,
+    Level,
+    details,
+    diagnose,
+    outcome,
+)
 
 __all__ = [
     'Answer',
@@ -48,14 +46,16 @@ __all__ = [
     'CoordinationError',
     'Diagnosis',
     'Evaluation',
+    'EvaluationOutcome',
     'EvaluationPhase',
+    'EvaluationRequest',
     'EvaluationStatus',
     'Event',
+    'FeatureSource',
+    'FormulaPosition',
     'Grounding',
     'Holds',
     'Level',
-    'Outcome',
-    'Place',
     'Plan',
     'PlanAction',
     'PlanExecution',
@@ -64,13 +64,8 @@ __all__ = [
     'PlanPhase',
     'PlanVerdict',
     'Progress',
-    'Question',
-    'Source',
     'Step',
-    'Symbol',
     'SymbolGrounding',
-    'SymbolKind',
-    'Verdict',
     'check_grounding',
     'concept_of',
     'details',

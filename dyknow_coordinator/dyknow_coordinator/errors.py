@@ -1,6 +1,6 @@
 """What can go wrong in answering a formula."""
 
-from dyknow_stream_processing import DyKnowError
+from dyknow_common import DyKnowError
 
 
 class CoordinationError(DyKnowError):

@@ -4,24 +4,24 @@ from collections.abc import Callable
 
 import pytest
 
-from dyknow_coordinator import CoordinationError, Evaluation, EvaluationPhase, Outcome, Verdict
-from dyknow_stream_processing import ExitCode
+from dyknow_common import ExitCode, Verdict
+from dyknow_coordinator import CoordinationError, Evaluation, EvaluationOutcome, EvaluationPhase
 
 
 @pytest.fixture
-def outcomes() -> list[Outcome]:
+def outcomes() -> list[EvaluationOutcome]:
     return []
 
 
 @pytest.fixture
-def evaluation(outcomes: list[Outcome]) -> Evaluation:
+def evaluation(outcomes: list[EvaluationOutcome]) -> Evaluation:
     return Evaluation(outcomes.append)
 
 
-def test_a_verdict_ends_it(evaluation: Evaluation, outcomes: list[Outcome]) -> None:
+def test_a_verdict_ends_it(evaluation: Evaluation, outcomes: list[EvaluationOutcome]) -> None:
     evaluation.enter(EvaluationPhase.RUNNING)
     evaluation.decide(Verdict.FALSE, 7, 'p = false')
-    assert outcomes == [Outcome(Verdict.FALSE, 7, 'p = false')]
+    assert outcomes == [EvaluationOutcome(Verdict.FALSE, 7, 'p = false')]
     assert evaluation.phase is EvaluationPhase.ENDED
 
 
@@ -38,7 +38,7 @@ ENDS: list[tuple[Callable[[Evaluation], None], ExitCode, str]] = [
 @pytest.mark.parametrize(('end', 'code', 'message'), ENDS)
 def test_other_ends_have_a_code_and_no_verdict(
     evaluation: Evaluation,
-    outcomes: list[Outcome],
+    outcomes: list[EvaluationOutcome],
     end: Callable[[Evaluation], None],
     code: ExitCode,
     message: str,
@@ -53,7 +53,7 @@ def test_other_ends_have_a_code_and_no_verdict(
 
 
 def test_what_comes_after_the_end_changes_nothing(
-    evaluation: Evaluation, outcomes: list[Outcome]
+    evaluation: Evaluation, outcomes: list[EvaluationOutcome]
 ) -> None:
     evaluation.enter(EvaluationPhase.RUNNING)
     evaluation.decide(Verdict.TRUE, 7, '')
@@ -63,7 +63,9 @@ def test_what_comes_after_the_end_changes_nothing(
     assert evaluation.phase is EvaluationPhase.ENDED
 
 
-def test_a_timeout_says_what_was_going_on(evaluation: Evaluation, outcomes: list[Outcome]) -> None:
+def test_a_timeout_says_what_was_going_on(
+    evaluation: Evaluation, outcomes: list[EvaluationOutcome]
+) -> None:
     evaluation.enter(EvaluationPhase.RUNNING)
     evaluation.expire(1.0)
     assert 'being evaluated' in str(outcomes[0].error)

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import pytest
 
+from dyknow_common import ExitCode, Verdict
 from dyknow_coordinator import (
     CoordinationError,
     Diagnosis,
@@ -12,12 +13,10 @@ from dyknow_coordinator import (
     Grounding,
     Level,
     SymbolGrounding,
-    Verdict,
     details,
     diagnose,
     outcome,
 )
-from dyknow_stream_processing import ExitCode
 
 SECOND = 1_000_000_000
 NOW = 100 * SECOND

@@ -6,16 +6,19 @@ from dataclasses import replace
 
 from rich.console import Console, RenderableType
 
+from dyknow_common import ExitCode, Verdict
 from dyknow_coordinator import (
     CoordinationError,
     EvaluationPhase,
     EvaluationStatus,
     Grounding,
     SymbolGrounding,
-    Verdict,
 )
-from dyknow_coordinator.evaluation_table import as_json, evaluation_details, evaluation_table
-from dyknow_stream_processing import ExitCode
+from dyknow_coordinator.reporting.evaluation_table import (
+    as_json,
+    evaluation_details,
+    evaluation_table,
+)
 
 SECOND = 1_000_000_000
 RUNNING = EvaluationStatus(

@@ -2,13 +2,12 @@
 
 import pytest
 
+from dyknow_common import ExitCode, Symbol, SymbolKind
 from dyknow_coordinator import (
     Candidates,
     CoordinationError,
+    FeatureSource,
     Grounding,
-    Source,
-    Symbol,
-    SymbolKind,
     check_grounding,
     concept_of,
     features,
@@ -18,7 +17,7 @@ from dyknow_coordinator import (
     sources,
     state_specification,
 )
-from dyknow_stream_processing import ExitCode, Reference, SinkDeclaration, Sync, parse_specification
+from dyknow_stream_processing import SinkDeclaration, StreamReference, Sync, parse_specification
 
 POWER = Symbol(SymbolKind.FEATURE, 'Power', ('UAV',))
 DISTANCE = Symbol(SymbolKind.FEATURE, 'XYDist', ('UAV', 'uav1'))
@@ -27,8 +26,10 @@ UAV = Symbol(SymbolKind.SORT, 'UAV')
 UAV1 = Symbol(SymbolKind.OBJECT, 'uav1')
 
 
-def source(feature: str, stream: str) -> Source:
-    return Source(feature, stream, f'stream {stream} = select v as "{feature}" from {stream}_raw')
+def source(feature: str, stream: str) -> FeatureSource:
+    return FeatureSource(
+        feature, stream, f'stream {stream} = select v as "{feature}" from {stream}_raw'
+    )
 
 
 def test_features_and_sorts_are_told_apart() -> None:
@@ -93,7 +94,7 @@ def test_a_reference_selects_its_field(
     select = declaration.stream
     assert [each.field for each in select.selections] == [field]
     assert [each.name for each in select.selections] == [name]
-    assert select.source == Reference(stream, is_topic)
+    assert select.source == StreamReference(stream, is_topic)
 
 
 def test_the_first_source_found_is_the_best() -> None:
@@ -122,7 +123,7 @@ def test_preferences_choose_among_sources_as_far_as_they_can() -> None:
     first, second, third = (source('Power[uav1]', name) for name in 'abc')
     candidates = Candidates((first, second, third))
 
-    def chosen(failed: set[Source], there: set[Source]) -> Source:
+    def chosen(failed: set[FeatureSource], there: set[FeatureSource]) -> FeatureSource:
         (found,) = candidates.choose(
             ['Power[uav1]'], lambda each: each not in failed, lambda each: each in there
         )
@@ -153,14 +154,14 @@ def test_streams_of_one_name_get_names_of_their_own() -> None:
     chosen = [referenced(Symbol(SymbolKind.FEATURE, text)) for text in texts]
     *streams, sink = parse_specification(state_specification(chosen)).declarations
     assert [str(each.stream.source) for each in streams] == ['"/a_b"', '"/a/b"']
-    assert sink == SinkDeclaration(Sync(tuple(Reference(each.name) for each in streams)))
+    assert sink == SinkDeclaration(Sync(tuple(StreamReference(each.name) for each in streams)))
 
 
 def test_the_state_stream_synchronises_all_sources() -> None:
     text = state_specification([source('Power[uav1]', 'a'), source('Power[uav2]', 'b')])
     *streams, sink = parse_specification(text).declarations
     assert [stream.name for stream in streams] == ['a', 'b']
-    assert sink == SinkDeclaration(Sync((Reference('a'), Reference('b'))))
+    assert sink == SinkDeclaration(Sync((StreamReference('a'), StreamReference('b'))))
 
 
 def test_computational_units_are_declared_once() -> None:

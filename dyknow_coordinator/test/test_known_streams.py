@@ -2,9 +2,10 @@
 
 import pytest
 
-from dyknow_coordinator import Source, Symbol, SymbolKind, referenced
-from dyknow_coordinator.known_streams import KnownStream, KnownStreams, suspects
-from dyknow_coordinator.stream_fields import field_names
+from dyknow_common import Symbol, SymbolKind
+from dyknow_coordinator import FeatureSource, referenced
+from dyknow_coordinator.grounding.known_streams import KnownStream, KnownStreams, suspects
+from dyknow_coordinator.grounding.stream_fields import field_names
 
 ODOMETRY = '/uav1/odometry'
 RATE = 'compunit v: float rate(a: float)'
@@ -20,8 +21,8 @@ STREAMS = (
 )
 
 
-def source(text: str) -> Source:
-    return Source('F', 'made', f'stream made = {text}')
+def source(text: str) -> FeatureSource:
+    return FeatureSource('F', 'made', f'stream made = {text}')
 
 
 @pytest.fixture
@@ -76,7 +77,7 @@ def test_suspects_are_made_from_what_failed(
     known: KnownStreams, origin: str, names: set[str]
 ) -> None:
     chosen = [
-        Source('F', name, f'stream {name} = {text}')
+        FeatureSource('F', name, f'stream {name} = {text}')
         for name, text in {
             'a': 'select v from climb',
             'b': 'select altitude from altitude',

@@ -2,27 +2,23 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from dyknow_common import ExitCode
 from dyknow_coordinator import (
     CoordinationError,
     Event,
+    FormulaPosition,
     Holds,
-    Place,
     Plan,
     PlanAction,
     PlanExecution,
     PlanFormula,
     PlanPhase,
+    Step,
 )
-from dyknow_stream_processing import ExitCode
-
-if TYPE_CHECKING:
-    from dyknow_coordinator import Step
 
 ACTIONS = ('take_off', 'fly_to', 'land')
 ORDERS = ([], [Event.STARTED], [Event.STARTED, Event.SUCCEEDED], [Event.STARTED, Event.FAILED],
@@ -35,7 +31,7 @@ PLAN = Plan(
 )
 
 
-def expected(history: list[tuple[str, Event]], place: Place) -> PlanPhase:
+def expected(history: list[tuple[str, Event]], place: FormulaPosition) -> PlanPhase:
     """The phase of a formula that nobody decides, read off the whole history."""
     own = [event for action, event in history if action == place.action]
     last_events = [[e for a, e in history if a == action] for action in ACTIONS]
@@ -114,7 +110,7 @@ def begun(plan: Plan) -> tuple[PlanExecution, Step]:
     return execution, execution.begin()
 
 
-WHOLE = Place('', 'whole')
+WHOLE = FormulaPosition('', 'whole')
 
 
 @pytest.mark.parametrize('violation', [{'violated': True}, {'failed': True}])
@@ -125,7 +121,7 @@ def test_a_plan_stops_at_the_first_violation_if_it_is_to(
     execution, _ = begun(Plan('p', PLAN.actions, PLAN.formulas, stop_at_violation=stop))
     step = execution.settle(WHOLE, **violation)
     assert execution.ended == stop
-    before = tuple(Place(action, 'BEFORE') for action in ACTIONS)
+    before = tuple(FormulaPosition(action, 'BEFORE') for action in ACTIONS)
     assert step.withdraw == (before if stop else ())
     assert step.start == ()
 

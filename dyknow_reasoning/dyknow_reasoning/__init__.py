@@ -2,24 +2,24 @@
 
 from dyknow_reasoning.check import CheckResult, check_trace
 from dyknow_reasoning.errors import ReasoningError
-from dyknow_reasoning.formula import (
+from dyknow_reasoning.formula_group import DEFAULT_NODE_LIMIT, FormulaGroup
+from dyknow_reasoning.language.formula import (
     Always,
     And,
     Comparison,
     Feature,
+    FieldReference,
     Forall,
     Formula,
     Interval,
     Number,
-    Reference,
 )
-from dyknow_reasoning.formula_group import DEFAULT_NODE_LIMIT, FormulaGroup
+from dyknow_reasoning.language.parsing import parse_formula
+from dyknow_reasoning.language.symbols import symbols_of
+from dyknow_reasoning.language.type_checking import Kind, check_types
 from dyknow_reasoning.named_formula import NamedFormula
-from dyknow_reasoning.parsing import parse_formula
-from dyknow_reasoning.results import FormulaResult, Verdict
-from dyknow_reasoning.symbols import Symbol, SymbolKind, symbols_of
+from dyknow_reasoning.results import FormulaResult
 from dyknow_reasoning.trace import RecordedState, read_trace
-from dyknow_reasoning.type_checking import Kind, check_types
 
 __all__ = [
     'DEFAULT_NODE_LIMIT',
@@ -28,6 +28,7 @@ __all__ = [
     'CheckResult',
     'Comparison',
     'Feature',
+    'FieldReference',
     'Forall',
     'Formula',
     'FormulaGroup',
@@ -38,10 +39,6 @@ __all__ = [
     'Number',
     'ReasoningError',
     'RecordedState',
-    'Reference',
-    'Symbol',
-    'SymbolKind',
-    'Verdict',
     'check_trace',
     'check_types',
     'parse_formula',

@@ -5,21 +5,16 @@ from __future__ import annotations
 import argparse
 import json
 import sys
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
 
+from dyknow_common import DyKnowError, Verdict, round_time
 from dyknow_reasoning.errors import ReasoningError
 from dyknow_reasoning.formula_group import FormulaGroup
-from dyknow_reasoning.results import FormulaResult, Verdict
-from dyknow_reasoning.trace import read_trace
-from dyknow_stream_processing import DyKnowError, round_time
-
-if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator, Sequence
-
-    from dyknow_reasoning.grounding import Domains
-    from dyknow_reasoning.trace import RecordedState
+from dyknow_reasoning.progression.instances import Domains
+from dyknow_reasoning.results import FormulaResult
+from dyknow_reasoning.trace import RecordedState, read_trace
 
 _NONE_FALSE, _ONE_FALSE, _BAD_INPUT = 0, 1, 2
 

@@ -2,37 +2,32 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Set as AbstractSet
 from itertools import chain, count
 from operator import attrgetter
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
-from dyknow_reasoning.bounds import Chronology
-from dyknow_reasoning.columns import recorded
-from dyknow_reasoning.ensemble import Ensemble
+from dyknow_common import ExitCode, Symbol, Verdict, format_time, round_time
 from dyknow_reasoning.errors import ReasoningError
-from dyknow_reasoning.explanation import explain
-from dyknow_reasoning.gaps import Gap
-from dyknow_reasoning.grounding import ground
+from dyknow_reasoning.execution.aggregation import StateOutcome
+from dyknow_reasoning.execution.automata.templates import formula_instances
+from dyknow_reasoning.execution.instance_monitor import InstanceMonitor
+from dyknow_reasoning.execution.vectors.atom_vectors import Array, Recording, recorded
+from dyknow_reasoning.execution.vectors.recordings import values_at
+from dyknow_reasoning.explanation.explanation import explain
+from dyknow_reasoning.explanation.remainders import Remainders
+from dyknow_reasoning.language.symbols import symbols_of
 from dyknow_reasoning.named_formula import NamedFormula
-from dyknow_reasoning.node_store import NodeStore
-from dyknow_reasoning.nodes import FALSE, Constant
-from dyknow_reasoning.recording import values_at
-from dyknow_reasoning.remainders import Remainders
-from dyknow_reasoning.results import FormulaResult, Verdict
-from dyknow_reasoning.shapes import members
-from dyknow_reasoning.symbols import Symbol, ground_symbols, symbols_of
-from dyknow_stream_processing import ExitCode, format_time, round_time
-
-if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping, Sequence
-    from collections.abc import Set as AbstractSet
-
-    from dyknow_reasoning.atoms import Values
-    from dyknow_reasoning.columns import Array, Recording
-    from dyknow_reasoning.grounding import Domains, Instance
-    from dyknow_reasoning.tally import Outcome
+from dyknow_reasoning.progression.atoms import Values
+from dyknow_reasoning.progression.bounds import Chronology
+from dyknow_reasoning.progression.gaps import Gap
+from dyknow_reasoning.progression.instances import Domains, Instance, ground_symbols, instances_of
+from dyknow_reasoning.progression.node_store import NodeStore
+from dyknow_reasoning.progression.nodes import FALSE, Constant
+from dyknow_reasoning.results import FormulaResult
 
 DEFAULT_NODE_LIMIT = 100_000
 _MOST_NODES = 10_000
@@ -64,7 +59,7 @@ class FormulaGroup:
         self._store = NodeStore(Chronology())
         self._most_nodes = _MOST_NODES
         self._domains: Domains = {}
-        self._ensemble: Ensemble | None = None
+        self._ensemble: InstanceMonitor | None = None
         self._latest: int | None = None
         self._gap_follows = False
         self._remainders: Remainders | None = None
@@ -90,7 +85,9 @@ class FormulaGroup:
         """
         named = NamedFormula.parsed(name, text)
         self._forget_nodes()
-        instances = ground(named.formula, self._domains, self._store) if self._ensemble else []
+        instances = (
+            instances_of(named.formula, self._domains, self._store) if self._ensemble else []
+        )
         formula_id = next(self._ids)
         self._formulas[formula_id] = named
         if self._ensemble:
@@ -131,11 +128,11 @@ class FormulaGroup:
         if self._ensemble:
             raise ReasoningError('the formula group has begun already', ExitCode.ALREADY_EXISTS)
         instances = {
-            formula_id: ground(each.formula, domains, self._store)
+            formula_id: instances_of(each.formula, domains, self._store)
             for formula_id, each in self._formulas.items()
         }
         self._domains = domains
-        self._ensemble = Ensemble(self._node_limit)
+        self._ensemble = InstanceMonitor(self._node_limit)
         self._remainders = Remainders(self._ensemble)
         for formula_id, found in instances.items():
             self._begin_formula(formula_id, found, self._ensemble)
@@ -271,7 +268,7 @@ class FormulaGroup:
         return known + self._take(outcome, valid_time, values) if outcome else known
 
     def _before(
-        self, ensemble: Ensemble, latest: int, valid_time: int, values: Values
+        self, ensemble: InstanceMonitor, latest: int, valid_time: int, values: Values
     ) -> list[FormulaResult]:
         """What is known as soon as a state has come, before it is looked at."""
         results = self._decide_at_once(valid_time) if self._known else []
@@ -281,7 +278,12 @@ class FormulaGroup:
         return results
 
     def _progress_recording(
-        self, ensemble: Ensemble, latest: int, times: Array, steps: Array, recording: Recording
+        self,
+        ensemble: InstanceMonitor,
+        latest: int,
+        times: Array,
+        steps: Array,
+        recording: Recording,
     ) -> list[FormulaResult]:
         usable = int(np.argmax(steps <= 0)) if (steps <= 0).any() else len(times)
         results: list[FormulaResult] = []
@@ -296,7 +298,7 @@ class FormulaGroup:
             results += self.progress(int(times[usable]), values_at(recording, usable))
         return results
 
-    def _begun(self) -> Ensemble:
+    def _begun(self) -> InstanceMonitor:
         if self._ensemble is None:
             raise ReasoningError('the formula group has not begun; give it the domains first')
         return self._ensemble
@@ -316,7 +318,7 @@ class FormulaGroup:
         return self._formulas[formula_id]
 
     def _begin_formula(
-        self, formula_id: int, instances: list[Instance], ensemble: Ensemble
+        self, formula_id: int, instances: list[Instance], ensemble: InstanceMonitor
     ) -> None:
         self._instances[formula_id] = instances
         self._undecided.add(formula_id)
@@ -324,7 +326,7 @@ class FormulaGroup:
             self._known[formula_id] = verdict
             ensemble.interrupt()
         else:
-            ensemble.add(members(formula_id, instances, self._formulas[formula_id].kinds))
+            ensemble.add(formula_instances(formula_id, instances, self._formulas[formula_id].kinds))
 
     def _decide_at_once(self, valid_time: int | None) -> list[FormulaResult]:
         known, self._known = self._known, {}
@@ -336,7 +338,7 @@ class FormulaGroup:
             ]
         )
 
-    def _take(self, outcome: Outcome, valid_time: int, values: Values) -> list[FormulaResult]:
+    def _take(self, outcome: StateOutcome, valid_time: int, values: Values) -> list[FormulaResult]:
         """The results that a state brings."""
         results = [
             self._failed(formula_id, error, valid_time)

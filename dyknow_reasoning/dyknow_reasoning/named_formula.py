@@ -3,13 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
-from dyknow_reasoning.parsing import parse_formula
-from dyknow_reasoning.type_checking import Kinds, check_types
-
-if TYPE_CHECKING:
-    from dyknow_reasoning.formula import Formula
+from dyknow_reasoning.language.formula import Formula
+from dyknow_reasoning.language.parsing import parse_formula
+from dyknow_reasoning.language.type_checking import Kinds, check_types
 
 
 @dataclass(frozen=True, slots=True)

@@ -3,19 +3,9 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from enum import IntEnum
-from typing import TYPE_CHECKING
 
-if TYPE_CHECKING:
-    from dyknow_reasoning.errors import ReasoningError
-
-
-class Verdict(IntEnum):
-    """What is known of a formula; the numbers are those of dyknow_interfaces/msg/FormulaResult."""
-
-    UNDECIDED = 0
-    TRUE = 1
-    FALSE = 2
+from dyknow_common import Verdict
+from dyknow_reasoning.errors import ReasoningError
 
 
 @dataclass(frozen=True, slots=True)

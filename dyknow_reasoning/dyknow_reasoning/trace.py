@@ -4,16 +4,13 @@ from __future__ import annotations
 
 import csv
 import re
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from decimal import Decimal, InvalidOperation
-from typing import TYPE_CHECKING
 
+from dyknow_common import LanguageError, Value
 from dyknow_reasoning.errors import ReasoningError
-from dyknow_reasoning.parsing import parse_formula
-from dyknow_stream_processing import LanguageError, Value
-
-if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dyknow_reasoning.language.parsing import parse_formula
 
 _UNITS = {'time_ns': Decimal(1), 'time_s': Decimal(10**9)}
 _INTEGER = re.compile(r'[+-]?\d+')

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from collections.abc import Iterable
 
 from hypothesis import strategies as st
 
-from dyknow_reasoning.formula import (
+from dyknow_reasoning.language.formula import (
     Always,
     And,
     Equivalent,
@@ -20,9 +20,6 @@ from dyknow_reasoning.formula import (
     Truth,
     Until,
 )
-
-if TYPE_CHECKING:
-    from collections.abc import Iterable
 
 NAMES = ('p', 'q')
 

@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 import json
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 import pytest
 
-from dyknow_reasoning import ReasoningError, Verdict, check_trace, read_trace
+from dyknow_common import Verdict
+from dyknow_reasoning import ReasoningError, check_trace, read_trace
 from dyknow_reasoning.check import main
-
-if TYPE_CHECKING:
-    from pathlib import Path
 
 TRACE = """time_s,Power[uav1],"XYDist[uav1,uav2]",mode,p
 0.0,143,10.5,on,true

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import replace
 from itertools import product
-from typing import TYPE_CHECKING
 
 import pytest
 from hypothesis import HealthCheck, given, settings
@@ -12,19 +11,11 @@ from hypothesis import strategies as st
 from reasoning_reference import Trace, formulas
 from test_progression import traces
 
-from dyknow_reasoning import (
-    FormulaGroup,
-    FormulaResult,
-    ReasoningError,
-    Verdict,
-    ensemble,
-    formula_group,
-    seating,
-)
-from dyknow_stream_processing import ExitCode
-
-if TYPE_CHECKING:
-    from dyknow_reasoning.formula import Formula
+from dyknow_common import ExitCode, Verdict
+from dyknow_reasoning import FormulaGroup, FormulaResult, ReasoningError, formula_group
+from dyknow_reasoning.execution import batching as seating
+from dyknow_reasoning.execution import instance_monitor as ensemble
+from dyknow_reasoning.language.formula import Formula
 
 ARRIVALS = st.lists(st.tuples(st.integers(0, 9), formulas(3)), min_size=1, max_size=6)
 
@@ -82,14 +73,14 @@ def test_a_formula_that_comes_later() -> None:
     group.begin({'S': ['a', 'b']})
     assert group.progress(0, {'P[a]': True, 'P[b]': True}) == []
     second = group.add_formula('second', 'exists x in S: eventually[0, 5 ns] Q[x]')
-    assert {symbol.field for symbol in group.symbols()} == {'P[a]', 'P[b]', 'Q[a]', 'Q[b]'}
+    assert {str(symbol) for symbol in group.symbols()} == {'P[a]', 'P[b]', 'Q[a]', 'Q[b]'}
     assert group.residual(second) == str(group.formulas[second])
     assert [group.presumably_false(each) for each in (first, second)] == [False, True]
     [failed] = group.progress(1, {'P[a]': True, 'P[b]': True})
     assert failed.error is not None
     assert "no field 'Q[a]'" in failed.error.message
     group.remove_formula(second)
-    assert {symbol.field for symbol in group.symbols()} == {'P[a]', 'P[b]'}
+    assert {str(symbol) for symbol in group.symbols()} == {'P[a]', 'P[b]'}
     assert group.undecided == {first}
     assert group.add_formula('third', 'true') == second + 1
     [known] = group.decided_at_once()

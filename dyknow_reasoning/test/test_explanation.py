@@ -2,14 +2,10 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import pytest
 
+from dyknow_common import Value
 from dyknow_reasoning import FormulaGroup
-
-if TYPE_CHECKING:
-    from dyknow_stream_processing import Value
 
 POWER = (
     'forall u in UAV: always (Power[u] > 150 -> '

@@ -5,18 +5,16 @@ from __future__ import annotations
 import os
 import re
 from itertools import accumulate, product
-from typing import TYPE_CHECKING
 
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from reasoning_reference import NAMES, Trace, formulas, holds
 
-from dyknow_reasoning import FormulaGroup, FormulaResult, Verdict, seating
-from dyknow_stream_processing import ExitCode, round_time
-
-if TYPE_CHECKING:
-    from dyknow_reasoning.formula import Formula
+from dyknow_common import ExitCode, Verdict, round_time
+from dyknow_reasoning import FormulaGroup, FormulaResult
+from dyknow_reasoning.execution import batching as seating
+from dyknow_reasoning.language.formula import Formula
 
 EXAMPLES = 20_000 if os.environ.get('DYKNOW_LONG_TESTS') else 200
 STATES = [dict(zip(NAMES, bits, strict=True)) for bits in product((False, True), repeat=2)]

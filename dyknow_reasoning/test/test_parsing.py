@@ -8,8 +8,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from dyknow_common import LanguageError, TextPosition
 from dyknow_reasoning import FormulaGroup, parse_formula
-from dyknow_reasoning.formula import (
+from dyknow_reasoning.language.formula import (
     Always,
     And,
     Arithmetic,
@@ -18,6 +19,7 @@ from dyknow_reasoning.formula import (
     Eventually,
     Exists,
     Feature,
+    FieldReference,
     Forall,
     Formula,
     Implies,
@@ -26,14 +28,12 @@ from dyknow_reasoning.formula import (
     Number,
     Object,
     Or,
-    Reference,
     Term,
-    Text,
+    TextLiteral,
     Truth,
     Until,
     Variable,
 )
-from dyknow_stream_processing import LanguageError, Place
 
 BAD_FORMULAS = sorted((Path(__file__).parent / 'bad_formulas').glob('*.formula'))
 
@@ -150,18 +150,18 @@ def test_a_round_bracket_may_open_a_formula() -> None:
 
 
 def test_references() -> None:
-    field = Reference('uav1_power', 'power')
-    quoted = Reference('/uav1/battery', 'cell.voltage')
+    field = FieldReference('uav1_power', 'power')
+    quoted = FieldReference('/uav1/battery', 'cell.voltage')
     assert parse_formula('uav1_power.power > 3') == Comparison('>', field, Number(3))
     assert parse_formula('"/uav1/battery".cell.voltage') == quoted
-    assert parse_formula('"uav1".in.until') == Reference('uav1', 'in.until')
+    assert parse_formula('"uav1".in.until') == FieldReference('uav1', 'in.until')
     assert str(quoted) == '"/uav1/battery".cell.voltage'
     assert canonical('"uav1".in') == 'uav1.in'
 
 
 def test_references_to_elements_of_arrays() -> None:
-    assert parse_formula('scan.ranges[0]') == Reference('scan', 'ranges[0]')
-    assert parse_formula('"/cloud".points[12].x[3]') == Reference('/cloud', 'points[12].x[3]')
+    assert parse_formula('scan.ranges[0]') == FieldReference('scan', 'ranges[0]')
+    assert parse_formula('"/cloud".points[12].x[3]') == FieldReference('/cloud', 'points[12].x[3]')
     formula = parse_formula('Power[u] < "/scan".ranges[0] until[0, 5] scan.ranges[1] = 2')
     assert str(formula) == '(Power[u] < "/scan".ranges[0]) until[0 s, 5 ms] (scan.ranges[1] = 2)'
     for text in ('scan.ranges[a] < 1', 'Power[0] < 1', 'scan.ranges[-1] < 1', 'scan.x[01] < 1'):
@@ -204,8 +204,8 @@ def test_places() -> None:
     formula = parse_formula('p and\n  always Power[u] > 3')
     assert isinstance(formula, And)
     assert isinstance(formula.right, Always)
-    assert formula.right.place == Place(2, 3)
-    assert formula.right.body.place == Place(2, 10)
+    assert formula.right.place == TextPosition(2, 3)
+    assert formula.right.body.place == TextPosition(2, 10)
 
 
 @pytest.mark.parametrize('path', BAD_FORMULAS, ids=lambda path: path.stem)
@@ -227,14 +227,14 @@ features = st.one_of(
     st.builds(Feature, names, st.lists(objects | variables, min_size=1, max_size=3).map(tuple)),
 )
 references = st.builds(
-    Reference,
+    FieldReference,
     st.sampled_from(['a', '/uav1/power', 'true']),
     st.sampled_from(['b', 'c.in.d', 'e[2].f[0]']),
 )
 numbers = st.one_of(
     st.integers(), st.floats(allow_nan=False, allow_infinity=False).filter(bool)
 ).map(Number)
-texts = st.text(st.characters(exclude_characters='\n', codec='utf-8'), max_size=5).map(Text)
+texts = st.text(st.characters(exclude_characters='\n', codec='utf-8'), max_size=5).map(TextLiteral)
 leaves = st.one_of(numbers, texts, st.booleans().map(Truth), features, references)
 terms = st.recursive(
     leaves, lambda inner: st.builds(Arithmetic, st.sampled_from('+-*/'), inner, inner), max_leaves=4

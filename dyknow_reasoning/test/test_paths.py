@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import os
 import re
+from collections.abc import Sequence
 from dataclasses import replace
 from itertools import accumulate, product
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import pytest
@@ -14,19 +15,11 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from reasoning_reference import formulas
 
-from dyknow_reasoning import (
-    FormulaGroup,
-    FormulaResult,
-    automaton,
-    configurations,
-    ensemble,
-    seating,
-)
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from dyknow_reasoning.formula import Formula
+from dyknow_reasoning import FormulaGroup, FormulaResult
+from dyknow_reasoning.execution import batching as seating
+from dyknow_reasoning.execution import instance_monitor as ensemble
+from dyknow_reasoning.execution.automata import automaton, configurations
+from dyknow_reasoning.language.formula import Formula
 
 EXAMPLES = 20_000 if os.environ.get('DYKNOW_LONG_TESTS') else 250
 OBJECTS = ('a', 'b', 'c', 'd')

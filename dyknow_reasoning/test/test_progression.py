@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Sequence
 from itertools import accumulate, product
-from typing import TYPE_CHECKING
 
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from reasoning_reference import NAMES, Trace, formulas, holds, intervals, negation
 
-from dyknow_reasoning import FormulaGroup, Verdict, parse_formula
-from dyknow_reasoning.formula import (
+from dyknow_common import Verdict
+from dyknow_reasoning import FormulaGroup, parse_formula
+from dyknow_reasoning.language.formula import (
     Always,
     And,
     Eventually,
@@ -24,9 +25,6 @@ from dyknow_reasoning.formula import (
     Truth,
     Until,
 )
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
 
 EXAMPLES = 20_000 if os.environ.get('DYKNOW_LONG_TESTS') else 400
 

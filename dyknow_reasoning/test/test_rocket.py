@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 import csv
+from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import pytest
 
-from dyknow_reasoning import FormulaGroup, Verdict, check_trace, read_trace
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+from dyknow_common import Verdict
+from dyknow_reasoning import FormulaGroup, check_trace, read_trace
 
 MS = 1_000_000
 RECORDING = Path(__file__).parent / 'data' / 'sounding_rocket_launch.csv'

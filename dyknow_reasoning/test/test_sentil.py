@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Sequence
 from dataclasses import replace
 from itertools import accumulate
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from reasoning_reference import NAMES, formulas
 
-from dyknow_reasoning import FormulaGroup, Verdict
-from dyknow_reasoning.formula import (
+from dyknow_common import Verdict
+from dyknow_reasoning import FormulaGroup
+from dyknow_reasoning.language.formula import (
     Always,
     And,
     Equivalent,
@@ -27,9 +29,6 @@ from dyknow_reasoning.formula import (
     Truth,
     Until,
 )
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
 
 sentil = pytest.importorskip('sentil')
 

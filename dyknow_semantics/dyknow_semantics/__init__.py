@@ -1,45 +1,51 @@
 """Semantic grounding: ontologies, annotations of streams (SSL) and matching."""
 
-from dyknow_semantics.annotation import (
+from dyknow_semantics.annotations.annotation import (
     Annotation,
-    Argument,
     Concept,
     Content,
+    FeatureArgument,
     FeatureTerm,
     Key,
     Range,
 )
-from dyknow_semantics.annotation_store import AnnotationStore
-from dyknow_semantics.bridges import Bridge, Bridged, Relation, bridged, parse_bridges
-from dyknow_semantics.checking import check_annotation, check_concept
+from dyknow_semantics.annotations.annotation_store import AnnotationStore
+from dyknow_semantics.annotations.checking import check_annotation, check_concept
+from dyknow_semantics.annotations.field_checking import check_fields
+from dyknow_semantics.annotations.parsing import parse_annotations, parse_concept
 from dyknow_semantics.errors import SemanticsError
-from dyknow_semantics.features import Feature
-from dyknow_semantics.field_checking import check_fields
-from dyknow_semantics.hierarchy import Entry, as_json, as_tree, entries, explanation_tree
-from dyknow_semantics.knowledge import Knowledge, Triple
-from dyknow_semantics.matching import Matcher, match
-from dyknow_semantics.nearness import Explanation
-from dyknow_semantics.ontology import Ontology
-from dyknow_semantics.parsing import parse_annotations, parse_concept
-from dyknow_semantics.reasoning import Reasoner, ReasonerProcess, choose_reasoner
-from dyknow_semantics.specifications import Match
-from dyknow_semantics.store import ALL_TRIPLES
-from dyknow_semantics.vocabulary import UPPER_ONTOLOGY
+from dyknow_semantics.matching.bridges import Bridge, Bridged, Relation, bridged, parse_bridges
+from dyknow_semantics.matching.matching import Matcher, match
+from dyknow_semantics.matching.near_misses import Explanation
+from dyknow_semantics.matching.specifications import Match
+from dyknow_semantics.ontology.features import FeatureSignature
+from dyknow_semantics.ontology.knowledge import Knowledge, Triple
+from dyknow_semantics.ontology.ontology import Ontology
+from dyknow_semantics.ontology.reasoner import Reasoner, ReasonerProcess, choose_reasoner
+from dyknow_semantics.ontology.store import ALL_TRIPLES
+from dyknow_semantics.ontology.vocabulary import UPPER_ONTOLOGY
+from dyknow_semantics.reporting.hierarchy import (
+    HierarchyEntry,
+    as_json,
+    as_tree,
+    entries,
+    explanation_tree,
+)
 
 __all__ = [
     'ALL_TRIPLES',
     'UPPER_ONTOLOGY',
     'Annotation',
     'AnnotationStore',
-    'Argument',
     'Bridge',
     'Bridged',
     'Concept',
     'Content',
-    'Entry',
     'Explanation',
-    'Feature',
+    'FeatureArgument',
+    'FeatureSignature',
     'FeatureTerm',
+    'HierarchyEntry',
     'Key',
     'Knowledge',
     'Match',

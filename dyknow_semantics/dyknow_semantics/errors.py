@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dyknow_stream_processing import DyKnowError
+from dyknow_common import DyKnowError
 
 
 class SemanticsError(DyKnowError):

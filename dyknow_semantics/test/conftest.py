@@ -2,17 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import pytest
 
-from dyknow_semantics import Ontology
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator
-
-    from dyknow_semantics import Knowledge
+from dyknow_semantics import Knowledge, Ontology
 
 ONTOLOGIES = Path(__file__).parent / 'ontologies'
 

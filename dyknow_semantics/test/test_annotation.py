@@ -5,24 +5,24 @@ from __future__ import annotations
 from hypothesis import given
 from hypothesis import strategies as st
 
+from dyknow_common import NO_CONSTRAINTS, StreamConstraints, TextPosition
 from dyknow_semantics import (
     Annotation,
-    Argument,
     Concept,
     Content,
+    FeatureArgument,
     FeatureTerm,
     Key,
     Range,
     parse_annotations,
     parse_concept,
 )
-from dyknow_stream_processing import NO_CONSTRAINTS, Place, StreamConstraints
 
 MILLISECOND = 1_000_000
 
 
 def feature(name: str, *arguments: str) -> FeatureTerm:
-    return FeatureTerm(name, tuple(map(Argument, arguments)))
+    return FeatureTerm(name, tuple(map(FeatureArgument, arguments)))
 
 
 def test_a_stream_of_one_object() -> None:
@@ -77,14 +77,14 @@ def test_words_keep_their_places() -> None:
         'stream a contains\n  Power[u] = p [W]\n  for every u in UAV\n  where u = id'
     )
     content = annotation.contents[0]
-    assert content.feature.place == Place(2, 3)
-    assert content.feature.arguments[0].place == Place(2, 9)
-    assert content.unit_place == Place(2, 16)
+    assert content.feature.place == TextPosition(2, 3)
+    assert content.feature.arguments[0].place == TextPosition(2, 9)
+    assert content.unit_place == TextPosition(2, 16)
     assert (annotation.ranges[0].place, annotation.ranges[0].sort_place) == (
-        Place(3, 13),
-        Place(3, 18),
+        TextPosition(3, 13),
+        TextPosition(3, 18),
     )
-    assert annotation.keys[0].place == Place(4, 9)
+    assert annotation.keys[0].place == TextPosition(4, 9)
 
 
 def test_concepts() -> None:

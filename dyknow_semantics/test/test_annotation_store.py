@@ -2,16 +2,13 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from collections.abc import Iterator
+from pathlib import Path
 
 import pytest
 
+from dyknow_common import ExitCode
 from dyknow_semantics import AnnotationStore, SemanticsError, parse_annotations
-from dyknow_stream_processing import ExitCode
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator
-    from pathlib import Path
 
 POWER = 'stream uav1_power contains Power[uav1] = power;'
 TIMELY = 'stream uav1_power contains Power[uav1] = power with max_delay = 100 ms;'

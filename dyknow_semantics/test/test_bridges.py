@@ -8,6 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from dyknow_common import LanguageError, TextPosition
 from dyknow_semantics import (
     Bridge,
     Knowledge,
@@ -18,7 +19,6 @@ from dyknow_semantics import (
     parse_bridges,
     parse_concept,
 )
-from dyknow_stream_processing import LanguageError, Place
 
 RDF_TYPE = 'http://www.w3.org/1999/02/22-rdf-syntax-ns#type'
 SUBCLASS_OF = 'http://www.w3.org/2000/01/rdf-schema#subClassOf'
@@ -185,4 +185,4 @@ def test_bridges_survive_writing_and_reading(written: list[Bridge]) -> None:
 
 def test_names_keep_their_places() -> None:
     (bridge,) = parse_bridges('# a comment\n a:b into\n  c;')
-    assert (bridge.source_place, bridge.target_place) == (Place(2, 2), Place(3, 3))
+    assert (bridge.source_place, bridge.target_place) == (TextPosition(2, 2), TextPosition(3, 3))

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import pytest
 
+from dyknow_common import LanguageError
 from dyknow_semantics import (
+    Knowledge,
     Ontology,
     SemanticsError,
     check_annotation,
@@ -15,10 +16,6 @@ from dyknow_semantics import (
     parse_annotations,
     parse_concept,
 )
-from dyknow_stream_processing import LanguageError
-
-if TYPE_CHECKING:
-    from dyknow_semantics import Knowledge
 
 HERE = Path(__file__).parent
 

@@ -2,15 +2,10 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import pytest
 
-from dyknow_semantics import check_annotation, check_fields, parse_annotations
-from dyknow_stream_processing import ExitCode, LanguageError, ValueType
-
-if TYPE_CHECKING:
-    from dyknow_semantics import Knowledge
+from dyknow_common import ExitCode, LanguageError, ValueType
+from dyknow_semantics import Knowledge, check_annotation, check_fields, parse_annotations
 
 FIELDS = {
     'id': ValueType.STRING,

@@ -2,17 +2,14 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 import pytest
 
+from dyknow_common import ExitCode, ValueType
 from dyknow_semantics import Ontology, SemanticsError
-from dyknow_semantics.forms import recognise
-from dyknow_semantics.sources import Source
-from dyknow_stream_processing import ExitCode, ValueType
-
-if TYPE_CHECKING:
-    from pathlib import Path
+from dyknow_semantics.ontology.serialisations import recognise
+from dyknow_semantics.ontology.sources import OntologySource
 
 STRING = 'http://www.w3.org/2001/XMLSchema#string'
 IRI = 'http://www.example.org/fleet-ontology'
@@ -101,7 +98,7 @@ def test_forms_that_say_the_same(tmp_path: Path, name: str, text: str) -> None:
 )
 def test_texts_that_cannot_be_read(text: str, message: str) -> None:
     with pytest.raises(SemanticsError) as error:
-        recognise(Source('/fleet', text.encode('latin-1')), 'http://unknown/')
+        recognise(OntologySource('/fleet', text.encode('latin-1')), 'http://unknown/')
     assert error.value.message.startswith(f'cannot read an ontology: /fleet: {message}')
 
 

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 from hypothesis import given
 from hypothesis import strategies as st
 from rich.console import Console
+from rich.tree import Tree
 
 from dyknow_semantics import (
     Knowledge,
@@ -18,9 +17,6 @@ from dyknow_semantics import (
     parse_annotations,
     parse_concept,
 )
-
-if TYPE_CHECKING:
-    from rich.tree import Tree
 
 SSL = """
     stream a contains Altitude[uav1] = z [ft];

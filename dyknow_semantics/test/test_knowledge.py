@@ -3,17 +3,13 @@
 from __future__ import annotations
 
 from io import BytesIO
-from typing import TYPE_CHECKING
 
 import owlready2
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from dyknow_semantics import Knowledge, SemanticsError
-
-if TYPE_CHECKING:
-    from dyknow_semantics import Triple
+from dyknow_semantics import Knowledge, SemanticsError, Triple
 
 RDF = 'http://www.w3.org/1999/02/22-rdf-syntax-ns#'
 RDFS = 'http://www.w3.org/2000/01/rdf-schema#'

@@ -2,20 +2,22 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from itertools import product
 from math import inf
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from dyknow_common import NO_CONSTRAINTS, LanguageError, StreamConstraints
 from dyknow_semantics import (
     Annotation,
-    Argument,
     Concept,
     Content,
+    FeatureArgument,
     FeatureTerm,
     Key,
     Knowledge,
@@ -26,22 +28,16 @@ from dyknow_semantics import (
     parse_concept,
 )
 from dyknow_stream_processing import (
-    NO_CONSTRAINTS,
     Condition,
     Dataflow,
-    LanguageError,
-    Reference,
     Sample,
     Select,
     Selection,
-    StreamConstraints,
     StreamDeclaration,
+    StreamReference,
     load_units,
     parse_specification,
 )
-
-if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping
 
 SSL = """
     stream uav1_power contains Power[uav1] = power;
@@ -252,7 +248,9 @@ RANGES = st.tuples(*(st.builds(Range, st.just(name), st.sampled_from(SORTS)) for
 TERMS = st.builds(
     FeatureTerm,
     st.sampled_from(FEATURES),
-    st.lists(st.sampled_from(OBJECTS + VARIABLES).map(Argument), min_size=2, max_size=2).map(tuple),
+    st.lists(st.sampled_from(OBJECTS + VARIABLES).map(FeatureArgument), min_size=2, max_size=2).map(
+        tuple
+    ),
 )
 PERIODS = st.none() | st.integers(1, 3)
 ANNOTATIONS = st.builds(
@@ -278,7 +276,7 @@ def test_matches_are_those_of_the_reference(
                 if world.is_below(carried.name, term.name) and objects in asked:
                     stream = Select(
                         (Selection(content.field, f'{term.name}[{objects[0]}, {objects[1]}]'),),
-                        Reference(annotation.stream),
+                        StreamReference(annotation.stream),
                         tuple(
                             Condition(f'{name}_id', '=', binding[name])
                             for name in VARIABLES
@@ -325,7 +323,8 @@ def test_without_arguments_a_concept_is_that_of_all_objects(
     world: World, annotations: list[Annotation], name: str
 ) -> None:
     everything = Concept(
-        FeatureTerm(name, (Argument('x'), Argument('y'))), (Range('x', 'S0'), Range('y', 'S0'))
+        FeatureTerm(name, (FeatureArgument('x'), FeatureArgument('y'))),
+        (Range('x', 'S0'), Range('y', 'S0')),
     )
     bare = replace(everything, feature=FeatureTerm(name), ranges=())
     knowledge = world.knowledge()

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import pytest
 
+from dyknow_common import ExitCode
 from dyknow_semantics import SemanticsError
-from dyknow_semantics.names import Names, prefix_of, split_iri
-from dyknow_stream_processing import ExitCode
+from dyknow_semantics.ontology.names import Names, prefix_of, split_iri
 
 UAV = 'http://www.example.org/vehicles#UAV'
 ALTITUDE = 'http://www.example.org/vehicles#Altitude'

@@ -4,18 +4,15 @@ from __future__ import annotations
 
 import re
 from collections import Counter
-from typing import TYPE_CHECKING
+from collections.abc import Callable
+from pathlib import Path
 
 import owlready2
 import pytest
 
-from dyknow_semantics import ALL_TRIPLES, Feature, Knowledge, Ontology, SemanticsError
-from dyknow_semantics.store import Store
-from dyknow_stream_processing import ExitCode, ValueType
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-    from pathlib import Path
+from dyknow_common import ExitCode, ValueType
+from dyknow_semantics import ALL_TRIPLES, FeatureSignature, Knowledge, Ontology, SemanticsError
+from dyknow_semantics.ontology.store import Store
 
 RDF_TYPE = '<http://www.w3.org/1999/02/22-rdf-syntax-ns#type>'
 RDFS_SUBCLASS = '<http://www.w3.org/2000/01/rdf-schema#subClassOf>'
@@ -66,10 +63,12 @@ def test_concepts_of_an_instance_begin_with_the_most_specific(fleet: Ontology) -
 
 
 def test_features(fleet: Ontology) -> None:
-    assert fleet.feature('XYDist') == Feature('XYDist', ('UAV', 'Vehicle'), ValueType.FLOAT, 'm')
-    assert fleet.feature('Daylight') == Feature('Daylight', (), ValueType.BOOLEAN, '')
+    assert fleet.feature('XYDist') == FeatureSignature(
+        'XYDist', ('UAV', 'Vehicle'), ValueType.FLOAT, 'm'
+    )
+    assert fleet.feature('Daylight') == FeatureSignature('Daylight', (), ValueType.BOOLEAN, '')
     for name in ('BarometricAltitude', 'Height'):
-        assert fleet.feature(name) == Feature(name, ('Vehicle',), ValueType.FLOAT, 'm')
+        assert fleet.feature(name) == FeatureSignature(name, ('Vehicle',), ValueType.FLOAT, 'm')
 
 
 def test_a_sort_is_no_feature(fleet: Ontology) -> None:
@@ -204,7 +203,7 @@ def test_names_of_what_is_created(fleet: Ontology) -> None:
 
 def test_features_may_be_created_below_others(fleet: Ontology) -> None:
     fleet.create_concept('LaserAltitude', ['Altitude'])
-    assert fleet.feature('LaserAltitude') == Feature(
+    assert fleet.feature('LaserAltitude') == FeatureSignature(
         'LaserAltitude', ('Vehicle',), ValueType.FLOAT, 'm'
     )
 

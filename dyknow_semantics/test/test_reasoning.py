@@ -7,24 +7,15 @@ import subprocess
 import sys
 import threading
 import time
+from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import pytest
 
-from dyknow_semantics import (
-    Ontology,
-    Reasoner,
-    ReasonerProcess,
-    SemanticsError,
-    choose_reasoner,
-)
-from dyknow_semantics.sources import Source
-from dyknow_semantics.store import read_with_imports
-from dyknow_stream_processing import ExitCode
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator
+from dyknow_common import ExitCode
+from dyknow_semantics import Ontology, Reasoner, ReasonerProcess, SemanticsError, choose_reasoner
+from dyknow_semantics.ontology.sources import OntologySource
+from dyknow_semantics.ontology.store import read_with_imports
 
 HARBOUR = 'http://www.example.org/harbour#'
 MORE = """
@@ -47,7 +38,9 @@ def harbour(ontologies: Path) -> Iterator[Ontology]:
 
 def reason(ontology: Ontology, more: str = '') -> None:
     """Adds what HermiT finds; with some more text it must not."""
-    documents = read_with_imports(Source('more', f'{MORE}{more}'.encode()), ()) if more else ()
+    documents = (
+        read_with_imports(OntologySource('more', f'{MORE}{more}'.encode()), ()) if more else ()
+    )
     draft = ontology.draft(documents)
     assert ontology.entail(ReasonerProcess(Reasoner.HERMIT, 60.0).entailed(draft), draft.revision)
 
@@ -154,7 +147,9 @@ def test_a_reasoner_that_is_stopped_answers(harbour: Ontology) -> None:
 
 
 def test_a_reasoner_ends_with_whoever_asked_it() -> None:
-    program = f'{sys.executable} -m dyknow_semantics.reasoner_program hermit <&0 & echo $!; wait'
+    program = (
+        f'{sys.executable} -m dyknow_semantics.ontology.reasoner_program hermit <&0 & echo $!; wait'
+    )
     with subprocess.Popen(
         ['sh', '-c', program],
         stdin=subprocess.PIPE,

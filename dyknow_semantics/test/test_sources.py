@@ -3,18 +3,15 @@
 from __future__ import annotations
 
 import threading
+from collections.abc import Iterator
 from http.server import BaseHTTPRequestHandler, HTTPServer
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 import pytest
 
+from dyknow_common import ExitCode
 from dyknow_semantics import UPPER_ONTOLOGY, Ontology, SemanticsError
-from dyknow_semantics.sources import read_source
-from dyknow_stream_processing import ExitCode
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator
-    from pathlib import Path
+from dyknow_semantics.ontology.sources import read_source
 
 RDF_TYPE = '<http://www.w3.org/1999/02/22-rdf-syntax-ns#type>'
 OWL = 'http://www.w3.org/2002/07/owl#'

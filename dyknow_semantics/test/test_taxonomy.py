@@ -5,7 +5,7 @@ from __future__ import annotations
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dyknow_semantics.taxonomy import Taxonomy
+from dyknow_semantics.ontology.taxonomy import Taxonomy
 
 NODES = [f'c{number}' for number in range(6)]
 PAIRS = st.lists(st.tuples(st.sampled_from(NODES), st.sampled_from(NODES)), max_size=12)

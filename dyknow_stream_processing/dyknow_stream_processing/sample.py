@@ -2,37 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
-from enum import StrEnum
-from typing import TYPE_CHECKING
 
-if TYPE_CHECKING:
-    from collections.abc import Mapping
-
-Value = bool | int | float | str
-"""What a field may hold."""
-
-
-class ValueType(StrEnum):
-    """The types of the stream language (paper, section III)."""
-
-    INT = 'int'
-    FLOAT = 'float'
-    STRING = 'string'
-    BOOLEAN = 'boolean'
-
-    @classmethod
-    def of(cls, value: Value) -> ValueType:
-        """The type of a value."""
-        return _TYPES[type(value)]
-
-
-_TYPES: Mapping[type, ValueType] = {
-    bool: ValueType.BOOLEAN,
-    int: ValueType.INT,
-    float: ValueType.FLOAT,
-    str: ValueType.STRING,
-}
+from dyknow_common import Value
 
 
 class PartialFields(dict[str, Value]):

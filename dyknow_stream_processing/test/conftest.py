@@ -1,96 +1,13 @@
-from __future__ import annotations
+"""Fixtures of the tests of streams; `recorded_flow.py` is importable by all of them."""
 
-from typing import TYPE_CHECKING
+import sys
+from pathlib import Path
 
 import pytest
 
-from dyknow_stream_processing import (
-    NO_CONSTRAINTS,
-    Dataflow,
-    Sample,
-    SourceType,
-    StreamConstraints,
-    load_units,
-    parse_specification,
-)
+sys.path.insert(0, str(Path(__file__).parent))
 
-if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping
-
-    from dyknow_stream_processing import Unit, Value, ValueType, Violation
-
-MILLISECOND = 1_000_000
-
-
-class Flow:
-    """A dataflow that records what comes out; times are in milliseconds."""
-
-    def __init__(self, units: Mapping[str, Unit] | None = None) -> None:
-        self.receipt_topics: set[str] = set()
-        self.types: dict[str, Mapping[str, ValueType]] = {}
-        self.dataflow = Dataflow(load_units() if units is None else units, self._source_type)
-        self.samples: list[Sample] = []
-        self.violations: list[Violation] = []
-
-    def create(
-        self, text: str, name: str = 's', constraints: StreamConstraints = NO_CONSTRAINTS
-    ) -> Flow:
-        self.dataflow.create(
-            name,
-            parse_specification(text),
-            constraints,
-            self.samples.append,
-            self.violations.append,
-        )
-        return self
-
-    def push(
-        self, topic: str, valid_time: float, now: float | None = None, **fields: Value
-    ) -> None:
-        available_time = valid_time if now is None else now
-        self.dataflow.push(topic, Sample(_ns(valid_time), _ns(available_time), fields))
-
-    def feed(self, topic: str, valid_times: Iterable[float]) -> None:
-        for valid_time in valid_times:
-            self.push(topic, valid_time, x=valid_time)
-
-    def advance(self, now: float) -> None:
-        self.dataflow.advance(_ns(now))
-
-    @property
-    def drops(self) -> dict[str, int]:
-        return dict(self.dataflow.statistics('s').drops)
-
-    @property
-    def deadline(self) -> float | None:
-        deadline = self.dataflow.next_deadline()
-        return None if deadline is None else deadline / MILLISECOND
-
-    def take(self) -> list[tuple[float, dict[str, Value]]]:
-        """The samples since the last call: valid time and fields."""
-        taken = [(each.valid_time / MILLISECOND, dict(each.fields)) for each in self.samples]
-        self.samples.clear()
-        return taken
-
-    def times(self) -> list[float]:
-        """The valid times of the samples since the last call."""
-        return [time for time, _ in self.take()]
-
-    def broken(self) -> list[tuple[str, float]]:
-        """The violations since the last call: constraint and valid time."""
-        taken = [(str(each.constraint), each.valid_time / MILLISECOND) for each in self.violations]
-        self.violations.clear()
-        return taken
-
-    def _source_type(self, topic: str) -> SourceType | None:
-        receipt_time = topic in self.receipt_topics
-        if topic not in self.types and not receipt_time:
-            return None
-        return SourceType(self.types.get(topic), receipt_time)
-
-
-def _ns(milliseconds: float) -> int:
-    return round(milliseconds * MILLISECOND)
+from recorded_flow import Flow
 
 
 @pytest.fixture

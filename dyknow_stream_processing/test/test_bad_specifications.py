@@ -3,21 +3,12 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import pytest
+from recorded_flow import Flow
 
-from dyknow_stream_processing import (
-    ALL,
-    LanguageError,
-    StreamConstraints,
-    StreamError,
-    ValueType,
-    load_units,
-)
-
-if TYPE_CHECKING:
-    from conftest import Flow
+from dyknow_common import DyKnowError, LanguageError, StreamConstraints, ValueType
+from dyknow_stream_processing import ALL, load_units
 
 BAD = sorted((Path(__file__).parent / 'bad_specifications').glob('*.stream'))
 FLOAT = ValueType.FLOAT
@@ -50,7 +41,7 @@ def test_bad_specifications_are_found() -> None:
 
 
 def test_constraints_of_the_caller_that_contradict(known: Flow) -> None:
-    with pytest.raises(StreamError, match='cannot be both 5 ms and 6 ms'):
+    with pytest.raises(DyKnowError, match='cannot be both 5 ms and 6 ms'):
         known.create(
             'fleet with sample_period = 5 ms',
             constraints=StreamConstraints(sample_period=6_000_000),

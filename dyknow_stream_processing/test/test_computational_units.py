@@ -2,18 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from importlib.metadata import EntryPoint
-from typing import TYPE_CHECKING
 
 import pytest
+from recorded_flow import Flow
 
-from dyknow_stream_processing import LanguageError, StreamError, computational_units, load_units
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
-
-    from conftest import Flow
-    from dyknow_stream_processing import Value
+from dyknow_common import LanguageError, Value
+from dyknow_stream_processing import StreamError, load_units
+from dyknow_stream_processing.dataflow import computational_units
 
 
 def run(

@@ -2,25 +2,11 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import pytest
+from recorded_flow import Flow
 
-from dyknow_stream_processing import (
-    ALL,
-    Broken,
-    ExitCode,
-    LanguageError,
-    PartialFields,
-    Sample,
-    StreamError,
-    ValueType,
-    Violation,
-)
-
-if TYPE_CHECKING:
-    from conftest import Flow
-    from dyknow_stream_processing import Value
+from dyknow_common import ExitCode, LanguageError, Value, ValueType
+from dyknow_stream_processing import ALL, Broken, PartialFields, Sample, StreamError, Violation
 
 
 def test_figure_2_select(flow: Flow) -> None:

@@ -5,22 +5,20 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
+from collections.abc import Callable
 from importlib import import_module
 from inspect import isclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import pytest
 from geometry_msgs.msg import Point
 from nav_msgs.msg import Odometry
 from sensor_msgs.msg import LaserScan
 
-from dyknow_stream_processing.ros import conversion
-from dyknow_stream_processing.ros.conversion_text import module_text
-from dyknow_stream_processing.ros.generate_conversions import main
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
+from dyknow_stream_processing.ros import message_conversion
+from dyknow_stream_processing.ros.messages.conversion_code import module_text
+from dyknow_stream_processing.ros.messages.generate_conversions import main
 
 ROOT = Path(__file__).parents[2]
 GOLDEN = Path(__file__).parent / 'golden'
@@ -77,7 +75,7 @@ def test_the_module_and_the_run_time_agree(run: Any, tmp_path: Path) -> None:
     messages['odometry'].pose.covariance[7] = 0.25
     for name, message in messages.items():
         fields = functions[f'{name}_to_fields'](message)
-        assert fields == conversion(type(message)).to_fields(message)
+        assert fields == message_conversion(type(message)).to_fields(message)
         assert functions[f'{name}_from_fields'](fields) == message
     assert run(*reversed(types))[1] == path.read_text(encoding='utf-8')
 

@@ -2,16 +2,12 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from recorded_flow import Flow
 
-from dyknow_stream_processing import LanguageError, ValueType
-
-if TYPE_CHECKING:
-    from conftest import Flow
+from dyknow_common import LanguageError, ValueType
 
 Series = list[tuple[int, float]]
 BOTH = 'sync(select x as a from "a", select x as b from "b") with approximation = linear'

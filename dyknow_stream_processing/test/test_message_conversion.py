@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from importlib import import_module
 from inspect import isclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import pytest
@@ -30,20 +30,22 @@ from sensor_msgs.msg import (
 from shape_msgs.msg import SolidPrimitive
 from std_msgs.msg import Byte, ByteMultiArray, Empty, Float32, Int8, UInt8, UInt64
 
-from dyknow_stream_processing import ALL, PartialFields, Sample, StreamError, listed_as
+from dyknow_common import Value, listed_as
+from dyknow_stream_processing import ALL, PartialFields, Sample, StreamError
 from dyknow_stream_processing.ros import (
     FieldReader,
-    conversion,
     extractor,
+    message_conversion,
     sample_fields,
     sample_to_message,
     scalar_fields,
 )
-from dyknow_stream_processing.ros.message_conversion import tolerant_extractor
-from dyknow_stream_processing.ros.message_types import field_types, largest_size, nested_class
-
-if TYPE_CHECKING:
-    from dyknow_stream_processing import Value
+from dyknow_stream_processing.ros.messages.conversions import tolerant_extractor
+from dyknow_stream_processing.ros.messages.message_types import (
+    field_types,
+    largest_size,
+    nested_class,
+)
 
 PACKAGES = (
     'actionlib_msgs',
@@ -118,7 +120,7 @@ def test_the_message_types_are_found() -> None:
 
 @pytest.mark.parametrize('class_', CLASSES, ids=lambda class_: class_.__name__)
 def test_every_message_comes_back(class_: Any) -> None:
-    convert, known = conversion(class_), scalar_fields(class_)
+    convert, known = message_conversion(class_), scalar_fields(class_)
     random = np.random.default_rng(7)
     for message in (class_(), *(fill(class_(), random) for _ in range(3))):
         fields = convert.to_fields(deserialize(message))
@@ -131,9 +133,9 @@ def test_every_message_comes_back(class_: Any) -> None:
 @pytest.mark.parametrize('class_', CLASSES, ids=lambda class_: class_.__name__)
 def test_certain_fields_are_those_of_all(class_: Any) -> None:
     message = fill(class_(), np.random.default_rng(8))
-    fields = conversion(class_).to_fields(message)
-    assert conversion(class_, list(fields)).to_fields(message) == fields
-    assert conversion(class_, list(fields)).from_fields(fields) == message
+    fields = message_conversion(class_).to_fields(message)
+    assert message_conversion(class_, list(fields)).to_fields(message) == fields
+    assert message_conversion(class_, list(fields)).from_fields(fields) == message
     whole = {path: value for path, value in fields.items() if '[' not in path}
     assert extractor(class_, None)(message) == whole
 
@@ -141,7 +143,9 @@ def test_certain_fields_are_those_of_all(class_: Any) -> None:
 @pytest.mark.parametrize('class_', CLASSES, ids=lambda class_: class_.__name__)
 def test_values_are_of_the_types_that_are_told(class_: Any) -> None:
     known = scalar_fields(class_)
-    fields = conversion(class_).to_fields(deserialize(fill(class_(), np.random.default_rng(9))))
+    fields = message_conversion(class_).to_fields(
+        deserialize(fill(class_(), np.random.default_rng(9)))
+    )
     for path, value in fields.items():
         assert {bool: 'boolean', str: 'string'}.get(type(value), type(value).__name__) == (
             known[str(listed_as(known, path))]
@@ -200,17 +204,17 @@ def test_what_is_no_single_value_is_refused(class_: Any, path: str, instead: str
 
 
 def test_what_is_not_given_keeps_its_default() -> None:
-    assert conversion(Quaternion).from_fields({'x': 0.5}) == Quaternion(x=0.5, w=1.0)
-    message = conversion(PoseWithCovariance).from_fields({'covariance[35]': 2})
+    assert message_conversion(Quaternion).from_fields({'x': 0.5}) == Quaternion(x=0.5, w=1.0)
+    message = message_conversion(PoseWithCovariance).from_fields({'covariance[35]': 2})
     assert message.covariance.tolist() == [0.0] * 35 + [2.0]
 
 
 def test_an_array_grows_to_the_highest_index() -> None:
-    message = conversion(LaserScan).from_fields({'ranges[3]': 1, 'ranges[1]': 2.5})
+    message = message_conversion(LaserScan).from_fields({'ranges[3]': 1, 'ranges[1]': 2.5})
     assert message.ranges.tolist() == [0.0, 2.5, 0.0, 1.0]
-    message = conversion(PointCloud).from_fields({'channels[1].values[1]': 1.0})
+    message = message_conversion(PointCloud).from_fields({'channels[1].values[1]': 1.0})
     assert [each.values.tolist() for each in message.channels] == [[], [0.0, 1.0]]
-    assert conversion(ByteMultiArray).from_fields({'data[1]': 7}).data == [b'\0', b'\7']
+    assert message_conversion(ByteMultiArray).from_fields({'data[1]': 7}).data == [b'\0', b'\7']
 
 
 @pytest.mark.parametrize(
@@ -238,29 +242,29 @@ def test_an_array_grows_to_the_highest_index() -> None:
 )
 def test_what_does_not_fit_is_named(class_: Any, fields: dict[str, Value], reason: str) -> None:
     with pytest.raises(StreamError) as error:
-        conversion(class_).from_fields(fields)
+        message_conversion(class_).from_fields(fields)
     assert reason in error.value.message
 
 
 def test_an_element_that_holds_nothing_comes_back_if_another_follows() -> None:
-    convert = conversion(MultiEchoLaserScan)
+    convert = message_conversion(MultiEchoLaserScan)
     message = MultiEchoLaserScan(ranges=[LaserEcho(), LaserEcho(echoes=[1.0]), LaserEcho()])
     found = convert.from_fields(convert.to_fields(message))
     assert [each.echoes.tolist() for each in found.ranges] == [[], [1.0]]
 
 
 def test_numbers_that_are_not_finite_come_back() -> None:
-    convert = conversion(Point)
+    convert = message_conversion(Point)
     fields = convert.to_fields(Point(x=math.inf, y=-math.inf, z=math.nan))
     message = convert.from_fields(through_a_sample(fields))
     assert (message.x, message.y) == (math.inf, -math.inf)
     assert math.isnan(message.z)
-    assert conversion(Float32).from_fields({'data': math.inf}).data == math.inf
+    assert message_conversion(Float32).from_fields({'data': math.inf}).data == math.inf
 
 
 def test_a_field_that_a_conversion_leaves_out_is_refused() -> None:
     with pytest.raises(StreamError, match="field 'y' of geometry_msgs/msg/Point is left out"):
-        conversion(Point, ['x']).from_fields({'x': 1, 'y': 2})
+        message_conversion(Point, ['x']).from_fields({'x': 1, 'y': 2})
 
 
 def test_characters_and_bounded_strings() -> None:

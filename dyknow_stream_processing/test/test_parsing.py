@@ -6,27 +6,24 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from dyknow_common import NO_CONSTRAINTS, LanguageError, StreamConstraints, ValueType
 from dyknow_stream_processing import (
-    NO_CONSTRAINTS,
     Approximation,
-    Argument,
     Call,
     Condition,
-    LanguageError,
     Merge,
-    Reference,
     Select,
     Selection,
     SinkDeclaration,
     SourceDeclaration,
     Specification,
-    StreamConstraints,
     StreamDeclaration,
+    StreamReference,
     Sync,
     Term,
     TypedField,
+    UnitArgument,
     UnitDeclaration,
-    ValueType,
     free_names,
     made,
     parse_specification,
@@ -71,8 +68,8 @@ some_constraints = st.just(NO_CONSTRAINTS) | constraints()
 renamings = st.sampled_from(
     [None, 'F%C%', '%id%', 'x.y', 'Power[%id%]', 'a b', '%pose.x%_%y%', '1']
 )
-references = st.builds(Reference, names, constraints=some_constraints) | st.builds(
-    Reference, st.text(min_size=1), st.just(True), constraints=some_constraints
+references = st.builds(StreamReference, names, constraints=some_constraints) | st.builds(
+    StreamReference, st.text(min_size=1), st.just(True), constraints=some_constraints
 )
 selections = st.lists(st.builds(Selection, field_names, renamings), min_size=1, max_size=3)
 conditions = st.builds(
@@ -81,7 +78,8 @@ conditions = st.builds(
 
 
 arguments = st.lists(
-    st.builds(Argument, names, values) | st.builds(Argument, names, durations, st.just(True)),
+    st.builds(UnitArgument, names, values)
+    | st.builds(UnitArgument, names, durations, st.just(True)),
     max_size=2,
 )
 
@@ -131,7 +129,7 @@ def test_the_example_of_the_design_reads_back() -> None:
         'stream uav1_state = sync(uav1_altitude, uav1_power) '
         'with sample_period = 200 ms, sample_period_deviation = 0 s'
     )
-    assert made(specification) == Reference('uav1_state')
+    assert made(specification) == StreamReference('uav1_state')
 
 
 @pytest.mark.parametrize(

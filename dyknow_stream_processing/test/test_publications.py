@@ -7,7 +7,7 @@ from dataclasses import replace
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dyknow_stream_processing.ros.publications import Publication, followed
+from dyknow_stream_processing.ros.topics.publications import Publication, followed
 
 PUBLISHERS = st.frozensets(st.tuples(st.integers(1, 4)), min_size=1)
 FOUND = st.builds(Publication, st.sampled_from(['a/msg/A', 'b/msg/B']), PUBLISHERS)

@@ -2,10 +2,15 @@
 
 import pytest
 
-from dyknow_stream_processing import NO_CONSTRAINTS, ExitCode, StreamConstraints, StreamError
-from dyknow_stream_processing.account import SAMPLE_TYPE, StreamAccount, StreamState
-from dyknow_stream_processing.naming import NamingConvention, check_name
-from dyknow_stream_processing.registry import CreatedStream, RegisteredStream, StreamRegistry
+from dyknow_common import NO_CONSTRAINTS, ExitCode, StreamConstraints
+from dyknow_stream_processing import StreamError
+from dyknow_stream_processing.management.naming import NamingConvention, check_name
+from dyknow_stream_processing.management.registry import (
+    CreatedStream,
+    RegisteredStream,
+    StreamRegistry,
+)
+from dyknow_stream_processing.reporting.stream_report import SAMPLE_TYPE, StreamReport, StreamState
 
 E1, E2, FAR = '/e1', '/e2', '/far/e3'
 
@@ -234,7 +239,7 @@ def test_a_name_that_no_text_can_mention(name: str) -> None:
 
 
 def test_an_account_tells_what_the_manager_and_the_engine_know(registry: StreamRegistry) -> None:
-    told = StreamAccount('a', StreamState.FLOWING, samples=7)
+    told = StreamReport('a', StreamState.FLOWING, samples=7)
     flowing = registry.account(registry.find('a'), told)
     assert (flowing.samples, flowing.engine, flowing.topic) == (7, E1, '/dyknow/streams/a')
     registry.release('waiting', 'no unit', failed=True)

@@ -3,7 +3,12 @@
 import pytest
 
 from dyknow_stream_processing import free_names, parse_specification
-from dyknow_stream_processing.relocation import aliases, with_absolute_topics, with_aliases, without
+from dyknow_stream_processing.management.relocation import (
+    aliases,
+    with_absolute_topics,
+    with_aliases,
+    without,
+)
 
 EVERYTHING = """
 source (v: float) battery;

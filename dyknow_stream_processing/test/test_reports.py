@@ -2,14 +2,10 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import pytest
+from recorded_flow import Flow
 
 from dyknow_stream_processing import Violation
-
-if TYPE_CHECKING:
-    from conftest import Flow
 
 VIOLATION = Violation('far', 'max_delay', 5, 7, 2, 1, "stream 'far': too late")
 

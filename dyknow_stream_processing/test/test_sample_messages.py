@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from collections.abc import Sequence
 
 from dyknow_interfaces.msg import Sample as SampleMessage
 from hypothesis import given
@@ -11,9 +11,6 @@ from rclpy.serialization import deserialize_message, serialize_message
 
 from dyknow_stream_processing import Sample
 from dyknow_stream_processing.ros import SampleWriter, sample_fields, sample_to_message
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
 
 NAMES = st.sampled_from(['a', 'b', 'ranges[0]', 'Power[uav1]'])
 TEXTS = st.text(st.characters(exclude_categories=['Cs'], exclude_characters='\0'))

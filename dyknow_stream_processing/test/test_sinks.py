@@ -2,7 +2,8 @@
 
 import pytest
 
-from dyknow_stream_processing import LanguageError, parse_specification, specifications_by_sink
+from dyknow_common import LanguageError
+from dyknow_stream_processing import parse_specification, specifications_by_sink
 
 FLEET = """
 compunit power: float electrical_power((voltage: float, current: float));

@@ -6,12 +6,17 @@ from dataclasses import replace
 import pytest
 from rich.console import Console, RenderableType
 
-from dyknow_stream_processing import StreamConstraints
-from dyknow_stream_processing.account import Flow, SourceAccount, StreamAccount, StreamState
-from dyknow_stream_processing.stream_table import as_json, stream_details, stream_table
+from dyknow_common import StreamConstraints
+from dyknow_stream_processing.reporting.stream_report import (
+    Flow,
+    SourceReport,
+    StreamReport,
+    StreamState,
+)
+from dyknow_stream_processing.reporting.stream_table import as_json, stream_details, stream_table
 
 MS = 1_000_000
-FLOWING = StreamAccount(
+FLOWING = StreamReport(
     'power',
     StreamState.FLOWING,
     engine='/engine',
@@ -21,11 +26,11 @@ FLOWING = StreamAccount(
     samples=120,
     violations=2,
     drops={'max_delay': 2, 'fields': 1},
-    sources=(SourceAccount('/silent'), SourceAccount('/t', 200, 1_000 * MS)),
+    sources=(SourceReport('/silent'), SourceReport('/t', 200, 1_000 * MS)),
     flow=Flow(9.96, 12 * MS, 31 * MS),
 )
-WAITING = StreamAccount('late', StreamState.WAITING, message='no stream F[a]\n  there')
-REGISTERED = StreamAccount(
+WAITING = StreamReport('late', StreamState.WAITING, message='no stream F[a]\n  there')
+REGISTERED = StreamReport(
     'tank', StreamState.REGISTERED, topic='/tank', message_type='std_msgs/msg/Float64'
 )
 
@@ -83,7 +88,7 @@ def test_everything_about_a_stream() -> None:
 
 
 @pytest.mark.parametrize('account', [WAITING, REGISTERED])
-def test_what_is_not_known_is_left_out(account: StreamAccount) -> None:
+def test_what_is_not_known_is_left_out(account: StreamReport) -> None:
     assert not [line for line in shown(stream_details(account, 0)) if 'samples' in line]
 
 

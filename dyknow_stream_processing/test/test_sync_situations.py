@@ -2,14 +2,10 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import pytest
+from recorded_flow import Flow
 
-from dyknow_stream_processing import StreamConstraints
-
-if TYPE_CHECKING:
-    from conftest import Flow
+from dyknow_common import StreamConstraints
 
 
 def both(flow: Flow, constraints: str = '') -> Flow:

@@ -2,22 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
 
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from dyknow_stream_processing import (
-    NO_CONSTRAINTS,
-    Dataflow,
-    Sample,
-    SourceType,
-    parse_specification,
-)
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
+from dyknow_common import NO_CONSTRAINTS
+from dyknow_stream_processing import Dataflow, Sample, SourceType, parse_specification
 
 Event = tuple[int, int, int]  # now, input, valid time
 Output = tuple[int, int, tuple[int, ...]]  # now, tick, the number of the sample of each input

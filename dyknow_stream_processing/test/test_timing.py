@@ -3,13 +3,10 @@
 from __future__ import annotations
 
 from itertools import pairwise
-from typing import TYPE_CHECKING
 
 from hypothesis import given
 from hypothesis import strategies as st
-
-if TYPE_CHECKING:
-    from conftest import Flow
+from recorded_flow import Flow
 
 
 def test_without_max_delay_what_is_older_than_its_predecessor_is_dropped(flow: Flow) -> None:

@@ -10,8 +10,9 @@ from hypothesis import strategies as st
 from nav_msgs.msg import Odometry, Path
 from std_msgs.msg import Float64
 
-from dyknow_stream_processing import ExitCode, StreamError
-from dyknow_stream_processing.ros.valid_times import valid_time_of
+from dyknow_common import ExitCode
+from dyknow_stream_processing import StreamError
+from dyknow_stream_processing.ros.messages.valid_times import valid_time_of
 
 STAMPS = st.builds(Time, sec=st.integers(-(2**31), 2**31 - 1), nanosec=st.integers(0, 10**9 - 1))
 

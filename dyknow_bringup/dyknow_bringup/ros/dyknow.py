@@ -7,26 +7,22 @@ import json
 import signal
 import sys
 import tempfile
+from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import rclpy
 from rclpy.node import Node
 from rclpy.utilities import remove_ros_args
 
+from dyknow_bringup.demonstration.expectations import VERDICTS
 from dyknow_bringup.errors import BringupError
-from dyknow_bringup.launcher import Launcher
-from dyknow_bringup.monitoring import VERDICTS
-from dyknow_bringup.processes import Configuration, dyknow_processes
-from dyknow_coordinator import Grounding, Verdict
+from dyknow_bringup.processes.launcher import Launcher
+from dyknow_bringup.processes.processes import SystemConfiguration, dyknow_processes
+from dyknow_common import DyKnowError, ExitCode, Verdict, round_time
+from dyknow_common.ros import duration
+from dyknow_coordinator import Answer, Grounding
 from dyknow_coordinator.ros import FormulaClient
-from dyknow_stream_processing import DyKnowError, ExitCode, round_time
-from dyknow_stream_processing.ros import duration
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from dyknow_coordinator import Answer
 
 GROUNDINGS = {grounding.name.lower(): grounding for grounding in Grounding}
 CHECK_PERIOD = 0.5
@@ -39,7 +35,7 @@ def up(chosen: argparse.Namespace) -> int:
     for path in (*chosen.ontology, *chosen.annotations, *chosen.streams, *chosen.bridges):
         if not path.is_file():
             raise BringupError(f'there is no file {path}', ExitCode.NOT_FOUND)
-    configuration = Configuration(
+    configuration = SystemConfiguration(
         tuple(path.resolve() for path in chosen.ontology),
         tuple(path.resolve() for path in chosen.annotations),
         tuple(path.resolve() for path in chosen.streams),

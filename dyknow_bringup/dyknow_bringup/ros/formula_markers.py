@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from builtin_interfaces.msg import Duration
 from dyknow_interfaces.msg import EvaluationStatusArray
@@ -15,24 +16,19 @@ from std_msgs.msg import ColorRGBA
 from visualization_msgs.msg import Marker as MarkerMessage
 from visualization_msgs.msg import MarkerArray
 
+from dyknow_bringup.document import Point
 from dyknow_bringup.errors import BringupError
-from dyknow_bringup.markers import formula_markers, objects_of
-from dyknow_coordinator.ros.evaluation_messages import status_from_message
-from dyknow_stream_processing.ros import (
+from dyknow_bringup.markers.markers import Axes, Marker, formula_markers, objects_of
+from dyknow_common.ros import (
     LATCHED,
     NO_PUBLISHER_EVENTS,
     NO_SUBSCRIPTION_EVENTS,
     DyKnowNode,
+    Throttle,
     run,
 )
-from dyknow_stream_processing.ros.throttle import Throttle
-
-if TYPE_CHECKING:
-    from collections.abc import Collection
-
-    from dyknow_bringup.document import Point
-    from dyknow_bringup.markers import Axes, Marker
-    from dyknow_coordinator import EvaluationStatus
+from dyknow_coordinator import EvaluationStatus
+from dyknow_coordinator.ros.reporting.evaluation_messages import status_from_message
 
 PERIOD = 0.2
 """Seconds between two pictures."""

@@ -2,23 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from rclpy.task import Future
 
-from dyknow_bringup.formulas import load_formulas
-from dyknow_bringup.monitoring import VERDICTS, MonitoredFormula
+from dyknow_bringup.demonstration.expectations import VERDICTS, MonitoredFormula
+from dyknow_bringup.demonstration.formulas import load_formulas
 from dyknow_bringup.resources import formulas_path
-from dyknow_coordinator.ros import FormulaClient
-from dyknow_stream_processing import ExitCode, round_time
-from dyknow_stream_processing.ros import DyKnowNode, run
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from dyknow_coordinator import Answer, Progress
-    from dyknow_coordinator.ros import Monitor
+from dyknow_common import ExitCode, round_time
+from dyknow_common.ros import DyKnowNode, run
+from dyknow_coordinator import Answer, Progress
+from dyknow_coordinator.ros import FormulaClient, Monitor
 
 PASSING = (ExitCode.UNAVAILABLE, ExitCode.NOT_FOUND)
 """What may pass while the other nodes are still starting."""

@@ -4,20 +4,19 @@ from __future__ import annotations
 
 import argparse
 import sys
+from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.utilities import remove_ros_args
 from rosgraph_msgs.msg import Clock as ClockMessage
 
-from dyknow_bringup.bag import Bag, QualityOfService, RecordedTopic
-from dyknow_bringup.replay import Replay, Schedule
-from dyknow_stream_processing import DyKnowError
-from dyknow_stream_processing.ros import DyKnowNode, message_class, nanoseconds_to_time, run
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
+from dyknow_bringup.recordings.bag import Bag, QualityOfService, RecordedTopic
+from dyknow_bringup.recordings.replay import Replay, Schedule
+from dyknow_common import DyKnowError
+from dyknow_common.ros import DyKnowNode, nanoseconds_to_time, run
+from dyknow_stream_processing.ros import message_class
 
 TICK = 0.005
 """Seconds of the wall clock between two looks for due messages."""

@@ -8,8 +8,8 @@ from __future__ import annotations
 import argparse
 import sys
 import tempfile
+from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import rclpy
 from diagnostic_msgs.msg import DiagnosticStatus
@@ -18,12 +18,13 @@ from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.utilities import remove_ros_args
 from rich.console import Console
 from rich.live import Live
+from rich.table import Table
 
+from dyknow_bringup.demonstration.expectations import MonitoredFormula, unexpected
+from dyknow_bringup.demonstration.formula_table import formula_table, summary
 from dyknow_bringup.errors import BringupError
-from dyknow_bringup.fleet import fleet_specification, vehicle_names
-from dyknow_bringup.launcher import Launcher
-from dyknow_bringup.monitoring import MonitoredFormula, unexpected
-from dyknow_bringup.processes import (
+from dyknow_bringup.processes.launcher import Launcher
+from dyknow_bringup.processes.processes import (
     dyknow_processes,
     formula_markers,
     uav_simulation,
@@ -31,22 +32,11 @@ from dyknow_bringup.processes import (
 )
 from dyknow_bringup.resources import scenario_names, scenario_path, uav_ontology_path
 from dyknow_bringup.ros.formula_monitor import FormulaMonitor
-from dyknow_bringup.scenario import load_scenario
-from dyknow_bringup.table import formula_table, summary
-from dyknow_stream_processing import (
-    DyKnowError,
-    ExitCode,
-    parse_specification,
-    specifications_by_sink,
-)
-from dyknow_stream_processing.ros import LATCHED, DyKnowNode, Peer
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
-
-    from rich.table import Table
-
-    from dyknow_bringup.scenario import Scenario
+from dyknow_bringup.simulation.fleet import fleet_specification, vehicle_names
+from dyknow_bringup.simulation.scenario import Scenario, load_scenario
+from dyknow_common import DyKnowError, ExitCode
+from dyknow_common.ros import LATCHED, DyKnowNode, RemoteNode
+from dyknow_stream_processing import parse_specification, specifications_by_sink
 
 START_LIMIT = 30.0
 """Seconds that the nodes may take to start."""
@@ -108,8 +98,8 @@ class Demonstration:
 
     def _start_up(self) -> None:
         self._console.print(f'[bold]{self._scenario.name}[/]: {self._scenario.description}')
-        coordinator = Peer(self._node, 'stream_reasoning_coordinator')
-        manager = Peer(self._node, 'stream_manager', patience=START_LIMIT)
+        coordinator = RemoteNode(self._node, 'stream_reasoning_coordinator')
+        manager = RemoteNode(self._node, 'stream_manager', patience=START_LIMIT)
         with self._console.status('starting the nodes of DyKnow'):
             self._wait_for(lambda: coordinator.is_running, 'the coordinator')
             self._wait_for(lambda: self._streams_made(manager), 'the streams of the fleet')
@@ -134,7 +124,7 @@ class Demonstration:
         with self._console.status('starting the simulation'):
             self._wait_for(lambda: self._start is not None, 'the simulation')
 
-    def _streams_made(self, manager: Peer) -> bool:
+    def _streams_made(self, manager: RemoteNode) -> bool:
         listing = self._executor.create_task(manager.call, ListStreams)
         self._wait_for(listing.done, 'the stream manager')
         names = set(listing.result().stream_names)

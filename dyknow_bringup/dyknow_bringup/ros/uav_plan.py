@@ -8,30 +8,22 @@ from __future__ import annotations
 import argparse
 import sys
 import tempfile
+from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import rclpy
 from rclpy.executors import ExternalShutdownException
 from rclpy.utilities import remove_ros_args
 
-from dyknow_bringup.launcher import Launcher
-from dyknow_bringup.missions import load_mission
-from dyknow_bringup.plan_table import plan_table, verdict_line
+from dyknow_bringup.demonstration.plan_table import plan_table, verdict_line
+from dyknow_bringup.processes.launcher import Launcher
 from dyknow_bringup.resources import plan_path, scenario_path
 from dyknow_bringup.ros.uav_demo import Demonstration
-from dyknow_bringup.scenario import load_scenario
-from dyknow_coordinator import PlanOutcome, Verdict
-from dyknow_coordinator.ros import FormulaClient
-from dyknow_stream_processing import DyKnowError
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from dyknow_bringup.missions import Mission
-    from dyknow_bringup.scenario import Scenario
-    from dyknow_coordinator import PlanVerdict
-    from dyknow_coordinator.ros import PlanMonitor
+from dyknow_bringup.simulation.missions import Mission, load_mission
+from dyknow_bringup.simulation.scenario import Scenario, load_scenario
+from dyknow_common import DyKnowError, Verdict
+from dyknow_coordinator import PlanOutcome, PlanVerdict
+from dyknow_coordinator.ros import FormulaClient, PlanMonitor
 
 
 class MonitoredMission(Demonstration):

@@ -5,13 +5,14 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from dyknow_bringup.fleet import vehicle_names
-from dyknow_bringup.messages import MESSAGE_TYPES, ros_message
 from dyknow_bringup.resources import scenario_path
-from dyknow_bringup.scenario import load_scenario
-from dyknow_bringup.simulation import Simulation
-from dyknow_bringup.telemetry import Channel, topic
-from dyknow_stream_processing.ros import NO_PUBLISHER_EVENTS, DyKnowNode, message_class, run
+from dyknow_bringup.simulation.fleet import vehicle_names
+from dyknow_bringup.simulation.scenario import load_scenario
+from dyknow_bringup.simulation.simulation import Simulation
+from dyknow_bringup.simulation.telemetry import Channel, topic
+from dyknow_bringup.simulation.telemetry_messages import MESSAGE_TYPES, ros_message
+from dyknow_common.ros import NO_PUBLISHER_EVENTS, DyKnowNode, run
+from dyknow_stream_processing.ros import message_class
 
 DEPTH = 100
 """How many messages a publisher keeps for slow receivers."""

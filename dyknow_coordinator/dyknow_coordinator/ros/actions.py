@@ -2,20 +2,14 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from collections.abc import Awaitable, Callable
+from typing import Any
 
-from rclpy.action import ActionServer
+from rclpy.action import ActionServer, CancelResponse
 from rclpy.qos import QoSProfile
 
-from dyknow_coordinator.ros.callers import Callers
-from dyknow_stream_processing.ros import SERVICE, snake_case
-
-if TYPE_CHECKING:
-    from collections.abc import Awaitable, Callable
-
-    from rclpy.action import CancelResponse
-
-    from dyknow_stream_processing.ros import DyKnowNode
+from dyknow_common.ros import SERVICE, DyKnowNode, snake_case
+from dyknow_coordinator.ros.evaluation.client_watch import ClientWatch
 
 
 def serve_action(
@@ -48,5 +42,5 @@ def serve_action(
         cancel_service_qos_profile=SERVICE,
         feedback_pub_qos_profile=QoSProfile(depth=SERVICE.depth),
     )
-    Callers(node, f'{node.get_fully_qualified_name()}/{name}/_action/get_result', abandon)
+    ClientWatch(node, f'{node.get_fully_qualified_name()}/{name}/_action/get_result', abandon)
     return server

@@ -2,25 +2,25 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-from dyknow_coordinator.errors import CoordinationError
-from dyknow_coordinator.grounding import Grounding
-from dyknow_coordinator.question import Question
-from dyknow_coordinator.ros.evaluation_messages import grounding_to_message
-from dyknow_stream_processing.ros import (
+from dyknow_common.ros import (
     constraints_from_message,
     fill_exit_status,
     nanoseconds_to_time,
     time_to_nanoseconds,
 )
+from dyknow_coordinator.errors import CoordinationError
+from dyknow_coordinator.evaluation.evaluation import EvaluationOutcome
+from dyknow_coordinator.evaluation.request import EvaluationRequest
+from dyknow_coordinator.grounding.grounding import Grounding
+from dyknow_coordinator.ros.evaluation.formula_evaluation import FormulaEvaluation
+from dyknow_coordinator.ros.reporting.evaluation_messages import grounding_to_message
 
-if TYPE_CHECKING:
-    from dyknow_coordinator.evaluation import Outcome
-    from dyknow_coordinator.ros.formula_evaluation import FormulaEvaluation
 
-
-def question_from_message(goal: Any, default_timeout: float, timeout_limit: float) -> Question:
+def question_from_message(
+    goal: Any, default_timeout: float, timeout_limit: float
+) -> EvaluationRequest:
     """What a request of EvaluateFormula, or a goal of MonitorFormula, asks.
 
     Args:
@@ -37,7 +37,7 @@ def question_from_message(goal: Any, default_timeout: float, timeout_limit: floa
     if timeout < 0:
         raise CoordinationError(f'the timeout of {timeout:g} s is negative')
     timeout = timeout or default_timeout
-    return Question(
+    return EvaluationRequest(
         formula=goal.formula,
         grounding=grounding_of(goal),
         constraints=constraints_from_message(goal.constraints),
@@ -60,7 +60,7 @@ def grounding_of(goal: Any) -> Grounding:
     return Grounding(goal.grounding)
 
 
-def fill_answer(answer: Any, evaluation: FormulaEvaluation, outcome: Outcome) -> None:
+def fill_answer(answer: Any, evaluation: FormulaEvaluation, outcome: EvaluationOutcome) -> None:
     """Writes an outcome into the response of the service or the result of the action."""
     answer.verdict = int(outcome.verdict)
     answer.canonical_formula = evaluation.canonical_formula

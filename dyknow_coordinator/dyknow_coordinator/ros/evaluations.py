@@ -3,23 +3,22 @@
 from __future__ import annotations
 
 import argparse
-from typing import TYPE_CHECKING, Any
+from collections.abc import Sequence
+from typing import Any
 
 from dyknow_interfaces.msg import EvaluationStatusArray
+from rich.console import RenderableType
 
+from dyknow_common import ExitCode
+from dyknow_common.ros import ReportCommand, add_report_options, time_to_nanoseconds
 from dyknow_coordinator.errors import CoordinationError
-from dyknow_coordinator.evaluation_table import as_json, evaluation_details, evaluation_table
-from dyknow_coordinator.ros.evaluation_messages import status_from_message
-from dyknow_stream_processing import ExitCode
-from dyknow_stream_processing.ros import time_to_nanoseconds
-from dyknow_stream_processing.ros.report_command import ReportCommand, add_report_options
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from rich.console import RenderableType
-
-    from dyknow_coordinator.evaluation_status import EvaluationStatus
+from dyknow_coordinator.reporting.evaluation_status import EvaluationStatus
+from dyknow_coordinator.reporting.evaluation_table import (
+    as_json,
+    evaluation_details,
+    evaluation_table,
+)
+from dyknow_coordinator.ros.reporting.evaluation_messages import status_from_message
 
 
 def document(report: Any, name: str) -> dict[str, Any]:

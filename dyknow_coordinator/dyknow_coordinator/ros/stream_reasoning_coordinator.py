@@ -4,30 +4,28 @@ from __future__ import annotations
 
 import zlib
 from itertools import count
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticStatus
 from dyknow_interfaces.srv import EvaluateFormula
 
+from dyknow_common.ros import RUNNING, DyKnowNode, run
+from dyknow_coordinator.evaluation.request import EvaluationRequest
+from dyknow_coordinator.reporting.evaluation_status import EvaluationStatus
 from dyknow_coordinator.ros.answers import fill_answer, question_from_message
-from dyknow_coordinator.ros.callers import Callers
-from dyknow_coordinator.ros.changes import Changes
-from dyknow_coordinator.ros.clients import Clients
-from dyknow_coordinator.ros.disposal import Disposal
-from dyknow_coordinator.ros.evaluations_report import EvaluationsReport
-from dyknow_coordinator.ros.facilities import Facilities
-from dyknow_coordinator.ros.formula_evaluation import FormulaEvaluation
-from dyknow_coordinator.ros.formula_group import FormulaGroups
-from dyknow_coordinator.ros.monitoring import Monitoring
-from dyknow_coordinator.ros.plan_monitoring import PlanMonitoring
-from dyknow_coordinator.ros.results import Results
-from dyknow_coordinator.ros.silence import Silence
+from dyknow_coordinator.ros.context import CoordinatorContext
+from dyknow_coordinator.ros.evaluation.change_listener import ChangeListener
+from dyknow_coordinator.ros.evaluation.cleanup import Cleanup
+from dyknow_coordinator.ros.evaluation.client_watch import ClientWatch
+from dyknow_coordinator.ros.evaluation.evaluation_group import EvaluationGroups
+from dyknow_coordinator.ros.evaluation.formula_evaluation import FormulaEvaluation
+from dyknow_coordinator.ros.evaluation.results import Results
+from dyknow_coordinator.ros.evaluation.silence_monitor import SilenceMonitor
+from dyknow_coordinator.ros.monitor_formula import MonitorFormulaServer
+from dyknow_coordinator.ros.plans.plan_monitoring import PlanMonitoring
+from dyknow_coordinator.ros.reporting.evaluations_report import EvaluationsReport
+from dyknow_coordinator.ros.service_clients import ServiceClients
 from dyknow_coordinator.ros.streams_mirror import StreamsMirror
-from dyknow_stream_processing.ros import RUNNING, DyKnowNode, run
-
-if TYPE_CHECKING:
-    from dyknow_coordinator.evaluation_status import EvaluationStatus
-    from dyknow_coordinator.question import Question
 
 
 class StreamReasoningCoordinator(DyKnowNode):
@@ -61,9 +59,9 @@ class StreamReasoningCoordinator(DyKnowNode):
             (0.1, 1e9),
         )
         self._prefix = f'states_{zlib.crc32(self.get_fully_qualified_name().encode()):08x}_'
-        clients = Clients(self)
-        disposal = Disposal(self, clients)
-        self._facilities = Facilities(
+        clients = ServiceClients(self)
+        disposal = Cleanup(self, clients)
+        self._facilities = CoordinatorContext(
             node=self,
             clients=clients,
             streams=StreamsMirror(self, clients.streams_topic, self._streams_changed),
@@ -72,22 +70,22 @@ class StreamReasoningCoordinator(DyKnowNode):
             # Unique in the system, also across restarts of this node.
             names=(f'{self._prefix}{self.born:x}_{number}' for number in count(1)),
         )
-        self._groups = FormulaGroups(self._facilities)
+        self._groups = EvaluationGroups(self._facilities)
         self._evaluations: list[FormulaEvaluation] = []
         self._asked_by_service: list[FormulaEvaluation] = []
         self._report = EvaluationsReport(self, self._statuses, silence_limit)
-        Changes(self, clients.version_topics, self._meanings_changed)
-        Silence(self._facilities, self._groups, silence_limit)
+        ChangeListener(self, clients.version_topics, self._meanings_changed)
+        SilenceMonitor(self._facilities, self._groups, silence_limit)
         for peer in clients.peers:
             peer.on_found.append(self._say_how_it_is)
             peer.on_lost.append(self._say_how_it_is)
         clients.stream_reasoning_engine.on_lost.append(self._reasoning_engine_lost)
         self._say_how_it_is()
         self.serve(EvaluateFormula, self._evaluate)
-        self._monitoring = Monitoring(self, self.start, self._question)
+        self._monitoring = MonitorFormulaServer(self, self.start, self._question)
         self._plan_monitoring = PlanMonitoring(self, self.start)
         service = f'{self.get_fully_qualified_name()}/evaluate_formula'
-        Callers(self, service, self._abandon)
+        ClientWatch(self, service, self._abandon)
 
     def destroy_node(self) -> None:
         """Frees the action servers too."""
@@ -95,7 +93,7 @@ class StreamReasoningCoordinator(DyKnowNode):
         self._plan_monitoring.destroy()
         super().destroy_node()
 
-    def start(self, question: Question) -> FormulaEvaluation:
+    def start(self, question: EvaluationRequest) -> FormulaEvaluation:
         """Begins to evaluate a formula; its `outcome` is done in any case."""
         evaluation = FormulaEvaluation(
             self._facilities, self._groups, question, self._report.changed
@@ -121,7 +119,7 @@ class StreamReasoningCoordinator(DyKnowNode):
         self._asked_by_service.remove(evaluation)
         fill_answer(response, evaluation, outcome)
 
-    def _question(self, goal: Any) -> Question:
+    def _question(self, goal: Any) -> EvaluationRequest:
         return question_from_message(goal, self._default_timeout, self._timeout_limit)
 
     def _statuses(self) -> list[EvaluationStatus]:

@@ -2,28 +2,18 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, Final
+from collections.abc import Callable, Iterable
+from typing import Any, Final
 
 from dyknow_interfaces.msg import StreamStatus, StreamStatusArray
 from rclpy.exceptions import InvalidTopicNameException
 
+from dyknow_common import ExitCode
+from dyknow_common.ros import LATCHED, NO_SUBSCRIPTION_EVENTS, DyKnowNode, time_to_nanoseconds
 from dyknow_coordinator.errors import CoordinationError
-from dyknow_coordinator.known_streams import KnownStream, KnownStreams
-from dyknow_coordinator.stream_fields import field_names
-from dyknow_stream_processing import ExitCode
-from dyknow_stream_processing.ros import (
-    LATCHED,
-    NO_SUBSCRIPTION_EVENTS,
-    message_class,
-    scalar_fields,
-    source_type,
-    time_to_nanoseconds,
-)
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable
-
-    from dyknow_stream_processing.ros import DyKnowNode
+from dyknow_coordinator.grounding.known_streams import KnownStream, KnownStreams
+from dyknow_coordinator.grounding.stream_fields import field_names
+from dyknow_stream_processing.ros import message_class, scalar_fields, source_type
 
 LIMIT: Final = 1.0
 """Seconds within which the stream manager tells of a stream that it has made."""

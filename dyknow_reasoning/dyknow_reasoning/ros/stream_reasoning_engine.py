@@ -15,10 +15,11 @@ from dyknow_interfaces.srv import (
     FormulaGroupRemoveFormula,
 )
 
-from dyknow_reasoning import FormulaGroup, ReasoningError
-from dyknow_reasoning.ros.evaluation import Evaluation
-from dyknow_stream_processing import NANOSECONDS, ExitCode
-from dyknow_stream_processing.ros import NO_PUBLISHER_EVENTS, DyKnowNode, run
+from dyknow_common import NANOSECONDS, ExitCode
+from dyknow_common.ros import NO_PUBLISHER_EVENTS, DyKnowNode, run
+from dyknow_reasoning.errors import ReasoningError
+from dyknow_reasoning.formula_group import FormulaGroup
+from dyknow_reasoning.ros.group_evaluation import GroupEvaluation
 
 _LOOK_PERIOD = 0.2
 
@@ -53,7 +54,7 @@ class StreamReasoningEngine(DyKnowNode):
             'nobody listens; 0: never.',
             (0.0, 86_400.0),
         )
-        self._groups: dict[int, Evaluation] = {}
+        self._groups: dict[int, GroupEvaluation] = {}
         self._ids = count(_first_id(self.born))
         self._progress = self.create_publisher(
             FormulaProgress, '~/progress', 100, event_callbacks=NO_PUBLISHER_EVENTS
@@ -70,7 +71,7 @@ class StreamReasoningEngine(DyKnowNode):
     def _create(self, request: Any, response: Any) -> None:
         group_id = next(self._ids)
         group = FormulaGroup(node_limit=self._node_limit)
-        self._groups[group_id] = Evaluation(self, group_id, request.formula_group_name, group)
+        self._groups[group_id] = GroupEvaluation(self, group_id, request.formula_group_name, group)
         response.formula_group_id = group_id
 
     def _add_formula(self, request: Any, response: Any) -> None:
@@ -101,7 +102,7 @@ class StreamReasoningEngine(DyKnowNode):
         self._find(request.formula_group_id).end()
         del self._groups[request.formula_group_id]
 
-    def _find(self, group_id: int) -> Evaluation:
+    def _find(self, group_id: int) -> GroupEvaluation:
         if group_id not in self._groups:
             known = ', '.join(str(known) for known in self._groups) or 'none'
             raise ReasoningError(

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, TypeVar
+from collections.abc import Callable, Iterable
+from pathlib import Path
+from typing import TypeVar
 
-from dyknow_semantics import SemanticsError
-from dyknow_stream_processing import read_file
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable
-    from pathlib import Path
+from dyknow_common import read_file
+from dyknow_semantics.errors import SemanticsError
 
 Sentence = TypeVar('Sentence')
 

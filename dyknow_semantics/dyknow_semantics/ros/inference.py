@@ -2,17 +2,14 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from collections.abc import Callable, Iterable
 
-from dyknow_semantics import SemanticsError
+from dyknow_common import ExitCode
+from dyknow_common.ros import DyKnowNode
+from dyknow_semantics.errors import SemanticsError
+from dyknow_semantics.ontology.ontology import Ontology
+from dyknow_semantics.ontology.reasoner import ReasonerProcess
 from dyknow_semantics.ros.worker import Worker
-from dyknow_stream_processing import ExitCode
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable
-
-    from dyknow_semantics import Ontology, ReasonerProcess
-    from dyknow_stream_processing.ros import DyKnowNode
 
 
 class Inference:

@@ -2,26 +2,17 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Generic, TypeVar
+from collections.abc import Awaitable, Callable, Iterable, Mapping
+from typing import Generic, TypeVar
 
 from dyknow_interfaces.srv import ListSemanticSpecifications, OntologyQuery
 
-from dyknow_semantics import (
-    ALL_TRIPLES,
-    Annotation,
-    Bridge,
-    Bridged,
-    Knowledge,
-    bridged,
-    parse_annotations,
-)
-from dyknow_stream_processing.ros import Peer
-
-if TYPE_CHECKING:
-    from collections.abc import Awaitable, Callable, Iterable, Mapping
-
-    from dyknow_semantics import Triple
-    from dyknow_stream_processing.ros import DyKnowNode
+from dyknow_common.ros import DyKnowNode, RemoteNode
+from dyknow_semantics.annotations.annotation import Annotation
+from dyknow_semantics.annotations.parsing import parse_annotations
+from dyknow_semantics.matching.bridges import Bridge, Bridged, bridged
+from dyknow_semantics.ontology.knowledge import Knowledge, Triple
+from dyknow_semantics.ontology.store import ALL_TRIPLES
 
 Content = TypeVar('Content')
 
@@ -36,7 +27,7 @@ class Mirror(Generic[Content]):
         fetch: asks it for all that it holds.
     """
 
-    def __init__(self, peer: Peer, fetch: Callable[[Peer], Awaitable[Content]]) -> None:
+    def __init__(self, peer: RemoteNode, fetch: Callable[[RemoteNode], Awaitable[Content]]) -> None:
         self.peer = peer
         self._fetch = fetch
         self._status: dict[str, str] = {}
@@ -58,17 +49,17 @@ class Mirror(Generic[Content]):
 def mirror_ontology(node: DyKnowNode) -> Mirror[Knowledge]:
     """The knowledge of the ontology manager that a parameter of the node names."""
     name = node.parameter('ontology_manager', 'ontology_manager', 'Name of the ontology manager.')
-    return Mirror(Peer(node, name), _fetch_knowledge)
+    return Mirror(RemoteNode(node, name), _fetch_knowledge)
 
 
 def mirror_bridged_ontologies(node: DyKnowNode, bridges: tuple[Bridge, ...]) -> Mirror[Bridged]:
     """The same, with what follows over bridges between its ontologies."""
     name = node.parameter('ontology_manager', 'ontology_manager', 'Name of the ontology manager.')
 
-    async def fetch(peer: Peer) -> Bridged:
+    async def fetch(peer: RemoteNode) -> Bridged:
         return bridged(await _fetch_triples(peer), bridges)
 
-    return Mirror(Peer(node, name), fetch)
+    return Mirror(RemoteNode(node, name), fetch)
 
 
 def mirror_annotations(node: DyKnowNode) -> Mirror[Mapping[str, Annotation]]:
@@ -78,7 +69,7 @@ def mirror_annotations(node: DyKnowNode) -> Mirror[Mapping[str, Annotation]]:
         'stream_semantics_manager',
         'Name of the stream semantics manager.',
     )
-    return Mirror(Peer(node, name), _AnnotationReader().fetch)
+    return Mirror(RemoteNode(node, name), _AnnotationReader().fetch)
 
 
 class _AnnotationReader:
@@ -87,7 +78,7 @@ class _AnnotationReader:
     def __init__(self) -> None:
         self._known: dict[str, dict[str, Annotation]] = {}
 
-    async def fetch(self, peer: Peer) -> Mapping[str, Annotation]:
+    async def fetch(self, peer: RemoteNode) -> Mapping[str, Annotation]:
         """All annotations, by their canonical texts."""
         response = await peer.call(ListSemanticSpecifications)
         known = self._known
@@ -99,11 +90,11 @@ def _read(text: str) -> dict[str, Annotation]:
     return {str(annotation): annotation for annotation in parse_annotations(text)}
 
 
-async def _fetch_knowledge(peer: Peer) -> Knowledge:
+async def _fetch_knowledge(peer: RemoteNode) -> Knowledge:
     return Knowledge(await _fetch_triples(peer))
 
 
-async def _fetch_triples(peer: Peer) -> Iterable[Triple]:
+async def _fetch_triples(peer: RemoteNode) -> Iterable[Triple]:
     response = await peer.call(OntologyQuery, sparql=ALL_TRIPLES)
     values = list(response.values)
     return zip(values[0::3], values[1::3], values[2::3], strict=True)

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from collections.abc import Iterable
+from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticStatus
 from dyknow_interfaces.srv import (
@@ -16,13 +17,12 @@ from dyknow_interfaces.srv import (
     OntologyQuery,
 )
 
-from dyknow_semantics import Ontology, Reasoner, ReasonerProcess, SemanticsError, choose_reasoner
+from dyknow_common.ros import RUNNING, DyKnowNode, run
+from dyknow_semantics.errors import SemanticsError
+from dyknow_semantics.ontology.ontology import Ontology
+from dyknow_semantics.ontology.reasoner import Reasoner, ReasonerProcess, choose_reasoner
 from dyknow_semantics.ros.inference import Inference
 from dyknow_semantics.ros.version import Version
-from dyknow_stream_processing.ros import RUNNING, DyKnowNode, run
-
-if TYPE_CHECKING:
-    from collections.abc import Iterable
 
 
 class OntologyManager(DyKnowNode):

@@ -3,19 +3,20 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticStatus
 from dyknow_interfaces.srv import FindAllMatchingStreams
 
-from dyknow_semantics import Knowledge, Matcher, SemanticsError, parse_bridges, parse_concept
+from dyknow_common import DyKnowError, ExitCode
+from dyknow_common.ros import RUNNING, DyKnowNode, run
+from dyknow_semantics.annotations.parsing import parse_concept
+from dyknow_semantics.errors import SemanticsError
+from dyknow_semantics.matching.bridges import Bridged, parse_bridges
+from dyknow_semantics.matching.matching import Matcher
+from dyknow_semantics.ontology.knowledge import Knowledge
 from dyknow_semantics.ros.files import read_all
 from dyknow_semantics.ros.mirrors import mirror_annotations, mirror_bridged_ontologies
-from dyknow_stream_processing import DyKnowError, ExitCode
-from dyknow_stream_processing.ros import RUNNING, DyKnowNode, run
-
-if TYPE_CHECKING:
-    from dyknow_semantics import Bridged
 
 
 class SemanticMatchingEngine(DyKnowNode):

@@ -4,35 +4,23 @@ from __future__ import annotations
 
 import argparse
 import json
+from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from dyknow_interfaces.srv import ListSemanticSpecifications, OntologyQuery
 from rich.console import Console
 
-from dyknow_semantics import (
-    ALL_TRIPLES,
-    Matcher,
-    SemanticsError,
-    as_json,
-    as_tree,
-    bridged,
-    entries,
-    explanation_tree,
-    parse_annotations,
-    parse_bridges,
-    parse_concept,
-)
+from dyknow_common import DyKnowError, ExitCode
+from dyknow_common.ros import SERVICE, CommandNode, duration, run_command, snake_case
+from dyknow_semantics.annotations.parsing import parse_annotations, parse_concept
+from dyknow_semantics.errors import SemanticsError
+from dyknow_semantics.matching.bridges import bridged, parse_bridges
+from dyknow_semantics.matching.matching import Matcher
+from dyknow_semantics.ontology.store import ALL_TRIPLES
+from dyknow_semantics.reporting.hierarchy import as_json, as_tree, entries, explanation_tree
 from dyknow_semantics.ros.files import read_all
-from dyknow_stream_processing import ExitCode
-from dyknow_stream_processing.ros import CommandNode, duration, run_command
-from dyknow_stream_processing.ros.runtime import SERVICE, snake_case
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from dyknow_stream_processing import DyKnowError
 
 
 class Asker:

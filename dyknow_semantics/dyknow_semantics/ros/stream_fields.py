@@ -2,20 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from functools import lru_cache
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 from dyknow_interfaces.srv import StreamGetTopic
 
-from dyknow_stream_processing import DyKnowError
-from dyknow_stream_processing.ros import Peer, message_class, scalar_fields
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
-
-    from dyknow_semantics import Annotation
-    from dyknow_stream_processing import ValueType
-    from dyknow_stream_processing.ros import DyKnowNode
+from dyknow_common import DyKnowError, ValueType
+from dyknow_common.ros import DyKnowNode, RemoteNode
+from dyknow_semantics.annotations.annotation import Annotation
+from dyknow_stream_processing.ros import message_class, scalar_fields
 
 _SAMPLE: Final = 'dyknow_interfaces/msg/Sample'
 _TIMEOUT: Final = 1.0
@@ -32,7 +28,7 @@ class StreamFields:
     def __init__(self, node: DyKnowNode) -> None:
         name = node.parameter('stream_manager', 'stream_manager', 'Name of the stream manager.')
         self._node = node
-        self._manager = Peer(node, name, patience=_TIMEOUT, timeout=_TIMEOUT)
+        self._manager = RemoteNode(node, name, patience=_TIMEOUT, timeout=_TIMEOUT)
 
     async def known(self, annotation: Annotation) -> tuple[str, Mapping[str, ValueType]] | None:
         """The message type of a stream and what its fields hold; none if they are not known."""

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticStatus
 from dyknow_interfaces.srv import (
@@ -12,23 +13,18 @@ from dyknow_interfaces.srv import (
     RemoveSemanticSpecification,
 )
 
-from dyknow_semantics import (
-    AnnotationStore,
-    check_annotation,
-    check_fields,
-    parse_annotations,
-)
+from dyknow_common import DyKnowError
+from dyknow_common.ros import RUNNING, DyKnowNode, run
+from dyknow_semantics.annotations.annotation import Annotation
+from dyknow_semantics.annotations.annotation_store import AnnotationStore
+from dyknow_semantics.annotations.checking import check_annotation
+from dyknow_semantics.annotations.field_checking import check_fields
+from dyknow_semantics.annotations.parsing import parse_annotations
+from dyknow_semantics.ontology.knowledge import Knowledge
 from dyknow_semantics.ros.files import read_all
 from dyknow_semantics.ros.mirrors import mirror_ontology
 from dyknow_semantics.ros.stream_fields import StreamFields
 from dyknow_semantics.ros.version import Version
-from dyknow_stream_processing import DyKnowError
-from dyknow_stream_processing.ros import RUNNING, DyKnowNode, run
-
-if TYPE_CHECKING:
-    from collections.abc import Iterable
-
-    from dyknow_semantics import Annotation, Knowledge
 
 
 class StreamSemanticsManager(DyKnowNode):

@@ -2,17 +2,12 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from collections.abc import Iterable
 
 from dyknow_interfaces.msg import SemanticsVersion
 from std_msgs.msg import Header
 
-from dyknow_stream_processing.ros import LATCHED, NO_PUBLISHER_EVENTS
-
-if TYPE_CHECKING:
-    from collections.abc import Iterable
-
-    from dyknow_stream_processing.ros import DyKnowNode
+from dyknow_common.ros import LATCHED, NO_PUBLISHER_EVENTS, DyKnowNode
 
 
 class Version:

@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
+import concurrent.futures
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from queue import SimpleQueue
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import Any, TypeVar
 
 from rclpy.task import Future
 
-if TYPE_CHECKING:
-    import concurrent.futures
-    from collections.abc import Callable
-
-    from dyknow_stream_processing.ros import DyKnowNode
+from dyknow_common.ros import DyKnowNode
 
 Result = TypeVar('Result')
 

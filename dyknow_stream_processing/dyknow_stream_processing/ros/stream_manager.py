@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from collections.abc import Iterable
+from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticStatus
 from dyknow_interfaces.srv import (
@@ -15,28 +16,23 @@ from dyknow_interfaces.srv import (
 from rclpy.exceptions import InvalidTopicNameException
 from rclpy.validate_topic_name import validate_topic_name
 
+from dyknow_common.ros import RUNNING, DyKnowNode, constraints_from_message, run
 from dyknow_stream_processing.errors import StreamError
-from dyknow_stream_processing.naming import NamingConvention, check_name
-from dyknow_stream_processing.parsing import parse_specification
-from dyknow_stream_processing.registry import (
+from dyknow_stream_processing.language.parsing import parse_specification
+from dyknow_stream_processing.management.naming import NamingConvention, check_name
+from dyknow_stream_processing.management.registry import (
     DEFAULT_CONVENTION,
     CreatedStream,
     RegisteredStream,
     StreamRegistry,
 )
-from dyknow_stream_processing.ros.conversion import constraints_from_message
-from dyknow_stream_processing.ros.engines import Engines
-from dyknow_stream_processing.ros.introspection import StreamsReport
-from dyknow_stream_processing.ros.memory_file import MemoryFile, read_streams
-from dyknow_stream_processing.ros.message_types import message_class
-from dyknow_stream_processing.ros.placement import Placement
-from dyknow_stream_processing.ros.publications import published
-from dyknow_stream_processing.ros.runtime import RUNNING, DyKnowNode, run
-
-if TYPE_CHECKING:
-    from collections.abc import Iterable
-
-    from dyknow_stream_processing.account import StreamAccount
+from dyknow_stream_processing.reporting.stream_report import StreamReport
+from dyknow_stream_processing.ros.management.engines import Engines
+from dyknow_stream_processing.ros.management.persistence_files import PersistenceFile, read_streams
+from dyknow_stream_processing.ros.management.placement import Placement
+from dyknow_stream_processing.ros.messages.message_types import message_class
+from dyknow_stream_processing.ros.messages.stream_report_messages import StreamReportPublisher
+from dyknow_stream_processing.ros.topics.publications import published
 
 
 class StreamManager(DyKnowNode):
@@ -63,14 +59,14 @@ class StreamManager(DyKnowNode):
         )
         for stream in read_streams(filter(None, files)):
             self._registry.add(stream)
-        self._memory = MemoryFile(memory)
+        self._memory = PersistenceFile(memory)
         for remembered in self._memory.read():
             if self._registry.get(remembered.name) is None:
                 self._registry.add(remembered)
         self._memory.write(self._registry.streams())
         self._engines = Engines(self, period, self._engine_reported, self._engine_lost)
         self._placement = Placement(self, self._registry, self._engines, self._changed)
-        self._streams_report = StreamsReport(self, self._engines.ready, self._accounts)
+        self._streams_report = StreamReportPublisher(self, self._engines.ready, self._accounts)
         self.serve(StreamCreateFromSpec, self._create)
         self.serve(StreamDestroy, self._destroy)
         self.serve(ListStreams, self._list)
@@ -135,7 +131,7 @@ class StreamManager(DyKnowNode):
         self._placement.settle()
         self._changed()
 
-    def _accounts(self) -> Iterable[StreamAccount]:
+    def _accounts(self) -> Iterable[StreamReport]:
         for stream in self._registry.streams():
             engine = stream.engine if isinstance(stream, CreatedStream) else None
             reported = None if engine is None else self._engines.report(engine).get(stream.name)

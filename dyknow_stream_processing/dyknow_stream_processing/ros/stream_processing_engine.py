@@ -3,48 +3,43 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from dyknow_interfaces.msg import ConstraintViolation, Sample
 from dyknow_interfaces.srv import ListStreams, StreamCreateFromSpec, StreamDestroy
 from rclpy.exceptions import InvalidTopicNameException
 from rclpy.validate_topic_name import validate_topic_name
 
-from dyknow_stream_processing.account import (
-    STILL,
-    Flow,
-    FlowMeter,
-    StreamAccount,
-    StreamState,
-)
-from dyknow_stream_processing.computational_units import load_units
-from dyknow_stream_processing.dataflow import Dataflow
-from dyknow_stream_processing.errors import StreamError
-from dyknow_stream_processing.naming import check_name
-from dyknow_stream_processing.parsing import parse_specification
-from dyknow_stream_processing.ros.conversion import (
-    constraints_from_message,
-    nanoseconds_to_duration,
-    nanoseconds_to_time,
-)
-from dyknow_stream_processing.ros.introspection import StreamsReport
-from dyknow_stream_processing.ros.runtime import (
+from dyknow_common import StreamConstraints
+from dyknow_common.ros import (
     NO_PUBLISHER_EVENTS,
     RUNNING,
     STREAM,
     VIOLATIONS,
     DyKnowNode,
+    Throttle,
+    constraints_from_message,
+    nanoseconds_to_duration,
+    nanoseconds_to_time,
     run,
 )
-from dyknow_stream_processing.ros.sample_messages import SampleWriter
-from dyknow_stream_processing.ros.throttle import Throttle
-from dyknow_stream_processing.ros.topic_sources import TopicSources, source_type
-
-if TYPE_CHECKING:
-    from dyknow_stream_processing.constraints import StreamConstraints
-    from dyknow_stream_processing.sample import Sample as DataSample
-    from dyknow_stream_processing.violation import Violation
-
+from dyknow_stream_processing.dataflow.computational_units import load_units
+from dyknow_stream_processing.dataflow.dataflow import Dataflow
+from dyknow_stream_processing.errors import StreamError
+from dyknow_stream_processing.language.parsing import parse_specification
+from dyknow_stream_processing.management.naming import check_name
+from dyknow_stream_processing.reporting.stream_report import (
+    STILL,
+    Flow,
+    FlowMeter,
+    StreamReport,
+    StreamState,
+)
+from dyknow_stream_processing.ros.messages.sample_messages import SampleWriter
+from dyknow_stream_processing.ros.messages.stream_report_messages import StreamReportPublisher
+from dyknow_stream_processing.ros.topics.topic_sources import TopicSources, source_type
+from dyknow_stream_processing.sample import Sample as DataSample
+from dyknow_stream_processing.violation import Violation
 
 WARNING_PERIOD = 1.0
 """Seconds between two violations in the log; each is published."""
@@ -76,7 +71,7 @@ class StreamProcessingEngine(DyKnowNode):
         self._dataflow = Dataflow(load_units(), lambda topic: source_type(self, topic))
         self._sources = TopicSources(self, self._dataflow)
         self._outputs: dict[str, _Output] = {}
-        self._streams_report = StreamsReport(
+        self._streams_report = StreamReportPublisher(
             self, lambda: [self.get_fully_qualified_name()], self._accounts, self._end_period
         )
         self._warning = Throttle(WARNING_PERIOD)
@@ -146,12 +141,12 @@ class StreamProcessingEngine(DyKnowNode):
         samples = sum(self._dataflow.statistics(name).samples for name in self._outputs)
         self.set_status(RUNNING, {'streams': str(len(self._outputs)), 'samples': str(samples)})
 
-    def _accounts(self) -> list[StreamAccount]:
+    def _accounts(self) -> list[StreamReport]:
         return [self._account(name, output) for name, output in self._outputs.items()]
 
-    def _account(self, name: str, output: _Output) -> StreamAccount:
+    def _account(self, name: str, output: _Output) -> StreamReport:
         statistics = self._dataflow.statistics(name)
-        return StreamAccount(
+        return StreamReport(
             name=name,
             state=StreamState.FLOWING,
             engine=self.get_fully_qualified_name(),

@@ -4,27 +4,22 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Collection, Mapping
-from typing import TYPE_CHECKING, Any
+from collections.abc import Callable, Collection, Mapping
+from typing import Any
 
-from dyknow_stream_processing.computational_units import load_units
-from dyknow_stream_processing.constraints import NO_CONSTRAINTS, StreamConstraints
-from dyknow_stream_processing.dataflow import Dataflow
-from dyknow_stream_processing.demand import total_demand
+from rclpy.node import Node
+from rclpy.qos import QoSProfile
+
+from dyknow_common import NO_CONSTRAINTS, StreamConstraints
+from dyknow_stream_processing.dataflow.computational_units import load_units
+from dyknow_stream_processing.dataflow.dataflow import Dataflow, SourceType, Statistics
 from dyknow_stream_processing.errors import StreamError
-from dyknow_stream_processing.parsing import parse_specification
-from dyknow_stream_processing.resolution import resolve
-from dyknow_stream_processing.ros.topic_sources import TopicSources, source_type
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from rclpy.node import Node
-    from rclpy.qos import QoSProfile
-
-    from dyknow_stream_processing.dataflow import SourceType, Statistics
-    from dyknow_stream_processing.sample import Sample
-    from dyknow_stream_processing.violation import Violation
+from dyknow_stream_processing.language.parsing import parse_specification
+from dyknow_stream_processing.language.required_fields import total_demand
+from dyknow_stream_processing.language.resolution import resolve
+from dyknow_stream_processing.ros.topics.topic_sources import TopicSources, source_type
+from dyknow_stream_processing.sample import Sample
+from dyknow_stream_processing.violation import Violation
 
 _TOPIC = re.compile(r'[~/]?[A-Za-z_][\w/]*')
 _NAME = 'proxy'

@@ -3,22 +3,18 @@
 from __future__ import annotations
 
 import argparse
-from typing import TYPE_CHECKING, Any
+from collections.abc import Sequence
+from typing import Any
 
 from dyknow_interfaces.msg import StreamStatusArray
+from rich.console import RenderableType
 
-from dyknow_stream_processing.errors import ExitCode, StreamError
-from dyknow_stream_processing.ros.conversion import time_to_nanoseconds
-from dyknow_stream_processing.ros.introspection import account_from_message
-from dyknow_stream_processing.ros.report_command import ReportCommand, add_report_options
-from dyknow_stream_processing.stream_table import as_json, stream_details, stream_table
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from rich.console import RenderableType
-
-    from dyknow_stream_processing.account import StreamAccount
+from dyknow_common import ExitCode
+from dyknow_common.ros import ReportCommand, add_report_options, time_to_nanoseconds
+from dyknow_stream_processing.errors import StreamError
+from dyknow_stream_processing.reporting.stream_report import StreamReport
+from dyknow_stream_processing.reporting.stream_table import as_json, stream_details, stream_table
+from dyknow_stream_processing.ros.messages.stream_report_messages import report_from_message
 
 
 def document(report: Any, name: str) -> dict[str, Any]:
@@ -29,7 +25,7 @@ def document(report: Any, name: str) -> dict[str, Any]:
     """
     if name:
         return as_json(_find(report, name))
-    accounts = [as_json(account_from_message(status)) for status in report.streams]
+    accounts = [as_json(report_from_message(status)) for status in report.streams]
     return {'engines': list(report.engines), 'streams': accounts}
 
 
@@ -41,11 +37,11 @@ def rendered(report: Any, name: str) -> RenderableType:
     """
     if name:
         return stream_details(_find(report, name), time_to_nanoseconds(report.stamp))
-    return stream_table(map(account_from_message, report.streams), list(report.engines))
+    return stream_table(map(report_from_message, report.streams), list(report.engines))
 
 
-def _find(report: Any, name: str) -> StreamAccount:
-    accounts = {status.name: account_from_message(status) for status in report.streams}
+def _find(report: Any, name: str) -> StreamReport:
+    accounts = {status.name: report_from_message(status) for status in report.streams}
     if name not in accounts:
         known = ', '.join(accounts) or 'none'
         raise StreamError(f"there is no stream '{name}' (there are: {known})", ExitCode.NOT_FOUND)

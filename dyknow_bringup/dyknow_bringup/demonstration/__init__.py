@@ -1,0 +1,1 @@
+"""Formulas, expected verdicts and tables of the demonstration."""

@@ -1,0 +1,146 @@
+"""The processes that make up a running DyKnow: one list for launch files and scripts alike."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from dyknow_bringup.simulation.fleet import fleet_annotations, fleet_ontology, fleet_specification
+
+Parameter = bool | int | float | str | list[str]
+"""What a parameter of a node may be here."""
+
+
+@dataclass(frozen=True, slots=True)
+class Process:
+    """A node that is a process of its own.
+
+    Args:
+        package: where its executable is.
+        executable: its name, which is the name of the node too.
+        parameters: those that differ from the defaults.
+    """
+
+    package: str
+    executable: str
+    parameters: Mapping[str, Parameter] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, slots=True)
+class SystemConfiguration:
+    """What DyKnow is told about a robot.
+
+    Args:
+        ontologies: OWL files.
+        annotations: files in SSL.
+        streams: files in the stream language, with a sink for each stream to be made.
+        bridges: files of bridge rules between the ontologies.
+        store: a folder that keeps what services change of the ontology and of the annotations.
+        reasoner: what tells what follows from the ontology; the node's default where it is empty.
+    """
+
+    ontologies: tuple[Path, ...] = ()
+    annotations: tuple[Path, ...] = ()
+    streams: tuple[Path, ...] = ()
+    bridges: tuple[Path, ...] = ()
+    store: Path | None = None
+    reasoner: str = ''
+
+
+def dyknow_processes(configuration: SystemConfiguration) -> tuple[Process, ...]:
+    """The seven nodes of DyKnow."""
+    return (
+        Process('dyknow_stream_processing', 'stream_processing_engine'),
+        Process(
+            'dyknow_stream_processing', 'stream_manager', _files('streams', configuration.streams)
+        ),
+        Process(
+            'dyknow_semantics',
+            'ontology_manager',
+            {
+                **_files('ontologies', configuration.ontologies),
+                **_store(configuration.store, 'ontology.sqlite3'),
+                **({'reasoner': configuration.reasoner} if configuration.reasoner else {}),
+            },
+        ),
+        Process(
+            'dyknow_semantics',
+            'stream_semantics_manager',
+            {
+                **_files('annotations', configuration.annotations),
+                **_store(configuration.store, 'annotations.sqlite3'),
+            },
+        ),
+        Process(
+            'dyknow_semantics',
+            'semantic_matching_engine',
+            _files('bridges', configuration.bridges),
+        ),
+        Process('dyknow_reasoning', 'stream_reasoning_engine'),
+        Process('dyknow_coordinator', 'stream_reasoning_coordinator'),
+    )
+
+
+def uav_simulation(scenario: Path, vehicles: int) -> Process:
+    """The simulation of a fleet."""
+    return Process(
+        'dyknow_bringup', 'uav_simulation', {'scenario': str(scenario), 'uavs': vehicles}
+    )
+
+
+def formula_monitor(formulas: Path) -> Process:
+    """The node that asks the formulas of a file and logs the answers."""
+    return Process('dyknow_bringup', 'formula_monitor', {'formulas': str(formulas)})
+
+
+def formula_markers() -> Process:
+    """The node that shows formulas in three-dimensional views."""
+    return Process('dyknow_bringup', 'formula_markers')
+
+
+def write_fleet_configuration(
+    vehicles: Sequence[str], uav_ontology: Path, folder: Path
+) -> SystemConfiguration:
+    """Writes what DyKnow must know about a fleet into a folder.
+
+    Args:
+        vehicles: their names.
+        uav_ontology: the file with the sort UAV and its features.
+        folder: where the files go; it must exist.
+    """
+    texts = {
+        'fleet.nt': fleet_ontology(vehicles),
+        'fleet.ssl': fleet_annotations(vehicles),
+        'fleet.streams': fleet_specification(vehicles),
+    }
+    for name, text in texts.items():
+        (folder / name).write_text(text, encoding='utf-8')
+    return SystemConfiguration(
+        ontologies=(uav_ontology, folder / 'fleet.nt'),
+        annotations=(folder / 'fleet.ssl',),
+        streams=(folder / 'fleet.streams',),
+    )
+
+
+def ros_arguments(
+    process: Process, namespace: str, log_level: str, *, use_sim_time: bool
+) -> list[str]:
+    """The command line that starts a process as a node, after its executable."""
+    parameters = {**process.parameters, 'use_sim_time': use_sim_time}
+    arguments = ['--ros-args', '--log-level', log_level]
+    if namespace:
+        arguments += ['-r', f'__ns:=/{namespace.strip("/")}']
+    for name, value in parameters.items():
+        # JSON is YAML, which is how rclpy reads the values of parameters.
+        arguments += ['-p', f'{name}:={json.dumps(value)}']
+    return arguments
+
+
+def _store(folder: Path | None, file: str) -> Mapping[str, Parameter]:
+    return {} if folder is None else {'store': str(folder / file)}
+
+
+def _files(name: str, paths: Sequence[Path]) -> Mapping[str, Parameter]:
+    return {name: [str(path) for path in paths]} if paths else {}

@@ -1,0 +1,181 @@
+"""Reading rosbag2 bags without ROS: their topics, and their messages as serialised bytes."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Self
+
+from rosbags.interfaces import Connection, ConnectionExtRosbag2, QosDurability, QosReliability
+from rosbags.rosbag2 import Reader
+
+from dyknow_bringup.errors import BringupError
+from dyknow_common import ExitCode
+
+
+@dataclass(frozen=True, slots=True)
+class QualityOfService:
+    """How a topic was offered.
+
+    Args:
+        reliable: whether lost messages were sent again.
+        transient_local: whether late subscribers got the latest messages.
+        depth: how many messages were kept; 0 for all or unknown.
+    """
+
+    reliable: bool
+    transient_local: bool
+    depth: int
+
+
+@dataclass(frozen=True, slots=True)
+class RecordedTopic:
+    """A topic of a bag.
+
+    Args:
+        name: of the topic.
+        message_type: such as `nav_msgs/msg/Odometry`.
+        message_count: how many messages there are.
+        quality_of_service: how it was offered; none where the bag does not say.
+    """
+
+    name: str
+    message_type: str
+    message_count: int
+    quality_of_service: QualityOfService | None
+
+
+@dataclass(frozen=True, slots=True)
+class RecordedMessage:
+    """A message of a bag.
+
+    Args:
+        log_time: when it was recorded, in nanoseconds since the epoch.
+        topic: its name.
+        message_type: such as `nav_msgs/msg/Odometry`.
+        data: the message as serialised by CDR.
+    """
+
+    log_time: int
+    topic: str
+    message_type: str
+    data: bytes
+
+
+class Bag:
+    """A recording on disk, opened for reading; a context manager that closes it.
+
+    Args:
+        path: a folder with `metadata.yaml`, or a single `.mcap` or `.db3` file.
+
+    Raises:
+        BringupError: for a bag that is not there or cannot be read.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+        if not path.exists():
+            raise BringupError(f'{path}: no such recording', ExitCode.NOT_FOUND)
+        with self._reading():
+            self._reader = Reader(path)
+            self._reader.open()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Let go of the files."""
+        self._reader.close()
+
+    @property
+    def topics(self) -> tuple[RecordedTopic, ...]:
+        """What was recorded, by name."""
+        topics = (_recorded_topic(connection) for connection in self._reader.connections)
+        return tuple(sorted(topics, key=lambda topic: topic.name))
+
+    @property
+    def start_time(self) -> int:
+        """The log time of the first message, in nanoseconds since the epoch.
+
+        Raises:
+            BringupError: for a bag without messages.
+        """
+        self._check_not_empty()
+        return self._reader.start_time
+
+    @property
+    def end_time(self) -> int:
+        """The log time of the last message, in nanoseconds since the epoch.
+
+        Raises:
+            BringupError: for a bag without messages.
+        """
+        self._check_not_empty()
+        # The library's end lies a nanosecond after the last message.
+        return self._reader.end_time - 1
+
+    def messages(self, topics: Collection[str] = ()) -> Iterator[RecordedMessage]:
+        """The messages in the order of their log times.
+
+        Args:
+            topics: the topics wanted; all if empty.
+
+        Raises:
+            BringupError: for a topic that the bag does not have, or data that cannot be read.
+        """
+        connections = self._connections(topics)
+        return self._messages(connections)
+
+    def _messages(self, connections: Collection[Connection]) -> Iterator[RecordedMessage]:
+        with self._reading():
+            for connection, time, data in self._reader.messages(connections):
+                yield RecordedMessage(time, connection.topic, connection.msgtype, bytes(data))
+
+    def _connections(self, topics: Collection[str]) -> list[Connection]:
+        connections = self._reader.connections
+        there = {connection.topic for connection in connections}
+        for topic in topics:
+            if topic not in there:
+                raise BringupError(
+                    f"{self._path}: no topic '{topic}' (it has: {', '.join(sorted(there))})",
+                    ExitCode.NOT_FOUND,
+                )
+        return [
+            connection for connection in connections if not topics or connection.topic in topics
+        ]
+
+    def _check_not_empty(self) -> None:
+        if self._reader.message_count == 0:
+            raise BringupError(f'{self._path}: the recording has no messages')
+
+    @contextmanager
+    def _reading(self) -> Iterator[None]:
+        try:
+            yield
+        except Exception as error:
+            # Damaged files make the library raise errors of many kinds, some without a text.
+            reason = str(error) or type(error).__name__
+            raise BringupError(f'{self._path}: not a readable rosbag2 bag: {reason}') from error
+
+
+def _recorded_topic(connection: Connection) -> RecordedTopic:
+    return RecordedTopic(
+        connection.topic, connection.msgtype, connection.msgcount, _quality_of_service(connection)
+    )
+
+
+def _quality_of_service(connection: Connection) -> QualityOfService | None:
+    extension = connection.ext
+    if not isinstance(extension, ConnectionExtRosbag2) or not extension.offered_qos_profiles:
+        return None
+    offered = extension.offered_qos_profiles[0]
+    return QualityOfService(
+        reliable=offered.reliability is QosReliability.RELIABLE,
+        transient_local=offered.durability is QosDurability.TRANSIENT_LOCAL,
+        depth=offered.depth,
+    )

@@ -1,0 +1,99 @@
+"""A simulated scenario, recorded as a rosbag2 bag without ROS."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Final
+
+from rosbags.interfaces import (
+    Qos,
+    QosDurability,
+    QosHistory,
+    QosLiveliness,
+    QosReliability,
+    QosTime,
+)
+from rosbags.rosbag2 import (
+    CompressionFormat,
+    CompressionMode,
+    StoragePlugin,
+    Writer,
+)
+from rosbags.typesys import Stores, get_typestore
+
+from dyknow_bringup.errors import BringupError
+from dyknow_bringup.simulation.scenario import Scenario
+from dyknow_bringup.simulation.simulation import Simulation
+from dyknow_bringup.simulation.telemetry import topic
+from dyknow_bringup.simulation.telemetry_messages import MESSAGE_TYPES, ros_message
+from dyknow_common import ExitCode
+
+STORAGES: Final = {
+    'mcap': (StoragePlugin.MCAP, CompressionMode.STORAGE),
+    'sqlite3': (StoragePlugin.SQLITE3, CompressionMode.MESSAGE),
+}
+"""The storage formats of rosbag2, with the compression (zstd) that suits each of them."""
+
+_BAG_VERSION: Final = 9
+_UNLIMITED = QosTime(0, 0)
+
+
+_OFFERED = Qos(
+    history=QosHistory.KEEP_LAST,
+    depth=10,
+    reliability=QosReliability.RELIABLE,
+    durability=QosDurability.VOLATILE,
+    deadline=_UNLIMITED,
+    lifespan=_UNLIMITED,
+    liveliness=QosLiveliness.AUTOMATIC,
+    liveliness_lease_duration=_UNLIMITED,
+    avoid_ros_namespace_conventions=False,
+)
+
+
+def record(
+    scenario: Scenario, vehicles: Sequence[str], start: int, path: Path, storage: str = 'mcap'
+) -> None:
+    """Write the telemetry of a whole scenario as a bag.
+
+    Args:
+        scenario: what to simulate.
+        vehicles: the names of the fleet.
+        start: the time of the first stamp, in nanoseconds since the epoch.
+        path: the folder to make.
+        storage: `mcap` or `sqlite3`.
+
+    Raises:
+        BringupError: for an unknown storage, a folder that exists already, or a scenario that
+            needs other vehicles.
+    """
+    if storage not in STORAGES:
+        raise BringupError(f"no storage '{storage}'; the storages are {', '.join(STORAGES)}")
+    if path.exists():
+        raise BringupError(f'{path}: exists already; move it away', ExitCode.ALREADY_EXISTS)
+    simulation = Simulation(scenario, vehicles, start)
+    plugin, compression = STORAGES[storage]
+    writer = Writer(path, version=_BAG_VERSION, storage_plugin=plugin)
+    writer.set_compression(compression, CompressionFormat.ZSTD)
+    with writer:
+        _write(writer, vehicles, simulation, start + scenario.duration)
+
+
+def _write(writer: Writer, vehicles: Sequence[str], simulation: Simulation, end: int) -> None:
+    types = get_typestore(Stores.ROS2_JAZZY)
+    connections = {
+        (vehicle, channel): writer.add_connection(
+            f'/{topic(vehicle, channel)}',
+            message_type,
+            typestore=types,
+            offered_qos_profiles=[_OFFERED],
+        )
+        for vehicle in vehicles
+        for channel, message_type in MESSAGE_TYPES.items()
+    }
+    for telemetry in simulation.until(end):
+        message = ros_message(telemetry, types.types.__getitem__)
+        data = types.serialize_cdr(message, MESSAGE_TYPES[telemetry.channel])
+        connection = connections[telemetry.vehicle, telemetry.channel]
+        writer.write(connection, telemetry.delivery_time, data)

@@ -1,0 +1,147 @@
+"""A simulated quadrotor: a point mass that flies along a plan and empties its battery.
+
+Axes are east, north and up (REP-103), units are SI.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dyknow_bringup.document import Point
+
+Vector = NDArray[np.float64]
+"""Three components, along x, y and z."""
+
+MASS: Final = 2.0
+"""In kg, with the battery."""
+ACCELERATION_LIMIT: Final = 3.0
+"""In m/s², in any direction."""
+CLIMB_LIMIT: Final = 2.5
+"""In m/s, up and down."""
+HOVER_POWER: Final = 110.0
+"""In W, in still air."""
+DRAG_POWER: Final = 0.1
+"""In W for each (m/s)³ of airspeed."""
+CLIMB_EFFICIENCY: Final = 0.7
+"""The part of the power for climbing that becomes potential energy."""
+FULL_VOLTAGE: Final = 16.8
+"""In V without load: a lithium polymer battery of four cells."""
+EMPTY_VOLTAGE: Final = 14.0
+"""In V without load."""
+RESISTANCE: Final = 0.03
+"""Of the battery, in ohm."""
+CAPACITY: Final = 18_000.0
+"""Of the battery, in ampere seconds (5 Ah)."""
+
+_GRAVITY = 9.81
+_ARRIVED = 0.2
+_FLYING = 0.5
+
+
+@dataclass(frozen=True, slots=True)
+class Waypoint:
+    """A place to fly to in a straight line, and to stop at.
+
+    Args:
+        position: in m.
+        speed: the most on the way, in m/s.
+    """
+
+    position: Point
+    speed: float
+
+
+@dataclass(frozen=True, slots=True)
+class FlightPlan:
+    """Where a vehicle starts, at rest, and the waypoints that it visits; it hovers at the last."""
+
+    start: Point
+    waypoints: tuple[Waypoint, ...]
+
+
+class Vehicle:
+    """The true state of a vehicle.
+
+    Args:
+        plan: what it flies.
+    """
+
+    def __init__(self, plan: FlightPlan) -> None:
+        self.position: Vector = np.array(plan.start)
+        self.velocity: Vector = np.zeros(3)
+        self.yaw = 0.0
+        self.percentage = 0.95
+        self.power = HOVER_POWER
+        self._waypoints = deque(plan.waypoints)
+
+    def step(self, seconds: float, wind: Vector) -> None:
+        """Fly on for a short time.
+
+        Args:
+            seconds: how long.
+            wind: the velocity of the air in m/s. The autopilot holds the course against it, which
+                costs power.
+        """
+        self._fly(seconds)
+        self.power = flight_power(self.velocity, wind)
+        _, current = battery_load(self.percentage, self.power)
+        self.percentage = max(0.0, self.percentage - current * seconds / CAPACITY)
+
+    def _fly(self, seconds: float) -> None:
+        wanted = self._wanted_velocity(seconds)
+        self.velocity += _limited(wanted - self.velocity, ACCELERATION_LIMIT * seconds)
+        self.position += self.velocity * seconds
+        east, north, _ = self.velocity
+        if math.hypot(east, north) > _FLYING:
+            self.yaw = math.atan2(north, east)
+
+    def _wanted_velocity(self, seconds: float) -> Vector:
+        if not self._waypoints:
+            return np.zeros(3)
+        waypoint = self._waypoints[0]
+        way = np.array(waypoint.position) - self.position
+        distance = float(np.linalg.norm(way))
+        if distance < _ARRIVED and len(self._waypoints) > 1:
+            self._waypoints.popleft()
+            return self._wanted_velocity(seconds)
+        # The speed from which the vehicle can still stop at the waypoint, with something in hand.
+        braking = math.sqrt(ACCELERATION_LIMIT * distance)
+        wanted = _limited(way / seconds, min(waypoint.speed, braking))
+        climb = abs(float(wanted[2]))
+        return wanted if climb <= CLIMB_LIMIT else wanted * (CLIMB_LIMIT / climb)
+
+
+def flight_power(velocity: Vector, wind: Vector) -> float:
+    """The electrical power that flying takes, in W: hovering, drag and climbing.
+
+    Args:
+        velocity: over ground, in m/s.
+        wind: the velocity of the air, in m/s.
+    """
+    airspeed = float(np.linalg.norm(velocity - wind))
+    climb = max(0.0, float(velocity[2]))
+    return HOVER_POWER + DRAG_POWER * airspeed**3 + MASS * _GRAVITY * climb / CLIMB_EFFICIENCY
+
+
+def battery_load(percentage: float, power: float) -> tuple[float, float]:
+    """The voltage in V and the current in A of a battery that delivers a power.
+
+    Args:
+        percentage: the charge, from 0 to 1.
+        power: in W.
+    """
+    idle = EMPTY_VOLTAGE + (FULL_VOLTAGE - EMPTY_VOLTAGE) * percentage
+    # power = voltage * current, and voltage = idle - RESISTANCE * current
+    current = (idle - math.sqrt(idle**2 - 4 * RESISTANCE * power)) / (2 * RESISTANCE)
+    return idle - RESISTANCE * current, current
+
+
+def _limited(vector: Vector, limit: float) -> Vector:
+    length = float(np.linalg.norm(vector))
+    return vector if length <= limit else vector * (limit / length)

@@ -1,0 +1,93 @@
+"""Paths to single values in a message: `pose.position.z`, `covariance[35]`, `points[2].x`.
+
+The elements of an array are listed together, `covariance[0..35]`; those of an array whose
+length only the message tells as `ranges[0..]`.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Collection, Iterable, Iterator
+from typing import Final
+
+FIELD_PATH: Final = (
+    r'[A-Za-z_]\w*(\[(0|[1-9]\d*)\])?(\.[A-Za-z_]\w*(\[(0|[1-9]\d*)\])?)*'  # as in the grammars
+)
+"""The pattern of a path, for ASCII."""
+
+_INDEX = re.compile(r'\[(?P<first>\d+)(?P<more>\.\.(?P<last>\d*))?\]', re.ASCII)
+_SUGGESTED: Final = 4
+
+
+def all_elements(array: str, size: int | None) -> str:
+    """How the elements of an array are listed.
+
+    Args:
+        array: the path to the array.
+        size: how many elements it can have; `None` if there is no bound.
+    """
+    return f'{array}[0..{"" if size is None else size - 1}]'
+
+
+def listed_as(fields: Collection[str], path: str) -> str | None:
+    """What a path is listed as among the fields of a stream; `None` if it is not."""
+    if path in fields:
+        return path
+    return next((each for each in fields if _covers(each, path)), None)
+
+
+def absence(owner: str, fields: Collection[str], path: str) -> str:
+    """Why something has no field at a path, and what can be asked for instead.
+
+    Args:
+        owner: what lacks the field.
+        fields: all that it has.
+        path: where there is none of them.
+    """
+    lack = f"{owner} has no field '{path}'"
+    shape = _shape(path)
+    for each in fields:
+        if '..' in each and _shape(each) == shape and (beyond := _beyond(each, path)):
+            return f'{lack}: {beyond}'
+    inside = [each for each in fields if _shape(each).startswith((f'{shape}.', f'{shape}['))]
+    if inside:
+        return f'{lack}: it is no single value; ask for {_suggestion(path, inside)}'
+    return f'{lack} (it has: {", ".join(sorted(fields)) or "none"})'
+
+
+def _shape(path: str) -> str:
+    return _INDEX.sub('[]', path)
+
+
+def _bounds(path: str) -> Iterator[tuple[int, float]]:
+    for index in _INDEX.finditer(path):
+        first = int(index['first'])
+        last = float(index['last'] or math.inf) if index['more'] else first
+        yield first, last
+
+
+def _covers(listed: str, path: str) -> bool:
+    if '..' not in listed or _shape(listed) != _shape(path):
+        return False
+    pairs = zip(_bounds(listed), _bounds(path), strict=True)
+    return all(first <= index <= last for (first, last), (index, _) in pairs)
+
+
+def _beyond(listed: str, path: str) -> str | None:
+    for index, (_, last) in zip(_INDEX.finditer(path), _bounds(listed), strict=True):
+        if int(index['first']) > last:
+            return f"the last element of '{path[: index.start()]}' is [{last:.0f}]"
+    return None
+
+
+def _suggestion(path: str, inside: Iterable[str]) -> str:
+    known = len(list(_INDEX.finditer(path)))
+    paths = []
+    for each in inside:
+        firsts = [first for first, _ in _bounds(each)][known:]
+        tail = _shape(each)[len(_shape(path)) :].replace('[]', '[{}]')
+        paths.append(path + tail.format(*firsts))
+    if len(paths) > _SUGGESTED:
+        return f'{", ".join(paths[:_SUGGESTED])}, ...'
+    return ' or '.join(filter(None, [', '.join(paths[:-1]), paths[-1]]))

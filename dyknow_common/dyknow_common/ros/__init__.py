@@ -1,0 +1,75 @@
+"""The parts that every ROS node of DyKnow shares."""
+
+from dyknow_common.ros.commands import CommandNode, duration, run_command
+from dyknow_common.ros.deadlines import PULSE, Deadlines
+from dyknow_common.ros.executor import NodeExecutor, fits, node_executor
+from dyknow_common.ros.liveliness import (
+    FIRST_SIGN,
+    GRACE,
+    AliveCount,
+    Liveliness,
+    with_distinct_lease,
+)
+from dyknow_common.ros.node import BORN, RUNNING, DyKnowNode, fill_exit_status, snake_case
+from dyknow_common.ros.node_adapter import NodeAdapter
+from dyknow_common.ros.process import run
+from dyknow_common.ros.qos import (
+    LATCHED,
+    LATCHED_HISTORY,
+    NO_PUBLISHER_EVENTS,
+    NO_SUBSCRIPTION_EVENTS,
+    SERVICE,
+    STATUS,
+    STREAM,
+    VIOLATIONS,
+)
+from dyknow_common.ros.remote_node import RemoteNode
+from dyknow_common.ros.report_command import ReportCommand, add_report_options
+from dyknow_common.ros.throttle import Throttle
+from dyknow_common.ros.time_messages import (
+    constraints_from_message,
+    constraints_to_message,
+    nanoseconds_to_duration,
+    nanoseconds_to_time,
+    time_to_nanoseconds,
+)
+
+__all__ = [
+    'BORN',
+    'FIRST_SIGN',
+    'GRACE',
+    'LATCHED',
+    'LATCHED_HISTORY',
+    'NO_PUBLISHER_EVENTS',
+    'NO_SUBSCRIPTION_EVENTS',
+    'PULSE',
+    'RUNNING',
+    'SERVICE',
+    'STATUS',
+    'STREAM',
+    'VIOLATIONS',
+    'AliveCount',
+    'CommandNode',
+    'Deadlines',
+    'DyKnowNode',
+    'Liveliness',
+    'NodeAdapter',
+    'NodeExecutor',
+    'RemoteNode',
+    'ReportCommand',
+    'Throttle',
+    'add_report_options',
+    'constraints_from_message',
+    'constraints_to_message',
+    'duration',
+    'fill_exit_status',
+    'fits',
+    'nanoseconds_to_duration',
+    'nanoseconds_to_time',
+    'node_executor',
+    'run',
+    'run_command',
+    'snake_case',
+    'time_to_nanoseconds',
+    'with_distinct_lease',
+]

@@ -1,0 +1,44 @@
+"""Symbols of formulas, which must be grounded before the formula can be evaluated."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import IntEnum
+
+
+class SymbolKind(IntEnum):
+    """The kind of a symbol; the numbers are those of dyknow_interfaces/msg/Symbol."""
+
+    FEATURE = 0
+    SORT = 1
+    OBJECT = 2
+
+
+@dataclass(frozen=True, slots=True)
+class Symbol:
+    """A feature, a sort or an object that a formula mentions.
+
+    The `str` of a ground feature is the name of its field in a state, `XYDist[uav1, uav2]`.
+
+    Args:
+        kind: feature, sort or object.
+        name: its name; of a syntactic reference, the canonical text, `uav1_power.power`.
+        arguments: of a feature: for each, an object or the sort that its variable ranges over.
+    """
+
+    kind: SymbolKind
+    name: str
+    arguments: tuple[str, ...] = ()
+
+    def __str__(self) -> str:
+        return f'{self.name}[{", ".join(self.arguments)}]' if self.arguments else self.name
+
+    @property
+    def is_reference(self) -> bool:
+        """Whether the symbol names a stream and a field itself."""
+        return self.kind is SymbolKind.FEATURE and '.' in self.name
+
+    @property
+    def may_be_stream(self) -> bool:
+        """Whether the symbol can be the name of a stream."""
+        return self.kind is SymbolKind.FEATURE and not self.arguments

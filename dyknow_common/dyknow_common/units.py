@@ -1,0 +1,75 @@
+"""Units of measurement; this is the one place that knows the library pint."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from fractions import Fraction
+from functools import cache, lru_cache
+from typing import Any, Final
+
+from dyknow_common.errors import DyKnowError, ExitCode
+
+# pint computes the numbers in a unit: only small exponents, one each, come that far.
+_EXPONENT: Final = re.compile(r'(\^|\*\*)\s*-?\d{1,2}(?!\s*(\^|\*|\d))|\b1\b')
+_UNIT_WITHOUT_NUMBERS: Final = re.compile(r'[^\W\d]?([^\W\d]|[ */().%°-])*')
+_LONGEST: Final = 100
+
+
+def check_unit(unit: str) -> None:
+    """Checks that a unit is known.
+
+    Raises:
+        DyKnowError: NOT_FOUND, if it is not.
+    """
+    _parsed(unit)
+
+
+@lru_cache(maxsize=4096)
+def unit_conversion(given: str, wanted: str) -> Callable[[float], float] | None:
+    """What turns a number of one unit into one of another; none where the numbers are the same.
+
+    Units of logarithms, such as dBm, convert to themselves only.
+
+    Raises:
+        DyKnowError: NOT_FOUND, if a unit is unknown; if one does not convert to the other.
+    """
+    one, other = _parsed(given), _parsed(wanted)
+    if one == other:
+        return None
+    try:
+        # In fractions, so that 1,000 ft are 304.8 m and not 304.79999999999995 m.
+        origin, end = (_registry().convert(Fraction(each), one, other) for each in (0, 1))
+    # Dimensions, products of units with an origin, and logarithms each have their own errors.
+    except Exception as error:
+        raise DyKnowError(f"the unit '{given}' does not convert to '{wanted}'") from error
+    factor, offset = float(end - origin), float(origin)
+    if (factor, offset) == (1.0, 0.0):
+        return None
+    return lambda value: value * factor + offset
+
+
+@cache
+def _registry() -> Any:
+    # Only those who have units pay for the import and for the reading of pint's definitions.
+    import pint  # noqa: PLC0415
+
+    return pint.UnitRegistry(non_int_type=Fraction)
+
+
+@lru_cache(maxsize=4096)
+def _parsed(unit: str) -> Any:
+    if len(unit) > _LONGEST or not _UNIT_WITHOUT_NUMBERS.fullmatch(_EXPONENT.sub('', unit)):
+        raise _unknown(unit)
+    try:
+        return _registry().parse_units(unit)
+    # pint evaluates the text, which may raise anything.
+    except Exception:  # noqa: BLE001
+        raise _unknown(unit) from None
+
+
+def _unknown(unit: str) -> DyKnowError:
+    return DyKnowError(
+        f"unknown unit '{unit}'; units are written as in m, ft, m/s^2, degC or %",
+        ExitCode.NOT_FOUND,
+    )

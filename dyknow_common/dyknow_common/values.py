@@ -1,0 +1,31 @@
+"""Values of fields and their types (paper, section III)."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from enum import StrEnum
+
+Value = bool | int | float | str
+"""A value of a field."""
+
+
+class ValueType(StrEnum):
+    """The types of the stream language (paper, section III)."""
+
+    INT = 'int'
+    FLOAT = 'float'
+    STRING = 'string'
+    BOOLEAN = 'boolean'
+
+    @classmethod
+    def of(cls, value: Value) -> ValueType:
+        """Return the type of a value."""
+        return _TYPES[type(value)]
+
+
+_TYPES: Mapping[type, ValueType] = {
+    bool: ValueType.BOOLEAN,
+    int: ValueType.INT,
+    float: ValueType.FLOAT,
+    str: ValueType.STRING,
+}

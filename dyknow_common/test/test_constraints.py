@@ -1,0 +1,82 @@
+"""Constraints by themselves: merging and making sense."""
+
+from __future__ import annotations
+
+import pytest
+from hypothesis import assume, given
+from hypothesis import strategies as st
+
+from dyknow_common import NO_CONSTRAINTS, DyKnowError, StreamConstraints
+
+optional = st.none() | st.integers(0, 5)
+some_constraints = st.builds(
+    StreamConstraints,
+    optional,
+    optional,
+    optional,
+    st.none() | st.integers(1, 2),
+    optional,
+)
+
+
+def merged(one: StreamConstraints, other: StreamConstraints) -> StreamConstraints | None:
+    try:
+        return one.merged(other)
+    except DyKnowError:
+        return None
+
+
+@given(some_constraints, some_constraints)
+def test_merging_is_commutative(one: StreamConstraints, other: StreamConstraints) -> None:
+    assert merged(one, other) == merged(other, one)
+
+
+@given(some_constraints, some_constraints)
+def test_merging_again_changes_nothing(one: StreamConstraints, other: StreamConstraints) -> None:
+    both = merged(one, other)
+    assume(both is not None)
+    assert both is not None
+    assert both.merged(one) == both.merged(NO_CONSTRAINTS) == both
+
+
+def test_the_stricter_one_holds() -> None:
+    one = StreamConstraints(1, 9, 5, 10, 4)
+    other = StreamConstraints(2, 8, 6, 10, 3)
+    assert one.merged(other) == StreamConstraints(2, 8, 5, 10, 3)
+
+
+def test_nothing_is_empty() -> None:
+    assert StreamConstraints().is_empty
+    assert not StreamConstraints(start_time=0).is_empty
+    assert str(NO_CONSTRAINTS) == ''
+
+
+def test_text() -> None:
+    constraints = StreamConstraints(1_500_000_000, None, 100_000_000, 200_000_000, 1)
+    assert str(constraints) == (
+        'start_time = 1500 ms, max_delay = 100 ms, sample_period = 200 ms, '
+        'sample_period_deviation = 1 ns'
+    )
+
+
+@pytest.mark.parametrize(
+    'constraints',
+    [
+        StreamConstraints(start_time=2, end_time=1),
+        StreamConstraints(max_delay=-1),
+        StreamConstraints(sample_period=0),
+        StreamConstraints(sample_period_deviation=1),
+        StreamConstraints(sample_period=1, sample_period_deviation=2),
+        StreamConstraints(sample_period=1, sample_period_deviation=-1),
+    ],
+)
+def test_what_makes_no_sense(constraints: StreamConstraints) -> None:
+    with pytest.raises(DyKnowError):
+        constraints.validate()
+    with pytest.raises(DyKnowError):
+        NO_CONSTRAINTS.merged(constraints)
+
+
+def test_a_part_may_make_sense_only_together() -> None:
+    period = StreamConstraints(sample_period=5)
+    assert period.merged(StreamConstraints(sample_period_deviation=1)).longest_period == 6

@@ -1,0 +1,1 @@
+"""The life of one evaluation, from request to answer."""

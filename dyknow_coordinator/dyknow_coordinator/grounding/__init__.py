@@ -1,0 +1,1 @@
+"""Grounding: from the symbols of a formula to a state stream."""

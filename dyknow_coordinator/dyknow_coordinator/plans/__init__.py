@@ -1,0 +1,1 @@
+"""Monitoring of the execution of plans."""

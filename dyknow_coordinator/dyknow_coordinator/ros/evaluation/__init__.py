@@ -1,0 +1,1 @@
+"""Evaluation of formulas by calls to the other nodes."""

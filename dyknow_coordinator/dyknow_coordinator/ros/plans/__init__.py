@@ -1,0 +1,1 @@
+"""The plan monitoring interfaces of the coordinator."""

@@ -1,0 +1,1 @@
+"""Status topics and diagnostics of evaluations."""

@@ -1,0 +1,169 @@
+"""The services that the coordinator calls, as awaitable functions on plain data."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any, Final
+
+from dyknow_interfaces.msg import Domain, StreamSpec
+from dyknow_interfaces.srv import (
+    ConceptGetInstances,
+    FindAllMatchingStreams,
+    FormulaGroupAddFormula,
+    FormulaGroupCreate,
+    FormulaGroupDestroy,
+    FormulaGroupEvaluate,
+    FormulaGroupExtractSymbols,
+    FormulaGroupRemoveFormula,
+    StreamCreateFromSpec,
+    StreamDestroy,
+    StreamGetTopic,
+)
+
+from dyknow_common import DyKnowError, ExitCode, StreamConstraints, Symbol, SymbolKind
+from dyknow_common.ros import DyKnowNode, RemoteNode, constraints_to_message
+from dyknow_coordinator.errors import CoordinationError
+
+_SERVICES: Final = {
+    'stream_manager': (StreamCreateFromSpec, StreamDestroy, StreamGetTopic),
+    'ontology_manager': (ConceptGetInstances,),
+    'semantic_matching_engine': (FindAllMatchingStreams,),
+    'stream_reasoning_engine': (
+        FormulaGroupAddFormula,
+        FormulaGroupCreate,
+        FormulaGroupDestroy,
+        FormulaGroupEvaluate,
+        FormulaGroupExtractSymbols,
+        FormulaGroupRemoveFormula,
+    ),
+}
+
+
+class ServiceClients:
+    """The nodes that the coordinator orchestrates."""
+
+    def __init__(self, node: DyKnowNode) -> None:
+        names = {
+            role: node.parameter(role, role, f'Name of the {role.replace("_", " ")} node.')
+            for role in (*_SERVICES, 'stream_semantics_manager')
+        }
+
+        def peer(role: str) -> RemoteNode:
+            return RemoteNode(node, names[role], services=_SERVICES[role])
+
+        self.stream_manager = peer('stream_manager')
+        self.ontology_manager = peer('ontology_manager')
+        self.semantic_matching_engine = peer('semantic_matching_engine')
+        self.stream_reasoning_engine = peer('stream_reasoning_engine')
+        self.streams_topic = f'{names["stream_manager"]}/streams'
+        self.progress_topic = f'{names["stream_reasoning_engine"]}/progress'
+        self.version_topics = tuple(
+            f'{names[role]}/version' for role in ('ontology_manager', 'stream_semantics_manager')
+        )
+
+    @property
+    def peers(self) -> tuple[RemoteNode, ...]:
+        """The nodes that are called."""
+        return (
+            self.stream_manager,
+            self.ontology_manager,
+            self.semantic_matching_engine,
+            self.stream_reasoning_engine,
+        )
+
+    async def create_group(self, name: str) -> int:
+        """The id of a new formula group."""
+        response = await self.stream_reasoning_engine.call(
+            FormulaGroupCreate, formula_group_name=name
+        )
+        return int(response.formula_group_id)
+
+    async def add_formula(self, group_id: int, name: str, formula: str) -> tuple[int, str]:
+        """The id and the canonical text of a formula that is now in the group."""
+        response = await self._call_group(
+            FormulaGroupAddFormula,
+            formula_group_id=group_id,
+            formula_name=name,
+            formula=formula,
+        )
+        return int(response.formula_id), str(response.canonical_formula)
+
+    async def symbols(self, group_id: int) -> tuple[Symbol, ...]:
+        """The symbols of a group; ground features once its evaluation has begun."""
+        response = await self._call_group(FormulaGroupExtractSymbols, formula_group_id=group_id)
+        return tuple(
+            Symbol(SymbolKind(symbol.kind), symbol.name, tuple(symbol.arguments))
+            for symbol in response.symbols
+        )
+
+    async def instances(self, sort: str) -> tuple[str, ...]:
+        """The objects of a sort."""
+        response = await self.ontology_manager.call(ConceptGetInstances, concept_name=sort)
+        return tuple(response.instances)
+
+    async def matching_streams(self, concept: str) -> tuple[str, ...]:
+        """Stream specifications for a concept, best first."""
+        response = await self.semantic_matching_engine.call(FindAllMatchingStreams, concept=concept)
+        return tuple(response.stream_specifications)
+
+    async def evaluate_group(
+        self,
+        group_id: int,
+        domains: Mapping[str, Sequence[str]],
+        state_stream: str,
+        result_topic: str,
+        *,
+        gap: bool = False,
+    ) -> None:
+        """Lets the reasoning engine listen to states, or to others, after a gap or not."""
+        await self._call_group(
+            FormulaGroupEvaluate,
+            formula_group_id=group_id,
+            domains=[Domain(sort=sort, objects=list(found)) for sort, found in domains.items()],
+            state_stream=state_stream,
+            result_topic=result_topic,
+            gap=gap,
+        )
+
+    async def create_stream(
+        self, name: str, specification: str, constraints: StreamConstraints
+    ) -> tuple[str, str]:
+        """The topics of a new stream and of its violations."""
+        response = await self.stream_manager.call(
+            StreamCreateFromSpec,
+            spec=StreamSpec(
+                name=name,
+                specification=specification,
+                constraints=constraints_to_message(constraints),
+            ),
+        )
+        return str(response.stream_topic), str(response.stream_constraint_violation_topic)
+
+    async def topic(self, stream: str) -> tuple[str, str]:
+        """The topic of a stream, and the type of its messages."""
+        response = await self.stream_manager.call(StreamGetTopic, stream_name=stream)
+        return str(response.topic_name), str(response.message_type)
+
+    async def destroy_stream(self, name: str) -> None:
+        """Ends a stream."""
+        await self.stream_manager.call(StreamDestroy, stream_name=name)
+
+    async def remove_formula(self, group_id: int, formula_id: int) -> None:
+        """Takes a formula out of a group."""
+        await self._call_group(
+            FormulaGroupRemoveFormula, formula_group_id=group_id, formula_id=formula_id
+        )
+
+    async def destroy_group(self, group_id: int) -> None:
+        """Ends a formula group."""
+        await self.stream_reasoning_engine.call(FormulaGroupDestroy, formula_group_id=group_id)
+
+    async def _call_group(self, service_type: Any, **fields: Any) -> Any:
+        """The response of a service about a formula group that was there a moment ago."""
+        try:
+            return await self.stream_reasoning_engine.call(service_type, **fields)
+        except DyKnowError as error:
+            if error.code is not ExitCode.NOT_FOUND:
+                raise
+            text = f'node {self.stream_reasoning_engine.name} was started anew: {error}'
+            raise CoordinationError(text, ExitCode.UNAVAILABLE) from None

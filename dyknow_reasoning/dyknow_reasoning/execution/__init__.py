@@ -1,0 +1,1 @@
+"""Fast progression of the instances of many formulas."""

@@ -1,0 +1,1 @@
+"""Timed automata that cache the steps of progression."""

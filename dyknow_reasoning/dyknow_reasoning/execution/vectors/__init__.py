@@ -1,0 +1,1 @@
+"""Progression of many instances at once, as numpy vectors."""

@@ -1,0 +1,1 @@
+"""Explanations of verdicts and texts of residual formulas."""

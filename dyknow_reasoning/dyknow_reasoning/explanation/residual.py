@@ -1,0 +1,141 @@
+"""The text of a node: a formula as it stands after some states."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from functools import reduce
+from operator import attrgetter
+
+from dyknow_reasoning.language.formula import Atom, Comparison, Formula, Interval, Not, operand_text
+from dyknow_reasoning.progression.atoms import NEGATED_COMPARISONS
+from dyknow_reasoning.progression.bounds import Bound, Chronology
+from dyknow_reasoning.progression.node_store import NodeStore
+from dyknow_reasoning.progression.nodes import (
+    FALSE,
+    TRUE,
+    Constant,
+    Junction,
+    Literal,
+    Node,
+    Window,
+    bounds_of,
+    descendants,
+    remains,
+)
+
+
+def residual_text(node: Node, atoms: Sequence[Atom]) -> str:
+    """The canonical text of a node.
+
+    It speaks of the states after the latest one.
+
+    Args:
+        node: what remains of a formula; its bounds count from the latest state.
+        atoms: the atom of each slot.
+    """
+    texts: dict[Node, str] = {}
+    # From the leaves up and not by recursion: what remains of a formula may nest very deeply.
+    for part in sorted(descendants([node]), key=attrgetter('depth')):
+        texts[part] = _text(part, texts, atoms)
+    return texts[node]
+
+
+def remaining_text(node: Node, times: Sequence[int], now: int, atoms: Sequence[Atom]) -> str:
+    """The canonical text of what remains; its intervals count from the present state.
+
+    Args:
+        node: what remains of a formula.
+        times: of the states that its bounds count from, in nanoseconds.
+        now: the time of the present state.
+        atoms: the atom of each slot.
+    """
+    bounds = {each: Bound(0, times[each.state] + each.offset - now) for each in bounds_of(node)}
+    return residual_text(NodeStore(Chronology(), [node]).renumbered(node, bounds), atoms)
+
+
+def holds_at_the_end(node: Node) -> bool:
+    """Whether what remains of a formula holds if no further state comes.
+
+    What shall always hold does then, and what shall come about does not. Literals of a formula that
+    has seen no state count as true: nothing is known against them.
+    """
+    found: dict[Node, bool] = {}
+    for each in remains(node):
+        match each:
+            case Junction():
+                combine = all if each.universal else any
+                found[each] = combine(found[part] for part in each.parts)
+            case Window():
+                found[each] = each.universal
+            case _:
+                found[each] = each is not FALSE
+    return found[node]
+
+
+def parts_in_order(node: Junction, atoms: Sequence[Atom]) -> Sequence[Node]:
+    """The parts of a junction in the order of their first atoms, whichever were found first."""
+    return sorted(node.parts, key=lambda part: _place(part, residual_text(part, atoms)))
+
+
+def _place(part: Node, text: str) -> tuple[int, str, list[Bound]]:
+    return part.mask & -part.mask, text, sorted(bounds_of(part))
+
+
+def interval_of(node: Window) -> Interval:
+    """The interval of a window whose bounds count from one state."""
+    start = node.start.offset if node.start else 0
+    return Interval(start, node.end.offset if node.end else None)
+
+
+def _text(node: Node, texts: Mapping[Node, str], atoms: Sequence[Atom]) -> str:
+    match node:
+        case Constant():
+            return 'true' if node.value else 'false'
+        case Literal():
+            return str(_literal(atoms[node.slot], positive=node.positive))
+        case Junction():
+            word = 'and' if node.universal else 'or'
+            parts = sorted(node.parts, key=lambda part: _place(part, texts[part]))
+            first, *others = (_operand(part, texts, atoms) for part in parts)
+            *inner, last = others
+            left = reduce(lambda left, right: f'({left} {word} {right})', inner, first)
+            return f'{left} {word} {last}'
+        case Window():
+            return _window_text(node, texts, atoms)
+
+
+def _window_text(node: Window, texts: Mapping[Node, str], atoms: Sequence[Atom]) -> str:
+    interval = interval_of(node).suffix
+    right = _operand(node.right, texts, atoms)
+    if node.left is FALSE and node.universal:
+        return f'always{interval} {right}'
+    if node.left is TRUE and not node.universal:
+        return f'eventually{interval} {right}'
+    if node.universal:
+        left, right = (_negated(side, texts, atoms) for side in (node.left, node.right))
+        return f'not ({left} until{interval} {right})'
+    return f'{_operand(node.left, texts, atoms)} until{interval} {right}'
+
+
+def _operand(node: Node, texts: Mapping[Node, str], atoms: Sequence[Atom]) -> str:
+    match node:
+        case Constant():
+            return texts[node]
+        case Literal():
+            return operand_text(_literal(atoms[node.slot], positive=node.positive))
+        case _:
+            return f'({texts[node]})'
+
+
+def _negated(node: Node, texts: Mapping[Node, str], atoms: Sequence[Atom]) -> str:
+    if type(node) is Literal:
+        return operand_text(_literal(atoms[node.slot], positive=not node.positive))
+    return f'(not {_operand(node, texts, atoms)})'
+
+
+def _literal(atom: Atom, *, positive: bool) -> Formula:
+    if positive:
+        return atom
+    if isinstance(atom, Comparison):
+        return Comparison(NEGATED_COMPARISONS[atom.operator], atom.left, atom.right)
+    return Not(atom)

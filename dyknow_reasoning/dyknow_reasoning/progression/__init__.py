@@ -1,0 +1,1 @@
+"""Progression of formulas, state by state."""

@@ -1,0 +1,286 @@
+"""Where nodes are made and simplified, each one stored once."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from functools import cmp_to_key
+from itertools import count
+from typing import TypeAlias
+
+from dyknow_reasoning.progression.bounds import Bound, Chronology
+from dyknow_reasoning.progression.nodes import (
+    Constant,
+    Junction,
+    Literal,
+    Node,
+    Window,
+    constant,
+    descendants,
+    remains,
+)
+
+_Group: TypeAlias = tuple[bool, Node, Node]
+_WindowKey: TypeAlias = tuple[bool, Bound | None, Bound | None, Node, Node]
+_JunctionKey: TypeAlias = tuple[bool, tuple[Node, ...]]
+
+
+class NodeStore:
+    """Makes nodes, simplified, and keeps one of each.
+
+    Args:
+        chronology: tells which bound is later.
+        roots: nodes to begin with, and what they consist of.
+    """
+
+    def __init__(self, chronology: Chronology, roots: Iterable[Node] = ()) -> None:
+        self._chronology = chronology
+        self._literals: dict[tuple[int, bool], Literal] = {}
+        self._junctions: dict[_JunctionKey, Junction] = {}
+        self._windows: dict[_WindowKey, Window] = {}
+        self._negations: dict[Node, Node] = {}
+        adopted = descendants(roots)
+        for node in adopted:
+            self._adopt(node)
+        self._serials = count(1 + max((node.serial for node in adopted), default=0))
+
+    def __len__(self) -> int:
+        return len(self._literals) + len(self._junctions) + len(self._windows)
+
+    def literal(self, slot: int, *, positive: bool) -> Node:
+        """The atom of a slot, or its negation."""
+        key = (slot, positive)
+        node = self._literals.get(key)
+        if node is None:
+            node = Literal(*key, serial=next(self._serials), mask=1 << slot)
+            self._literals[key] = node
+        return node
+
+    def window(
+        self,
+        start: Bound | None,
+        end: Bound | None,
+        left: Node,
+        right: Node,
+        *,
+        universal: bool,
+    ) -> Node:
+        """A window; one that its right side decides whatever the states is a constant."""
+        if right is constant(value=universal):
+            return right
+        return self._window((universal, start, end, left, right))
+
+    def junction(self, members: Iterable[Node], *, universal: bool) -> Node:
+        """All of the members if universal, at least one of them if not; simplified."""
+        absorbing = constant(value=not universal)
+        flat: dict[Node, None] = {}
+        for member in members:
+            if member is absorbing:
+                return absorbing
+            if type(member) is Junction and member.universal is universal:
+                flat.update(dict.fromkeys(member.parts))
+            elif type(member) is not Constant:
+                flat[member] = None
+        if len(flat) > 1:
+            flat = self._simplified(flat, universal=universal)
+            if absorbing in flat:
+                return absorbing
+        if not flat:
+            return constant(value=universal)
+        if len(flat) == 1:
+            return next(iter(flat))
+        ordered = tuple(sorted(flat, key=_rank))
+        return self._junction((universal, ordered))
+
+    def negation(self, node: Node) -> Node:
+        """The negation of a formula that is yet to be evaluated."""
+        found = self._negations.get(node)
+        if found is None:
+            found = self._negation(node)
+            self._negations[node] = found
+            self._negations[found] = node
+        return found
+
+    def renumbered(self, node: Node, bounds: Mapping[Bound, Bound]) -> Node:
+        """What remains of a formula, with other bounds that are in the same order.
+
+        Args:
+            node: what remains.
+            bounds: the new bound for each old one.
+        """
+        if all(old == new for old, new in bounds.items()):
+            return node
+        found: dict[Node, Node] = {}
+        for each in remains(node):
+            match each:
+                case Window(universal, start, end, left, right):
+                    begins, ends = start and bounds[start], end and bounds[end]
+                    found[each] = self._window((universal, begins, ends, left, right))
+                case Junction(universal, members):
+                    ordered = tuple(sorted((found[member] for member in members), key=_rank))
+                    found[each] = self._junction((universal, ordered))
+                case _:
+                    found[each] = each
+        return found[node]
+
+    def _adopt(self, node: Node) -> None:
+        match node:
+            case Literal(slot, positive):
+                self._literals[slot, positive] = node
+            case Junction(universal, members):
+                self._junctions[universal, members] = node
+            case Window(universal, start, end, left, right):
+                self._windows[universal, start, end, left, right] = node
+
+    def _negation(self, node: Node) -> Node:
+        match node:
+            case Constant():
+                return constant(value=not node.value)
+            case Literal():
+                return self.literal(node.slot, positive=not node.positive)
+            case Junction():
+                parts = map(self.negation, node.parts)
+                return self.junction(parts, universal=not node.universal)
+            case Window(universal, start, end, left, right):
+                sides = self.negation(left), self.negation(right)
+                return self.window(start, end, *sides, universal=not universal)
+
+    def _window(self, key: _WindowKey) -> Window:
+        node = self._windows.get(key)
+        if node is None:
+            _, _, end, left, right = key
+            node = self._windows[key] = Window(
+                *key,
+                serial=next(self._serials),
+                mask=left.mask | right.mask,
+                size=1 + left.size + right.size,
+                depth=1 + max(left.depth, right.depth),
+            )
+            if end is None:
+                node.unbounded = (node,)
+        return node
+
+    def _junction(self, key: _JunctionKey) -> Junction:
+        node = self._junctions.get(key)
+        if node is None:
+            _, members = key
+            mask = 0
+            for member in members:
+                mask |= member.mask
+            unbounded = dict.fromkeys(window for member in members for window in member.unbounded)
+            node = self._junctions[key] = Junction(
+                *key,
+                serial=next(self._serials),
+                mask=mask,
+                size=1 + sum(member.size for member in members),
+                depth=1 + max(member.depth for member in members),
+                unbounded=tuple(unbounded),
+            )
+        return node
+
+    def _simplified(self, flat: dict[Node, None], *, universal: bool) -> dict[Node, None]:
+        """The members without those that the others make superfluous.
+
+        Holds the absorbing constant when two members contradict each other.
+        """
+        groups: dict[_Group, list[Window]] = {}
+        junctions = []
+        for member in flat:
+            if type(member) is Window:
+                group = (member.universal, member.left, member.right)
+                groups.setdefault(group, []).append(member)
+            elif type(member) is Junction:
+                junctions.append(member)
+            elif type(member) is Literal and self.negation(member) in flat:
+                return {constant(value=not universal): None}
+        for group, windows in groups.items():
+            if len(windows) > 1:
+                groups[group] = self._merged(windows, universal=universal)
+                flat = {member: None for member in flat if member not in windows}
+                flat.update(dict.fromkeys(groups[group]))
+        kinds = {kind for kind, _, _ in groups}
+        if len(kinds) > 1 and self._contradictory(groups, universal=universal):
+            return {constant(value=not universal): None}
+        for junction in junctions:
+            if any(
+                self._is_superfluous(part, flat, groups, universal=universal)
+                for part in junction.parts
+            ):
+                del flat[junction]
+        return flat
+
+    def _merged(self, windows: list[Window], *, universal: bool) -> list[Window]:
+        """Windows over the same sides: their union, or those that contain no other."""
+        if windows[0].universal is not universal:
+            return self._innermost(windows)
+        merged: list[Window] = []
+        for window in sorted(windows, key=cmp_to_key(self._by_start)):
+            last = merged[-1] if merged else None
+            if last is None or self._is_apart(last, window):
+                merged.append(window)
+            elif self._ends_later(window, last):
+                key = (universal, last.start, window.end, last.left, last.right)
+                merged[-1] = self._window(key)
+        return merged
+
+    def _innermost(self, windows: list[Window]) -> list[Window]:
+        """The windows that contain no other."""
+        kept: list[Window] = []
+        for window in sorted(windows, key=cmp_to_key(self._by_narrowness)):
+            if not kept or self._ends_later(kept[-1], window):
+                kept.append(window)
+        return kept
+
+    def _by_start(self, first: Window, second: Window) -> int:
+        return self._chronology.compare(first.start, second.start)
+
+    def _by_narrowness(self, first: Window, second: Window) -> int:
+        """Later starts first; of those that start together, earlier ends first."""
+        ends = self._ends_later(first, second) - self._ends_later(second, first)
+        return -self._by_start(first, second) or ends
+
+    def _is_apart(self, first: Window, second: Window) -> bool:
+        """Whether there is a time between the end of one window and the start of another."""
+        if first.end is None or second.start is None:
+            return False
+        return self._chronology.later(second.start, first.end, 1)
+
+    def _ends_later(self, first: Window, second: Window) -> bool:
+        if first.end is None or second.end is None:
+            return first.end is None and second.end is not None
+        return self._chronology.later(first.end, second.end)
+
+    def _contains(self, outer: Window, inner: Window) -> bool:
+        return self._by_start(outer, inner) <= 0 and not self._ends_later(inner, outer)
+
+    def _contradictory(self, groups: dict[_Group, list[Window]], *, universal: bool) -> bool:
+        """Whether a window contains one that asks for the opposite."""
+        for (kind, left, right), outer in groups.items():
+            if kind is universal:
+                opposite = (not kind, self.negation(left), self.negation(right))
+                for inner in groups.get(opposite, ()):
+                    if any(self._contains(window, inner) for window in outer):
+                        return True
+        return False
+
+    def _is_superfluous(
+        self,
+        part: Node,
+        siblings: dict[Node, None],
+        groups: dict[_Group, list[Window]],
+        *,
+        universal: bool,
+    ) -> bool:
+        """Whether a part of an inner junction makes it say no more than one of its siblings."""
+        if part in siblings:
+            return True
+        if type(part) is not Window:
+            return False
+        windows = groups.get((part.universal, part.left, part.right), ())
+        if part.universal is universal:
+            return any(self._contains(window, part) for window in windows)
+        return any(self._contains(part, window) for window in windows)
+
+
+def _rank(node: Node) -> tuple[int, int]:
+    """The order of members: as their first atoms come in the formula."""
+    return node.mask & -node.mask, node.serial

@@ -1,0 +1,1 @@
+"""Annotations of streams (SSL): syntax, checks and storage."""

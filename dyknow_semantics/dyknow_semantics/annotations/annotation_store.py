@@ -1,0 +1,125 @@
+"""The store of annotations: the texts that an annotator has added, in their order."""
+
+from __future__ import annotations
+
+import sqlite3
+from collections.abc import Iterable, Iterator
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+from typing import Final
+
+from dyknow_common import DyKnowError, ExitCode
+from dyknow_semantics.annotations.annotation import Annotation
+from dyknow_semantics.annotations.parsing import parse_annotations
+from dyknow_semantics.errors import SemanticsError
+
+_LOCK_TIMEOUT: Final = 1.0
+"""How long to wait for another process to let go of a store, in seconds."""
+
+
+class AnnotationStore:
+    """Annotations in a file: what a method has done when it returns, a killed process has kept.
+
+    Args:
+        file: it is made if there is none; none to forget the annotations.
+
+    Raises:
+        SemanticsError: if the file is in use or is no store of annotations.
+    """
+
+    def __init__(self, file: Path | None = None) -> None:
+        self._file = file
+        with self._explained(), ExitStack() as resources:
+            self._connection = sqlite3.connect(file or ':memory:', timeout=_LOCK_TIMEOUT)
+            resources.callback(self._connection.close)
+            self._prepare()
+            self._annotations = self._read()
+            resources.pop_all()
+
+    @property
+    def annotations(self) -> tuple[Annotation, ...]:
+        """All annotations, in the order in which they were added."""
+        return tuple(self._annotations.values())
+
+    @property
+    def texts(self) -> tuple[str, ...]:
+        """Their canonical texts, in the same order."""
+        return tuple(self._annotations)
+
+    def __contains__(self, annotation: Annotation) -> bool:
+        """Whether an annotation with the same canonical text is there."""
+        return str(annotation) in self._annotations
+
+    def close(self) -> None:
+        """Lets go of the file."""
+        self._connection.close()
+
+    def add(self, annotations: Iterable[Annotation]) -> None:
+        """Adds annotations, all or none.
+
+        Raises:
+            SemanticsError: ALREADY_EXISTS, if one is there already or is given twice.
+        """
+        added: dict[str, Annotation] = {}
+        for annotation in annotations:
+            text = str(annotation)
+            if text in added or text in self._annotations:
+                raise SemanticsError(
+                    f"there is already the annotation '{text}'", ExitCode.ALREADY_EXISTS
+                )
+            added[text] = annotation
+        with self._explained(), self._connection:
+            self._connection.executemany(
+                'INSERT INTO annotation (stream, text) VALUES (?, ?)',
+                [(annotation.stream, text) for text, annotation in added.items()],
+            )
+        self._annotations |= added
+
+    def remove(self, stream: str) -> tuple[Annotation, ...]:
+        """Removes all annotations of a stream, and returns them.
+
+        Raises:
+            SemanticsError: NOT_FOUND, if it has none.
+        """
+        removed = {text: each for text, each in self._annotations.items() if each.stream == stream}
+        if not removed:
+            streams = sorted({each.stream for each in self._annotations.values()})
+            raise SemanticsError(
+                f"stream '{stream}' has no annotation (there are: {', '.join(streams) or 'none'})",
+                ExitCode.NOT_FOUND,
+            )
+        with self._explained(), self._connection:
+            self._connection.execute('DELETE FROM annotation WHERE stream = ?', (stream,))
+        for text in removed:
+            del self._annotations[text]
+        return tuple(removed.values())
+
+    def _prepare(self) -> None:
+        # No other process may write what this one would not see.
+        self._connection.execute('PRAGMA locking_mode = EXCLUSIVE')
+        # Writes are then safe from the end of the process, and do not wait for the disk.
+        self._connection.execute('PRAGMA journal_mode = WAL')
+        self._connection.execute('PRAGMA synchronous = NORMAL')
+        with self._connection:
+            self._connection.execute(
+                'CREATE TABLE IF NOT EXISTS annotation (stream TEXT, text TEXT UNIQUE)'
+            )
+            self._connection.execute('CREATE INDEX IF NOT EXISTS stream ON annotation (stream)')
+
+    def _read(self) -> dict[str, Annotation]:
+        rows = self._connection.execute('SELECT text FROM annotation ORDER BY rowid').fetchall()
+        try:
+            return {text: each for (text,) in rows for each in parse_annotations(text)}
+        except DyKnowError as error:
+            raise SemanticsError(f'{self._file}: {error.message}', error.code) from None
+
+    @contextmanager
+    def _explained(self) -> Iterator[None]:
+        try:
+            yield
+        except sqlite3.Error as error:
+            raise SemanticsError(
+                f"cannot use the store of annotations '{self._file}': {error}; "
+                'it may be in use by another process, or no such store',
+                ExitCode.UNAVAILABLE,
+            ) from None

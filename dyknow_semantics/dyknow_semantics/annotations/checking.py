@@ -1,0 +1,148 @@
+"""Whether annotations and concepts make sense relative to an ontology."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager
+
+from dyknow_common import DyKnowError, LanguageError, TextPosition, check_unit
+from dyknow_semantics.annotations.annotation import (
+    ANNOTATION,
+    CONCEPT,
+    Annotation,
+    Concept,
+    Content,
+    FeatureTerm,
+    Range,
+)
+from dyknow_semantics.errors import SemanticsError
+from dyknow_semantics.ontology.features import FeatureSignature, converts
+from dyknow_semantics.ontology.knowledge import Knowledge
+
+
+def check_annotation(annotation: Annotation, knowledge: Knowledge) -> None:
+    """Checks an annotation against an ontology.
+
+    Raises:
+        LanguageError: with the place, for an unknown feature, sort or object, a wrong number of
+            arguments, an argument outside of its sort, or a unit that is unknown or does not
+            convert to the feature's.
+    """
+    checker = _AnnotationChecker(ANNOTATION, annotation.text, knowledge)
+    sorts = checker.sorts(annotation.ranges)
+    for content in annotation.contents:
+        feature = checker.feature(content.feature)
+        checker.arguments(content.feature, feature, sorts)
+        checker.unit(content, feature)
+
+
+def check_concept(concept: Concept, knowledge: Knowledge) -> None:
+    """Checks a concept against an ontology.
+
+    Raises:
+        LanguageError: with the place, for an unknown feature, sort or object, a wrong number of
+            arguments, or an argument outside of its sort.
+    """
+    checker = _AnnotationChecker(CONCEPT, concept.text, knowledge)
+    sorts = checker.sorts(concept.ranges)
+    feature = checker.feature(concept.feature)
+    if concept.feature.arguments:
+        checker.arguments(concept.feature, feature, sorts)
+
+
+class _AnnotationChecker:
+    """Checks the parts of one text.
+
+    Args:
+        language: what the text is called in messages.
+        text: the whole text.
+        knowledge: the ontology.
+    """
+
+    def __init__(self, language: str, text: str, knowledge: Knowledge) -> None:
+        self._language = language
+        self._text = text
+        self._knowledge = knowledge
+
+    def sorts(self, ranges: Iterable[Range]) -> dict[str, str]:
+        """The sort of each variable."""
+        for each in ranges:
+            with self._at(each.sort_place):
+                self._knowledge.superconcepts(each.sort)
+        return {each.variable: each.sort for each in ranges}
+
+    def feature(self, term: FeatureTerm) -> FeatureSignature:
+        """The feature that a term names."""
+        with self._at(term.place):
+            return self._knowledge.feature(term.name)
+
+    def arguments(
+        self, term: FeatureTerm, feature: FeatureSignature, sorts: Mapping[str, str]
+    ) -> None:
+        """The arguments of a term are those that the feature takes."""
+        expected = feature.argument_sorts
+        with self._at(term.place):
+            if len(term.arguments) != len(expected):
+                raise SemanticsError(
+                    f"feature '{feature.name}' takes {_count(expected)}, "
+                    f'but has {len(term.arguments)} here'
+                )
+        for argument, sort in zip(term.arguments, expected, strict=True):
+            with self._at(argument.place):
+                if argument.name in sorts:
+                    self._check_variable(argument.name, sorts[argument.name], sort)
+                else:
+                    self._check_object(argument.name, sort)
+
+    def unit(self, content: Content, feature: FeatureSignature) -> None:
+        """The unit of a field converts to the one of its feature."""
+        if content.unit is None or content.unit == feature.unit:
+            return
+        with self._at(content.unit_place):
+            if not content.unit:
+                raise SemanticsError('the unit is empty; write one, such as [m], or leave it out')
+            check_unit(content.unit)
+            if not feature.unit:
+                raise SemanticsError(
+                    f"feature '{feature.name}' is measured in no unit; leave it out"
+                )
+            if not converts(content.unit, feature.unit):
+                raise SemanticsError(
+                    f"feature '{feature.name}' is measured in {feature.unit}, "
+                    f'which {content.unit} does not convert to'
+                )
+
+    def _check_variable(self, name: str, sort: str, expected: str) -> None:
+        if expected not in self._knowledge.superconcepts(sort):
+            raise SemanticsError(
+                f"the variable '{name}' must range over '{expected}' or a sort below it, "
+                f"but '{sort}' is none"
+            )
+
+    def _check_object(self, name: str, expected: str) -> None:
+        try:
+            concepts = self._knowledge.concepts(name)
+        except SemanticsError as error:
+            raise SemanticsError(
+                f"'{name}' is no variable (add: for every {name} in {expected}) and no object: "
+                f'{error}',
+                error.code,
+            ) from None
+        if expected not in concepts:
+            raise SemanticsError(f"'{name}' must be an instance of '{expected}', but is none")
+
+    @contextmanager
+    def _at(self, place: TextPosition) -> Iterator[None]:
+        try:
+            yield
+        except DyKnowError as error:
+            raise LanguageError(
+                error.message, self._language, self._text, place, error.code
+            ) from None
+
+
+def _count(sorts: tuple[str, ...]) -> str:
+    if not sorts:
+        return 'no arguments'
+    plural = '' if len(sorts) == 1 else 's'
+    return f'{len(sorts)} argument{plural} ({", ".join(sorts)})'

@@ -1,0 +1,1 @@
+"""Semantic matching of concepts with annotated streams."""

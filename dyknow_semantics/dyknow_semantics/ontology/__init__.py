@@ -1,0 +1,1 @@
+"""Ontologies: storage, names, hierarchy and reasoners."""

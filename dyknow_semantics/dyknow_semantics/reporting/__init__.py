@@ -1,0 +1,1 @@
+"""Ontologies and matches, as shown to people and programs."""

@@ -1,0 +1,1 @@
+"""Running streams: operators over samples, without ROS."""

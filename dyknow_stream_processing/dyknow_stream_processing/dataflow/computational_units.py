@@ -1,0 +1,171 @@
+"""Computational units: user code that runs on streams (paper, section III).
+
+A unit is registered in the entry point group `dyknow.computational_units` of any installed package,
+and declared in the specification that uses it:
+
+    compunit power: float electrical_power((voltage: float, current: float));
+
+It is a function, or a class of which one instance is made for each use and which is then called.
+What a use settles by name, `mean(power, window = 5 s)`, goes to the constructor, or to the
+keyword-only parameters of the function; a duration is in nanoseconds.
+
+It is called with one mapping for each of its streams: the fields in the order
+of the declaration, each with its value. If it has a parameter `valid_time`, the valid time of the
+sample is passed by that name, in nanoseconds. What it returns is the value of the declared field;
+`None` makes no sample. It should end quickly: the whole dataflow waits for it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from functools import partial
+from importlib.metadata import entry_points
+from inspect import isclass, signature
+from typing import Any, Final
+
+from dyknow_common import Value, ValueType
+from dyknow_stream_processing.dataflow import built_in_units as units
+from dyknow_stream_processing.dataflow.operators import Operator
+from dyknow_stream_processing.dataflow.scheduler import Scheduler
+from dyknow_stream_processing.dataflow.synchronisation import SynchronisedOperator, Values
+from dyknow_stream_processing.errors import StreamError
+from dyknow_stream_processing.language.specification import UnitArgument, UnitDeclaration
+from dyknow_stream_processing.language.type_rules import TIME, Unit
+from dyknow_stream_processing.sample import missing_text
+from dyknow_stream_processing.violation import Broken
+
+ENTRY_POINTS: Final = 'dyknow.computational_units'
+"""The entry point group that units are registered in."""
+
+
+def load_units() -> Mapping[str, Unit]:
+    """All computational units: those that come with DyKnow and those that packages register.
+
+    Raises:
+        StreamError: if a registered unit cannot be loaded.
+    """
+    registered = dict(_BUILT_IN)
+    for entry_point in entry_points(group=ENTRY_POINTS):
+        try:
+            registered[entry_point.name] = entry_point.load()
+        # A module may raise anything while it is imported.
+        except Exception as error:
+            raise StreamError(
+                f"computational unit '{entry_point.name}' ({entry_point.value}) cannot be loaded: "
+                f'{type(error).__name__}: {error}'
+            ) from error
+    return registered
+
+
+class UnitOperator(SynchronisedOperator):
+    """One use of a computational unit: one sample for each tick of its inputs.
+
+    Raises:
+        StreamError: if the unit is a class of which no instance can be made.
+    """
+
+    def __init__(
+        self,
+        agenda: Scheduler,
+        label: str,
+        inputs: Sequence[Operator],
+        unit: Unit,
+        declaration: UnitDeclaration,
+        arguments: Sequence[UnitArgument],
+    ) -> None:
+        super().__init__(agenda, label, inputs)
+        named = {each.name: each.value for each in arguments}
+        self._call: Unit = _instance(unit, declaration.name, named)
+        self._takes_time = _takes_time(self._call)
+        self._name = declaration.name
+        self._output = declaration.output
+        self._parameters = [
+            tuple(field.name for field in fields) for fields in declaration.parameters
+        ]
+
+    def receive(
+        self, port: int, valid_time: int, fields: Mapping[str, Value], watermark: int, now: int
+    ) -> None:
+        """Compute at once from a single input, which has nothing to wait for; else synchronise."""
+        if len(self.inputs) == 1:
+            self._tick(valid_time, [fields], now)
+            self._promise(watermark, now)
+        else:
+            super().receive(port, valid_time, fields, watermark, now)
+
+    def promise(self, port: int, watermark: int, now: int) -> None:
+        """Promise the same for a single input; else synchronise."""
+        if len(self.inputs) == 1:
+            self._promise(watermark, now)
+        else:
+            super().promise(port, watermark, now)
+
+    def _tick(self, valid_time: int, values: Values, now: int) -> None:
+        try:
+            arguments = [
+                {name: fields[name] for name in names}
+                for names, fields in zip(self._parameters, values, strict=True)
+            ]
+        except KeyError as error:
+            message = f"computational unit '{self._name}' finds {missing_text(error)}"
+            self._reject(Broken.FIELDS, valid_time, message)
+            return
+        timing = {TIME: valid_time} if self._takes_time else {}
+        try:
+            value = self._call(*arguments, **timing)
+            result = None if value is None else _typed(value, self._output.type)
+        # User code may raise anything; it is contained and reported.
+        except Exception as error:  # noqa: BLE001
+            message = f"computational unit '{self._name}': {type(error).__name__}: {error}"
+            self._reject(Broken.COMPUTATIONAL_UNIT, valid_time, message)
+        else:
+            if result is not None:
+                self._emit(valid_time, {self._output.name: result}, self.watermark, now)
+
+
+def _instance(unit: Unit, name: str, arguments: Mapping[str, Value]) -> Any:
+    if not isclass(unit):
+        return partial(unit, **arguments) if arguments else unit
+    try:
+        return unit(**arguments)
+    # The constructor is user code, too.
+    except Exception as error:
+        raise StreamError(
+            f"computational unit '{name}' cannot be made: {type(error).__name__}: {error}"
+        ) from error
+
+
+def _takes_time(call: Unit) -> bool:
+    try:
+        return TIME in signature(call).parameters
+    except ValueError:  # Some functions written in C have no signature.
+        return False
+
+
+def _typed(value: object, expected: ValueType) -> Value:
+    """A value as one of the declared type; subclasses, such as numpy's float64, become plain."""
+    if expected is ValueType.BOOLEAN and isinstance(value, bool):
+        return value
+    if expected is ValueType.STRING and isinstance(value, str):
+        return str(value)
+    if isinstance(value, int) and not isinstance(value, bool):
+        if expected is ValueType.INT:
+            return int(value)
+        if expected is ValueType.FLOAT:
+            return float(value)
+    if expected is ValueType.FLOAT and isinstance(value, float):
+        return float(value)
+    raise TypeError(f'returned {value!r} ({type(value).__name__}), which is no {expected}')
+
+
+_BUILT_IN: Final[Mapping[str, Unit]] = {
+    'convert': units.Convert,
+    'distance': units.distance,
+    'electrical_power': units.electrical_power,
+    'magnitude': units.magnitude,
+    'maximum': units.Maximum,
+    'mean': units.Mean,
+    'minimum': units.Minimum,
+    'rate_of_change': units.RateOfChange,
+    'speed': units.Speed,
+}

@@ -1,0 +1,166 @@
+"""From resolved streams to running operators, where equal parts are one."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Hashable, Mapping, Sequence
+from dataclasses import replace
+from typing import Final
+
+from dyknow_common import NO_CONSTRAINTS
+from dyknow_stream_processing.dataflow.computational_units import UnitOperator
+from dyknow_stream_processing.dataflow.constraint_checks import (
+    BoundsOperator,
+    OrderOperator,
+    PeriodOperator,
+    ReorderOperator,
+)
+from dyknow_stream_processing.dataflow.operators import MergeOperator, Operator, SourceOperator
+from dyknow_stream_processing.dataflow.scheduler import Scheduler
+from dyknow_stream_processing.dataflow.selection import SelectOperator
+from dyknow_stream_processing.dataflow.synchronisation import LinearSyncOperator, SyncOperator
+from dyknow_stream_processing.language.specification import (
+    Approximation,
+    Call,
+    Merge,
+    Select,
+    StreamReference,
+    Sync,
+    Term,
+)
+from dyknow_stream_processing.language.type_rules import Unit
+
+
+class OperatorGraph:
+    """The operators that run, each kept as long as another or a stream takes its samples.
+
+    Args:
+        agenda: wakes the operators.
+        units: the computational units by name.
+        has_receipt_time: whether the valid times of a topic are the times of receipt.
+    """
+
+    def __init__(
+        self,
+        agenda: Scheduler,
+        units: Mapping[str, Unit],
+        has_receipt_time: Callable[[str], bool],
+    ) -> None:
+        self._agenda = agenda
+        self._units = units
+        self._has_receipt_time = has_receipt_time
+        self._operators: dict[Hashable, Operator] = {}
+        self.sources: Mapping[str, tuple[SourceOperator, ...]] = {}
+        """What takes the samples of each topic."""
+
+    def connect(self, term: Term) -> Operator:
+        """The operator that makes a stream; it has to be given a listener before the next `sweep`.
+
+        Raises:
+            StreamError: if a computational unit cannot be made.
+        """
+        return self._constrained(term, may_be_late=False)
+
+    def sweep(self) -> None:
+        """Free every operator whose samples nobody takes."""
+        by_rank = sorted(self._operators.items(), key=lambda item: item[1].rank, reverse=True)
+        for key, operator in by_rank:
+            if not operator.consumers and not operator.listeners:
+                del self._operators[key]
+                self._agenda.forget(operator)
+                for each in operator.inputs:
+                    each.consumers = [entry for entry in each.consumers if entry[0] is not operator]
+        self._index_sources()
+
+    def _index_sources(self) -> None:
+        sources: dict[str, tuple[SourceOperator, ...]] = {}
+        for operator in self._operators.values():
+            if isinstance(operator, SourceOperator):
+                sources[operator.label] = (*sources.get(operator.label, ()), operator)
+        self.sources = sources
+
+    def _constrained(self, term: Term, *, may_be_late: bool) -> Operator:
+        """A term with its constraints.
+
+        What is late may be emitted where those who take it put it in order; else samples of a topic
+        that are older than their predecessors are dropped.
+        """
+        label, demands = _label(term), term.constraints
+        if demands.max_delay is not None:
+            source = self._bare(term, may_be_late=True)
+            periods = (demands.max_delay, demands.shortest_period)
+            operator = self._operator(ReorderOperator, label, [source], *periods)
+        elif demands.sample_period is not None:
+            operator = self._in_order(self._bare(term, may_be_late=False))
+        else:
+            operator = self._bare(term, may_be_late=may_be_late)
+        bounds = (demands.start_time, demands.end_time)
+        if bounds != (None, None):
+            operator = self._operator(BoundsOperator, label, [operator], *bounds)
+        # A sync makes its ticks at its period; all that can go wrong is that they are not made.
+        is_periodic = isinstance(term, Sync) and demands.max_delay is None
+        if demands.sample_period is not None and not is_periodic:
+            operator = self._operator(PeriodOperator, label, [operator], demands)
+        return operator
+
+    def _bare(self, term: Term, *, may_be_late: bool) -> Operator:
+        label = _label(replace(term, constraints=NO_CONSTRAINTS))
+        match term:
+            case StreamReference():
+                has_receipt_time = self._has_receipt_time(term.name)
+                source = self._operator(SourceOperator, label, [], has_receipt_time)
+                return source if may_be_late else self._operator(OrderOperator, label, [source])
+            case Select():
+                source = self._constrained(term.source, may_be_late=may_be_late)
+                return self._selected(source, label, (term.selections, term.conditions))
+            case Merge():
+                inputs = [self._constrained(each, may_be_late=may_be_late) for each in term.inputs]
+                return self._operator(MergeOperator, label, inputs)
+            case Sync():
+                inputs = [self._sorted(each) for each in term.inputs]
+                ticks = (term.constraints.start_time, term.constraints.sample_period)
+                return self._operator(_SYNCS[term.approximation], label, inputs, *ticks)
+            case Call():
+                inputs = [self._sorted(each) for each in term.inputs]
+                unit = self._units[term.unit]
+                details = (unit, term.declaration, term.arguments)
+                return self._operator(UnitOperator, label, inputs, *details)
+
+    def _selected(self, source: Operator, label: str, details: tuple[object, ...]) -> Operator:
+        if not isinstance(source, MergeOperator):
+            return self._operator(SelectOperator, label, [source], *details)
+        # Selecting before merging is the same, and keeps what each input promises for itself.
+        inputs = [self._selected(each, label, details) for each in source.inputs]
+        return self._operator(MergeOperator, label, inputs)
+
+    def _sorted(self, term: Term) -> Operator:
+        return self._in_order(self._constrained(term, may_be_late=False))
+
+    def _in_order(self, operator: Operator) -> Operator:
+        if operator.in_order:
+            return operator
+        return self._operator(ReorderOperator, operator.label, [operator])
+
+    def _operator(
+        self,
+        kind: Callable[..., Operator],
+        label: str,
+        inputs: Sequence[Operator],
+        *details: object,
+    ) -> Operator:
+        key = (kind, label, tuple(map(id, inputs)), details)
+        if key not in self._operators:
+            operator = kind(self._agenda, label, inputs, *details)
+            for port, each in enumerate(inputs):
+                each.consumers.append((operator, port))
+            self._operators[key] = operator
+        return self._operators[key]
+
+
+_SYNCS: Final = {
+    Approximation.LATEST: SyncOperator,
+    Approximation.LINEAR: LinearSyncOperator,
+}
+
+
+def _label(term: Term) -> str:
+    return term.name if isinstance(term, StreamReference) else str(term)

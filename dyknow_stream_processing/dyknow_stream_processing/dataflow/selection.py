@@ -1,0 +1,130 @@
+"""The operator of `select ... from ... where ...`."""
+
+from __future__ import annotations
+
+import operator
+from collections.abc import Callable, Mapping, Sequence
+from typing import Final
+
+from dyknow_common import Value, ValueType
+from dyknow_stream_processing.dataflow.operators import Operator
+from dyknow_stream_processing.dataflow.scheduler import BEGINNING, Scheduler
+from dyknow_stream_processing.language.specification import Condition, Selection, value_text
+from dyknow_stream_processing.language.type_rules import comparable_types
+from dyknow_stream_processing.sample import missing_text
+from dyknow_stream_processing.violation import Broken
+
+_COMPARISONS: Final[Mapping[str, Callable[[Value, Value], bool]]] = {
+    '=': operator.eq,
+    '!=': operator.ne,
+    '<': operator.lt,
+    '<=': operator.le,
+    '>': operator.gt,
+    '>=': operator.ge,
+}
+
+
+class SelectOperator(Operator):
+    """Some fields of those samples of its source that satisfy all conditions."""
+
+    def __init__(
+        self,
+        agenda: Scheduler,
+        label: str,
+        inputs: Sequence[Operator],
+        selections: Sequence[Selection],
+        conditions: Sequence[Condition],
+    ) -> None:
+        in_order = all(each.in_order for each in inputs)
+        super().__init__(agenda, label, inputs, in_order=in_order)
+        self._tests = [(condition.field, _test(condition)) for condition in conditions]
+        self._selections = [(_namer(each), each.field) for each in selections]
+        self._plain: Mapping[str, str] | None = None
+        if not any(each.embedded_fields for each in selections):
+            self._plain = {each.name: each.field for each in selections}
+        self._emitted = BEGINNING
+
+    def receive(
+        self, port: int, valid_time: int, fields: Mapping[str, Value], watermark: int, now: int
+    ) -> None:
+        """Pass on what is selected."""
+        try:
+            for field, test in self._tests:
+                if not test(fields[field]):
+                    self.promise(port, watermark, now)
+                    return
+            selected = self._select(fields)
+        except KeyError as error:
+            known = ', '.join(fields) or 'nothing'
+            message = missing_text(error, f' in the sample (it has: {known})')
+            self._reject(Broken.FIELDS, valid_time, message)
+        except _UnfitError as error:
+            self._reject(Broken.FIELDS, valid_time, str(error))
+        else:
+            self._emitted = valid_time
+            self._emit(valid_time, selected, watermark if self.in_order else watermark - 1, now)
+            return
+        self.promise(port, watermark, now)
+
+    def promise(self, port: int, watermark: int, now: int) -> None:  # noqa: ARG002
+        """Promise the same, but for a time at which nothing was selected.
+
+        Many samples may share a valid time, such as one of each robot of a fleet, and the one that
+        is selected may be the next: it has to be waited for.
+        """
+        told = self.in_order and watermark <= self._emitted
+        self._promise(watermark if told else watermark - 1, now)
+
+    def certain_at(self, valid_time: int) -> int | None:
+        """When the source can no longer deliver even a second sample of a valid time."""
+        if valid_time <= self.watermark:
+            return BEGINNING
+        certain = super().certain_at(valid_time + 1)
+        return None if certain is None else certain - 1
+
+    def _select(self, fields: Mapping[str, Value]) -> Mapping[str, Value]:
+        if self._plain is not None:
+            return {name: fields[field] for name, field in self._plain.items()}
+        selected: dict[str, Value] = {}
+        for name, field in self._selections:
+            key = name(fields)
+            if key in selected:
+                raise _UnfitError(f"two selected fields are both named '{key}'; rename one")
+            selected[key] = fields[field]
+        return selected
+
+
+class _UnfitError(Exception):
+    """A sample that does not fit the specification."""
+
+
+def _test(condition: Condition) -> Callable[[Value], bool]:
+    compare, expected = _COMPARISONS[condition.operator], condition.value
+    comparable = comparable_types(condition)
+    types = {each for each in (bool, int, float, str) if ValueType.of(each()) in comparable}
+
+    def test(value: Value) -> bool:
+        if type(value) not in types:
+            raise _UnfitError(
+                f"field '{condition.field}' is {value_text(value)} ({ValueType.of(value)}), "
+                f'which cannot be compared with {value_text(expected)}'
+            )
+        return compare(value, expected)
+
+    return test
+
+
+def _namer(selection: Selection) -> Callable[[Mapping[str, Value]], str]:
+    literals, embedded = selection.name.split('%')[::2], selection.embedded_fields
+    if not embedded:
+        return lambda fields: selection.name  # noqa: ARG005
+
+    def name(fields: Mapping[str, Value]) -> str:
+        values = [*(_bare_text(fields[field]) for field in embedded), '']
+        return ''.join(map(str.__add__, literals, values))
+
+    return name
+
+
+def _bare_text(value: Value) -> str:
+    return value if isinstance(value, str) else value_text(value)

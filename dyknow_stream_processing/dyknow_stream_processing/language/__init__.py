@@ -1,0 +1,1 @@
+"""The stream language: syntax, names and types."""

@@ -1,0 +1,48 @@
+"""Which fields of which topics a stream needs."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping
+from typing import Final
+
+from dyknow_stream_processing.language.specification import (
+    Call,
+    Select,
+    StreamReference,
+    Sync,
+    Term,
+)
+
+Demand = frozenset[str]
+"""Names of fields."""
+
+ALL: Final = '*'
+"""Stands among the names for all fields but the elements of arrays, which are named one by one."""
+
+
+def total_demand(terms: Iterable[Term]) -> Mapping[str, Demand]:
+    """What resolved streams need of each topic."""
+    total: dict[str, Demand] = {}
+    for term in terms:
+        for topic, demand in _demands(term, frozenset({ALL})):
+            total[topic] = total.get(topic, frozenset()) | demand
+    return total
+
+
+def _demands(term: Term, wanted: Demand) -> Iterator[tuple[str, Demand]]:
+    if isinstance(term, StreamReference):
+        yield term.name, wanted
+    elif isinstance(term, Select):
+        yield from _demands(term.source, _selected(term))
+    elif isinstance(term, Call) and term.declaration is not None:
+        for each, parameter in zip(term.inputs, term.declaration.parameters, strict=True):
+            yield from _demands(each, frozenset(field.name for field in parameter))
+    else:
+        # Which of its inputs has a field that is wanted of a sync is not always known.
+        for each in term.inputs:
+            yield from _demands(each, wanted | {ALL} if isinstance(term, Sync) else wanted)
+
+
+def _selected(select: Select) -> frozenset[str]:
+    fields = {field for each in select.selections for field in (each.field, *each.embedded_fields)}
+    return frozenset(fields | {condition.field for condition in select.conditions})

@@ -1,0 +1,374 @@
+"""What the names in a specification mean, and whether its fields and types fit together."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+from dyknow_common import (
+    NO_CONSTRAINTS,
+    DyKnowError,
+    ExitCode,
+    LanguageError,
+    StreamConstraints,
+    TextPosition,
+    ValueType,
+    absence,
+    listed_as,
+)
+from dyknow_stream_processing.language.specification import (
+    Approximation,
+    Call,
+    Declaration,
+    Merge,
+    Select,
+    Selection,
+    SinkDeclaration,
+    SourceDeclaration,
+    Specification,
+    StreamDeclaration,
+    StreamReference,
+    Sync,
+    Term,
+    TypedField,
+    UnitDeclaration,
+    made,
+    references,
+    value_text,
+)
+from dyknow_stream_processing.language.type_rules import (
+    Unit,
+    collision_text,
+    comparable_types,
+    settings,
+)
+
+Fields = Mapping[str, ValueType | None]
+"""The fields of a stream with their types; `None` for a type that is not known."""
+
+
+@dataclass(frozen=True, slots=True)
+class FreeNames:
+    """What a specification refers to and does not declare.
+
+    Args:
+        streams: names of streams, written as identifiers.
+        topics: names of topics, written in quotes.
+    """
+
+    streams: frozenset[str]
+    topics: frozenset[str]
+
+
+@dataclass(frozen=True, slots=True)
+class Resolved:
+    """A stream all of whose references are to topics.
+
+    Args:
+        term: how it is made.
+        fields: what its samples hold; `None` if that is not known.
+        names: what the specification calls the streams that it is made of, by canonical text.
+    """
+
+    term: Term
+    fields: Fields | None
+    names: Mapping[str, str]
+
+
+def free_names(specification: Specification) -> FreeNames:
+    """The streams and topics that a specification refers to and does not declare."""
+    declared = specification.declarations
+    streams = {each.name for each in declared if isinstance(each, StreamDeclaration)}
+    sources = {each.name for each in declared if isinstance(each, SourceDeclaration)}
+    found = [
+        reference
+        for each in declared
+        if isinstance(each, StreamDeclaration | SinkDeclaration)
+        for reference in references(each.stream)
+    ]
+    return FreeNames(
+        frozenset(each.name for each in found if not each.is_topic) - streams - sources,
+        frozenset(each.name for each in found if each.is_topic) - sources,
+    )
+
+
+def resolve(
+    specification: Specification,
+    constraints: StreamConstraints,
+    streams: Mapping[str, Resolved],
+    topic_fields: Callable[[str], Fields | None],
+    units: Mapping[str, Unit],
+) -> Resolved:
+    """The stream that a specification makes.
+
+    Args:
+        specification: what is resolved.
+        constraints: are added to those of the stream.
+        streams: what an identifier may refer to besides what the specification declares.
+        topic_fields: the fields of a topic; `None` if they are not known.
+        units: the computational units that there are, by name.
+
+    Raises:
+        LanguageError: with the place, for a name that means nothing and for fields, types and
+            constraints that do not fit.
+        DyKnowError: if the added constraints contradict those of the specification.
+    """
+    resolver = _Resolver(specification, streams, topic_fields, units)
+    for each in specification.declarations:
+        if isinstance(each, StreamDeclaration):
+            resolver.stream(each)
+    term, fields = resolver.term(made(specification))
+    merged = term.constraints.merged(constraints)
+    return Resolved(replace(term, constraints=merged), fields, resolver.names)
+
+
+class _Resolver:
+    """Resolves the terms of one specification, each declared stream once."""
+
+    def __init__(
+        self,
+        specification: Specification,
+        streams: Mapping[str, Resolved],
+        topic_fields: Callable[[str], Fields | None],
+        units: Mapping[str, Unit],
+    ) -> None:
+        self.names: dict[str, str] = {}
+        self._specification = specification
+        self._existing = streams
+        self._topic_fields = topic_fields
+        self._units = units
+        declared = specification.declarations
+        self._streams = {
+            each.name: each for each in declared if isinstance(each, StreamDeclaration)
+        }
+        self._sources = {
+            each.name: each for each in declared if isinstance(each, SourceDeclaration)
+        }
+        self._calls = {each.name: each for each in declared if isinstance(each, UnitDeclaration)}
+        self._resolved: dict[str, tuple[Term, Fields | None]] = {}
+        self._pending: list[str] = []
+        self._check_declared_once(declared)
+
+    def stream(self, declaration: StreamDeclaration) -> tuple[Term, Fields | None]:
+        """A declared stream and its fields."""
+        name = declaration.name
+        if name in self._pending:
+            cycle = ' -> '.join([*self._pending[self._pending.index(name) :], name])
+            raise self._error(f"stream '{name}' is made from itself: {cycle}", declaration.place)
+        if name not in self._resolved:
+            self._pending.append(name)
+            self._resolved[name] = self.term(declaration.stream)
+            self._pending.pop()
+            self._call_it(name, self._resolved[name][0])
+        return self._resolved[name]
+
+    def term(self, term: Term) -> tuple[Term, Fields | None]:
+        """A term and its fields."""
+        match term:
+            case StreamReference():
+                return self._reference(term)
+            case Select():
+                return self._select(term)
+            case Call():
+                return self._call(term)
+            case Merge():
+                return self._merge(term)
+            case Sync():
+                return self._sync(term)
+
+    def _reference(self, reference: StreamReference) -> tuple[Term, Fields | None]:
+        target, fields = self._target(reference)
+        if reference.constraints.is_empty:
+            return target, fields
+        try:
+            constraints = target.constraints.merged(reference.constraints)
+        except DyKnowError as error:
+            message = f"stream '{reference.name}': {error.message}"
+            raise self._error(message, reference.place) from None
+        constrained = replace(target, constraints=constraints)
+        if not reference.is_topic:
+            self._call_it(reference.name, constrained)
+        return constrained, fields
+
+    def _target(self, reference: StreamReference) -> tuple[Term, Fields | None]:
+        name = reference.name
+        if not reference.is_topic and name in self._streams:
+            return self.stream(self._streams[name])
+        if name in self._sources:
+            return self._source(self._sources[name])
+        if reference.is_topic:
+            return StreamReference(name, is_topic=True), self._topic_fields(name)
+        if name in self._existing:
+            self._call_it(name, self._existing[name].term)
+            return self._existing[name].term, self._existing[name].fields
+        known = _listing({*self._streams, *self._sources, *self._existing})
+        raise self._error(
+            f"there is no stream '{name}' (there are: {known}); a topic is written in quotes",
+            reference.place,
+            ExitCode.NOT_FOUND,
+        )
+
+    def _source(self, source: SourceDeclaration) -> tuple[Term, Fields | None]:
+        known = self._topic_fields(source.name)
+        for field in source.fields:
+            found = self._field(known, field.name, f"topic '{source.name}'", field.place)
+            if not _fits(found, field.type):
+                message = f"field '{field.name}' of topic '{source.name}' is {_typed(found)}"
+                raise self._error(f'{message}, not {_typed(field.type)}', field.place)
+        topic = StreamReference(source.name, is_topic=True)
+        term = Select(tuple(Selection(field.name) for field in source.fields), topic)
+        self._call_it(source.name, term)
+        return term, {field.name: field.type for field in source.fields}
+
+    def _select(self, select: Select) -> tuple[Term, Fields | None]:
+        source, fields = self.term(select.source)
+        owner = _title(select.source)
+        for condition in select.conditions:
+            found = self._field(fields, condition.field, owner, condition.place)
+            if found is not None and found not in comparable_types(condition):
+                message = (
+                    f"field '{condition.field}' is {_typed(found)}, which cannot be compared "
+                    f'with {value_text(condition.value)}'
+                )
+                raise self._error(message, condition.place)
+        selected = self._selected(select.selections, fields, owner)
+        return replace(select, source=source), selected
+
+    def _selected(
+        self, selections: Iterable[Selection], fields: Fields | None, owner: str
+    ) -> Fields | None:
+        selected: dict[str, ValueType | None] = {}
+        dynamic = False
+        for each in selections:
+            for embedded in each.embedded_fields:
+                dynamic = True
+                self._field(fields, embedded, owner, each.place)
+            if each.name in selected:
+                message = f"two selected fields are both named '{each.name}'; rename one"
+                raise self._error(message, each.place)
+            selected[each.name] = self._field(fields, each.field, owner, each.place)
+        return None if dynamic else selected
+
+    def _call(self, call: Call) -> tuple[Term, Fields | None]:
+        declaration = self._calls.get(call.unit)
+        if declaration is None:
+            known = _listing(self._calls)
+            message = f"computational unit '{call.unit}' is not declared (declared are: {known})"
+            raise self._error(message, call.place, ExitCode.NOT_FOUND)
+        if len(call.inputs) != len(declaration.parameters):
+            raise self._error(
+                f"computational unit '{call.unit}' takes {_streams(len(declaration.parameters))}, "
+                f'not {len(call.inputs)}',
+                call.place,
+            )
+        inputs = []
+        for each, parameter in zip(call.inputs, declaration.parameters, strict=True):
+            source, fields = self.term(each)
+            self._check_argument(each, fields, parameter, call.unit)
+            inputs.append(source)
+        self._check_settings(call)
+        output = {declaration.output.name: declaration.output.type}
+        return replace(call, inputs=tuple(inputs), declaration=declaration), output
+
+    def _check_argument(
+        self, argument: Term, fields: Fields | None, parameter: Sequence[TypedField], unit: str
+    ) -> None:
+        for field in parameter:
+            found = self._field(fields, field.name, _title(argument), argument.place)
+            if not _fits(found, field.type):
+                message = (
+                    f"field '{field.name}' of {_title(argument)} is {_typed(found)}, "
+                    f"but computational unit '{unit}' takes {_typed(field.type)}"
+                )
+                raise self._error(message, argument.place)
+
+    def _check_settings(self, call: Call) -> None:
+        possible = settings(self._units[call.unit])
+        names = [each.name for each in call.arguments]
+        for each in call.arguments:
+            if each.name not in possible:
+                message = f"computational unit '{call.unit}' has no parameter '{each.name}'"
+                raise self._error(f'{message} (it has: {_listing(possible)})', each.place)
+            if names.count(each.name) > 1:
+                raise self._error(f"parameter '{each.name}' is given twice", each.place)
+
+    def _merge(self, merge: Merge) -> tuple[Term, Fields | None]:
+        inputs, fields = zip(*map(self.term, merge.inputs), strict=True)
+        same = all(each == fields[0] for each in fields)
+        return replace(merge, inputs=inputs), fields[0] if same else None
+
+    def _sync(self, sync: Sync) -> tuple[Term, Fields | None]:
+        inputs, all_fields = zip(*map(self.term, sync.inputs), strict=True)
+        owners: dict[str, Term] = {}
+        for each, fields in zip(sync.inputs, all_fields, strict=True):
+            for name in fields or ():
+                first = owners.setdefault(name, each)
+                if first is not each:
+                    raise self._error(collision_text(name, _title(first), _title(each)), each.place)
+        known = [fields for fields in all_fields if fields is not None]
+        joined = {name: found for fields in known for name, found in fields.items()}
+        if sync.approximation is Approximation.LINEAR:
+            joined = {name: _interpolated(found) for name, found in joined.items()}
+        return replace(sync, inputs=inputs), joined if len(known) == len(all_fields) else None
+
+    def _field(
+        self, fields: Fields | None, name: str, owner: str, place: TextPosition
+    ) -> ValueType | None:
+        """The type of a field, as far as it is known."""
+        if fields is None:
+            return None
+        listed = listed_as(fields, name)
+        if listed is None:
+            raise self._error(absence(owner, fields, name), place)
+        return fields[listed]
+
+    def _check_declared_once(self, declarations: Iterable[Declaration]) -> None:
+        streams: set[str] = set()
+        units: set[str] = set()
+        for each in declarations:
+            if isinstance(each, SinkDeclaration):
+                continue
+            names = units if isinstance(each, UnitDeclaration) else streams
+            if each.name in names:
+                raise self._error(f"'{each.name}' is declared twice", each.place)
+            names.add(each.name)
+            if names is units and each.name not in self._units:
+                known = _listing(self._units)
+                message = f"there is no computational unit '{each.name}' (there are: {known})"
+                raise self._error(message, each.place, ExitCode.NOT_FOUND)
+
+    def _call_it(self, name: str, term: Term) -> None:
+        # What the operators below the constraints do is known by the same name.
+        for text in (str(term), str(replace(term, constraints=NO_CONSTRAINTS))):
+            self.names.setdefault(text, name)
+
+    def _error(
+        self, message: str, place: TextPosition, code: ExitCode = ExitCode.INVALID_ARGUMENT
+    ) -> LanguageError:
+        return self._specification.error(message, place, code)
+
+
+def _interpolated(found: ValueType | None) -> ValueType | None:
+    return ValueType.FLOAT if found is ValueType.INT else found
+
+
+def _fits(found: ValueType | None, wanted: ValueType) -> bool:
+    widened = found is ValueType.INT and wanted is ValueType.FLOAT
+    return found is None or found is wanted or widened
+
+
+def _title(term: Term) -> str:
+    return f"stream '{term.name if isinstance(term, StreamReference) else term}'"
+
+
+def _typed(value_type: ValueType | None) -> str:
+    article = 'an' if value_type is ValueType.INT else 'a'
+    return f'{article} {value_type}'
+
+
+def _streams(number: int) -> str:
+    return f'{number} stream{"s" * (number != 1)}'
+
+
+def _listing(names: Iterable[str]) -> str:
+    return ', '.join(sorted(names)) or 'none'

@@ -1,0 +1,42 @@
+"""Rules about types that the resolution of names and the running operators share."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from inspect import Parameter, isclass, signature
+from typing import Any, Final
+
+from dyknow_common import ValueType
+from dyknow_stream_processing.language.specification import Condition
+
+Unit = Callable[..., Any]
+"""A computational unit as it is registered: a function, or a class whose instances are called."""
+
+TIME: Final = 'valid_time'
+"""The parameter of a unit that is given the valid time of the sample."""
+
+_NUMBERS: Final = frozenset({ValueType.INT, ValueType.FLOAT})
+
+
+def comparable_types(condition: Condition) -> frozenset[ValueType]:
+    """Return the types that a field may have to be compared with the value of a condition."""
+    value_type = ValueType.of(condition.value)
+    return _NUMBERS if value_type in _NUMBERS else frozenset({value_type})
+
+
+def collision_text(field: str, first: str, second: str) -> str:
+    """Return the message about a field that two inputs of a `sync` have."""
+    return f"field '{field}' comes from both {first} and {second}; rename it in one of them"
+
+
+def settings(unit: Unit) -> tuple[str, ...]:
+    """The parameters that a use of a unit may settle by name, as in `mean(power, window = 5 s)`.
+
+    They are those of the constructor of a class, and the keyword-only ones of a function.
+    """
+    try:
+        parameters = signature(unit).parameters.values()
+    except ValueError:  # Some functions written in C have no signature.
+        return ()
+    kinds = [Parameter.KEYWORD_ONLY, *([Parameter.POSITIONAL_OR_KEYWORD] * isclass(unit))]
+    return tuple(each.name for each in parameters if each.kind in kinds and each.name != TIME)

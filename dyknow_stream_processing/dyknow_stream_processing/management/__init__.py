@@ -1,0 +1,1 @@
+"""Registration and placement of streams on engines, without ROS."""

@@ -1,0 +1,1 @@
+"""Reports about streams, for people and programs."""

@@ -1,0 +1,1 @@
+"""Placement of streams on the engines of a ROS graph."""

@@ -1,0 +1,74 @@
+"""What a stream manager keeps over its restart."""
+
+from pathlib import Path
+
+import pytest
+
+from dyknow_common import DyKnowError, StreamConstraints
+from dyknow_stream_processing.management.persistence import read_memory, write_memory
+from dyknow_stream_processing.management.registry import CreatedStream, RegisteredStream
+from dyknow_stream_processing.ros.management.persistence_files import PersistenceFile, read_streams
+
+BATTERY = RegisteredStream('battery', '/uav1/battery', 'sensor_msgs/msg/BatteryState')
+POWER = CreatedStream(
+    'power', 'select a from battery', StreamConstraints(max_delay=5), '/e1', '/streams/power'
+)
+
+
+def test_what_is_written_is_read() -> None:
+    battery, power = read_memory(write_memory([BATTERY, POWER]))
+    assert battery == BATTERY
+    assert isinstance(power, CreatedStream)
+    assert (power.name, power.specification) == (POWER.name, POWER.specification)
+    assert power.constraints == POWER.constraints
+    assert power.waits
+
+
+@pytest.mark.parametrize(
+    ('text', 'words'),
+    [
+        ('{', 'not what a stream manager wrote'),
+        ('[]', 'not what a stream manager wrote'),
+        ('{"streams": [{"name": "a"}]}', 'not what a stream manager wrote'),
+        ('{"streams": [{"name": "a", "specification": "x", "constraints": {"b": 1}}]}', 'wrote'),
+        ('{"streams": [{"name": "a", "specification": "select", "constraints": {}}]}', 'expected'),
+    ],
+)
+def test_what_is_no_memory(text: str, words: str) -> None:
+    with pytest.raises(DyKnowError, match=words):
+        read_memory(text)
+
+
+def test_the_file_holds_what_was_written_last(tmp_path: Path) -> None:
+    path = tmp_path / 'new' / 'streams.json'
+    memory = PersistenceFile(str(path))
+    assert memory.read() == ()
+    memory.write([BATTERY, POWER])
+    memory.write([BATTERY])
+    assert PersistenceFile(str(path)).read() == (BATTERY,)
+    assert list(path.parent.iterdir()) == [path]
+
+
+def test_no_file_keeps_nothing() -> None:
+    memory = PersistenceFile('')
+    memory.write([BATTERY])
+    assert memory.read() == ()
+
+
+def test_a_file_that_cannot_be_used_is_named(tmp_path: Path) -> None:
+    path = tmp_path / 'streams.json'
+    path.write_text('{')
+    with pytest.raises(DyKnowError, match=f'{path}: it is not what a stream manager wrote'):
+        PersistenceFile(str(path)).read()
+    with pytest.raises(DyKnowError, match=f'cannot read the streams in {tmp_path}'):
+        PersistenceFile(str(tmp_path)).read()
+    with pytest.raises(DyKnowError, match=f'cannot write the memory {path}/beneath'):
+        PersistenceFile(str(path / 'beneath')).write([BATTERY])
+
+
+def test_a_sink_in_two_files_is_named(tmp_path: Path) -> None:
+    paths = [tmp_path / name for name in ('one', 'two')]
+    for path in paths:
+        path.write_text('stream a = select b from "/c"; sink a')
+    with pytest.raises(DyKnowError, match=f"{paths[1]}: there is a sink 'a' in another file"):
+        list(read_streams(map(str, paths)))
