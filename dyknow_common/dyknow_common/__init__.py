@@ -4,6 +4,7 @@ from dyknow_common.constraints import NO_CONSTRAINTS, StreamConstraints
 from dyknow_common.durations import (
     DURATION_PATTERN,
     NANOSECONDS,
+    SECOND_NS,
     format_duration,
     format_time,
     parse_duration,
@@ -25,6 +26,7 @@ __all__ = [
     'NANOSECONDS',
     'NOWHERE',
     'NO_CONSTRAINTS',
+    'SECOND_NS',
     'DyKnowError',
     'ExitCode',
     'Language',

@@ -6,13 +6,16 @@ import re
 from decimal import Decimal, InvalidOperation
 from typing import Final
 
+SECOND_NS: Final = 1_000_000_000
+"""One second in nanoseconds."""
+
 NANOSECONDS: Final = {
     'ns': 1,
     'us': 1_000,
     'ms': 1_000_000,
-    's': 1_000_000_000,
-    'min': 60_000_000_000,
-    'h': 3_600_000_000_000,
+    's': SECOND_NS,
+    'min': 60 * SECOND_NS,
+    'h': 3_600 * SECOND_NS,
 }
 """The units that a duration may be written in."""
 
@@ -66,7 +69,7 @@ def round_duration(nanoseconds: int) -> str:
 def format_time(nanoseconds: int) -> str:
     """A point in time in seconds, exactly, with three decimals at least: `12.300 s`."""
     sign = '-' if nanoseconds < 0 else ''
-    seconds, fraction = divmod(abs(nanoseconds), NANOSECONDS['s'])
+    seconds, fraction = divmod(abs(nanoseconds), SECOND_NS)
     decimals = f'{fraction:09d}'
     return f'{sign}{seconds}.{decimals[:3]}{decimals[3:].rstrip("0")} s'
 

@@ -8,11 +8,11 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from decimal import Decimal, InvalidOperation
 
-from dyknow_common import LanguageError, Value
+from dyknow_common import SECOND_NS, LanguageError, Value
 from dyknow_reasoning.errors import ReasoningError
 from dyknow_reasoning.language.parsing import parse_formula
 
-_UNITS = {'time_ns': Decimal(1), 'time_s': Decimal(10**9)}
+_UNITS = {'time_ns': Decimal(1), 'time_s': Decimal(SECOND_NS)}
 _INTEGER = re.compile(r'[+-]?\d+')
 _DECIMAL = re.compile(r'[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?|nan|[+-]?inf', re.IGNORECASE)
 _BOOLEANS = {'true': True, 'false': False}

@@ -19,7 +19,7 @@ from dyknow_bringup.demonstration.expectations import VERDICTS
 from dyknow_bringup.errors import BringupError
 from dyknow_bringup.processes.launcher import Launcher
 from dyknow_bringup.processes.processes import SystemConfiguration, dyknow_processes
-from dyknow_common import DyKnowError, ExitCode, Verdict, round_time
+from dyknow_common import SECOND_NS, DyKnowError, ExitCode, Verdict, round_time
 from dyknow_common.ros import duration
 from dyknow_coordinator import Answer, Grounding
 from dyknow_coordinator.ros import FormulaClient
@@ -85,7 +85,7 @@ def _ask(chosen: argparse.Namespace) -> Answer:
         with FormulaClient(node, chosen.coordinator) as client:
             return client.evaluate_blocking(
                 chosen.formula,
-                timeout=chosen.timeout / 1e9,
+                timeout=chosen.timeout / SECOND_NS,
                 grounding=GROUNDINGS[chosen.grounding],
                 wait=PATIENCE,
             )

@@ -14,14 +14,14 @@ from rosgraph_msgs.msg import Clock as ClockMessage
 
 from dyknow_bringup.recordings.bag import Bag, QualityOfService, RecordedTopic
 from dyknow_bringup.recordings.replay import Replay, Schedule
-from dyknow_common import DyKnowError
+from dyknow_common import SECOND_NS, DyKnowError
 from dyknow_common.ros import DyKnowNode, nanoseconds_to_time, run
 from dyknow_stream_processing.ros import message_class
 
 TICK = 0.005
 """Seconds of the wall clock between two looks for due messages."""
 
-LINGER = 1_000_000_000
+LINGER = SECOND_NS
 """Nanoseconds that the node stays after the last message, for it to arrive."""
 
 
@@ -37,7 +37,7 @@ class ReplayNode(DyKnowNode):
         self._clock_publisher = (
             self.create_publisher(ClockMessage, '/clock', 10) if options.clock else None
         )
-        start = self.wall_clock.now().nanoseconds + round(options.delay * 1e9)
+        start = self.wall_clock.now().nanoseconds + round(options.delay * SECOND_NS)
         self._schedule = Schedule.at_rate(self._bag.start_time, start, options.rate)
         self._replay = Replay(messages, self._schedule)
         self._end = self._schedule.due(self._bag.end_time) + LINGER

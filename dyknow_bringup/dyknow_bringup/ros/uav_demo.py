@@ -34,14 +34,14 @@ from dyknow_bringup.resources import scenario_names, scenario_path, uav_ontology
 from dyknow_bringup.ros.formula_monitor import FormulaMonitor
 from dyknow_bringup.simulation.fleet import fleet_specification, vehicle_names
 from dyknow_bringup.simulation.scenario import Scenario, load_scenario
-from dyknow_common import DyKnowError, ExitCode
+from dyknow_common import SECOND_NS, DyKnowError, ExitCode
 from dyknow_common.ros import LATCHED, DyKnowNode, RemoteNode
 from dyknow_stream_processing import parse_specification, specifications_by_sink
 
 START_LIMIT = 30.0
 """Seconds that the nodes may take to start."""
 
-SETTLING = 1_000_000_000
+SETTLING = SECOND_NS
 """Nanoseconds after the end of the scenario in which verdicts may still come."""
 
 LOG_LINES = 15
@@ -162,7 +162,7 @@ class Demonstration:
         return unexpected(monitored, expectation, self._start or 0)
 
     def _wait_for(self, condition: Callable[[], bool], what: str) -> None:
-        end = self._node.get_clock().now().nanoseconds + round(START_LIMIT * 1e9)
+        end = self._node.get_clock().now().nanoseconds + round(START_LIMIT * SECOND_NS)
         while not condition():
             self._spin()
             if self._node.get_clock().now().nanoseconds > end:

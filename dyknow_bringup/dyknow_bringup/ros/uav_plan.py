@@ -21,7 +21,7 @@ from dyknow_bringup.resources import plan_path, scenario_path
 from dyknow_bringup.ros.uav_demo import Demonstration
 from dyknow_bringup.simulation.missions import Mission, load_mission
 from dyknow_bringup.simulation.scenario import Scenario, load_scenario
-from dyknow_common import DyKnowError, Verdict
+from dyknow_common import SECOND_NS, DyKnowError, Verdict
 from dyknow_coordinator import PlanOutcome, PlanVerdict
 from dyknow_coordinator.ros import FormulaClient, PlanMonitor
 
@@ -69,7 +69,7 @@ class MonitoredMission(Demonstration):
                 continue
             self._console.print(f'[bold]{task.action}[/] starts')
             await monitor.started(task.action)
-            reached = await client.evaluate(task.goal, timeout=task.within / 1e9)
+            reached = await client.evaluate(task.goal, timeout=task.within / SECOND_NS)
             going_well = reached.verdict is Verdict.TRUE
             if going_well:
                 await monitor.succeeded(task.action)

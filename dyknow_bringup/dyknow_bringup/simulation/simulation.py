@@ -11,12 +11,12 @@ import numpy as np
 from dyknow_bringup.simulation.scenario import Scenario
 from dyknow_bringup.simulation.telemetry import TRANSPORT, Channel, Sensors, Telemetry
 from dyknow_bringup.simulation.vehicle import Vector, Vehicle
-from dyknow_common import NANOSECONDS
+from dyknow_common import NANOSECONDS, SECOND_NS
 
 STEP: Final = 25 * NANOSECONDS['ms']
 """The fixed step of the physics in nanoseconds; every period of telemetry is a multiple of it."""
 
-_STEP_SECONDS = STEP / NANOSECONDS['s']
+_STEP_SECONDS = STEP / SECOND_NS
 
 
 class Simulation:

@@ -9,7 +9,7 @@ from typing import Any, Final
 import numpy as np
 
 from dyknow_bringup.simulation.telemetry import Battery, Channel, Odometry, Telemetry
-from dyknow_common import NANOSECONDS
+from dyknow_common import SECOND_NS
 
 MessageClass = Callable[..., Any]
 
@@ -39,7 +39,7 @@ def ros_message(telemetry: Telemetry, find_class: Callable[[str], MessageClass])
 
 
 def _header(frame: str, stamp: int, find_class: Callable[[str], MessageClass]) -> Any:
-    seconds, nanoseconds = divmod(stamp, NANOSECONDS['s'])
+    seconds, nanoseconds = divmod(stamp, SECOND_NS)
     time = find_class('builtin_interfaces/msg/Time')(sec=seconds, nanosec=nanoseconds)
     return find_class('std_msgs/msg/Header')(stamp=time, frame_id=frame)
 

@@ -9,6 +9,7 @@ from rclpy.clock import Clock
 from rclpy.node import Node
 from rclpy.task import Future
 
+from dyknow_common.durations import SECOND_NS
 from dyknow_common.errors import DyKnowError
 
 PULSE = 0.05
@@ -41,7 +42,7 @@ class Deadlines:
         return future
 
     def _add(self, future: Future, seconds: float, error: DyKnowError | None) -> None:
-        self._due[future] = (self._clock.now().nanoseconds + round(seconds * 1e9), error)
+        self._due[future] = (self._clock.now().nanoseconds + round(seconds * SECOND_NS), error)
         future.add_done_callback(lambda done: self._due.pop(done, None))
         if self._over:
             self._end([future])

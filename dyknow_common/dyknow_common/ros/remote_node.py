@@ -9,6 +9,7 @@ from diagnostic_msgs.msg import DiagnosticStatus
 from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.task import Future
 
+from dyknow_common.durations import SECOND_NS
 from dyknow_common.errors import DyKnowError, ExitCode
 from dyknow_common.ros.liveliness import Liveliness, with_distinct_lease
 from dyknow_common.ros.node import BORN, RUNNING, DyKnowNode, snake_case
@@ -155,7 +156,7 @@ class RemoteNode:
 
     async def _found(self, client: Any, patience: float) -> None:
         clock = self._node.wall_clock
-        end = clock.now().nanoseconds + round(patience * 1e9)
+        end = clock.now().nanoseconds + round(patience * SECOND_NS)
         while not (self._alive and client.service_is_ready()):
             if self._released:
                 raise self._cancelled()

@@ -12,6 +12,7 @@ from typing import Any
 from rich.console import Console, RenderableType
 from rich.live import Live
 
+from dyknow_common.durations import SECOND_NS
 from dyknow_common.errors import DyKnowError, ExitCode
 from dyknow_common.ros.commands import CommandNode, duration, run_command
 from dyknow_common.ros.qos import LATCHED
@@ -65,8 +66,8 @@ class ReportListener:
         name = self._topic.removesuffix(self._suffix)
         others = f'; there are: {", ".join(reporters)} (choose one by --node)' if reporters else ''
         return DyKnowError(
-            f'nothing was heard of {name} within {timeout / 1e9:g} s; is DyKnow running, in this '
-            f'namespace and ROS domain?{others}',
+            f'nothing was heard of {name} within {timeout / SECOND_NS:g} s; is DyKnow running, in '
+            f'this namespace and ROS domain?{others}',
             ExitCode.UNAVAILABLE,
         )
 

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from rclpy.clock import Clock, ClockType
 
+from dyknow_common.durations import SECOND_NS
+
 
 class Throttle:
     """Tells whether something may be said again.
@@ -14,7 +16,7 @@ class Throttle:
 
     def __init__(self, seconds: float) -> None:
         self._clock = Clock(clock_type=ClockType.STEADY_TIME)
-        self._period = round(seconds * 1e9)
+        self._period = round(seconds * SECOND_NS)
         self._next: int | None = None
 
     def is_due(self) -> bool:

@@ -8,26 +8,26 @@ from builtin_interfaces.msg import Duration, Time
 from dyknow_interfaces.msg import StreamConstraints as StreamConstraintsMessage
 
 from dyknow_common.constraints import StreamConstraints
+from dyknow_common.durations import SECOND_NS
 
-_SECOND = 1_000_000_000
 _TIMES = ('start_time', 'end_time')
 _DURATIONS = ('max_delay', 'sample_period', 'sample_period_deviation')
 
 
 def time_to_nanoseconds(message: Any) -> int:
     """Nanoseconds of a Time or a Duration message."""
-    return int(message.sec) * _SECOND + int(message.nanosec)
+    return int(message.sec) * SECOND_NS + int(message.nanosec)
 
 
 def nanoseconds_to_time(nanoseconds: int) -> Any:
     """A Time message."""
-    seconds, rest = divmod(nanoseconds, _SECOND)
+    seconds, rest = divmod(nanoseconds, SECOND_NS)
     return Time(sec=seconds, nanosec=rest)
 
 
 def nanoseconds_to_duration(nanoseconds: int) -> Any:
     """A Duration message; one too long for the message becomes the longest."""
-    seconds, rest = divmod(nanoseconds, _SECOND)
+    seconds, rest = divmod(nanoseconds, SECOND_NS)
     limit = 2**31 - 1
     return Duration(sec=max(-limit, min(seconds, limit)), nanosec=rest)
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
+from dyknow_common import SECOND_NS
 from dyknow_common.ros import (
     constraints_from_message,
     fill_exit_status,
@@ -33,7 +34,7 @@ def question_from_message(
     """
     if not goal.formula.strip():
         raise CoordinationError('the formula is empty; write one, such as always p')
-    timeout = time_to_nanoseconds(goal.timeout) / 1e9
+    timeout = time_to_nanoseconds(goal.timeout) / SECOND_NS
     if timeout < 0:
         raise CoordinationError(f'the timeout of {timeout:g} s is negative')
     timeout = timeout or default_timeout

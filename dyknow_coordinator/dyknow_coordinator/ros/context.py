@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 
+from dyknow_common import SECOND_NS
 from dyknow_common.ros import DyKnowNode
 from dyknow_coordinator.ros.evaluation.cleanup import Cleanup
 from dyknow_coordinator.ros.evaluation.results import Results
@@ -34,7 +35,7 @@ class CoordinatorContext:
 
     def wall_time(self) -> float:
         """Seconds of a clock that goes on while simulated time stands still."""
-        return float(self.node.wall_clock.now().nanoseconds) / 1e9
+        return float(self.node.wall_clock.now().nanoseconds) / SECOND_NS
 
     def state_topic(self, name: str) -> str:
         """Where engines in the namespace of the coordinator publish a stream of states."""

@@ -10,7 +10,7 @@ from typing import Any
 from dyknow_interfaces.msg import FormulaProgress
 from dyknow_interfaces.msg import FormulaResult as FormulaResultMessage
 
-from dyknow_common import DyKnowError, ExitCode
+from dyknow_common import SECOND_NS, DyKnowError, ExitCode
 from dyknow_common.ros import (
     LATCHED_HISTORY,
     NO_PUBLISHER_EVENTS,
@@ -166,12 +166,12 @@ class GroupEvaluation:
         """Whether nobody has asked for the group, or listened to its results, for some seconds."""
         if self._results is not None and self._results.get_subscription_count() > 0:
             self.touch()
-        return self._wall_time() - self._wanted_at > limit * 1e9
+        return self._wall_time() - self._wanted_at > limit * SECOND_NS
 
     def end_patience(self, limit: float) -> None:
         """Gives up all formulas when nobody has come to help for some seconds after a violation."""
         pause = self._pause
-        if pause and self.group.undecided and self._wall_time() - pause.since > limit * 1e9:
+        if pause and self.group.undecided and self._wall_time() - pause.since > limit * SECOND_NS:
             error = ReasoningError(pause.breach.message, ExitCode.CONSTRAINT_VIOLATION)
             self.publish(self.group.fail(error, pause.breach.valid_time))
 

@@ -15,7 +15,7 @@ from dyknow_interfaces.srv import (
     FormulaGroupRemoveFormula,
 )
 
-from dyknow_common import NANOSECONDS, ExitCode
+from dyknow_common import SECOND_NS, ExitCode
 from dyknow_common.ros import NO_PUBLISHER_EVENTS, DyKnowNode, run
 from dyknow_reasoning.errors import ReasoningError
 from dyknow_reasoning.formula_group import FormulaGroup
@@ -135,7 +135,7 @@ def _first_id(born: int) -> int:
 
     Who asks for a group of the other one gets NOT_FOUND rather than somebody else's group.
     """
-    seconds = born // NANOSECONDS['s']
+    seconds = born // SECOND_NS
     return seconds % 1_000_000 * 1_000 + 1
 
 

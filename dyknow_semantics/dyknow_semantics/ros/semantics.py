@@ -12,7 +12,7 @@ from typing import Any
 from dyknow_interfaces.srv import ListSemanticSpecifications, OntologyQuery
 from rich.console import Console
 
-from dyknow_common import DyKnowError, ExitCode
+from dyknow_common import SECOND_NS, DyKnowError, ExitCode
 from dyknow_common.ros import SERVICE, CommandNode, duration, run_command, snake_case
 from dyknow_semantics.annotations.parsing import parse_annotations, parse_concept
 from dyknow_semantics.errors import SemanticsError
@@ -55,8 +55,8 @@ class Asker:
     def _silence(self, node: str) -> SemanticsError:
         name = self._command.node.resolve_service_name(node)
         return SemanticsError(
-            f'{name} has not answered within {self._timeout / 1e9:g} s; is DyKnow running, in '
-            'this namespace and ROS domain?',
+            f'{name} has not answered within {self._timeout / SECOND_NS:g} s; is DyKnow running, '
+            'in this namespace and ROS domain?',
             ExitCode.UNAVAILABLE,
         )
 

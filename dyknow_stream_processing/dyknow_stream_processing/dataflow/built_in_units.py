@@ -5,11 +5,9 @@ from __future__ import annotations
 import math
 from collections import deque
 from collections.abc import Mapping
-from typing import Final
 
-from dyknow_common import NANOSECONDS, unit_conversion
+from dyknow_common import SECOND_NS, unit_conversion
 
-SECOND: Final = NANOSECONDS['s']
 """How far a window looks back unless it is told otherwise, nanoseconds."""
 
 
@@ -76,7 +74,7 @@ class SlidingWindow:
         ValueError: if the window is no positive number of nanoseconds.
     """
 
-    def __init__(self, window: int = SECOND) -> None:
+    def __init__(self, window: int = SECOND_NS) -> None:
         if type(window) is not int or window <= 0:
             raise ValueError(f'window is {window}; write a positive duration, such as 5 s')
         self._window = window
@@ -137,4 +135,4 @@ class Maximum(SlidingWindow):
 
 
 def _seconds(nanoseconds: int) -> float:
-    return nanoseconds / SECOND
+    return nanoseconds / SECOND_NS

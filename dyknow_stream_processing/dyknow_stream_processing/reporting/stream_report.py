@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from enum import IntEnum
 from typing import Final
 
-from dyknow_common import NANOSECONDS, NO_CONSTRAINTS, StreamConstraints
+from dyknow_common import NO_CONSTRAINTS, SECOND_NS, StreamConstraints
 from dyknow_stream_processing.sample import Sample
 
 SAMPLE_TYPE: Final = 'dyknow_interfaces/msg/Sample'
@@ -68,7 +68,7 @@ class FlowMeter:
         self._begun, self._samples, self._delays, self._max_delay = now, 0, 0, 0
         if not samples or elapsed <= 0:
             return STILL
-        return Flow(samples * NANOSECONDS['s'] / elapsed, delays // samples, max_delay)
+        return Flow(samples * SECOND_NS / elapsed, delays // samples, max_delay)
 
 
 @dataclass(frozen=True, slots=True)

@@ -10,7 +10,7 @@ from typing import Any
 from rclpy.action import ActionClient
 from rclpy.task import Future
 
-from dyknow_common import DyKnowError, ExitCode
+from dyknow_common import SECOND_NS, DyKnowError, ExitCode
 from dyknow_common.ros import NodeAdapter, RemoteNode
 
 POLL = 0.02
@@ -68,7 +68,7 @@ class ActionCall:
         self._limit: Future = Future()
         # Executors of several threads may bring two ends at once.
         self._lock = threading.Lock()
-        self._until = guest.wall_clock.now().nanoseconds + round(limits.wait * 1e9)
+        self._until = guest.wall_clock.now().nanoseconds + round(limits.wait * SECOND_NS)
         if self._ready:
             self._send()
         else:

@@ -16,7 +16,7 @@ from rclpy.node import Node
 from rclpy.qos import QoSProfile
 from rclpy.task import Future
 
-from dyknow_common import NO_CONSTRAINTS, DyKnowError, ExitCode, StreamConstraints
+from dyknow_common import NO_CONSTRAINTS, SECOND_NS, DyKnowError, ExitCode, StreamConstraints
 from dyknow_common.ros import (
     SERVICE,
     NodeAdapter,
@@ -326,7 +326,7 @@ def _asked(
         formula=formula,
         grounding=int(grounding),
         constraints=constraints_to_message(constraints),
-        timeout=nanoseconds_to_duration(round(timeout * 1e9)),
+        timeout=nanoseconds_to_duration(round(timeout * SECOND_NS)),
     )
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Final
 
+from dyknow_common import SECOND_NS
 from dyknow_coordinator.grounding.known_streams import suspects
 from dyknow_coordinator.ros.context import CoordinatorContext
 from dyknow_coordinator.ros.evaluation.evaluation_group import EvaluationGroup, EvaluationGroups
@@ -49,7 +50,7 @@ class SilenceMonitor:
         stream = self._facilities.streams.known.get(group.states.stream)
         if stream is not None:
             seen = self._seen[stream.name]
-            oldest = self._facilities.node.now() - round(self._limit * 1e9)
+            oldest = self._facilities.node.now() - round(self._limit * SECOND_NS)
             yield from (
                 topic for topic, latest in stream.received.items() if max(latest, seen) < oldest
             )

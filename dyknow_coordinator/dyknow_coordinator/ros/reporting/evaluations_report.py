@@ -9,6 +9,7 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from dyknow_interfaces.msg import EvaluationStatusArray
 from rclpy.qos import QoSProfile
 
+from dyknow_common import SECOND_NS
 from dyknow_common.ros import LATCHED, NO_PUBLISHER_EVENTS, DyKnowNode
 from dyknow_coordinator.evaluation.evaluation import EvaluationPhase
 from dyknow_coordinator.reporting.evaluation_status import EvaluationStatus, details, diagnose
@@ -46,7 +47,7 @@ class EvaluationsReport:
     ) -> None:
         self._node = node
         self._statuses = statuses
-        self._silence_limit = round(silence_limit * 1e9)
+        self._silence_limit = round(silence_limit * SECOND_NS)
         self._due = False
         self._evaluations = node.create_publisher(
             EvaluationStatusArray, '~/evaluations', LATCHED, event_callbacks=NO_PUBLISHER_EVENTS

@@ -9,6 +9,7 @@ from typing import Any, Final
 from dyknow_interfaces.msg import StreamStatusArray
 from dyknow_interfaces.srv import ListStreams, StreamCreateFromSpec, StreamDestroy
 
+from dyknow_common import SECOND_NS
 from dyknow_common.ros import LATCHED, NO_SUBSCRIPTION_EVENTS, DyKnowNode, RemoteNode
 from dyknow_stream_processing.reporting.stream_report import StreamReport
 from dyknow_stream_processing.ros.messages.stream_report_messages import report_from_message
@@ -63,7 +64,7 @@ class Engines:
         """Whether an engine that was just found has yet to say what it makes."""
         now = self._node.wall_clock.now().nanoseconds
         return any(
-            now - found < INTRODUCTION * 1e9 and not self.is_ready(name)
+            now - found < INTRODUCTION * SECOND_NS and not self.is_ready(name)
             for name, found in self._found.items()
         )
 

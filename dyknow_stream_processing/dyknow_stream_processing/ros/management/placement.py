@@ -7,7 +7,7 @@ from typing import Any, Final
 
 from dyknow_interfaces.srv import ListStreams, StreamCreateFromSpec, StreamDestroy
 
-from dyknow_common import DyKnowError, ExitCode, round_time
+from dyknow_common import SECOND_NS, DyKnowError, ExitCode, round_time
 from dyknow_common.ros import DyKnowNode, constraints_to_message
 from dyknow_stream_processing.management.registry import (
     CreatedStream,
@@ -251,7 +251,7 @@ class Placement:
     async def _wait_for_engine(self) -> None:
         """Waits for an engine that was just started, for a while."""
         clock = self._node.wall_clock
-        end = clock.now().nanoseconds + round(PATIENCE * 1e9)
+        end = clock.now().nanoseconds + round(PATIENCE * SECOND_NS)
         while not self._engines.ready() and clock.now().nanoseconds < end:
             await self._node.deadlines.after(POLL)
 

@@ -8,11 +8,9 @@ from typing import Any, Final
 from dyknow_interfaces.msg import Field as FieldMessage
 from dyknow_interfaces.msg import Sample as SampleMessage
 
-from dyknow_common import Value, ValueType
+from dyknow_common import SECOND_NS, Value, ValueType
 from dyknow_stream_processing.errors import StreamError
 from dyknow_stream_processing.sample import Sample
-
-_SECOND: Final = 1_000_000_000
 
 _TEXTS: Final[Mapping[type, tuple[str, Callable[[Any], str]]]] = {
     float: (ValueType.FLOAT.value, repr),
@@ -65,7 +63,7 @@ class SampleWriter:
 
 
 def _set_time(message: Any, nanoseconds: int) -> None:
-    message.sec, message.nanosec = divmod(nanoseconds, _SECOND)
+    message.sec, message.nanosec = divmod(nanoseconds, SECOND_NS)
 
 
 def sample_to_message(sample: Sample) -> Any:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from typing import Any
 
-from dyknow_common import ExitCode
+from dyknow_common import SECOND_NS, ExitCode
 from dyknow_stream_processing.errors import StreamError
 from dyknow_stream_processing.ros.messages.message_types import (
     message_class,
@@ -14,7 +14,6 @@ from dyknow_stream_processing.ros.messages.message_types import (
 )
 
 _TIME = 'builtin_interfaces/Time'
-_SECOND = 1_000_000_000
 
 
 def is_sample(class_: Any) -> bool:
@@ -54,7 +53,7 @@ def _reader(path: str) -> Callable[[Any], int]:
         for parent in parents:
             message = getattr(message, parent)
         stamp = getattr(message, last)
-        return stamp.sec * _SECOND + stamp.nanosec  # type: ignore[no-any-return]
+        return stamp.sec * SECOND_NS + stamp.nanosec  # type: ignore[no-any-return]
 
     return read
 

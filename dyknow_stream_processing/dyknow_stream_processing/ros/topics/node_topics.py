@@ -14,6 +14,7 @@ from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
 
+from dyknow_common import SECOND_NS
 from dyknow_common.ros import NO_SUBSCRIPTION_EVENTS
 from dyknow_stream_processing.errors import StreamError
 from dyknow_stream_processing.ros.messages.message_types import message_class, type_name_of
@@ -27,7 +28,7 @@ from dyknow_stream_processing.violation import Violation
 SEARCH_PERIOD = 100_000_000
 """Nanoseconds between two looks at the graph while a topic is missing."""
 
-WATCH_PERIOD = 1_000_000_000
+WATCH_PERIOD = SECOND_NS
 """Nanoseconds between two looks at the graph once all topics are there."""
 
 
@@ -122,7 +123,7 @@ class NodeTopics:
     def _look_again_in(self, period: int) -> None:
         if self._watch is None:
             self._watch = self._node.create_timer(
-                period / 1e9, self.look, callback_group=self.group, clock=self.watch_clock
+                period / SECOND_NS, self.look, callback_group=self.group, clock=self.watch_clock
             )
         elif self._watch.timer_period_ns != period:
             self._watch.timer_period_ns = period

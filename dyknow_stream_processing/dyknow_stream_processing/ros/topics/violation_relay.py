@@ -11,6 +11,7 @@ from rclpy.clock import Clock
 from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.node import Node
 
+from dyknow_common import SECOND_NS
 from dyknow_common.ros import (
     FIRST_SIGN,
     GRACE,
@@ -20,8 +21,6 @@ from dyknow_common.ros import (
     with_distinct_lease,
 )
 from dyknow_stream_processing.violation import Broken, Violation
-
-_SECOND = 1_000_000_000
 
 
 class ViolationRelay:
@@ -93,7 +92,7 @@ class ViolationRelay:
             self._expect_sign_within(GRACE)
 
     def _expect_sign_within(self, seconds: float) -> None:
-        self._lost_after = self._watch_clock.now().nanoseconds + round(seconds * _SECOND)
+        self._lost_after = self._watch_clock.now().nanoseconds + round(seconds * SECOND_NS)
 
     def _violated(self, message: Any) -> None:
         violation = Violation(
