@@ -1,0 +1,173 @@
+"""Check the rules of the code base that ruff, mypy and import-linter do not know.
+
+- A class name means one thing in all packages.
+- Modules do not import each other in a circle.
+- A folder holds at most MAX_MODULES modules, a file at most MAX_LINES lines, a function at most
+  MAX_FUNCTION_LINES lines.
+- package.xml declares what the code of its package imports, and nothing else.
+"""
+
+from __future__ import annotations
+
+import ast
+import re
+import sys
+import xml.etree.ElementTree as ET
+from collections import defaultdict
+from collections.abc import Iterable, Iterator
+from graphlib import CycleError, TopologicalSorter
+from itertools import chain
+from pathlib import Path
+
+import grimp
+
+ROOT = Path(__file__).parent.parent
+MAX_MODULES = 13
+MAX_LINES = 400
+MAX_FUNCTION_LINES = 40
+
+ROSDEP_KEYS = {
+    'hypothesis': 'python3-hypothesis',
+    'lark': 'python3-lark-parser',
+    'numpy': 'python3-numpy',
+    'owlready2': 'python3-owlready2-pip',
+    'pint': 'python3-pint',
+    'pytest': 'python3-pytest',
+    'rdflib': 'python3-rdflib',
+    'rich': 'python3-rich',
+    'rosbags': 'python3-rosbags-pip',
+    'yaml': 'python3-yaml',
+}
+"""The rosdep keys of Python packages; a ROS package has its own name for a key."""
+
+UNIMPORTED = {'python3-pytest-timeout', 'ros2launch'}
+"""Dependencies that are used without an import."""
+
+OPTIONAL = {'mypy', 'sentil'}
+"""Imports of tests that are skipped where the package is missing."""
+
+
+def packages() -> list[str]:
+    """Return the names of the Python packages of the workspace."""
+    return sorted(path.parent.name for path in ROOT.glob('dyknow_*/setup.py'))
+
+
+def modules(package: str) -> list[Path]:
+    """Return the files of the modules of a package."""
+    return sorted((ROOT / package / package).rglob('*.py'))
+
+
+def parsed(path: Path) -> ast.Module:
+    """Return the syntax tree of a file."""
+    return ast.parse(path.read_text(encoding='utf-8'))
+
+
+def repeated_class_names() -> Iterator[str]:
+    """Report each class name that is defined more than once."""
+    found = defaultdict(list)
+    for path in chain.from_iterable(map(modules, packages())):
+        for node in ast.walk(parsed(path)):
+            if isinstance(node, ast.ClassDef):
+                found[node.name].append(f'{path.relative_to(ROOT)}:{node.lineno}')
+    for name, places in sorted(found.items()):
+        if len(places) > 1:
+            yield f'class {name} is defined {len(places)} times: {", ".join(places)}'
+
+
+def import_cycles() -> Iterator[str]:
+    """Report a circle of imports, if there is one."""
+    graph = grimp.build_graph(*packages(), cache_dir=None)
+    imports = {
+        module: graph.find_modules_directly_imported_by(module)
+        for module in graph.modules
+        if (graph.find_children(module) == set())
+    }
+    try:
+        TopologicalSorter(imports).prepare()
+    except CycleError as error:
+        yield f'these modules import each other: {" -> ".join(reversed(error.args[1]))}'
+
+
+def large_folders() -> Iterator[str]:
+    """Report folders with too many modules."""
+    for package in packages():
+        count = defaultdict(int)
+        for path in modules(package):
+            count[path.parent] += path.name != '__init__.py'
+        for folder, number in sorted(count.items()):
+            if number > MAX_MODULES:
+                yield f'{folder.relative_to(ROOT)} has {number} modules, more than {MAX_MODULES}'
+
+
+def long_code() -> Iterator[str]:
+    """Report files and functions with too many lines."""
+    for path in chain.from_iterable(map(modules, packages())):
+        lines = len(path.read_text(encoding='utf-8').splitlines())
+        if lines > MAX_LINES:
+            yield f'{path.relative_to(ROOT)} has {lines} lines, more than {MAX_LINES}'
+        for node in ast.walk(parsed(path)):
+            if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
+                lines = (node.end_lineno or node.lineno) - node.lineno + 1
+                if lines > MAX_FUNCTION_LINES:
+                    place = f'{path.relative_to(ROOT)}:{node.lineno}'
+                    yield f'{place}: {node.name} has {lines} lines, more than {MAX_FUNCTION_LINES}'
+
+
+def undeclared_dependencies() -> Iterator[str]:
+    """Report differences between the imports of a package and its package.xml."""
+    for package in packages():
+        manifest = ET.parse(ROOT / package / 'package.xml').getroot()  # noqa: S314 - our own file
+        run = {each.text for kind in ('depend', 'exec_depend') for each in manifest.iter(kind)}
+        test = {each.text for each in manifest.iter('test_depend')}
+        tests = list((ROOT / package / 'test').rglob('*.py'))
+        product = [*modules(package), *(ROOT / package).glob('launch/*.py')]
+        ours = {package, *OPTIONAL, *(path.stem for path in tests)}
+        lacking = set(imported(product)) - run - ours
+        yield from (f'{package}/package.xml lacks <depend>{each}</depend>' for each in lacking)
+        lacking = set(imported(tests)) - run - test - ours
+        yield from (
+            f'{package}/package.xml lacks <test_depend>{each}</test_depend>' for each in lacking
+        )
+        unused = {each for each in run if each not in {*imported(product), *named(product)}}
+        unused |= {each for each in test if each not in {*imported(tests), *named(tests)}}
+        yield from (
+            f'{package}/package.xml declares {each}, which nothing uses'
+            for each in sorted(unused - UNIMPORTED)
+        )
+
+
+def imported(paths: Iterable[Path]) -> Iterator[str]:
+    """Yield the rosdep keys of the packages that some files import."""
+    for node in chain.from_iterable(ast.walk(parsed(path)) for path in paths):
+        names: list[str] = []
+        if isinstance(node, ast.Import):
+            names = [each.name for each in node.names]
+        elif isinstance(node, ast.ImportFrom):
+            names = [node.module or '']
+        for top in {name.split('.')[0] for name in names} - sys.stdlib_module_names:
+            yield ROSDEP_KEYS.get(top, top)
+
+
+def named(paths: Iterable[Path]) -> Iterator[str]:
+    """Yield the packages that some files name: of executables, or of types, `nav_msgs/msg/Path`."""
+    for node in chain.from_iterable(ast.walk(parsed(path)) for path in paths):
+        if isinstance(node, ast.Constant) and isinstance(node.value, str):
+            yield node.value
+            yield from re.findall(r'\b(\w+)/(?:msg|srv|action)/', node.value)
+
+
+def main() -> int:
+    """Print what breaks a rule; return 1 if anything does."""
+    faults = [
+        *repeated_class_names(),
+        *import_cycles(),
+        *large_folders(),
+        *long_code(),
+        *undeclared_dependencies(),
+    ]
+    print('\n'.join(faults) or 'The code base keeps its rules.')
+    return 1 if faults else 0
+
+
+if __name__ == '__main__':
+    sys.exit(main())
