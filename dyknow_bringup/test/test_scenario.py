@@ -51,7 +51,7 @@ def test_a_bad_scenario_is_explained(path: Path) -> None:
     with pytest.raises(BringupError) as error:
         load_scenario(path)
     message = str(error.value).replace(f'{path.parent}/', '')
-    assert message == path.with_suffix('.txt').read_text(encoding='utf-8').strip()
+    assert message == path.with_suffix('.expected').read_text(encoding='utf-8').strip()
 
 
 def test_there_are_bad_scenarios() -> None:

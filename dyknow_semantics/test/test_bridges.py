@@ -165,7 +165,7 @@ def test_an_index_learns_bridges() -> None:
 
 @pytest.mark.parametrize('path', BAD, ids=lambda path: path.stem)
 def test_bad_bridges(path: Path) -> None:
-    expected = path.with_suffix('.txt').read_text(encoding='utf-8').rstrip('\n')
+    expected = path.with_suffix('.expected').read_text(encoding='utf-8').rstrip('\n')
     try:
         found = bridged(TRIPLES, parse_bridges(path.read_text(encoding='utf-8'))).faults
     except LanguageError as error:

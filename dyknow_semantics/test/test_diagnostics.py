@@ -29,7 +29,7 @@ def inputs(folder: str, ending: str) -> list[Path]:
 
 def expected(path: Path) -> str:
     """The message beside a bad input."""
-    return path.with_suffix('.txt').read_text(encoding='utf-8').rstrip('\n')
+    return path.with_suffix('.expected').read_text(encoding='utf-8').rstrip('\n')
 
 
 def check_all(ssl: str, knowledge: Knowledge) -> None:

@@ -59,7 +59,7 @@ def of_package(package: str) -> str:
     ],
 )
 def test_what_is_written(run: Any, name: str, arguments: list[str]) -> None:
-    assert run(*arguments) == (0, (GOLDEN / f'{name}.txt').read_text(encoding='utf-8'), '')
+    assert run(*arguments) == (0, (GOLDEN / f'{name}.expected').read_text(encoding='utf-8'), '')
 
 
 def test_the_module_and_the_run_time_agree(run: Any, tmp_path: Path) -> None:
