@@ -30,12 +30,11 @@ from dyknow_stream_processing.language.specification import (
 )
 from dyknow_stream_processing.language.type_rules import Unit
 from dyknow_stream_processing.sample import PartialFields, Sample
-from dyknow_stream_processing.violation import Broken, Violation
+from dyknow_stream_processing.violation import Violation, ViolationKind
 
 __all__ = [
     'ALL',
     'Approximation',
-    'Broken',
     'Call',
     'Condition',
     'Dataflow',
@@ -62,6 +61,7 @@ __all__ = [
     'UnitArgument',
     'UnitDeclaration',
     'Violation',
+    'ViolationKind',
     'free_names',
     'load_units',
     'made',

@@ -4,4 +4,4 @@ from dyknow_common import DyKnowError
 
 
 class StreamError(DyKnowError):
-    """A stream that cannot be made, found or kept."""
+    """A stream cannot be created, found or kept."""

@@ -9,11 +9,11 @@ from dyknow_common import Value
 
 
 class PartialFields(dict[str, Value]):
-    """Fields of a sample that lacks others.
+    """Fields of a sample that lacks some of the fields that it should have.
 
     Args:
-        fields: what it has.
-        reasons: why it has not, for each field that it should have.
+        fields: the fields that it has.
+        reasons: for each missing field, why it is missing.
     """
 
     def __init__(self, fields: Mapping[str, Value], reasons: Mapping[str, str]) -> None:
@@ -24,10 +24,10 @@ class PartialFields(dict[str, Value]):
         raise KeyError(name, self.reasons[name]) if name in self.reasons else KeyError(name)
 
 
-def missing_text(error: KeyError, otherwise: str = '') -> str:
-    """Which field a sample lacks and, as far as that is known, why."""
+def missing_text(error: KeyError, default_reason: str = '') -> str:
+    """Return the message about a missing field, with the reason where it is known."""
     name, *reasons = error.args
-    return f"no field '{name}'" + (f': {reasons[0]}' if reasons else otherwise)
+    return f"no field '{name}'" + (f': {reasons[0]}' if reasons else default_reason)
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,9 +35,9 @@ class Sample:
     """One tuple of a stream.
 
     Args:
-        valid_time: when the information held, in nanoseconds.
-        available_time: when the receiver could use it, in nanoseconds; strictly increasing within a
-            stream.
+        valid_time: the time at which the information held, in nanoseconds.
+        available_time: the time from which the receiver could use it, in nanoseconds; strictly
+            increasing within a stream.
         fields: a value for each field name.
     """
 

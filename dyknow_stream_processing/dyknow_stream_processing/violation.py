@@ -1,4 +1,4 @@
-"""What a stream reports when a sample, or the lack of one, breaks what was promised."""
+"""Violations: reports of samples, or missing samples, that break a constraint of a stream."""
 
 from __future__ import annotations
 
@@ -6,35 +6,54 @@ from dataclasses import dataclass
 from enum import StrEnum
 
 
-class Broken(StrEnum):
-    """What can be broken: a constraint of the language, or what every stream has to keep."""
+class ViolationKind(StrEnum):
+    """The kinds of violations: constraints of the language, and rules that every stream keeps."""
 
     MAX_DELAY = 'max_delay'
     SAMPLE_PERIOD = 'sample_period'
     VALID_TIME_ORDER = 'valid_time_order'
+    """A sample was dropped because it is older than its predecessor."""
     FIELDS = 'fields'
+    """A sample lacks a field that the specification needs, or has one of the wrong type."""
     BUFFER = 'buffer'
+    """Too many samples wait for those of another stream."""
     COMPUTATIONAL_UNIT = 'computational_unit'
+    """User code raised an error."""
     MESSAGE = 'message'
+    """A message cannot be converted to a sample."""
     LOST = 'lost'
+    """Samples were lost between two nodes."""
     SOURCE = 'source'
+    """The engine of a stream is gone, or the stream was recreated."""
+
+
+@dataclass(frozen=True, slots=True)
+class Fault:
+    """A violation as an operator detects it: without the name of the stream and the current time.
+
+    Args:
+        constraint: a `ViolationKind`, or the text of one from another node.
+        valid_time: of the sample at fault, or the latest valid time of a missing one; nanoseconds.
+        message: the description for users.
+        observed: the measured delay or distance in nanoseconds; 0 where nothing is measured.
+        allowed: the bound that was exceeded, in nanoseconds; 0 where nothing is measured.
+    """
+
+    constraint: str
+    valid_time: int
+    message: str
+    observed: int = 0
+    allowed: int = 0
 
 
 @dataclass(frozen=True, slots=True)
 class Violation:
-    """One broken constraint.
+    """One broken constraint of a stream.
 
     Args:
-        stream_name: the stream in which it happened.
-        constraint: the constraint's name in the language; `valid_time_order` for a sample that was
-            dropped because it is older than its predecessor, `fields` for one whose fields are not
-            those that the specification needs, `buffer` when too many samples wait for those of
-            another stream, `computational_unit` for an error in user code.
-        valid_time: of the sample at fault, or when a missing one was due; nanoseconds.
-        available_time: when it was noticed, nanoseconds.
-        observed: the delay or distance that was found, nanoseconds; 0 where nothing is measured.
-        allowed: the bound that it broke, nanoseconds; 0 where nothing is measured.
-        message: the same for people.
+        stream_name: the stream in which it was detected.
+        available_time: the time of the detection, nanoseconds.
+        constraint, valid_time, observed, allowed, message: see `Fault`.
     """
 
     stream_name: str

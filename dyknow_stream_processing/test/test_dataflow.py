@@ -6,7 +6,14 @@ import pytest
 from recorded_flow import Flow
 
 from dyknow_common import ExitCode, LanguageError, Value, ValueType
-from dyknow_stream_processing import ALL, Broken, PartialFields, Sample, StreamError, Violation
+from dyknow_stream_processing import (
+    ALL,
+    PartialFields,
+    Sample,
+    StreamError,
+    Violation,
+    ViolationKind,
+)
 
 
 def test_figure_2_select(flow: Flow) -> None:
@@ -271,7 +278,7 @@ def test_streams_begin_anew_when_the_clock_has_gone_back(flow: Flow) -> None:
         flow.push('a', time, x=1)
         flow.push('b', time, x=2)
     flow.take()
-    back = Violation('', Broken.VALID_TIME_ORDER, 0, 0, 0, 0, 'the clock went back')
+    back = Violation('', ViolationKind.VALID_TIME_ORDER, 0, 0, 0, 0, 'the clock went back')
     flow.dataflow.restart(back)
     assert flow.violations == [back, back]
     flow.violations.clear()
@@ -283,7 +290,7 @@ def test_streams_begin_anew_when_the_clock_has_gone_back(flow: Flow) -> None:
     assert flow.broken() == []
     assert flow.dataflow.statistics('s').samples > 1
     flow.advance(300)
-    assert (Broken.SAMPLE_PERIOD, 210) in flow.broken()
+    assert (ViolationKind.SAMPLE_PERIOD, 210) in flow.broken()
     flow.dataflow.destroy('part')
     flow.push('a', 310, x=4)
     flow.push('b', 310, x=4)

@@ -14,8 +14,8 @@ BOTH = 'sync(select x as a from "a", select x as b from "b")'
 
 @pytest.fixture
 def small(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(synchronisation, 'MOST_WAITING', 10)
-    monkeypatch.setattr(synchronisation, 'MOST_TICKS', 10)
+    monkeypatch.setattr(synchronisation, 'MAX_WAITING', 10)
+    monkeypatch.setattr(synchronisation, 'MAX_TICKS', 10)
 
 
 @pytest.mark.usefixtures('small')
@@ -27,8 +27,7 @@ def test_samples_that_wait_for_a_silent_input_are_bounded(flow: Flow) -> None:
     assert violation.constraint == 'buffer'
     assert violation.message == (
         'stream \'s\': 10 samples of select x as a from "a" wait for one of select x as b from '
-        '"b"; the oldest are dropped; with a max_delay of select x as b from "b", the clock '
-        'decides how long to wait'
+        '"b"; the oldest are dropped; give select x as b from "b" a max_delay to limit the wait'
     )
     flow.push('b', 5, 31, x=50)
     flow.push('b', 25.5, 32, x=250)
@@ -55,7 +54,9 @@ def test_a_leap_of_the_stamps_makes_a_bounded_number_of_ticks(flow: Flow) -> Non
     assert flow.times() == [*range(11), 10**12]
     (violation,) = flow.violations
     assert violation.constraint == 'sample_period'
-    assert violation.message.endswith(': 999999999989 ticks are left out; 10 are made at once')
+    assert violation.message.endswith(
+        ': 999999999989 ticks are skipped; the limit is 10 at once'
+    )
     flow.feed('a', [10**12 + 1])
     flow.feed('b', [10**12 + 1])
     assert flow.times() == [10**12 + 1]

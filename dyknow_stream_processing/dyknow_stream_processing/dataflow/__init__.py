@@ -1,1 +1,1 @@
-"""Running streams: operators over samples, without ROS."""
+"""Execution of streams: operators over samples, without ROS."""

@@ -1,4 +1,11 @@
-"""What a stream holds at a valid time: the approximations of `sync` (paper, section III)."""
+"""Approximations of `sync`: the values of a stream at a valid time (paper, section III).
+
+Example: a stream has the samples x = 0 valid at 0 ms and x = 80 valid at 8 ms. At 4 ms
+
+- `latest` gives 0. The value is certain once no sample valid at 4 ms or before can arrive: the
+  sample valid at 8 ms makes it certain, and so does the clock where the delay has a bound.
+- `linear` gives 40.0. Only the sample valid at 8 ms makes it certain.
+"""
 
 from __future__ import annotations
 
@@ -12,53 +19,53 @@ from dyknow_stream_processing.dataflow.scheduler import BEGINNING
 
 
 class Track:
-    """A stream in the order of valid time, and its latest sample until a time that moves on.
+    """Latest values of a stream at a time, the *position*, that only moves forward.
 
     Args:
-        source: makes the stream.
+        source: the operator that emits the stream, in the order of valid times.
     """
 
-    _kept: ClassVar = 1
-    """How many samples between two ticks are needed."""
+    _needed_samples: ClassVar = 1
+    """The number of samples between two ticks that determine the value at the second."""
 
     def __init__(self, source: Operator) -> None:
         self.source = source
         self.waiting: deque[tuple[int, Mapping[str, Value]]] = deque()
-        """The samples that are valid after the time that was reached."""
+        """The samples after the position."""
         self.latest: Mapping[str, Value] | None = None
-        """The fields of the last sample until the time that was reached."""
+        """The fields of the last sample at or before the position."""
         self.settled = source.watermark
-        """The valid time until which samples, or the clock, have made all values certain."""
+        """The valid time, in nanoseconds, until which all values are certain."""
 
     def put(self, valid_time: int, fields: Mapping[str, Value], watermark: int) -> None:
-        """Take a sample that is valid after the time that was reached, and its promise."""
+        """Add a sample after the position, and the promise that it carries."""
         self.waiting.append((valid_time, fields))
         if watermark > self.settled:
             self.settled = watermark
 
     def correct(self, valid_time: int, fields: Mapping[str, Value]) -> None:  # noqa: ARG002
-        """Take a sample that is valid at the time that was reached."""
+        """Replace the latest sample by another one that is valid at the position."""
         self.latest = fields
 
     def promise(self, watermark: int) -> None:
-        """Note what the source promises."""
+        """Process a promise of the source."""
         if watermark > self.settled:
             self.settled = watermark
 
     def certain_at(self, valid_time: int) -> int | None:
-        """When the clock settles a valid time; `None` if only samples can."""
+        """Return the time at which the clock makes a value certain; `None` if only samples can."""
         return self.source.certain_at(valid_time)
 
-    def reach(self, valid_time: int) -> Mapping[str, Value] | None:
-        """Move on to a time, and tell the fields that hold then; none before the first sample."""
+    def move_to(self, valid_time: int) -> Mapping[str, Value] | None:
+        """Move the position, and return the values there; `None` before the first sample."""
         waiting = self.waiting
         while waiting and waiting[0][0] <= valid_time:
             self.latest = waiting.popleft()[1]
         return self.latest
 
     def thin(self, tick: int, period: int) -> None:
-        """Forget a sample that neither the next tick nor any later one needs."""
-        waiting, needed = self.waiting, self._kept + 1
+        """Remove a waiting sample that no tick needs, given the next tick and the period."""
+        waiting, needed = self.waiting, self._needed_samples + 1
         if len(waiting) >= needed:
             interval = max((waiting[-1][0] - tick - 1) // period, -1)
             if max((waiting[-needed][0] - tick - 1) // period, -1) == interval:
@@ -66,13 +73,12 @@ class Track:
 
 
 class LinearTrack(Track):
-    """Finds numbers between two samples on the line that joins them.
+    """Numbers of a stream, interpolated between two samples.
 
-    All numbers become floats; what is no number keeps its latest value. A time between two samples
-    is settled by the second, and by nothing else.
+    All numbers become floats; other values keep their latest value.
     """
 
-    _kept: ClassVar = 2
+    _needed_samples: ClassVar = 2
 
     def __init__(self, source: Operator) -> None:
         super().__init__(source)
@@ -80,25 +86,25 @@ class LinearTrack(Track):
         self._valid_time = BEGINNING
 
     def put(self, valid_time: int, fields: Mapping[str, Value], watermark: int) -> None:
-        """Take a sample that is valid after the time that was reached, and its promise."""
+        """Add a sample after the position, and the promise that it carries."""
         self.waiting.append((valid_time, _as_floats(fields)))
         self.promise(watermark)
 
     def correct(self, valid_time: int, fields: Mapping[str, Value]) -> None:
-        """Take a sample that is valid at the time that was reached."""
+        """Replace the latest sample by another one that is valid at the position."""
         self._valid_time, self.latest = valid_time, _as_floats(fields)
 
     def promise(self, watermark: int) -> None:
-        """Note what the source promises: a sample that nothing can precede any more."""
+        """Process a promise; it counts if it covers the last sample."""
         if self.waiting and self.waiting[-1][0] <= watermark:
             self.settled = self.waiting[-1][0]
 
     def certain_at(self, valid_time: int) -> int | None:
-        """The clock settles nothing: where the line goes, only the next sample tells."""
+        """Return `None` for a time that is not settled, as only the next sample can settle it."""
         return BEGINNING if valid_time <= self.settled else None
 
-    def reach(self, valid_time: int) -> Mapping[str, Value] | None:
-        """Move on to a time, and tell the fields on the line there."""
+    def move_to(self, valid_time: int) -> Mapping[str, Value] | None:
+        """Move the position, and return the interpolated values there."""
         waiting = self.waiting
         while waiting and waiting[0][0] <= valid_time:
             self._valid_time, self.latest = waiting.popleft()

@@ -5,14 +5,14 @@ and declared in the specification that uses it:
 
     compunit power: float electrical_power((voltage: float, current: float));
 
-It is a function, or a class of which one instance is made for each use and which is then called.
-What a use settles by name, `mean(power, window = 5 s)`, goes to the constructor, or to the
+It is a function, or a class; each use of a class creates an instance, which is then called.
+Arguments that a use passes by name, `mean(power, window = 5 s)`, go to the constructor, or to the
 keyword-only parameters of the function; a duration is in nanoseconds.
 
-It is called with one mapping for each of its streams: the fields in the order
-of the declaration, each with its value. If it has a parameter `valid_time`, the valid time of the
-sample is passed by that name, in nanoseconds. What it returns is the value of the declared field;
-`None` makes no sample. It should end quickly: the whole dataflow waits for it.
+A unit is called with one mapping for each of its streams: the fields in the order of the
+declaration, each with its value. If it has a parameter `valid_time`, it receives the valid time of
+the sample in nanoseconds by that name. It returns the value of the declared field; `None` emits no
+sample. It should return quickly, because it blocks the whole dataflow.
 """
 
 from __future__ import annotations
@@ -32,14 +32,33 @@ from dyknow_stream_processing.errors import StreamError
 from dyknow_stream_processing.language.specification import UnitArgument, UnitDeclaration
 from dyknow_stream_processing.language.type_rules import TIME, Unit
 from dyknow_stream_processing.sample import missing_text
-from dyknow_stream_processing.violation import Broken
+from dyknow_stream_processing.violation import Fault, ViolationKind
 
 ENTRY_POINTS: Final = 'dyknow.computational_units'
 """The entry point group that units are registered in."""
 
+_BUILT_IN: Final[Mapping[str, Unit]] = {
+    'convert': units.Convert,
+    'distance': units.distance,
+    'electrical_power': units.electrical_power,
+    'magnitude': units.magnitude,
+    'maximum': units.Maximum,
+    'mean': units.Mean,
+    'minimum': units.Minimum,
+    'rate_of_change': units.RateOfChange,
+    'speed': units.Speed,
+}
+
+_PYTHON_TYPES: Final[Mapping[ValueType, type[Value]]] = {
+    ValueType.BOOLEAN: bool,
+    ValueType.INT: int,
+    ValueType.FLOAT: float,
+    ValueType.STRING: str,
+}
+
 
 def load_units() -> Mapping[str, Unit]:
-    """All computational units: those that come with DyKnow and those that packages register.
+    """Load all computational units: the built-in ones and those that packages register.
 
     Raises:
         StreamError: if a registered unit cannot be loaded.
@@ -48,7 +67,7 @@ def load_units() -> Mapping[str, Unit]:
     for entry_point in entry_points(group=ENTRY_POINTS):
         try:
             registered[entry_point.name] = entry_point.load()
-        # A module may raise anything while it is imported.
+        # A module may raise any exception while it is imported.
         except Exception as error:
             raise StreamError(
                 f"computational unit '{entry_point.name}' ({entry_point.value}) cannot be loaded: "
@@ -61,19 +80,19 @@ class UnitOperator(SynchronisedOperator):
     """One use of a computational unit: one sample for each tick of its inputs.
 
     Raises:
-        StreamError: if the unit is a class of which no instance can be made.
+        StreamError: if the unit is a class that cannot be instantiated.
     """
 
     def __init__(
         self,
-        agenda: Scheduler,
+        scheduler: Scheduler,
         label: str,
         inputs: Sequence[Operator],
         unit: Unit,
         declaration: UnitDeclaration,
         arguments: Sequence[UnitArgument],
     ) -> None:
-        super().__init__(agenda, label, inputs)
+        super().__init__(scheduler, label, inputs)
         named = {each.name: each.value for each in arguments}
         self._call: Unit = _instance(unit, declaration.name, named)
         self._takes_time = _takes_time(self._call)
@@ -86,7 +105,7 @@ class UnitOperator(SynchronisedOperator):
     def receive(
         self, port: int, valid_time: int, fields: Mapping[str, Value], watermark: int, now: int
     ) -> None:
-        """Compute at once from a single input, which has nothing to wait for; else synchronise."""
+        """Compute at once if there is only one input; otherwise synchronise."""
         if len(self.inputs) == 1:
             self._tick(valid_time, [fields], now)
             self._promise(watermark, now)
@@ -94,7 +113,7 @@ class UnitOperator(SynchronisedOperator):
             super().receive(port, valid_time, fields, watermark, now)
 
     def promise(self, port: int, watermark: int, now: int) -> None:
-        """Promise the same for a single input; else synchronise."""
+        """Promise the same if there is only one input; otherwise synchronise."""
         if len(self.inputs) == 1:
             self._promise(watermark, now)
         else:
@@ -108,16 +127,16 @@ class UnitOperator(SynchronisedOperator):
             ]
         except KeyError as error:
             message = f"computational unit '{self._name}' finds {missing_text(error)}"
-            self._reject(Broken.FIELDS, valid_time, message)
+            self._reject(Fault(ViolationKind.FIELDS, valid_time, message))
             return
         timing = {TIME: valid_time} if self._takes_time else {}
         try:
             value = self._call(*arguments, **timing)
             result = None if value is None else _typed(value, self._output.type)
-        # User code may raise anything; it is contained and reported.
+        # User code may raise any exception; it is contained and reported.
         except Exception as error:  # noqa: BLE001
             message = f"computational unit '{self._name}': {type(error).__name__}: {error}"
-            self._reject(Broken.COMPUTATIONAL_UNIT, valid_time, message)
+            self._reject(Fault(ViolationKind.COMPUTATIONAL_UNIT, valid_time, message))
         else:
             if result is not None:
                 self._emit(valid_time, {self._output.name: result}, self.watermark, now)
@@ -143,29 +162,9 @@ def _takes_time(call: Unit) -> bool:
 
 
 def _typed(value: object, expected: ValueType) -> Value:
-    """A value as one of the declared type; subclasses, such as numpy's float64, become plain."""
-    if expected is ValueType.BOOLEAN and isinstance(value, bool):
-        return value
-    if expected is ValueType.STRING and isinstance(value, str):
-        return str(value)
-    if isinstance(value, int) and not isinstance(value, bool):
-        if expected is ValueType.INT:
-            return int(value)
-        if expected is ValueType.FLOAT:
-            return float(value)
-    if expected is ValueType.FLOAT and isinstance(value, float):
-        return float(value)
+    """Convert a value to the plain declared type; subclasses, such as numpy's float64, fit."""
+    plain = _PYTHON_TYPES[expected]
+    accepted = (int, float) if plain is float else plain
+    if isinstance(value, accepted) and isinstance(value, bool) == (plain is bool):
+        return plain(value)
     raise TypeError(f'returned {value!r} ({type(value).__name__}), which is no {expected}')
-
-
-_BUILT_IN: Final[Mapping[str, Unit]] = {
-    'convert': units.Convert,
-    'distance': units.distance,
-    'electrical_power': units.electrical_power,
-    'magnitude': units.magnitude,
-    'maximum': units.Maximum,
-    'mean': units.Mean,
-    'minimum': units.Minimum,
-    'rate_of_change': units.RateOfChange,
-    'speed': units.Speed,
-}

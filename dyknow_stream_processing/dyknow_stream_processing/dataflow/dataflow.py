@@ -1,10 +1,10 @@
-"""Streams that run: samples of topics and the time go in, samples and violations come out."""
+"""Running streams: samples of topics and the time go in, samples and violations come out."""
 
 from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from dyknow_common import ExitCode, StreamConstraints, Value, ValueType
 from dyknow_stream_processing.dataflow.operator_graph import OperatorGraph
@@ -16,16 +16,16 @@ from dyknow_stream_processing.language.resolution import Fields, Resolved, resol
 from dyknow_stream_processing.language.specification import Specification
 from dyknow_stream_processing.language.type_rules import Unit
 from dyknow_stream_processing.sample import Sample
-from dyknow_stream_processing.violation import Violation
+from dyknow_stream_processing.violation import Fault, Violation
 
 
 @dataclass(frozen=True, slots=True)
 class SourceType:
-    """What is known of a topic.
+    """The type of a topic.
 
     Args:
-        fields: with their types; `None` if they are not known before samples come.
-        receipt_time: whether the valid time of its samples is the time of their receipt.
+        fields: the fields with their types; `None` if they are unknown before samples arrive.
+        receipt_time: True if the valid time of a sample is the time of its receipt.
     """
 
     fields: Mapping[str, ValueType] | None
@@ -34,12 +34,12 @@ class SourceType:
 
 @dataclass(frozen=True, slots=True)
 class Statistics:
-    """What has come of a stream.
+    """Counts of a stream since its creation.
 
     Args:
-        samples: how many it emitted.
-        violations: how many it reported, of its own or of what it is made of.
-        drops: how many samples were dropped in it and in what it is made of, by reason.
+        samples: the samples that it emitted.
+        violations: the violations that it reported, its own and those of its inputs.
+        drops: the samples that were dropped in it and in its inputs, by reason.
     """
 
     samples: int
@@ -48,13 +48,14 @@ class Statistics:
 
 
 class Dataflow:
-    """A set of named streams; what several of them have in common is computed once.
+    """A set of named streams; parts that several of them have in common are computed once.
 
-    It has no clock and starts no thread. Callbacks must not call back into it.
+    It has no clock and starts no thread. Callbacks must not call back into it. A method that names
+    a stream raises a StreamError (NOT_FOUND, naming the existing streams) if there is none.
 
     Args:
         units: the computational units, by name (see `load_units`).
-        source_type: what is known of a topic; `None` if nothing is.
+        source_type: returns the type of a topic; `None` if it is unknown.
     """
 
     def __init__(
@@ -64,9 +65,12 @@ class Dataflow:
     ) -> None:
         self._units = units
         self._source_type = source_type
-        self._agenda = Scheduler()
-        self._wiring = OperatorGraph(self._agenda, units, self._has_receipt_time)
-        self._streams: dict[str, _Stream] = {}
+        self._streams: dict[str, _RunningStream] = {}
+        self._reset()
+
+    def _reset(self) -> None:
+        self._scheduler = Scheduler()
+        self._graph = OperatorGraph(self._scheduler, self._units, self._has_receipt_time)
 
     def create(
         self,
@@ -76,19 +80,19 @@ class Dataflow:
         on_sample: Callable[[Sample], None],
         on_violation: Callable[[Violation], None],
     ) -> None:
-        """Make a stream.
+        """Create a stream.
 
         Args:
-            name: what later specifications may refer to it by.
-            specification: how it is made.
+            name: the name by which later specifications may refer to it.
+            specification: defines the stream.
             constraints: are added to those of the specification.
-            on_sample: is given each sample, available times strictly increasing.
-            on_violation: is told what is broken in the stream and in all that it is made of.
+            on_sample: receives each sample; available times are strictly increasing.
+            on_violation: receives the violations in the stream and in all its inputs.
 
         Raises:
             StreamError: if there is a stream of that name, the constraints contradict those of the
-                specification, or a computational unit cannot be made.
-            LanguageError: if the specification makes no sense here.
+                specification, or a computational unit cannot be instantiated.
+            LanguageError: if the specification is not valid here.
         """
         if name in self._streams:
             raise StreamError(
@@ -98,112 +102,104 @@ class Dataflow:
         known = {each.name: each.resolved for each in self._streams.values()}
         resolved = resolve(specification, constraints, known, self._fields_of, self._units)
         try:
-            root = self._wiring.connect(resolved.term)
-            own_names = {**resolved.names, str(resolved.term): name}
-            others = [each.own_names for each in self._streams.values()]
-            stream = _Stream(
-                name, str(specification), resolved, own_names, self._agenda, on_sample, on_violation
+            root = self._graph.connect(resolved.term)
+            own_labels = {**resolved.names, str(resolved.term): name}
+            labels: dict[str, str] = {}
+            for each in self._streams.values():
+                labels.update(each.own_labels)
+            stream = self._streams[name] = _RunningStream(
+                name=name,
+                specification=str(specification),
+                resolved=resolved,
+                topics=tuple(sorted(total_demand([resolved.term]))),
+                own_labels=own_labels,
+                labels={**labels, **own_labels},
+                scheduler=self._scheduler,
+                on_sample=on_sample,
+                on_violation=on_violation,
             )
-            stream.names = {k: v for names in (*others, own_names) for k, v in names.items()}
             stream.attach(root)
-            self._streams[name] = stream
         finally:
-            # Had it failed, what was connected before has no use.
-            self._wiring.sweep()
+            # If it failed, the operators that were connected before are unused.
+            self._graph.sweep()
 
     def destroy(self, name: str) -> None:
-        """Stop a stream and free what no other stream uses.
-
-        Raises:
-            StreamError: NOT_FOUND, naming the streams that there are.
-        """
+        """Stop a stream and free the operators that no other stream uses."""
         self._find(name).detach()
         del self._streams[name]
-        self._wiring.sweep()
+        self._graph.sweep()
 
     def names(self) -> tuple[str, ...]:
-        """The streams, in the order of their creation."""
+        """Return the streams, in the order of their creation."""
         return tuple(self._streams)
 
     def specification(self, name: str) -> str:
-        """The canonical text of a stream's specification.
-
-        Raises:
-            StreamError: NOT_FOUND, naming the streams that there are.
-        """
+        """Return the canonical text of a stream's specification."""
         return self._find(name).specification
 
     def statistics(self, name: str) -> Statistics:
-        """What has come of a stream since its creation.
-
-        Raises:
-            StreamError: NOT_FOUND, naming the streams that there are.
-        """
-        return self._find(name).statistics()
+        """Return the counts of a stream."""
+        stream = self._find(name)
+        return Statistics(stream.samples, stream.violations, dict(stream.drops))
 
     def topics(self, name: str) -> tuple[str, ...]:
-        """The topics that a stream is made of, sorted.
-
-        Raises:
-            StreamError: NOT_FOUND, naming the streams that there are.
-        """
+        """Return the topics that a stream is made of, sorted."""
         return self._find(name).topics
 
     def sources(self) -> Mapping[str, frozenset[str]]:
-        """The topics that samples are needed of, each with the fields needed.
+        """Return the topics whose samples are needed, each with the needed fields.
 
-        The name `ALL` among them stands for all fields but the elements of arrays.
+        The name `ALL` among them stands for all fields except the elements of arrays.
         """
         return total_demand(each.resolved.term for each in self._streams.values())
 
-    def found(self, topic: str, source_type: SourceType) -> None:
-        """Learn of a topic what was not known when streams were made of it."""
-        for source in self._wiring.sources.get(topic, ()):
-            source.learn(receipt_time=source_type.receipt_time)
+    def set_source_type(self, topic: str, source_type: SourceType) -> None:
+        """Set the type of a topic that was unknown when streams were created from it."""
+        for source in self._graph.sources.get(topic, ()):
+            source.set_receipt_time(receipt_time=source_type.receipt_time)
 
     def push(self, topic: str, sample: Sample) -> None:
-        """Take a sample of a topic; its available time is the time of receipt, and is now."""
-        agenda = self._agenda
-        agenda.run(sample.available_time)
-        for source in self._wiring.sources.get(topic, ()):
-            source.push(sample.valid_time, sample.fields, agenda.now)
-        agenda.run(agenda.now)
+        """Process a sample of a topic; its available time is the time of receipt, and is now."""
+        scheduler = self._scheduler
+        scheduler.run(sample.available_time)
+        for source in self._graph.sources.get(topic, ()):
+            source.push(sample.valid_time, sample.fields, scheduler.now)
+        scheduler.run(scheduler.now)
 
     def report(self, topic: str, violation: Violation) -> None:
-        """Tell all streams made of a topic what was broken on the way here."""
-        for source in self._wiring.sources.get(topic, ()):
+        """Report a violation to all streams made of a topic."""
+        for source in self._graph.sources.get(topic, ()):
             for observer in source.observers:
-                observer.reported(violation)
+                observer.report(violation)
 
     def drop(self, topic: str, reason: str, count: int = 1) -> None:
-        """Count samples of a topic that were lost on the way here."""
-        for source in self._wiring.sources.get(topic, ()):
+        """Count samples of a topic that were lost before they arrived here."""
+        for source in self._graph.sources.get(topic, ()):
             for observer in source.observers:
-                observer.dropped(reason, count)
+                observer.count_drops(reason, count)
 
     def restart(self, violation: Violation) -> None:
-        """Forget all samples and times: for a clock that has gone back.
+        """Discard all samples and times, after the clock has jumped back.
 
         Args:
-            violation: is reported by every stream; what was counted so far stays counted.
+            violation: is reported by every stream; the statistics are kept.
         """
-        self._agenda = Scheduler()
-        self._wiring = OperatorGraph(self._agenda, self._units, self._has_receipt_time)
+        self._reset()
         for stream in self._streams.values():
-            stream.restart(self._agenda, self._wiring.connect(stream.resolved.term))
-        self._wiring.sweep()
+            stream.restart(self._scheduler, self._graph.connect(stream.resolved.term))
+        self._graph.sweep()
         for stream in self._streams.values():
-            stream.reported(violation)
+            stream.report(violation)
 
     def advance(self, now: int) -> None:
-        """Do what is due until a time, nanoseconds; a time before the last one is ignored."""
-        self._agenda.run(now)
+        """Do the work that is due until a time, nanoseconds; an earlier time is ignored."""
+        self._scheduler.run(now)
 
     def next_deadline(self) -> int | None:
-        """The earliest time at which `advance` has something to do, nanoseconds; or `None`."""
-        return self._agenda.next_deadline()
+        """Return the earliest time at which `advance` has work to do, nanoseconds; or `None`."""
+        return self._scheduler.next_deadline()
 
-    def _find(self, name: str) -> _Stream:
+    def _find(self, name: str) -> _RunningStream:
         if name not in self._streams:
             known = ', '.join(self._streams) or 'none'
             raise StreamError(
@@ -220,100 +216,83 @@ class Dataflow:
         return source is not None and source.receipt_time
 
 
-class _Stream:
-    """A named stream: consumes what its operator emits, observes all that it is made of."""
+@dataclass(eq=False)
+class _RunningStream:
+    """A named stream: listens to the last of its operators, and observes all of them.
 
-    def __init__(
-        self,
-        name: str,
-        specification: str,
-        resolved: Resolved,
-        own_names: Mapping[str, str],
-        agenda: Scheduler,
-        on_sample: Callable[[Sample], None],
-        on_violation: Callable[[Violation], None],
-    ) -> None:
-        self.name = name
-        self.specification = specification
-        self.resolved = resolved
-        self.topics = tuple(sorted(total_demand([resolved.term])))
-        # Those of others are not kept in `own_names`, or they would be handed down for ever.
-        self.own_names = own_names
-        self.names = own_names
-        self._agenda = agenda
-        self._on_sample = on_sample
-        self._on_violation = on_violation
-        self._operators: list[Operator] = []
-        self._available_time = BEGINNING
-        self._samples = 0
-        self._violations = 0
-        self._drops: Counter[str] = Counter()
+    Args:
+        own_labels: names for the labels of operators, as its own specification gives them. They
+            are kept apart from those of other streams, as otherwise names would be passed on from
+            stream to stream for ever.
+        labels: the names that other streams and this one give; its own take precedence.
+    """
+
+    name: str
+    specification: str
+    resolved: Resolved
+    topics: tuple[str, ...]
+    own_labels: Mapping[str, str]
+    labels: Mapping[str, str]
+    scheduler: Scheduler
+    on_sample: Callable[[Sample], None]
+    on_violation: Callable[[Violation], None]
+    samples: int = 0
+    violations: int = 0
+    drops: Counter[str] = field(default_factory=Counter)
+    available_time: int = BEGINNING
+    operators: list[Operator] = field(default_factory=list)
 
     def attach(self, root: Operator) -> None:
-        """Begin to take the samples of an operator, and to observe it and all before it."""
+        """Listen to an operator, and observe it and all operators before it."""
         root.listeners.append(self)
         pending = [root]
         while pending:
             operator = pending.pop()
             if self not in operator.observers:
                 operator.observers.append(self)
-                self._operators.append(operator)
+                self.operators.append(operator)
                 pending.extend(operator.inputs)
 
-    def restart(self, agenda: Scheduler, root: Operator) -> None:
-        """Take the samples of another operator, whose times may be before those so far."""
-        self._agenda = agenda
-        self._available_time = BEGINNING
-        self._operators.clear()
+    def restart(self, scheduler: Scheduler, root: Operator) -> None:
+        """Listen to another operator, whose times may be earlier than those so far."""
+        self.scheduler = scheduler
+        self.available_time = BEGINNING
+        self.operators.clear()
         self.attach(root)
 
     def detach(self) -> None:
-        """Take no more samples, and observe no more."""
-        root = self._operators[0]
-        root.listeners.remove(self)
-        for operator in self._operators:
+        """Stop listening to operators and observing them."""
+        self.operators[0].listeners.remove(self)
+        for operator in self.operators:
             operator.observers.remove(self)
 
-    def statistics(self) -> Statistics:
-        """What has come of it so far."""
-        return Statistics(self._samples, self._violations, dict(self._drops))
+    def receive(self, valid_time: int, fields: Mapping[str, Value]) -> None:
+        """Emit a sample; simultaneous samples become available a nanosecond apart."""
+        now, earliest = self.scheduler.now, self.available_time + 1
+        self.available_time = available_time = now if now > earliest else earliest
+        self.samples += 1
+        self.on_sample(Sample(valid_time, available_time, fields))
 
-    def take(self, valid_time: int, fields: Mapping[str, Value]) -> None:
-        """Emit a sample; two that come at once are available one after the other."""
-        now, earliest = self._agenda.now, self._available_time + 1
-        self._available_time = available_time = now if now > earliest else earliest
-        self._samples += 1
-        self._on_sample(Sample(valid_time, available_time, fields))
-
-    def dropped(self, reason: str, count: int = 1) -> None:
+    def count_drops(self, reason: str, count: int = 1) -> None:
         """Count samples that were dropped."""
-        self._drops[reason] += count
+        self.drops[reason] += count
 
-    def reported(self, violation: Violation) -> None:
-        """Pass on what was broken before the samples came here."""
-        self._violations += 1
-        self._on_violation(violation)
+    def report(self, violation: Violation) -> None:
+        """Pass on a violation that occurred before the samples arrived here."""
+        self.violations += 1
+        self.on_violation(violation)
 
-    def violated(
-        self,
-        operator: Operator,
-        constraint: str,
-        valid_time: int,
-        message: str,
-        observed: int,
-        allowed: int,
-    ) -> None:
-        """Report what was broken."""
-        self._violations += 1
-        name = self.names.get(operator.label, operator.label)
-        self._on_violation(
+    def report_fault(self, operator: Operator, fault: Fault) -> None:
+        """Report a violation that an operator has detected."""
+        name = self.labels.get(operator.label, operator.label)
+        self.report(
             Violation(
                 stream_name=name,
-                constraint=constraint,
-                valid_time=valid_time,
-                available_time=self._agenda.now,
-                observed=observed,
-                allowed=allowed,
-                message=f"stream '{name}': {message}",
+                constraint=fault.constraint,
+                valid_time=fault.valid_time,
+                available_time=self.scheduler.now,
+                observed=fault.observed,
+                allowed=fault.allowed,
+                message=f"stream '{name}': {fault.message}",
             )
         )

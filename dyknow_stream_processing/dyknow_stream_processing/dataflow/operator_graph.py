@@ -1,8 +1,8 @@
-"""From resolved streams to running operators, where equal parts are one."""
+"""Construction of operators from resolved streams; equal parts share one operator."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Hashable, Mapping, Sequence
+from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
 from dataclasses import replace
 from typing import Final
 
@@ -31,47 +31,44 @@ from dyknow_stream_processing.language.type_rules import Unit
 
 
 class OperatorGraph:
-    """The operators that run, each kept as long as another or a stream takes its samples.
+    """The running operators; each is kept as long as an operator or a stream uses its samples.
 
     Args:
-        agenda: wakes the operators.
+        scheduler: wakes the operators.
         units: the computational units by name.
-        has_receipt_time: whether the valid times of a topic are the times of receipt.
+        has_receipt_time: returns true if the valid times of a topic are the times of receipt.
     """
 
     def __init__(
         self,
-        agenda: Scheduler,
+        scheduler: Scheduler,
         units: Mapping[str, Unit],
         has_receipt_time: Callable[[str], bool],
     ) -> None:
-        self._agenda = agenda
+        self._scheduler = scheduler
         self._units = units
         self._has_receipt_time = has_receipt_time
         self._operators: dict[Hashable, Operator] = {}
         self.sources: Mapping[str, tuple[SourceOperator, ...]] = {}
-        """What takes the samples of each topic."""
+        """The source operators of each topic."""
 
     def connect(self, term: Term) -> Operator:
-        """The operator that makes a stream; it has to be given a listener before the next `sweep`.
+        """Return the operator that emits a stream; attach a listener before the next `sweep`.
 
         Raises:
-            StreamError: if a computational unit cannot be made.
+            StreamError: if a computational unit cannot be instantiated.
         """
         return self._constrained(term, may_be_late=False)
 
     def sweep(self) -> None:
-        """Free every operator whose samples nobody takes."""
+        """Remove every operator whose samples are not used."""
         by_rank = sorted(self._operators.items(), key=lambda item: item[1].rank, reverse=True)
         for key, operator in by_rank:
             if not operator.consumers and not operator.listeners:
                 del self._operators[key]
-                self._agenda.forget(operator)
+                self._scheduler.forget(operator)
                 for each in operator.inputs:
                     each.consumers = [entry for entry in each.consumers if entry[0] is not operator]
-        self._index_sources()
-
-    def _index_sources(self) -> None:
         sources: dict[str, tuple[SourceOperator, ...]] = {}
         for operator in self._operators.values():
             if isinstance(operator, SourceOperator):
@@ -79,16 +76,16 @@ class OperatorGraph:
         self.sources = sources
 
     def _constrained(self, term: Term, *, may_be_late: bool) -> Operator:
-        """A term with its constraints.
+        """Return the operator of a term with its constraints.
 
-        What is late may be emitted where those who take it put it in order; else samples of a topic
-        that are older than their predecessors are dropped.
+        With `may_be_late`, it may emit samples out of order, as a consumer reorders them. Otherwise
+        samples of a topic that are older than their predecessors are dropped.
         """
         label, demands = _label(term), term.constraints
         if demands.max_delay is not None:
             source = self._bare(term, may_be_late=True)
-            periods = (demands.max_delay, demands.shortest_period)
-            operator = self._operator(ReorderOperator, label, [source], *periods)
+            limits = (demands.max_delay, demands.shortest_period)
+            operator = self._operator(ReorderOperator, label, [source], *limits)
         elif demands.sample_period is not None:
             operator = self._in_order(self._bare(term, may_be_late=False))
         else:
@@ -96,7 +93,7 @@ class OperatorGraph:
         bounds = (demands.start_time, demands.end_time)
         if bounds != (None, None):
             operator = self._operator(BoundsOperator, label, [operator], *bounds)
-        # A sync makes its ticks at its period; all that can go wrong is that they are not made.
+        # A sync keeps its period by itself, unless a `max_delay` makes it drop late ticks.
         is_periodic = isinstance(term, Sync) and demands.max_delay is None
         if demands.sample_period is not None and not is_periodic:
             operator = self._operator(PeriodOperator, label, [operator], demands)
@@ -116,24 +113,23 @@ class OperatorGraph:
                 inputs = [self._constrained(each, may_be_late=may_be_late) for each in term.inputs]
                 return self._operator(MergeOperator, label, inputs)
             case Sync():
-                inputs = [self._sorted(each) for each in term.inputs]
+                inputs = self._sorted(term.inputs)
                 ticks = (term.constraints.start_time, term.constraints.sample_period)
                 return self._operator(_SYNCS[term.approximation], label, inputs, *ticks)
             case Call():
-                inputs = [self._sorted(each) for each in term.inputs]
-                unit = self._units[term.unit]
-                details = (unit, term.declaration, term.arguments)
+                inputs = self._sorted(term.inputs)
+                details = (self._units[term.unit], term.declaration, term.arguments)
                 return self._operator(UnitOperator, label, inputs, *details)
 
     def _selected(self, source: Operator, label: str, details: tuple[object, ...]) -> Operator:
         if not isinstance(source, MergeOperator):
             return self._operator(SelectOperator, label, [source], *details)
-        # Selecting before merging is the same, and keeps what each input promises for itself.
+        # Selecting before merging is equivalent, and keeps the separate promises of the inputs.
         inputs = [self._selected(each, label, details) for each in source.inputs]
         return self._operator(MergeOperator, label, inputs)
 
-    def _sorted(self, term: Term) -> Operator:
-        return self._in_order(self._constrained(term, may_be_late=False))
+    def _sorted(self, terms: Iterable[Term]) -> list[Operator]:
+        return [self._in_order(self._constrained(each, may_be_late=False)) for each in terms]
 
     def _in_order(self, operator: Operator) -> Operator:
         if operator.in_order:
@@ -149,10 +145,9 @@ class OperatorGraph:
     ) -> Operator:
         key = (kind, label, tuple(map(id, inputs)), details)
         if key not in self._operators:
-            operator = kind(self._agenda, label, inputs, *details)
+            operator = self._operators[key] = kind(self._scheduler, label, inputs, *details)
             for port, each in enumerate(inputs):
                 each.consumers.append((operator, port))
-            self._operators[key] = operator
         return self._operators[key]
 
 

@@ -1,103 +1,89 @@
-"""Running steps of a dataflow: samples, promises and the passing of time go in and come out.
+"""Operators of a running dataflow, and their promises about the samples that they will still emit.
 
-An operator promises two things about the valid times of the samples that it will still emit:
+An operator receives samples and promises of its inputs, and wakes when time passes. All times are
+in nanoseconds. It makes two kinds of promises about valid times:
 
-- Data raises its *watermark* `w`: nobody has to wait for a sample valid at `w` or before. None
-  valid before `w` will come. One valid at `w` exactly may, as valid times may be equal, but whoever
-  needs each time once need not wait for it. Each sample carries the watermark that holds from then
-  on; where there is a promise without a sample, it is told by itself.
-- The clock makes the same certain for a valid time `t` at `certain_at(t)`: a stream with a maximum
-  delay has delivered by then whatever it will deliver.
+- Data raises its *watermark* `w`: consumers need not wait for a sample valid at `w` or before. A
+  sample valid before `w` will not arrive. A sample valid at exactly `w` may still arrive, as valid
+  times may be equal, but consumers need not wait for it. Each sample carries the new watermark; a
+  promise without a sample is sent by `promise`.
+- The clock makes the same certain for a valid time `t` at the time `certain_at(t)`: a stream with a
+  maximum delay has then delivered every sample up to `t`.
 
-An operator acts on the clock in `wake` only. The agenda wakes operators in the order of time and
-then of rank, so that whoever asks another what is certain is woken after it.
+An operator reacts to the clock in `wake` only. The scheduler wakes operators in the order of time
+and then of rank, so each operator wakes after the inputs whose `certain_at` it uses.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Final, Protocol
+from typing import ClassVar, Final, Protocol
 
 from dyknow_common import Value
 from dyknow_stream_processing.dataflow.scheduler import BEGINNING, Scheduler
-from dyknow_stream_processing.violation import Violation
+from dyknow_stream_processing.violation import Fault, Violation
 
 NO_PROMISE: Final = BEGINNING - 1
-"""The watermark that comes with a sample of whoever never promises anything."""
-
-
-class SampleListener(Protocol):
-    """Whoever is given the samples of an operator and is no operator itself."""
-
-    def take(self, valid_time: int, fields: Mapping[str, Value]) -> None:
-        """Take a sample."""
+"""The watermark of samples from operators that make no promises."""
 
 
 class StreamObserver(Protocol):
-    """A stream that is told what happens in the operators that it is made of."""
+    """A stream, as the operators that it is made of see it."""
 
-    def dropped(self, reason: str, count: int = 1) -> None:
-        """Note that samples were dropped."""
+    def receive(self, valid_time: int, fields: Mapping[str, Value]) -> None:
+        """Receive a sample of the operator that the stream listens to."""
 
-    def reported(self, violation: Violation) -> None:
-        """Note what was broken before the samples came to the dataflow."""
+    def count_drops(self, reason: str, count: int = 1) -> None:
+        """Count samples that were dropped."""
 
-    def violated(
-        self,
-        operator: Operator,
-        constraint: str,
-        valid_time: int,
-        message: str,
-        observed: int,
-        allowed: int,
-    ) -> None:
-        """Note that a constraint was broken in an operator."""
+    def report(self, violation: Violation) -> None:
+        """Report a violation that occurred before the samples entered the dataflow."""
+
+    def report_fault(self, operator: Operator, fault: Fault) -> None:
+        """Report a violation that an operator has detected."""
 
 
 class Operator:
-    """One step.
+    """One step of a dataflow.
 
     Args:
-        agenda: where it asks to be woken.
-        label: what it computes, as a text.
-        inputs: the operators whose samples it takes.
-        in_order: whether it emits in the order of valid times.
+        scheduler: wakes the operator.
+        label: a text that states what it computes.
+        inputs: the operators whose samples it receives.
     """
 
-    def __init__(
-        self,
-        agenda: Scheduler,
-        label: str,
-        inputs: Sequence[Operator],
-        *,
-        in_order: bool,
-    ) -> None:
+    _sorts: ClassVar[bool | None] = None
+    """True if it emits in the order of valid times, False if not; `None`: if its inputs do."""
+
+    def __init__(self, scheduler: Scheduler, label: str, inputs: Sequence[Operator]) -> None:
         self.label = label
         self.inputs = tuple(inputs)
-        self.in_order = in_order
+        ordered = all(each.in_order for each in inputs) if self._sorts is None else self._sorts
+        self.in_order: bool = ordered
+        """True if it emits samples in the order of valid times."""
         self.rank: int = 1 + max((each.rank for each in inputs), default=0)
         self.watermark: int = min((each.watermark for each in inputs), default=BEGINNING)
         self.timed: bool = any(each.timed for each in inputs)
-        """Whether the clock may make something certain; if not, `certain_at` need not be asked."""
+        """True if the clock may make a time certain; otherwise `certain_at` need not be called."""
         self.consumers: list[tuple[Operator, int]] = []
-        self.listeners: list[SampleListener] = []
+        self.listeners: list[StreamObserver] = []
         self.observers: list[StreamObserver] = []
-        self._agenda = agenda
+        self._scheduler = scheduler
 
     def receive(
         self, port: int, valid_time: int, fields: Mapping[str, Value], watermark: int, now: int
     ) -> None:
-        """Take a sample of the input with the number `port`, and the promise that it carries."""
+        """Process a sample of the input with number `port`, and the promise that it carries."""
         raise NotImplementedError
 
     def promise(self, port: int, watermark: int, now: int) -> None:  # noqa: ARG002
-        """Note that an input promises more, and may have raised its watermark."""
+        """Process a promise of an input, whose watermark may have risen."""
         self._promise(watermark, now)
 
     def certain_at(self, valid_time: int) -> int | None:
-        """When nobody has to wait any more for a sample valid then or before, even if none comes.
+        """Return the time from which no consumer has to wait for a sample valid then or before.
 
-        `None` says that only another sample can tell.
+        `None`: only another sample can make it certain.
         """
         if valid_time <= self.watermark:
             return BEGINNING
@@ -110,10 +96,10 @@ class Operator:
         return latest
 
     def wake(self, now: int) -> None:
-        """Do what has to be done once the clock shows `now`; it may be woken for nothing."""
+        """Do the work that is due at `now`; there may be none."""
 
     def become_timed(self) -> None:
-        """Note that the clock may make something certain, and tell all that depend on this."""
+        """Note that the clock may make a time certain, also for all consumers."""
         self.timed = True
         for consumer, _ in self.consumers:
             consumer.become_timed()
@@ -122,12 +108,12 @@ class Operator:
         if watermark > self.watermark:
             self.watermark = watermark
         for listener in self.listeners:
-            listener.take(valid_time, fields)
+            listener.receive(valid_time, fields)
         for consumer, port in self.consumers:
             consumer.receive(port, valid_time, fields, watermark, now)
 
     def _promise(self, watermark: int, now: int) -> None:
-        # Told even where the watermark stays: what the clock makes certain may come earlier now.
+        # Sent even if the watermark stays: the clock may now make a time certain earlier.
         if watermark > self.watermark:
             self.watermark = watermark
         for consumer, port in self.consumers:
@@ -135,73 +121,74 @@ class Operator:
 
     def _drop(self, reason: str) -> None:
         for observer in self.observers:
-            observer.dropped(reason)
+            observer.count_drops(reason)
 
-    def _violate(
-        self, constraint: str, valid_time: int, message: str, observed: int = 0, allowed: int = 0
-    ) -> None:
+    def _violate(self, fault: Fault) -> None:
         for observer in self.observers:
-            observer.violated(self, constraint, valid_time, message, observed, allowed)
+            observer.report_fault(self, fault)
 
-    def _reject(
-        self, constraint: str, valid_time: int, message: str, observed: int = 0, allowed: int = 0
-    ) -> None:
-        self._drop(constraint)
-        self._violate(constraint, valid_time, message, observed, allowed)
+    def _reject(self, fault: Fault) -> None:
+        """Drop the sample at fault and report it."""
+        self._drop(fault.constraint)
+        self._violate(fault)
 
 
 class SourceOperator(Operator):
-    """The samples of a topic, as they come.
+    """The samples of a topic, as they arrive.
 
     Args:
-        receipt_time: whether their valid times are the times of their receipt.
+        receipt_time: True if their valid times are the times of their receipt.
     """
+
+    _sorts = False
 
     def __init__(
         self,
-        agenda: Scheduler,
+        scheduler: Scheduler,
         topic: str,
         inputs: Sequence[Operator],
         receipt_time: bool,  # noqa: FBT001
     ) -> None:
-        super().__init__(agenda, topic, inputs, in_order=False)
+        super().__init__(scheduler, topic, inputs)
         self.timed = self._receipt_time = receipt_time
 
     def push(self, valid_time: int, fields: Mapping[str, Value], now: int) -> None:
-        """Pass a sample on; it promises nothing about the next."""
+        """Pass a sample on, without a promise about the next one."""
         for consumer, port in self.consumers:
             consumer.receive(port, valid_time, fields, NO_PROMISE, now)
 
-    def learn(self, *, receipt_time: bool) -> None:
-        """Take note of what the topic is, once that is known, or has changed."""
+    def set_receipt_time(self, *, receipt_time: bool) -> None:
+        """Set `receipt_time` once the type of the topic is known, or has changed."""
         self._receipt_time = receipt_time
         if receipt_time:
             self.become_timed()
 
     def certain_at(self, valid_time: int) -> int | None:
-        """A time of receipt that has passed cannot come again."""
+        """Return the next nanosecond for times of receipt, as a past one cannot occur again."""
         return valid_time + 1 if self._receipt_time else None
 
 
 class MergeOperator(Operator):
-    """Every sample of every input, in the order in which they come."""
+    """Every sample of every input, in the order of arrival."""
 
-    def __init__(self, agenda: Scheduler, label: str, inputs: Sequence[Operator]) -> None:
-        super().__init__(agenda, label, inputs, in_order=False)
+    _sorts = False
+
+    def __init__(self, scheduler: Scheduler, label: str, inputs: Sequence[Operator]) -> None:
+        super().__init__(scheduler, label, inputs)
         self._watermarks = [each.watermark for each in inputs]
 
     def receive(
         self, port: int, valid_time: int, fields: Mapping[str, Value], watermark: int, now: int
     ) -> None:
-        """Pass a sample on; the slowest input decides what is promised."""
-        self._note(port, watermark)
+        """Pass a sample on; the input with the lowest watermark determines the promise."""
+        self._raise_watermark(port, watermark)
         self._emit(valid_time, fields, min(self._watermarks), now)
 
     def promise(self, port: int, watermark: int, now: int) -> None:
-        """The slowest input decides."""
-        self._note(port, watermark)
+        """Promise the lowest watermark of the inputs."""
+        self._raise_watermark(port, watermark)
         self._promise(min(self._watermarks), now)
 
-    def _note(self, port: int, watermark: int) -> None:
+    def _raise_watermark(self, port: int, watermark: int) -> None:
         if watermark > self._watermarks[port]:
             self._watermarks[port] = watermark

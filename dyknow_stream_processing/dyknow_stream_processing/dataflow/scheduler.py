@@ -1,4 +1,9 @@
-"""When which operator has to be woken: the one place where time passes in a dataflow."""
+"""Scheduler of a dataflow: the only part of it that reacts to the clock.
+
+Example: an operator with rank 2 asks for 5, its input with rank 1 asks for 9 and then for 5. At
+`run(7)` the scheduler first wakes the input, then the operator, both with the time 5. The entry
+for 9 stays in the heap and is skipped when its time comes.
+"""
 
 from __future__ import annotations
 
@@ -14,29 +19,30 @@ class Wakeable(Protocol):
     """An operator, as the scheduler sees it."""
 
     rank: int
-    """Inputs have lower ranks than outputs."""
+    """The order among operators at the same time: inputs have lower ranks than outputs."""
 
     def wake(self, now: int) -> None:
-        """Do what is due at a time, nanoseconds."""
+        """Do the work that is due at a time, nanoseconds."""
 
 
 class Scheduler:
-    """Wakes operators at the times that they ask for, in order of time, inputs before outputs.
+    """Queue of the times at which operators ask to wake; inputs wake before outputs.
 
-    What an operator asked for once stays planned even if nothing is left to do by then: it is woken
-    for nothing and asks anew. So a deadline that moves on with each sample costs nothing.
+    A request stays in the queue even if the operator has nothing left to do by then: the operator
+    then wakes in vain and may ask again. So an operator whose deadline moves with each sample needs
+    one entry in the queue, not one for each sample.
     """
 
     def __init__(self) -> None:
         self.now = BEGINNING
-        """The latest time that the dataflow was told, nanoseconds."""
+        """The latest time passed to `run`, nanoseconds."""
         self._reached = BEGINNING
         self._heap: list[tuple[int, int, int, Wakeable]] = []
         self._planned: dict[Wakeable, int] = {}
         self._serial = count()
 
     def wake_at(self, operator: Wakeable, time: int) -> None:
-        """Wake an operator at a time, or before if it is planned so."""
+        """Wake an operator at a time in nanoseconds, or earlier if it has asked for that."""
         time = max(time, self._reached)
         planned = self._planned.get(operator)
         if planned is None or time < planned:
@@ -44,26 +50,22 @@ class Scheduler:
             heappush(self._heap, (time, operator.rank, next(self._serial), operator))
 
     def forget(self, operator: Wakeable) -> None:
-        """Never wake an operator again."""
+        """Remove all requests of an operator."""
         if self._planned.pop(operator, None) is not None:
             self._heap = [entry for entry in self._heap if entry[-1] is not operator]
             heapify(self._heap)
 
     def next_deadline(self) -> int | None:
-        """The earliest time at which an operator may have something to do."""
+        """Return the earliest time at which an operator may have work to do, nanoseconds."""
         return self._heap[0][0] if self._heap else None
 
     def run(self, now: int) -> None:
-        """Wake every operator that is to be woken at `now` or before."""
+        """Wake every operator that asked for `now` (nanoseconds) or an earlier time."""
         if now > self.now:
             self.now = now
         while self._heap and self._heap[0][0] <= self.now:
-            self._wake_next()
+            self._reached, _, _, operator = heappop(self._heap)
+            if self._planned.get(operator) == self._reached:
+                del self._planned[operator]
+                operator.wake(self._reached)
         self._reached = self.now
-
-    def _wake_next(self) -> None:
-        time, _, _, operator = heappop(self._heap)
-        self._reached = time
-        if self._planned.get(operator) == time:
-            del self._planned[operator]
-            operator.wake(time)

@@ -12,7 +12,7 @@ from dyknow_stream_processing.dataflow.scheduler import BEGINNING, Scheduler
 from dyknow_stream_processing.language.specification import Condition, Selection, value_text
 from dyknow_stream_processing.language.type_rules import comparable_types
 from dyknow_stream_processing.sample import missing_text
-from dyknow_stream_processing.violation import Broken
+from dyknow_stream_processing.violation import Fault, ViolationKind
 
 _COMPARISONS: Final[Mapping[str, Callable[[Value, Value], bool]]] = {
     '=': operator.eq,
@@ -29,25 +29,24 @@ class SelectOperator(Operator):
 
     def __init__(
         self,
-        agenda: Scheduler,
+        scheduler: Scheduler,
         label: str,
         inputs: Sequence[Operator],
         selections: Sequence[Selection],
         conditions: Sequence[Condition],
     ) -> None:
-        in_order = all(each.in_order for each in inputs)
-        super().__init__(agenda, label, inputs, in_order=in_order)
+        super().__init__(scheduler, label, inputs)
         self._tests = [(condition.field, _test(condition)) for condition in conditions]
         self._selections = [(_namer(each), each.field) for each in selections]
-        self._plain: Mapping[str, str] | None = None
+        self._constant_names: Mapping[str, str] | None = None
         if not any(each.embedded_fields for each in selections):
-            self._plain = {each.name: each.field for each in selections}
+            self._constant_names = {each.name: each.field for each in selections}
         self._emitted = BEGINNING
 
     def receive(
         self, port: int, valid_time: int, fields: Mapping[str, Value], watermark: int, now: int
     ) -> None:
-        """Pass on what is selected."""
+        """Emit the selected fields of a sample that satisfies the conditions."""
         try:
             for field, test in self._tests:
                 if not test(fields[field]):
@@ -57,40 +56,40 @@ class SelectOperator(Operator):
         except KeyError as error:
             known = ', '.join(fields) or 'nothing'
             message = missing_text(error, f' in the sample (it has: {known})')
-            self._reject(Broken.FIELDS, valid_time, message)
         except _UnfitError as error:
-            self._reject(Broken.FIELDS, valid_time, str(error))
+            message = str(error)
         else:
             self._emitted = valid_time
             self._emit(valid_time, selected, watermark if self.in_order else watermark - 1, now)
             return
+        self._reject(Fault(ViolationKind.FIELDS, valid_time, message))
         self.promise(port, watermark, now)
 
     def promise(self, port: int, watermark: int, now: int) -> None:  # noqa: ARG002
-        """Promise the same, but for a time at which nothing was selected.
+        """Promise the same, except for a time at which nothing has been selected.
 
-        Many samples may share a valid time, such as one of each robot of a fleet, and the one that
-        is selected may be the next: it has to be waited for.
+        Many samples may share a valid time, such as one of each robot of a fleet. The next one may
+        be the one that is selected, so consumers must wait for it.
         """
-        told = self.in_order and watermark <= self._emitted
-        self._promise(watermark if told else watermark - 1, now)
+        is_covered = self.in_order and watermark <= self._emitted
+        self._promise(watermark if is_covered else watermark - 1, now)
 
     def certain_at(self, valid_time: int) -> int | None:
-        """When the source can no longer deliver even a second sample of a valid time."""
+        """Return the time from which not even a second sample of a valid time can arrive."""
         if valid_time <= self.watermark:
             return BEGINNING
         certain = super().certain_at(valid_time + 1)
         return None if certain is None else certain - 1
 
     def _select(self, fields: Mapping[str, Value]) -> Mapping[str, Value]:
-        if self._plain is not None:
-            return {name: fields[field] for name, field in self._plain.items()}
+        if self._constant_names is not None:
+            return {name: fields[field] for name, field in self._constant_names.items()}
         selected: dict[str, Value] = {}
-        for name, field in self._selections:
-            key = name(fields)
-            if key in selected:
-                raise _UnfitError(f"two selected fields are both named '{key}'; rename one")
-            selected[key] = fields[field]
+        for namer, field in self._selections:
+            name = namer(fields)
+            if name in selected:
+                raise _UnfitError(f"two selected fields are both named '{name}'; rename one")
+            selected[name] = fields[field]
         return selected
 
 
@@ -115,16 +114,15 @@ def _test(condition: Condition) -> Callable[[Value], bool]:
 
 
 def _namer(selection: Selection) -> Callable[[Mapping[str, Value]], str]:
-    literals, embedded = selection.name.split('%')[::2], selection.embedded_fields
-    if not embedded:
-        return lambda fields: selection.name  # noqa: ARG005
+    """Return the function that replaces the field names embedded in a new name by their values."""
+    renaming = selection.renaming
+    parts = [selection.field] if renaming is None else renaming.split('%')
 
     def name(fields: Mapping[str, Value]) -> str:
-        values = [*(_bare_text(fields[field]) for field in embedded), '']
-        return ''.join(map(str.__add__, literals, values))
+        texts = parts.copy()
+        for index in range(1, len(parts), 2):
+            value = fields[parts[index]]
+            texts[index] = value if isinstance(value, str) else value_text(value)
+        return ''.join(texts)
 
     return name
-
-
-def _bare_text(value: Value) -> str:
-    return value if isinstance(value, str) else value_text(value)

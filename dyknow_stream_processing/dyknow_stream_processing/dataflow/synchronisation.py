@@ -1,4 +1,17 @@
-"""Bringing streams together at common valid times: the operator of `sync`."""
+"""Synchronisation: the operator of `sync`, which joins streams at common valid times.
+
+Example: `sync("a", "b")`. Every valid time is a tick; a tick is emitted once no input can still
+deliver a sample for it (times in milliseconds):
+
+    receive       emit
+    a valid at 0  -                          (b may still deliver a sample valid at 0)
+    b valid at 1  -                          (skips tick 0, at which b has no value)
+    a valid at 2  tick 1: a of 0, b of 1
+    b valid at 3  tick 2: a of 2, b of 1
+
+With `sample_period = 2 ms` the ticks are 0, 2, 4, ..., and the same samples emit tick 2 only. With
+a `max_delay` of 10 ms on b, tick 2 is emitted without another sample of b when the clock passes 12.
+"""
 
 from __future__ import annotations
 
@@ -10,71 +23,74 @@ from dyknow_stream_processing.dataflow.approximations import LinearTrack, Track
 from dyknow_stream_processing.dataflow.operators import Operator
 from dyknow_stream_processing.dataflow.scheduler import BEGINNING, Scheduler
 from dyknow_stream_processing.language.type_rules import collision_text
-from dyknow_stream_processing.violation import Broken
+from dyknow_stream_processing.violation import Fault, ViolationKind
 
 Values = list['Mapping[str, Value]']
 """The fields of each input at one time."""
 
-MOST_WAITING: Final = 10_000
-"""How many samples of an input may wait for those of another."""
+MAX_WAITING: Final = 10_000
+"""The number of samples of an input that may wait for those of another."""
 
-MOST_TICKS: Final = 10_000
-"""How many ticks are made at once when the time leaps."""
+MAX_TICKS: Final = 10_000
+"""The number of ticks that are emitted at once when the time jumps."""
 
 
 class SynchronisedOperator(Operator):
-    """Does something with the values that its inputs have at the same time, a tick.
+    """Base of the operators that process the values of all inputs at the same time, a tick.
 
-    Without a period the ticks are the valid times of all samples; with one, they are
-    `start + n * period`. A tick before every input has a value is skipped. Each tick is made as
+    Without a period each valid time of a sample is a tick; with one, the ticks are
+    `start + n * period`. A tick before every input has a value is skipped. Each tick is emitted as
     soon as all inputs are settled until then.
 
-    One time is waited for, the *target*: the next tick, or else the first sample that waits. The
-    tracks before the number `unsettled` are settled until then, the one with that number is not.
-    So the sample of any other input costs no more than its place in the queue.
+    The operator waits for one time, the *target*: the next tick, or else the first waiting sample.
+    The tracks before the index `unsettled` are settled until the target, the track at that index
+    is not. So a sample of any other input costs no more than its place in the queue.
 
     Args:
-        start: the first tick, nanoseconds; `None` is the least first valid time.
-        period: nanoseconds; `None` makes each valid time a tick.
+        start: the first tick, nanoseconds; `None`: the least first valid time.
+        period: nanoseconds; `None`: each valid time is a tick.
     """
 
+    _sorts = True
     _track: ClassVar[type[Track]] = Track
 
     def __init__(
         self,
-        agenda: Scheduler,
+        scheduler: Scheduler,
         label: str,
         inputs: Sequence[Operator],
         start: int | None = None,
         period: int | None = None,
     ) -> None:
-        super().__init__(agenda, label, inputs, in_order=True)
+        super().__init__(scheduler, label, inputs)
         self._tracks = [self._track(each) for each in inputs]
         self._period = period
         self._next_tick = None if period is None else start
         self._target: int | None = None
         self._unsettled = 0
-        self._complete = False
-        self._last = BEGINNING
-        self._floor = BEGINNING
-        self._overflowing = False
+        self._is_complete = False
+        self._last_tick = BEGINNING
+        self._first_possible_tick = BEGINNING
+        self._is_overflowing = False
 
     def receive(
         self, port: int, valid_time: int, fields: Mapping[str, Value], watermark: int, now: int
     ) -> None:
-        """Keep a sample until the others have come."""
+        """Keep a sample until the other inputs are settled until its valid time."""
         track, target = self._tracks[port], self._target
-        if valid_time <= self._last:
+        if valid_time <= self._last_tick:
             track.correct(valid_time, fields)
             track.promise(watermark)
             self._drop('superseded')
         else:
             track.put(valid_time, fields, watermark)
-            if self._next_tick is not None:
-                self._thin(track)
+            if self._next_tick is not None and self._period is not None:
+                track.thin(self._next_tick, self._period)
+                if not self._is_complete:
+                    self._wait_for(self._find_target())
             elif target is None or valid_time < target:
                 self._target = valid_time
-            if len(track.waiting) > MOST_WAITING:
+            if len(track.waiting) > MAX_WAITING:
                 self._overflow(track)
         if port == self._unsettled or self._target != target:
             self._settle(now)
@@ -82,7 +98,7 @@ class SynchronisedOperator(Operator):
             self._promise(self._horizon(), now)
 
     def promise(self, port: int, watermark: int, now: int) -> None:
-        """Make the ticks that have become certain."""
+        """Emit the ticks that the promise makes certain."""
         self._tracks[port].promise(watermark)
         if port == self._unsettled:
             self._settle(now)
@@ -90,74 +106,68 @@ class SynchronisedOperator(Operator):
             self._promise(self._horizon(), now)
 
     def wake(self, now: int) -> None:
-        """Make the ticks that the clock has made certain."""
+        """Emit the ticks that the clock makes certain."""
         self._settle(now, clock=now)
 
     def _tick(self, valid_time: int, values: Values, now: int) -> None:
         raise NotImplementedError
 
     def _settle(self, now: int, clock: int | None = None) -> None:
-        """Make all ticks that samples, or the clock, have made certain."""
-        made = 0
+        """Emit all ticks that samples, or the clock if it is given, make certain."""
+        emitted = 0
         while (target := self._target) is not None and self._is_settled(target, clock):
-            if self._period is not None and self._leaps(target, self._period, made, clock):
-                made = 0
+            if self._period is not None and self._skips(target, self._period, emitted, clock):
+                emitted = 0
             else:
-                self._make(target, now)
-                made += 1
+                self._process(target, now)
+                emitted += 1
         if target is not None and self.timed:
             certain = self._tracks[self._unsettled].certain_at(target)
             if certain is not None:
-                self._agenda.wake_at(self, certain)
+                self._scheduler.wake_at(self, certain)
         if self.consumers:
             self._promise(self._horizon(), now)
 
     def _is_settled(self, target: int, clock: int | None) -> bool:
         tracks = self._tracks
-        for number in range(self._unsettled, len(tracks)):
-            track = tracks[number]
+        for index in range(self._unsettled, len(tracks)):
+            track = tracks[index]
             if track.settled < target:
                 certain = None if clock is None else track.certain_at(target)
                 if clock is None or certain is None or certain > clock:
-                    self._unsettled = number
+                    self._unsettled = index
                     return False
                 track.settled = target
         self._unsettled = 0
         return True
 
-    def _make(self, target: int, now: int) -> None:
-        values = [track.reach(target) for track in self._tracks]
+    def _process(self, target: int, now: int) -> None:
+        """Move all tracks to the target, and emit the tick if it is one."""
+        values = [track.move_to(target) for track in self._tracks]
         is_tick = self._advance(target)
         known = [each for each in values if each is not None]
-        self._complete = len(known) == len(values)
-        self._overflowing = False
+        self._is_complete = len(known) == len(values)
+        self._is_overflowing = False
         self._target = self._find_target()
-        if is_tick and self._complete and target >= self._floor:
-            self._last = target
+        if is_tick and self._is_complete and target >= self._first_possible_tick:
+            self._last_tick = target
             self._tick(target, known, now)
 
     def _advance(self, target: int) -> bool:
-        """Leave a time behind; true if it was a tick."""
+        """Set the next tick after a time; return true if that time is a tick."""
         if self._period is None:
             return True
-        # The first time that is certain of all is where ticks without a start begin.
+        # Without a start, the ticks begin at the first time that is settled for all inputs.
         tick = target if self._next_tick is None else self._next_tick
-        self._next_tick = _tick_from(max(tick, target + 1), tick, self._period)
+        self._next_tick = _first_tick(max(tick, target + 1), tick, self._period)
         return target >= tick and (target - tick) % self._period == 0
-
-    def _thin(self, track: Track) -> None:
-        """Keep of a new sample's track what ticks need, and see whether they can begin."""
-        if self._next_tick is not None and self._period is not None:
-            track.thin(self._next_tick, self._period)
-            if not self._complete:
-                self._wait_for(self._find_target())
 
     def _wait_for(self, target: int | None) -> None:
         if target != self._target:
             self._target, self._unsettled = target, 0
 
     def _find_target(self) -> int | None:
-        if self._complete and self._next_tick is not None:
+        if self._is_complete and self._next_tick is not None:
             return self._next_tick
         heads = [track.waiting[0][0] for track in self._tracks if track.waiting]
         if self._next_tick is None or self._period is None:
@@ -166,49 +176,47 @@ class SynchronisedOperator(Operator):
         if not all(track.waiting for track in missing):
             return min(heads, default=None)
         earliest = max([self._next_tick, *(track.waiting[0][0] for track in missing)])
-        return _tick_from(earliest, self._next_tick, self._period)
+        return _first_tick(earliest, self._next_tick, self._period)
 
     def _horizon(self) -> int:
         return min([track.settled for track in self._tracks])
 
-    def _leaps(self, target: int, period: int, made: int, clock: int | None) -> bool:
-        """Leave out all ticks that are due but the last, if they are too many."""
-        # The time that the clock has leapt over, when it wakes the operator late.
-        lateness = 0 if clock is None else self._agenda.now - clock
-        if not self._complete or (made < MOST_TICKS and lateness <= MOST_TICKS * period):
+    def _skips(self, target: int, period: int, emitted: int, clock: int | None) -> bool:
+        """Skip to the last tick that is due if too many are due; return true if so."""
+        # The time that the clock has jumped over if it wakes the operator late.
+        lateness = 0 if clock is None else self._scheduler.now - clock
+        if not self._is_complete or (emitted < MAX_TICKS and lateness <= MAX_TICKS * period):
             return False
         until = max(target + lateness, self._horizon())
         last = until - (until - target) % period
         self._next_tick = last
         self._wait_for(last)
         message = (
-            f'the time leapt by {round_duration(last - target)} at {round_time(target)}: '
-            f'{(last - target) // period} ticks are left out; {MOST_TICKS} are made at once'
+            f'the time jumped by {round_duration(last - target)} at {round_time(target)}: '
+            f'{(last - target) // period} ticks are skipped; the limit is {MAX_TICKS} at once'
         )
-        self._violate(Broken.SAMPLE_PERIOD, target, message, last - target, period)
+        self._violate(Fault(ViolationKind.SAMPLE_PERIOD, target, message, last - target, period))
         return True
 
     def _overflow(self, track: Track) -> None:
-        """Drop the oldest sample that waits; ticks before the next one cannot be made any more."""
+        """Drop the oldest waiting sample; no tick before the next one is possible any more."""
         valid_time = track.waiting[0][0]
-        track.reach(valid_time)
-        self._floor = max(self._floor, track.waiting[0][0])
+        track.move_to(valid_time)
+        self._first_possible_tick = max(self._first_possible_tick, track.waiting[0][0])
         self._wait_for(self._find_target())
-        self._drop(Broken.BUFFER)
-        if not self._overflowing:
-            self._overflowing = True
-            self._violate(Broken.BUFFER, valid_time, self._overflow_text(track))
-
-    def _overflow_text(self, track: Track) -> str:
-        silent = min(self._tracks, key=lambda each: each.settled).source.label
-        return (
-            f'{MOST_WAITING} samples of {track.source.label} wait for one of {silent}; the oldest '
-            f'are dropped; with a max_delay of {silent}, the clock decides how long to wait'
-        )
+        self._drop(ViolationKind.BUFFER)
+        if not self._is_overflowing:
+            self._is_overflowing = True
+            silent = min(self._tracks, key=lambda each: each.settled).source.label
+            message = (
+                f'{MAX_WAITING} samples of {track.source.label} wait for one of {silent}; the '
+                f'oldest are dropped; give {silent} a max_delay to limit the wait'
+            )
+            self._violate(Fault(ViolationKind.BUFFER, valid_time, message))
 
 
 class SyncOperator(SynchronisedOperator):
-    """Joins the fields of all inputs."""
+    """The fields of all inputs, joined."""
 
     def _tick(self, valid_time: int, values: Values, now: int) -> None:
         joined: dict[str, Value] = {}
@@ -217,28 +225,29 @@ class SyncOperator(SynchronisedOperator):
         if len(joined) == sum(map(len, values)):
             self._emit(valid_time, joined, valid_time, now)
         else:
-            self._reject(Broken.FIELDS, valid_time, self._collision(values))
+            self._reject(Fault(ViolationKind.FIELDS, valid_time, self._collision(values)))
 
     def _collision(self, values: Values) -> str:
-        owners: dict[str, int] = {}
-        for port, fields in enumerate(values):
-            for name in fields:
-                first = owners.setdefault(name, port)
-                if first != port:
-                    return collision_text(name, self.inputs[first].label, self.inputs[port].label)
-        raise AssertionError  # pragma: no cover - called for a collision only
+        ports: dict[str, int] = {}
+        name, second = next(
+            (name, port)
+            for port, fields in enumerate(values)
+            for name in fields
+            if ports.setdefault(name, port) != port
+        )
+        return collision_text(name, self.inputs[ports[name]].label, self.inputs[second].label)
 
 
 class LinearSyncOperator(SyncOperator):
-    """Joins the fields of all inputs, numbers by linear interpolation."""
+    """The fields of all inputs, joined; numbers are interpolated linearly."""
 
     _track = LinearTrack
 
     def certain_at(self, valid_time: int) -> int | None:
-        """Only samples tell what lies before them."""
+        """Return `None` for a time after the watermark, as only samples can make it certain."""
         return BEGINNING if valid_time <= self.watermark else None
 
 
-def _tick_from(earliest: int, tick: int, period: int) -> int:
-    """The first tick that is not before a time, given any one tick."""
+def _first_tick(earliest: int, tick: int, period: int) -> int:
+    """Return the first tick that is not before a time, given any one tick."""
     return earliest + (tick - earliest) % period
