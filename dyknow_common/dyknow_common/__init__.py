@@ -1,8 +1,12 @@
 """The parts that every package of DyKnow shares."""
 
-from dyknow_common.constraints import NO_CONSTRAINTS, StreamConstraints
+from dyknow_common.constraints import (
+    CONSTRAINT_KINDS,
+    NO_CONSTRAINTS,
+    ConstraintKind,
+    StreamConstraints,
+)
 from dyknow_common.durations import (
-    DURATION_PATTERN,
     NANOSECONDS,
     SECOND_NS,
     format_duration,
@@ -12,8 +16,20 @@ from dyknow_common.durations import (
     round_time,
 )
 from dyknow_common.errors import DyKnowError, ExitCode
-from dyknow_common.field_paths import FIELD_PATH, absence, all_elements, listed_as
-from dyknow_common.parsing import NOWHERE, Language, LanguageError, TextPosition
+from dyknow_common.field_paths import absence, all_elements, listed_as
+from dyknow_common.parsing import (
+    NOWHERE,
+    ConstraintBuilder,
+    Language,
+    LanguageError,
+    PositionedError,
+    SyntaxNode,
+    TextPosition,
+    distinct_settings,
+    duration_value,
+    quoted,
+    text_value,
+)
 from dyknow_common.symbol import Symbol, SymbolKind
 from dyknow_common.text_files import read_file
 from dyknow_common.units import check_unit, unit_conversion
@@ -21,19 +37,22 @@ from dyknow_common.values import Value, ValueType
 from dyknow_common.verdict import Verdict
 
 __all__ = [
-    'DURATION_PATTERN',
-    'FIELD_PATH',
+    'CONSTRAINT_KINDS',
     'NANOSECONDS',
     'NOWHERE',
     'NO_CONSTRAINTS',
     'SECOND_NS',
+    'ConstraintBuilder',
+    'ConstraintKind',
     'DyKnowError',
     'ExitCode',
     'Language',
     'LanguageError',
+    'PositionedError',
     'StreamConstraints',
     'Symbol',
     'SymbolKind',
+    'SyntaxNode',
     'TextPosition',
     'Value',
     'ValueType',
@@ -41,12 +60,16 @@ __all__ = [
     'absence',
     'all_elements',
     'check_unit',
+    'distinct_settings',
+    'duration_value',
     'format_duration',
     'format_time',
     'listed_as',
     'parse_duration',
+    'quoted',
     'read_file',
     'round_duration',
     'round_time',
+    'text_value',
     'unit_conversion',
 ]

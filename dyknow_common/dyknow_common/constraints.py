@@ -1,12 +1,30 @@
-"""What a stream specification may demand of the times of a stream's samples."""
+"""Constraints on the times of a stream's samples.
+
+The fields of `StreamConstraints` are the only list of the constraints in Python code: parsing,
+canonical texts, merging and the conversion of messages follow from them.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, field, fields
+from enum import Enum, auto
+from typing import Any, Final
 
 from dyknow_common.durations import format_duration
 from dyknow_common.errors import DyKnowError
+
+
+class ConstraintKind(Enum):
+    """The kind of a constraint's value."""
+
+    TIME = auto()
+    DURATION = auto()
+
+
+def _constraint(kind: ConstraintKind, stricter: Callable[[int, int], int] = min) -> Any:
+    """Return a field; `stricter` chooses between two values of the constraint."""
+    return field(default=None, metadata={'kind': kind, 'stricter': stricter})
 
 
 @dataclass(frozen=True, slots=True)
@@ -18,18 +36,18 @@ class StreamConstraints:
         end_time: no sample is valid after it; time since the epoch.
         max_delay: no sample becomes available later than this after its valid time.
         sample_period: the valid times of two consecutive samples are this far apart, ...
-        sample_period_deviation: ... give or take this much; exactly, where it is left out.
+        sample_period_deviation: ... give or take this much; exactly, if it is left out.
     """
 
-    start_time: int | None = None
-    end_time: int | None = None
-    max_delay: int | None = None
-    sample_period: int | None = None
-    sample_period_deviation: int | None = None
+    start_time: int | None = _constraint(ConstraintKind.TIME, stricter=max)
+    end_time: int | None = _constraint(ConstraintKind.TIME)
+    max_delay: int | None = _constraint(ConstraintKind.DURATION)
+    sample_period: int | None = _constraint(ConstraintKind.DURATION)
+    sample_period_deviation: int | None = _constraint(ConstraintKind.DURATION)
 
     @property
     def is_empty(self) -> bool:
-        """Whether nothing is constrained."""
+        """True if nothing is constrained."""
         return self == NO_CONSTRAINTS
 
     @property
@@ -46,23 +64,25 @@ class StreamConstraints:
             return None
         return self.sample_period + (self.sample_period_deviation or 0)
 
+    def given(self) -> dict[str, int]:
+        """Return the values that are not `None`, by the names of their constraints."""
+        values = {name: getattr(self, name) for name in CONSTRAINT_KINDS}
+        return {name: value for name, value in values.items() if value is not None}
+
     def merged(self, other: StreamConstraints) -> StreamConstraints:
-        """The constraints of a stream that keeps both these and the others.
+        """Return the constraints of a stream that keeps both these and the others.
 
         Raises:
-            DyKnowError: if no stream can keep both, or the result makes no sense by itself.
+            DyKnowError: if no stream can keep both, or if the result is invalid by itself.
         """
-        if None not in (self.sample_period, other.sample_period):
-            _require_equal_periods(self, other)
-        result = StreamConstraints(
-            start_time=_stricter(max, self.start_time, other.start_time),
-            end_time=_stricter(min, self.end_time, other.end_time),
-            max_delay=_stricter(min, self.max_delay, other.max_delay),
-            sample_period=_stricter(min, self.sample_period, other.sample_period),
-            sample_period_deviation=_stricter(
-                min, self.sample_period_deviation, other.sample_period_deviation
-            ),
-        )
+        periods = {self.sample_period, other.sample_period} - {None}
+        if len(periods) > 1:
+            first, second = (format_duration(each.sample_period or 0) for each in (self, other))
+            raise DyKnowError(f'sample_period cannot be both {first} and {second}')
+        values = self.given()
+        for name, value in other.given().items():
+            values[name] = _STRICTER[name](values.get(name, value), value)
+        result = StreamConstraints(**values)
         result.validate()
         return result
 
@@ -73,61 +93,37 @@ class StreamConstraints:
             DyKnowError: if the stream ends before it starts, a duration is negative, or a deviation
                 has no period or is greater than it.
         """
-        _require_order(self.start_time, self.end_time)
-        _require_duration('max_delay', self.max_delay)
-        _require_duration('sample_period_deviation', self.sample_period_deviation)
-        if self.sample_period is not None and self.sample_period <= 0:
+        given = self.given()
+        text = {name: format_duration(value) for name, value in given.items()}
+        if {'start_time', 'end_time'} <= given.keys() and given['end_time'] < given['start_time']:
             raise DyKnowError(
-                f'sample_period is {format_duration(self.sample_period)}; it must be more than 0'
+                f'end_time ({text["end_time"]}) is before start_time ({text["start_time"]})'
             )
-        _require_period(self.sample_period, self.sample_period_deviation)
+        if given.get('sample_period', 1) <= 0:
+            raise DyKnowError(f'sample_period is {text["sample_period"]}; it must be more than 0')
+        for name, value in given.items():
+            if CONSTRAINT_KINDS[name] is ConstraintKind.DURATION and value < 0:
+                raise DyKnowError(f'{name} is {text[name]}; it must not be negative')
+        if 'sample_period_deviation' in given:
+            if 'sample_period' not in given:
+                raise DyKnowError('sample_period_deviation needs a sample_period beside it')
+            if given['sample_period_deviation'] > given['sample_period']:
+                raise DyKnowError(
+                    f'sample_period_deviation ({text["sample_period_deviation"]}) is more than '
+                    f'sample_period ({text["sample_period"]})'
+                )
 
     def __str__(self) -> str:
         """The canonical text, `max_delay = 100 ms, sample_period = 200 ms`."""
-        values = ((field.name, getattr(self, field.name)) for field in fields(self))
         return ', '.join(
-            f'{name} = {format_duration(value)}' for name, value in values if value is not None
+            f'{name} = {format_duration(value)}' for name, value in self.given().items()
         )
 
+
+CONSTRAINT_KINDS: Final = {each.name: each.metadata['kind'] for each in fields(StreamConstraints)}
+"""The kind of each constraint, by its name."""
+
+_STRICTER: Final = {each.name: each.metadata['stricter'] for each in fields(StreamConstraints)}
 
 NO_CONSTRAINTS = StreamConstraints()
 """The constraints that every stream keeps."""
-
-
-def _stricter(choose: Callable[[int, int], int], one: int | None, other: int | None) -> int | None:
-    if one is None or other is None:
-        return other if one is None else one
-    return choose(one, other)
-
-
-def _require_equal_periods(one: StreamConstraints, other: StreamConstraints) -> None:
-    first, second = one.sample_period or 0, other.sample_period or 0
-    if first != second:
-        raise DyKnowError(
-            f'sample_period cannot be both {format_duration(first)} and {format_duration(second)}'
-        )
-
-
-def _require_order(start_time: int | None, end_time: int | None) -> None:
-    if start_time is not None and end_time is not None and end_time < start_time:
-        raise DyKnowError(
-            f'end_time ({format_duration(end_time)}) is before '
-            f'start_time ({format_duration(start_time)})'
-        )
-
-
-def _require_duration(name: str, duration: int | None) -> None:
-    if duration is not None and duration < 0:
-        raise DyKnowError(f'{name} is {format_duration(duration)}; it must not be negative')
-
-
-def _require_period(period: int | None, deviation: int | None) -> None:
-    if deviation is None:
-        return
-    if period is None:
-        raise DyKnowError('sample_period_deviation needs a sample_period beside it')
-    if deviation > period:
-        raise DyKnowError(
-            f'sample_period_deviation ({format_duration(deviation)}) is more than '
-            f'sample_period ({format_duration(period)})'
-        )

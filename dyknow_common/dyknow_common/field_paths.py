@@ -11,11 +11,6 @@ import re
 from collections.abc import Collection, Iterable, Iterator
 from typing import Final
 
-FIELD_PATH: Final = (
-    r'[A-Za-z_]\w*(\[(0|[1-9]\d*)\])?(\.[A-Za-z_]\w*(\[(0|[1-9]\d*)\])?)*'  # as in the grammars
-)
-"""The pattern of a path, for ASCII."""
-
 _INDEX = re.compile(r'\[(?P<first>\d+)(?P<more>\.\.(?P<last>\d*))?\]', re.ASCII)
 _SUGGESTED: Final = 4
 

@@ -1,47 +1,82 @@
-"""What the three languages of DyKnow share: places in a text, errors with a caret, one parser."""
+"""Parsing that all languages share: positions, errors with a caret, constraints, one parser class.
+
+A language consists of a lark grammar (LALR), which imports terminals and rules from `common.lark`,
+and of a builder: a lark transformer that makes the abstract syntax. An error in a text shows where
+it is and what the grammar accepts there:
+
+    stream specification:1:8: unexpected 'where', expected a field or a quoted text
+      select where b = 1
+             ^
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+import json
+import re
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass, field
 from importlib.resources import files
-from typing import Any, Generic, TypeVar, cast
+from typing import Any, Final, TypeVar
 
-from lark import Lark, Token, Transformer
-from lark.exceptions import UnexpectedCharacters, UnexpectedEOF, UnexpectedToken, VisitError
+from lark import Lark, Token, Transformer, v_args
+from lark.exceptions import UnexpectedCharacters, UnexpectedToken, VisitError
 
+from dyknow_common.constraints import CONSTRAINT_KINDS
+from dyknow_common.durations import parse_duration
 from dyknow_common.errors import DyKnowError, ExitCode
 
 Tree = TypeVar('Tree')
 
-_ENDS = ('$END', '<END-OF-FILE>')  # what lark's parser and its lexer call the end of a text
+_ENDS: Final = ('$END', '<END-OF-FILE>')
+"""The names of the end of a text in lark's parser and in its lexer."""
+
+_SPELLINGS: Final = {
+    'NAME': 'a name',
+    'FIELD': 'a field',
+    'QUOTED': 'a quoted text',
+    'NUMBER': 'a number',
+    'DURATION': 'a duration',
+    'CONSTRAINT': f'a constraint ({", ".join(CONSTRAINT_KINDS)})',
+}
+"""The names in messages of terminals that several languages have."""
 
 
 @dataclass(frozen=True, slots=True)
 class TextPosition:
-    """A place in a text; line and column count from 1."""
+    """A position in a text; line and column count from 1."""
 
     line: int
     column: int
 
     @classmethod
-    def of(cls, token: Token) -> TextPosition:
-        """The place where a token begins."""
+    def of(cls, token: Any) -> TextPosition:
+        """Return the position of a token, of the text of a rule, or of an error of lark."""
         return cls(token.line or 1, token.column or 1)
+
+    def __str__(self) -> str:
+        return f'{self.line}:{self.column}'
 
 
 NOWHERE = TextPosition(0, 0)
-"""The place of what was not read from a text."""
+"""The position of syntax that was not read from a text."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SyntaxNode:
+    """A part of the abstract syntax; nodes that differ in their positions only are equal."""
+
+    position: TextPosition = field(default=NOWHERE, compare=False)
 
 
 class LanguageError(DyKnowError):
-    """A text that is not a sentence of its language, or that makes no sense.
+    """A text that its language does not accept, or that has no meaning.
 
     Args:
-        message: what is wrong, without the place.
-        language: what the text is: `formula`, `stream specification`, `annotation`.
+        message: the fault, without its position.
+        language: the kind of text: `formula`, `stream specification`, `annotation`.
         text: the whole text.
-        place: where the fault is; `NOWHERE` leaves out the caret.
+        position: of the fault; `NOWHERE` leaves out the caret.
     """
 
     def __init__(
@@ -49,35 +84,42 @@ class LanguageError(DyKnowError):
         message: str,
         language: str,
         text: str,
-        place: TextPosition,
+        position: TextPosition,
         code: ExitCode = ExitCode.INVALID_ARGUMENT,
     ) -> None:
-        super().__init__(_with_caret(message, language, text, place), code)
+        super().__init__(_with_caret(message, language, text, position), code)
         self.reason = message
-        self.place = place
+        self.position = position
 
 
-def _with_caret(message: str, language: str, text: str, place: TextPosition) -> str:
-    if place == NOWHERE:
+class PositionedError(Exception):
+    """A fault in a text, raised where the text itself is not known; see `Language.errors_in`."""
+
+    def __init__(self, message: str, position: TextPosition) -> None:
+        super().__init__(message)
+        self.position = position
+
+
+def _with_caret(message: str, language: str, text: str, position: TextPosition) -> str:
+    if position == NOWHERE:
         return f'{language}: {message}'
     lines = text.splitlines() or ['']
-    line = lines[min(place.line, len(lines)) - 1]
-    # A tab stays a tab under the line, so that the caret stands below its character.
-    indent = ''.join('\t' if character == '\t' else ' ' for character in line[: place.column - 1])
-    indent += ' ' * (place.column - 1 - len(indent))
-    return f'{language}:{place.line}:{place.column}: {message}\n  {line}\n  {indent}^'
+    line = lines[min(position.line, len(lines)) - 1]
+    # Tabs are kept in the indentation, so that the caret stands below its character.
+    indent = re.sub(r'[^\t]', ' ', line[: position.column - 1]).ljust(position.column - 1)
+    return f'{language}:{position}: {message}\n  {line}\n  {indent}^'
 
 
-class Language(Generic[Tree]):
-    """A parser for one language.
+class Language:
+    """A language with its grammar.
 
     Args:
-        name: what a text of it is called in messages.
+        name: the kind of text in messages.
         package: the Python package that holds the grammar.
         grammar: the name of the `.lark` file in that package.
-        transformer: makes the abstract syntax; it may raise `ValueError(message, Place)`.
-        spellings: what a terminal of the grammar is called in messages, `NAME` -> `a name`.
-        start: the rules that a text may be parsed as.
+        spellings: the names of terminals in messages, `{'UNIT': 'a unit'}`, beside those that
+            several languages have.
+        start: the rule of a whole text.
     """
 
     def __init__(
@@ -85,74 +127,139 @@ class Language(Generic[Tree]):
         name: str,
         package: str,
         grammar: str,
-        transformer: Transformer[Any],
         spellings: Mapping[str, str],
-        start: Iterable[str] = ('start',),
+        start: str = 'start',
     ) -> None:
-        source = files(package).joinpath(grammar).read_text(encoding='utf-8')
         self.name = name
-        self._starts = list(start)
-        self._spellings = spellings
-        self._transformer = transformer
-        self._parser = Lark(source, parser='lalr', start=self._starts, propagate_positions=True)
-
-    def parse(self, text: str, start: str | None = None) -> Tree:
-        """The abstract syntax of a text.
-
-        Raises:
-            LanguageError: with the place and what was expected there.
-        """
-        try:
-            tree = self._parser.parse(text, start=start or self._starts[0])
-            return cast('Tree', self._transformer.transform(tree))
-        except VisitError as error:
-            raise self._sense_error(text, error) from None
-        except UnexpectedCharacters as error:
-            found = f'unexpected character {text[error.pos_in_stream or 0]!r}'
-            raise self._error(
-                text, TextPosition(error.line, error.column), found, error.allowed
-            ) from None
-        except UnexpectedToken as error:
-            raise self._unexpected_token(text, error) from None
-        except UnexpectedEOF as error:
-            found = f'unexpected end of the {self.name}'
-            raise self._error(text, _end(text), found, error.expected) from None
-
-    def _unexpected_token(self, text: str, error: Any) -> LanguageError:
-        expected: Any = error.accepts or error.expected
-        if error.token.type == '$END':
-            found = f'unexpected end of the {self.name}'
-            return self._error(text, _end(text), found, expected)
-        return self._error(
-            text, TextPosition.of(error.token), f'unexpected {str(error.token)!r}', expected
+        self._spellings = {**_SPELLINGS, **spellings}
+        self._parser = Lark(
+            files(package).joinpath(grammar).read_text(encoding='utf-8'),
+            parser='lalr',
+            start=start,
+            propagate_positions=True,
+            import_paths=[str(files('dyknow_common'))],
         )
 
-    def _error(
-        self, text: str, place: TextPosition, found: str, expected: Iterable[str] | None
-    ) -> LanguageError:
-        names = sorted({self._spelling(terminal) for terminal in expected or ()})
-        hint = f', expected {_listing(names)}' if names else ''
-        return LanguageError(found + hint, self.name, text, place)
+    def parse(self, text: str, builder: Transformer[Tree]) -> Tree:
+        """Return the abstract syntax of a text.
 
-    def _sense_error(self, text: str, error: VisitError) -> Exception:
-        cause = error.orig_exc
-        if isinstance(cause, ValueError) and len(cause.args) == 2:  # noqa: PLR2004
-            return LanguageError(cause.args[0], self.name, text, cause.args[1])
-        return cause
+        Args:
+            text: the text.
+            builder: has a method for each rule of the grammar; it may raise `PositionedError`.
+
+        Raises:
+            LanguageError: with the position and what was expected there.
+        """
+        with self.errors_in(text):
+            try:
+                return builder.transform(self._parser.parse(text))
+            except VisitError as error:
+                raise error.orig_exc from None
+            except UnexpectedCharacters as error:
+                expected = self._expected(error.allowed)
+                character = text[error.pos_in_stream or 0]
+                message = f'unexpected character {character!r}{expected}'
+                raise PositionedError(message, TextPosition.of(error)) from None
+            except UnexpectedToken as error:
+                raise self._unexpected_token(text, error) from None
+
+    @contextmanager
+    def errors_in(self, text: str) -> Iterator[None]:
+        """Raise each `PositionedError` of the body as a `LanguageError` that shows the text."""
+        try:
+            yield
+        except PositionedError as error:
+            raise self.error(str(error), text, error.position) from None
+
+    def error(
+        self,
+        message: str,
+        text: str,
+        position: TextPosition,
+        code: ExitCode = ExitCode.INVALID_ARGUMENT,
+    ) -> LanguageError:
+        """Return an error at a position of a text."""
+        return LanguageError(message, self.name, text, position, code)
+
+    @contextmanager
+    def errors_at(self, text: str, position: TextPosition) -> Iterator[None]:
+        """Raise each `DyKnowError` of the body as a `LanguageError` at a position of a text."""
+        try:
+            yield
+        except DyKnowError as error:
+            raise self.error(error.message, text, position, error.code) from None
+
+    def pattern(self, terminal: str) -> str:
+        """Return the regular expression of a terminal of the grammar, such as `NAME`."""
+        return str(self._parser.get_terminal(terminal).pattern.to_regexp())
+
+    def name_text(self, name: str, terminal: str = 'NAME') -> str:
+        """Return a name as texts of the language have it: in quotes, unless it is a terminal."""
+        return name if re.fullmatch(self.pattern(terminal), name) else quoted(name)
+
+    def _unexpected_token(self, text: str, error: Any) -> PositionedError:
+        expected = self._expected(error.accepts or error.expected)
+        if error.token.type != '$END':
+            message = f'unexpected {str(error.token)!r}{expected}'
+            return PositionedError(message, TextPosition.of(error.token))
+        lines = text.splitlines() or ['']
+        end = TextPosition(len(lines), len(lines[-1].rstrip()) + 1)
+        return PositionedError(f'unexpected end of the {self.name}{expected}', end)
+
+    def _expected(self, terminals: Iterable[str] | None) -> str:
+        names = sorted({self._spelling(terminal) for terminal in terminals or ()})
+        if not names:
+            return ''
+        return f', expected {" or ".join(filter(None, [", ".join(names[:-1]), names[-1]]))}'
 
     def _spelling(self, terminal: str) -> str:
         if terminal in _ENDS:
             return f'the end of the {self.name}'
         if terminal in self._spellings:
             return self._spellings[terminal]
-        definition = self._parser.get_terminal(terminal)
-        return f"'{definition.pattern.value}'"
+        return f"'{self._parser.get_terminal(terminal).pattern.value}'"
 
 
-def _end(text: str) -> TextPosition:
-    lines = text.splitlines() or ['']
-    return TextPosition(len(lines), len(lines[-1].rstrip()) + 1)
+@v_args(inline=True)
+class ConstraintBuilder(Transformer[Tree]):
+    """A builder for the rule `constraint` of `common.lark`."""
+
+    def constraint(self, name: Token, duration: Token) -> tuple[Token, int]:
+        """Return the name of a constraint and its value in nanoseconds."""
+        return name, duration_value(duration)
 
 
-def _listing(names: list[str]) -> str:
-    return names[0] if len(names) == 1 else f'{", ".join(names[:-1])} or {names[-1]}'
+def distinct_settings(settings: Iterable[tuple[Token, Any]]) -> dict[str, Any]:
+    """Return the values of settings by their names.
+
+    Raises:
+        PositionedError: if a name is given twice.
+    """
+    values: dict[str, Any] = {}
+    for name, value in settings:
+        if name in values:
+            raise PositionedError(f'{name} is given twice', TextPosition.of(name))
+        values[str(name)] = value
+    return values
+
+
+def duration_value(token: Token) -> int:
+    """Return the nanoseconds of a duration.
+
+    Raises:
+        PositionedError: for an unknown unit, or a part of a nanosecond.
+    """
+    try:
+        return parse_duration(token)
+    except ValueError as error:
+        raise PositionedError(str(error), TextPosition.of(token)) from None
+
+
+def text_value(token: Token) -> str:
+    """Return the text that a token stands for: the token itself, or the content of its quotes."""
+    return str(json.loads(token)) if token.type == 'QUOTED' else str(token)
+
+
+def quoted(text: str) -> str:
+    """Return a text in double quotes, escaped as in JSON."""
+    return json.dumps(text, ensure_ascii=False)

@@ -32,20 +32,32 @@ def folded(header: str = '') -> Column:
     return Column(header, overflow='fold')
 
 
-def report_table(
+def wide(header: str) -> Column:
+    """Return a column that fills the terminal."""
+    return Column(header, ratio=1)
+
+
+def framed_table(
     columns: Iterable[Column], rows: Iterable[Iterable[Cell]], **options: Any
 ) -> Table:
-    """Return a table without lines.
+    """Return a table with lines between its columns.
 
     Args:
         columns: the columns, with their headers.
         rows: a cell for each column.
-        options: other options of rich's tables, which replace those set here.
+        options: other options of rich's tables.
     """
-    table = Table(*columns, **{'box': None, 'pad_edge': False, **options})
+    table = Table(*columns, **options)
     for row in rows:
         table.add_row(*(cell if isinstance(cell, Text) else Text(cell) for cell in row))
     return table
+
+
+def report_table(
+    columns: Iterable[Column], rows: Iterable[Iterable[Cell]], **options: Any
+) -> Table:
+    """Return a table without lines, given the same as for a framed one."""
+    return framed_table(columns, rows, box=None, pad_edge=False, **options)
 
 
 def details_table(details: Iterable[tuple[str, Cell]]) -> Table:

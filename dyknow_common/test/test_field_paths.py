@@ -8,8 +8,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dyknow_common import FIELD_PATH, absence, all_elements, listed_as
+from dyknow_common import absence, all_elements, listed_as
 from dyknow_stream_processing import parse_specification
+from dyknow_stream_processing.language.specification import LANGUAGE
 
 FIELDS = ('x', 'a[0..2]', 'm.v[0..].y', 'm.v[0..].w[0..1]', 'm.t', 'e[4]', 'e[5]')
 
@@ -65,7 +66,7 @@ def test_an_element_is_listed_if_the_array_can_have_it(index: int, size: int | N
     assert found == (listed if size is None or index < size else None)
 
 
-@given(st.from_regex(FIELD_PATH, fullmatch=True, alphabet='abcZ_019.[]'))
+@given(st.from_regex(LANGUAGE.pattern('FIELD'), fullmatch=True, alphabet='abcZ_019.[]'))
 def test_the_language_has_the_same_paths(path: str) -> None:
     assert str(parse_specification(f'select {path} as b from c')) == (
         f'sink select {path} as b from c'

@@ -25,7 +25,7 @@ from dyknow_stream_processing.ros import (
     sample_fields,
     sample_to_message,
     scalar_fields,
-    stamp_of,
+    valid_time_reader,
 )
 
 COVARIANCES = ('orientation', 'angular_velocity', 'linear_acceleration')
@@ -101,10 +101,10 @@ def test_a_field_that_is_not_there_is_answered_with_those_that_are() -> None:
 def test_only_messages_with_a_header_have_a_stamp() -> None:
     message = BatteryState()
     message.header.stamp.sec = 3
-    stamp = stamp_of(BatteryState)
+    stamp = valid_time_reader(BatteryState)
     assert stamp is not None
     assert stamp(message) == 3_000_000_000
-    assert stamp_of(Bool) is None
+    assert valid_time_reader(Bool) is None
 
 
 @pytest.mark.parametrize('name', ['no_msgs/msg/Thing', 'std_msgs/msg/Thing', 'std_msgs', ''])

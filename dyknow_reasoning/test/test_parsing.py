@@ -204,8 +204,8 @@ def test_places() -> None:
     formula = parse_formula('p and\n  always Power[u] > 3')
     assert isinstance(formula, And)
     assert isinstance(formula.right, Always)
-    assert formula.right.place == TextPosition(2, 3)
-    assert formula.right.body.place == TextPosition(2, 10)
+    assert formula.right.position == TextPosition(2, 3)
+    assert formula.right.body.position == TextPosition(2, 10)
 
 
 @pytest.mark.parametrize('path', BAD_FORMULAS, ids=lambda path: path.stem)

@@ -77,14 +77,14 @@ def test_words_keep_their_places() -> None:
         'stream a contains\n  Power[u] = p [W]\n  for every u in UAV\n  where u = id'
     )
     content = annotation.contents[0]
-    assert content.feature.place == TextPosition(2, 3)
-    assert content.feature.arguments[0].place == TextPosition(2, 9)
+    assert content.feature.position == TextPosition(2, 3)
+    assert content.feature.arguments[0].position == TextPosition(2, 9)
     assert content.unit_place == TextPosition(2, 16)
-    assert (annotation.ranges[0].place, annotation.ranges[0].sort_place) == (
+    assert (annotation.ranges[0].position, annotation.ranges[0].sort_position) == (
         TextPosition(3, 13),
         TextPosition(3, 18),
     )
-    assert annotation.keys[0].place == TextPosition(4, 9)
+    assert annotation.keys[0].position == TextPosition(4, 9)
 
 
 def test_concepts() -> None:

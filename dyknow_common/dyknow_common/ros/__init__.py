@@ -1,6 +1,6 @@
 """The parts that every ROS node of DyKnow shares."""
 
-from dyknow_common.ros.commands import CommandNode, duration, run_command
+from dyknow_common.ros.commands import INTERRUPTED, CommandNode, duration, run_command
 from dyknow_common.ros.deadlines import PULSE, Deadlines
 from dyknow_common.ros.executor import NodeExecutor, fits, node_executor
 from dyknow_common.ros.liveliness import (
@@ -38,6 +38,7 @@ __all__ = [
     'BORN',
     'FIRST_SIGN',
     'GRACE',
+    'INTERRUPTED',
     'LATCHED',
     'LATCHED_HISTORY',
     'NO_PUBLISHER_EVENTS',

@@ -1,20 +1,16 @@
 """The abstract syntax of formulas: metric temporal logic over features (paper, section IV).
 
 `str` of a node is its canonical text: every compound operand in brackets, every duration with its
-unit, in the ASCII spelling. `place` is where the node stood in the text it was read from; two nodes
-that differ in nothing else are equal.
+unit, in the ASCII spelling.
 """
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import ClassVar, TypeAlias
 
-from dyknow_common import NOWHERE, TextPosition, format_duration
-
-_IDENTIFIER = re.compile(r'[A-Za-z_]\w*', re.ASCII)
+from dyknow_common import SyntaxNode, format_duration
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,7 +26,7 @@ class Interval:
 
     @property
     def suffix(self) -> str:
-        """What follows an operator in a text: nothing when the interval is all the future."""
+        """The text after an operator; empty if the interval is all the future."""
         return '' if self == ALL_FUTURE else str(self)
 
 
@@ -39,22 +35,20 @@ ALL_FUTURE = Interval()
 
 
 @dataclass(frozen=True, slots=True)
-class Number:
+class Number(SyntaxNode):
     """A number."""
 
     value: int | float
-    place: TextPosition = field(default=NOWHERE, compare=False)
 
     def __str__(self) -> str:
         return repr(self.value)
 
 
 @dataclass(frozen=True, slots=True)
-class TextLiteral:
+class TextLiteral(SyntaxNode):
     """A quoted string."""
 
     value: str
-    place: TextPosition = field(default=NOWHERE, compare=False)
 
     def __str__(self) -> str:
         escaped = self.value.replace('\\', '\\\\').replace('"', '\\"')
@@ -62,45 +56,39 @@ class TextLiteral:
 
 
 @dataclass(frozen=True, slots=True)
-class Truth:
+class Truth(SyntaxNode):
     """`true` or `false`: a formula, and a value that a boolean feature can be compared with."""
 
     value: bool
-    place: TextPosition = field(default=NOWHERE, compare=False)
 
     def __str__(self) -> str:
         return 'true' if self.value else 'false'
 
 
 @dataclass(frozen=True, slots=True)
-class Object:
+class _Name(SyntaxNode):
+    name: str
+
+    def __str__(self) -> str:
+        return self.name
+
+
+@dataclass(frozen=True, slots=True)
+class Object(_Name):
     """An object of the domain."""
 
-    name: str
-    place: TextPosition = field(default=NOWHERE, compare=False)
-
-    def __str__(self) -> str:
-        return self.name
-
 
 @dataclass(frozen=True, slots=True)
-class Variable:
+class Variable(_Name):
     """A variable that a quantifier binds to the objects of a sort."""
 
-    name: str
-    place: TextPosition = field(default=NOWHERE, compare=False)
-
-    def __str__(self) -> str:
-        return self.name
-
 
 @dataclass(frozen=True, slots=True)
-class Feature:
+class Feature(SyntaxNode):
     """A feature of objects, `XYDist[x, uav1]`, or of none, `p`."""
 
     name: str
     arguments: tuple[Object | Variable, ...] = ()
-    place: TextPosition = field(default=NOWHERE, compare=False)
 
     def __str__(self) -> str:
         if not self.arguments:
@@ -109,7 +97,7 @@ class Feature:
 
 
 @dataclass(frozen=True, slots=True)
-class FieldReference:
+class FieldReference(SyntaxNode):
     """A syntactic reference: a field of a stream, by name.
 
     Args:
@@ -119,57 +107,47 @@ class FieldReference:
 
     stream: str
     path: str
-    place: TextPosition = field(default=NOWHERE, compare=False)
 
     def __str__(self) -> str:
-        plain = _IDENTIFIER.fullmatch(self.stream)
+        plain = self.stream.isascii() and self.stream.isidentifier()
         stream = self.stream if plain else f'"{self.stream}"'
         return f'{stream}.{self.path}'
 
 
 @dataclass(frozen=True, slots=True)
-class Arithmetic:
+class _Operation(SyntaxNode):
+    operator: str
+    left: Term
+    right: Term
+
+    def __str__(self) -> str:
+        return f'{operand_text(self.left)} {self.operator} {operand_text(self.right)}'
+
+
+@dataclass(frozen=True, slots=True)
+class Arithmetic(_Operation):
     """Two numbers joined by `+`, `-`, `*` or `/`."""
 
-    operator: str
-    left: Term
-    right: Term
-    place: TextPosition = field(default=NOWHERE, compare=False)
-
-    def __str__(self) -> str:
-        return f'{operand_text(self.left)} {self.operator} {operand_text(self.right)}'
-
 
 @dataclass(frozen=True, slots=True)
-class Comparison:
+class Comparison(_Operation):
     """Two terms joined by `=`, `!=`, `<`, `<=`, `>` or `>=`."""
 
-    operator: str
-    left: Term
-    right: Term
-    place: TextPosition = field(default=NOWHERE, compare=False)
-
-    def __str__(self) -> str:
-        return f'{operand_text(self.left)} {self.operator} {operand_text(self.right)}'
-
 
 @dataclass(frozen=True, slots=True)
-class Not:
+class Not(SyntaxNode):
     """The negation of a formula."""
 
     body: Formula
-    place: TextPosition = field(default=NOWHERE, compare=False)
 
     def __str__(self) -> str:
         return f'not {operand_text(self.body)}'
 
 
 @dataclass(frozen=True, slots=True)
-class _Connective:
+class _Connective(SyntaxNode):
     left: Formula
     right: Formula
-    place: TextPosition = field(default=NOWHERE, compare=False)
-
     symbol: ClassVar[str]
 
     def __str__(self) -> str:
@@ -205,12 +183,10 @@ class Equivalent(_Connective):
 
 
 @dataclass(frozen=True, slots=True)
-class _Quantifier:
+class _Quantifier(SyntaxNode):
     variable: str
     sort: str
     body: Formula
-    place: TextPosition = field(default=NOWHERE, compare=False)
-
     symbol: ClassVar[str]
 
     def __str__(self) -> str:
@@ -232,11 +208,9 @@ class Exists(_Quantifier):
 
 
 @dataclass(frozen=True, slots=True)
-class _Temporal:
+class _Temporal(SyntaxNode):
     body: Formula
     interval: Interval = ALL_FUTURE
-    place: TextPosition = field(default=NOWHERE, compare=False)
-
     symbol: ClassVar[str]
 
     def __str__(self) -> str:
@@ -258,13 +232,12 @@ class Eventually(_Temporal):
 
 
 @dataclass(frozen=True, slots=True)
-class Until:
+class Until(SyntaxNode):
     """The right formula at some state of an interval, the left at all states strictly between."""
 
     left: Formula
     right: Formula
     interval: Interval = ALL_FUTURE
-    place: TextPosition = field(default=NOWHERE, compare=False)
 
     def __str__(self) -> str:
         return f'{operand_text(self.left)} until{self.interval.suffix} {operand_text(self.right)}'
@@ -273,10 +246,10 @@ class Until:
 Term: TypeAlias = (
     Number | TextLiteral | Truth | Object | Variable | Feature | FieldReference | Arithmetic
 )
-"""What can be compared."""
+"""An operand of a comparison."""
 
 Atom: TypeAlias = Feature | FieldReference | Comparison
-"""What is true or false of a single state."""
+"""A formula that is true or false in a single state."""
 
 Formula: TypeAlias = (
     Truth
@@ -292,11 +265,11 @@ Formula: TypeAlias = (
     | Eventually
     | Until
 )
-"""What is true or false of a sequence of states."""
+"""A formula, which is true or false of a sequence of states."""
 
 
 def parts(node: Formula | Term) -> tuple[Formula | Term, ...]:
-    """The formulas and terms that a node directly consists of, from left to right."""
+    """Return the formulas and terms that a node directly consists of, from left to right."""
     match node:
         case Comparison() | Arithmetic() | And() | Or() | Implies() | Equivalent() | Until():
             return (node.left, node.right)
@@ -309,15 +282,13 @@ def parts(node: Formula | Term) -> tuple[Formula | Term, ...]:
 
 
 def walk(node: Formula | Term) -> Iterator[Formula | Term]:
-    """A node and all that it consists of, in the order of the text."""
+    """Yield a node and all nodes in it, in the order of the text."""
     yield node
     for part in parts(node):
         yield from walk(part)
 
 
 def operand_text(node: Formula | Term) -> str:
-    """The canonical text of a node within another: in brackets if it is compound."""
-    leaf = isinstance(
-        node, Number | TextLiteral | Truth | Object | Variable | Feature | FieldReference
-    )
-    return str(node) if leaf else f'({node})'
+    """Return the canonical text of a node within another: in brackets if it is compound."""
+    is_leaf = isinstance(node, Term) and not isinstance(node, Arithmetic)
+    return str(node) if is_leaf else f'({node})'

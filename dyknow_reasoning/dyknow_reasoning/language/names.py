@@ -1,4 +1,4 @@
-"""What the names in a formula stand for: variables, objects or features without arguments."""
+"""Resolution of the names in a formula: variables, objects or features without arguments."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ _Names = frozenset[str]
 
 
 def resolve(formula: Formula) -> Formula:
-    """The formula with every name told to be a variable, an object or a feature.
+    """Return a formula in which every name is a variable, an object or a feature.
 
     The rules are those of `parse_formula`.
     """
@@ -37,7 +37,7 @@ def resolve(formula: Formula) -> Formula:
 
 
 def _names_of_objects(formula: Formula) -> _Names:
-    """The names of objects and variables, from their uses in the whole formula."""
+    """Return the names of objects and variables, from their uses in the whole formula."""
     nodes = list(walk(formula))
     names = {node.name for node in nodes if isinstance(node, Object | Variable)}
     names |= {node.variable for node in nodes if isinstance(node, Forall | Exists)}
@@ -88,10 +88,10 @@ def _term(node: Term, objects: _Names, bound: _Names) -> Term:
                 left=_term(node.left, objects, bound),
                 right=_term(node.right, objects, bound),
             )
-        case Feature(name, (), place) if name in bound:
-            return Variable(name, place)
-        case Feature(name, (), place) if name in objects:
-            return Object(name, place)
+        case Feature(name, ()) if name in bound:
+            return Variable(name, position=node.position)
+        case Feature(name, ()) if name in objects:
+            return Object(name, position=node.position)
         case Feature():
             return _feature(node, bound)
         case _:
@@ -100,7 +100,7 @@ def _term(node: Term, objects: _Names, bound: _Names) -> Term:
 
 def _feature(node: Feature, bound: _Names) -> Feature:
     arguments = tuple(
-        Variable(argument.name, argument.place) if argument.name in bound else argument
+        Variable(argument.name, position=argument.position) if argument.name in bound else argument
         for argument in node.arguments
     )
     return replace(node, arguments=arguments)

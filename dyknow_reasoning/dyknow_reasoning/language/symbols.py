@@ -18,7 +18,7 @@ from dyknow_reasoning.language.formula import (
 
 
 def symbols_of(formula: Formula) -> list[Symbol]:
-    """The symbols of a formula in the order of its text, each once."""
+    """Return the symbols of a formula in the order of its text, each once."""
     return list(dict.fromkeys(_symbols(formula, {})))
 
 

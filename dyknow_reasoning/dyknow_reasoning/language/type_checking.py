@@ -1,7 +1,9 @@
-"""What kind of value each feature of a formula has, inferred from how it is used.
+"""Inference of the kind of value of each feature in a formula, from its uses.
 
-A feature is declared nowhere: comparing it with a number makes it a number, standing alone makes it
-a boolean. What cannot be told stays open and is seen from the values in the states.
+Features are not declared: a feature that is compared with a number is a number, one that stands
+alone is a boolean. A kind that the formula leaves open follows from the values in the states:
+
+    p and q = "a" and r = s      p is a boolean, q a string; r and s are open, but of one kind
 """
 
 from __future__ import annotations
@@ -11,7 +13,7 @@ from dataclasses import dataclass, field
 from enum import StrEnum
 from typing import TypeAlias
 
-from dyknow_common import LanguageError, TextPosition
+from dyknow_common import PositionedError, TextPosition
 from dyknow_reasoning.language.formula import (
     Arithmetic,
     Comparison,
@@ -29,10 +31,11 @@ from dyknow_reasoning.language.formula import (
     parts,
     walk,
 )
+from dyknow_reasoning.language.grammar import LANGUAGE
 
 
 class Kind(StrEnum):
-    """What a term stands for."""
+    """The kind of a term's value."""
 
     NUMBER = 'number'
     STRING = 'string'
@@ -41,43 +44,41 @@ class Kind(StrEnum):
 
 
 Kinds: TypeAlias = Mapping[str, Kind]
-"""The kind of each feature and syntactic reference, by name; one that is open is not in it."""
+"""The kind of each feature and syntactic reference, by name; open kinds are left out."""
 
 
 def check_types(formula: Formula, text: str) -> Kinds:
-    """The kinds of the features of a formula.
+    """Return the kinds of the features of a formula.
 
     Args:
-        formula: what `parse_formula` made of the text.
-        text: what the messages show.
+        formula: the result of `parse_formula`.
+        text: its text, for error messages.
 
     Raises:
-        LanguageError: with the place, for what makes no sense whatever the values.
+        LanguageError: with the position, for a formula that is wrong whatever the values are.
     """
     checker = _TypeChecker()
-    try:
+    with LANGUAGE.errors_in(text):
         checker.check_names(formula)
         checker.check_variables(formula, {})
         checker.infer_kinds(formula)
-    except ValueError as error:
-        raise LanguageError(error.args[0], 'formula', text, error.args[1]) from None
     return {name: use.kind for name, use in checker.uses.items()}
 
 
 @dataclass(frozen=True, slots=True)
 class _Use:
     kind: Kind
-    place: TextPosition
+    position: TextPosition
 
 
 @dataclass(slots=True)
 class _TypeChecker:
-    """Raises ValueError(message, place)."""
+    """A check of one formula; its methods raise `PositionedError`."""
 
     uses: dict[str, _Use] = field(default_factory=dict)
 
     def check_names(self, formula: Formula) -> None:
-        """A name stands for one thing: a feature, a sort, a variable or an object."""
+        """Check that a name stands for one thing: a feature, a sort, a variable or an object."""
         nodes = list(walk(formula))
         quantifiers = [node for node in nodes if isinstance(node, Forall | Exists)]
         variables = {node.variable for node in quantifiers}
@@ -92,20 +93,20 @@ class _TypeChecker:
                 _check_object(node, variables, sorts)
 
     def check_variables(self, node: Formula | Term, bound: Mapping[str, TextPosition]) -> None:
-        """No quantifier binds a variable again that is bound already."""
+        """Check that no quantifier binds a variable again."""
         if isinstance(node, Forall | Exists):
             if node.variable in bound:
-                raise ValueError(
+                raise PositionedError(
                     f"the variable '{node.variable}' is bound already, "
-                    f'at {_spelled(bound[node.variable])}; choose another name',
-                    node.place,
+                    f'at {bound[node.variable]}; choose another name',
+                    node.position,
                 )
-            bound = {**bound, node.variable: node.place}
+            bound = {**bound, node.variable: node.position}
         for part in parts(node):
             self.check_variables(part, bound)
 
     def infer_kinds(self, formula: Formula) -> None:
-        """Every feature is used as one kind of value."""
+        """Check that every feature is used as one kind of value."""
         self._infer_use(formula)
         comparisons = [node for node in walk(formula) if isinstance(node, Comparison)]
         known = -1
@@ -160,12 +161,12 @@ class _TypeChecker:
     def _require(self, term: Term, kind: Kind, purpose: str) -> None:
         known = self._kind(term)
         if known is None:
-            self.uses[_name(term)] = _Use(kind, term.place)
+            self.uses[_name(term)] = _Use(kind, term.position)
         elif known is not kind:
-            raise ValueError(
+            raise PositionedError(
                 f"'{term}' is {_article(known)}{self._evidence(term)}; "
                 f'{purpose} it must be {_article(kind)}',
-                term.place,
+                term.position,
             )
 
     def _comparison_with(self, term: Term) -> str:
@@ -173,43 +174,43 @@ class _TypeChecker:
 
     def _evidence(self, term: Term) -> str:
         use = self.uses.get(_name(term))
-        return f' (from its use at {_spelled(use.place)})' if use else ''
+        return f' (from its use at {use.position})' if use else ''
 
 
 def _check_feature(node: Feature, variables: set[str], objects: set[str]) -> None:
     if node.name in variables:
-        raise ValueError(
+        raise PositionedError(
             f"the variable '{node.name}' stands for an object, not for a value; "
             f'give it to a feature, such as Feature[{node.name}]',
-            node.place,
+            node.position,
         )
     if node.name in objects:
-        raise ValueError(
+        raise PositionedError(
             f"'{node.name}' is an object elsewhere in the formula, and cannot be a feature here",
-            node.place,
+            node.position,
         )
 
 
 def _check_arity(node: Feature, first: Feature) -> None:
     if len(node.arguments) != len(first.arguments):
-        raise ValueError(
+        raise PositionedError(
             f"'{node.name}' has {_counted(node)} here and "
-            f'{_counted(first)} at {_spelled(first.place)}; a feature always has the same number',
-            node.place,
+            f'{_counted(first)} at {first.position}; a feature always has the same number',
+            node.position,
         )
 
 
 def _check_object(node: Object, variables: set[str], sorts: set[str]) -> None:
     if node.name in variables:
-        raise ValueError(
+        raise PositionedError(
             f"the variable '{node.name}' is not bound here; its quantifier does not reach this far",
-            node.place,
+            node.position,
         )
     if node.name in sorts:
-        raise ValueError(
+        raise PositionedError(
             f"'{node.name}' is a sort, not an object; bind a variable to it, "
             f'such as forall x in {node.name}: ...',
-            node.place,
+            node.position,
         )
 
 
@@ -224,7 +225,3 @@ def _name(term: Term) -> str:
 
 def _article(kind: Kind) -> str:
     return f'an {kind}' if kind is Kind.OBJECT else f'a {kind}'
-
-
-def _spelled(place: TextPosition) -> str:
-    return f'{place.line}:{place.column}'

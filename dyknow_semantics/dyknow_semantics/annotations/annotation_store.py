@@ -1,4 +1,4 @@
-"""The store of annotations: the texts that an annotator has added, in their order."""
+"""A store of annotations: the texts of added annotations, in their order, in an SQLite file."""
 
 from __future__ import annotations
 
@@ -13,24 +13,24 @@ from dyknow_semantics.annotations.annotation import Annotation
 from dyknow_semantics.annotations.parsing import parse_annotations
 from dyknow_semantics.errors import SemanticsError
 
-_LOCK_TIMEOUT: Final = 1.0
-"""How long to wait for another process to let go of a store, in seconds."""
+_LOCK_TIMEOUT_S: Final = 1.0
+"""The time for another process to release the lock of a store."""
 
 
 class AnnotationStore:
-    """Annotations in a file: what a method has done when it returns, a killed process has kept.
+    """Annotations in a file; each change is in the file when its method returns.
 
     Args:
-        file: it is made if there is none; none to forget the annotations.
+        file: is created if it does not exist; `None` keeps the annotations in memory only.
 
     Raises:
-        SemanticsError: if the file is in use or is no store of annotations.
+        SemanticsError: if the file is in use or is not a store of annotations.
     """
 
     def __init__(self, file: Path | None = None) -> None:
         self._file = file
-        with self._explained(), ExitStack() as resources:
-            self._connection = sqlite3.connect(file or ':memory:', timeout=_LOCK_TIMEOUT)
+        with self._sqlite_errors(), ExitStack() as resources:
+            self._connection = sqlite3.connect(file or ':memory:', timeout=_LOCK_TIMEOUT_S)
             resources.callback(self._connection.close)
             self._prepare()
             self._annotations = self._read()
@@ -43,22 +43,21 @@ class AnnotationStore:
 
     @property
     def texts(self) -> tuple[str, ...]:
-        """Their canonical texts, in the same order."""
+        """The canonical texts of all annotations, in the same order."""
         return tuple(self._annotations)
 
     def __contains__(self, annotation: Annotation) -> bool:
-        """Whether an annotation with the same canonical text is there."""
         return str(annotation) in self._annotations
 
     def close(self) -> None:
-        """Lets go of the file."""
+        """Close the file and release its lock."""
         self._connection.close()
 
     def add(self, annotations: Iterable[Annotation]) -> None:
-        """Adds annotations, all or none.
+        """Add annotations, all or none.
 
         Raises:
-            SemanticsError: ALREADY_EXISTS, if one is there already or is given twice.
+            SemanticsError: ALREADY_EXISTS, if one exists already or is given twice.
         """
         added: dict[str, Annotation] = {}
         for annotation in annotations:
@@ -68,7 +67,7 @@ class AnnotationStore:
                     f"there is already the annotation '{text}'", ExitCode.ALREADY_EXISTS
                 )
             added[text] = annotation
-        with self._explained(), self._connection:
+        with self._sqlite_errors(), self._connection:
             self._connection.executemany(
                 'INSERT INTO annotation (stream, text) VALUES (?, ?)',
                 [(annotation.stream, text) for text, annotation in added.items()],
@@ -76,7 +75,7 @@ class AnnotationStore:
         self._annotations |= added
 
     def remove(self, stream: str) -> tuple[Annotation, ...]:
-        """Removes all annotations of a stream, and returns them.
+        """Remove all annotations of a stream, and return them.
 
         Raises:
             SemanticsError: NOT_FOUND, if it has none.
@@ -88,16 +87,16 @@ class AnnotationStore:
                 f"stream '{stream}' has no annotation (there are: {', '.join(streams) or 'none'})",
                 ExitCode.NOT_FOUND,
             )
-        with self._explained(), self._connection:
+        with self._sqlite_errors(), self._connection:
             self._connection.execute('DELETE FROM annotation WHERE stream = ?', (stream,))
         for text in removed:
             del self._annotations[text]
         return tuple(removed.values())
 
     def _prepare(self) -> None:
-        # No other process may write what this one would not see.
+        # No other process may write to the file while this one has it open.
         self._connection.execute('PRAGMA locking_mode = EXCLUSIVE')
-        # Writes are then safe from the end of the process, and do not wait for the disk.
+        # Writes survive the end of the process, and do not wait for the disk.
         self._connection.execute('PRAGMA journal_mode = WAL')
         self._connection.execute('PRAGMA synchronous = NORMAL')
         with self._connection:
@@ -114,7 +113,7 @@ class AnnotationStore:
             raise SemanticsError(f'{self._file}: {error.message}', error.code) from None
 
     @contextmanager
-    def _explained(self) -> Iterator[None]:
+    def _sqlite_errors(self) -> Iterator[None]:
         try:
             yield
         except sqlite3.Error as error:

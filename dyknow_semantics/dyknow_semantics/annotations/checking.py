@@ -1,11 +1,11 @@
-"""Whether annotations and concepts make sense relative to an ontology."""
+"""Checks of annotations and concepts against an ontology."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Iterable, Mapping
+from functools import partial
 
-from dyknow_common import DyKnowError, LanguageError, TextPosition, check_unit
+from dyknow_common import Language, check_unit
 from dyknow_semantics.annotations.annotation import (
     ANNOTATION,
     CONCEPT,
@@ -21,10 +21,10 @@ from dyknow_semantics.ontology.knowledge import Knowledge
 
 
 def check_annotation(annotation: Annotation, knowledge: Knowledge) -> None:
-    """Checks an annotation against an ontology.
+    """Check an annotation against an ontology.
 
     Raises:
-        LanguageError: with the place, for an unknown feature, sort or object, a wrong number of
+        LanguageError: with the position, for an unknown feature, sort or object, a wrong number of
             arguments, an argument outside of its sort, or a unit that is unknown or does not
             convert to the feature's.
     """
@@ -32,73 +32,66 @@ def check_annotation(annotation: Annotation, knowledge: Knowledge) -> None:
     sorts = checker.sorts(annotation.ranges)
     for content in annotation.contents:
         feature = checker.feature(content.feature)
-        checker.arguments(content.feature, feature, sorts)
-        checker.unit(content, feature)
+        checker.check_arguments(content.feature, feature, sorts)
+        checker.check_unit(content, feature)
 
 
 def check_concept(concept: Concept, knowledge: Knowledge) -> None:
-    """Checks a concept against an ontology.
+    """Check a concept against an ontology.
 
     Raises:
-        LanguageError: with the place, for an unknown feature, sort or object, a wrong number of
+        LanguageError: with the position, for an unknown feature, sort or object, a wrong number of
             arguments, or an argument outside of its sort.
     """
     checker = _AnnotationChecker(CONCEPT, concept.text, knowledge)
     sorts = checker.sorts(concept.ranges)
     feature = checker.feature(concept.feature)
     if concept.feature.arguments:
-        checker.arguments(concept.feature, feature, sorts)
+        checker.check_arguments(concept.feature, feature, sorts)
 
 
 class _AnnotationChecker:
-    """Checks the parts of one text.
+    """A check of the parts of one text against an ontology."""
 
-    Args:
-        language: what the text is called in messages.
-        text: the whole text.
-        knowledge: the ontology.
-    """
-
-    def __init__(self, language: str, text: str, knowledge: Knowledge) -> None:
-        self._language = language
-        self._text = text
+    def __init__(self, language: Language, text: str, knowledge: Knowledge) -> None:
+        self._at = partial(language.errors_at, text)
         self._knowledge = knowledge
 
     def sorts(self, ranges: Iterable[Range]) -> dict[str, str]:
-        """The sort of each variable."""
+        """Return the sort of each variable."""
         for each in ranges:
-            with self._at(each.sort_place):
+            with self._at(each.sort_position):
                 self._knowledge.superconcepts(each.sort)
         return {each.variable: each.sort for each in ranges}
 
     def feature(self, term: FeatureTerm) -> FeatureSignature:
-        """The feature that a term names."""
-        with self._at(term.place):
+        """Return the feature that a term names."""
+        with self._at(term.position):
             return self._knowledge.feature(term.name)
 
-    def arguments(
+    def check_arguments(
         self, term: FeatureTerm, feature: FeatureSignature, sorts: Mapping[str, str]
     ) -> None:
-        """The arguments of a term are those that the feature takes."""
+        """Check that the arguments of a term are of the sorts of its feature."""
         expected = feature.argument_sorts
-        with self._at(term.place):
+        with self._at(term.position):
             if len(term.arguments) != len(expected):
                 raise SemanticsError(
                     f"feature '{feature.name}' takes {_count(expected)}, "
                     f'but has {len(term.arguments)} here'
                 )
         for argument, sort in zip(term.arguments, expected, strict=True):
-            with self._at(argument.place):
+            with self._at(argument.position):
                 if argument.name in sorts:
                     self._check_variable(argument.name, sorts[argument.name], sort)
                 else:
                     self._check_object(argument.name, sort)
 
-    def unit(self, content: Content, feature: FeatureSignature) -> None:
-        """The unit of a field converts to the one of its feature."""
+    def check_unit(self, content: Content, feature: FeatureSignature) -> None:
+        """Check that the unit of a field converts to the one of its feature."""
         if content.unit is None or content.unit == feature.unit:
             return
-        with self._at(content.unit_place):
+        with self._at(content.unit_position):
             if not content.unit:
                 raise SemanticsError('the unit is empty; write one, such as [m], or leave it out')
             check_unit(content.unit)
@@ -130,15 +123,6 @@ class _AnnotationChecker:
             ) from None
         if expected not in concepts:
             raise SemanticsError(f"'{name}' must be an instance of '{expected}', but is none")
-
-    @contextmanager
-    def _at(self, place: TextPosition) -> Iterator[None]:
-        try:
-            yield
-        except DyKnowError as error:
-            raise LanguageError(
-                error.message, self._language, self._text, place, error.code
-            ) from None
 
 
 def _count(sorts: tuple[str, ...]) -> str:

@@ -1,11 +1,10 @@
-"""Whether the fields that annotations speak of are there, and hold what they should."""
+"""Checks of annotations against the fields of their streams."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import NoReturn
 
-from dyknow_common import ExitCode, LanguageError, TextPosition, ValueType, absence, listed_as
+from dyknow_common import ExitCode, TextPosition, ValueType, absence, listed_as
 from dyknow_semantics.annotations.annotation import ANNOTATION, Annotation
 from dyknow_semantics.ontology.knowledge import Knowledge
 
@@ -13,66 +12,44 @@ from dyknow_semantics.ontology.knowledge import Knowledge
 def check_fields(
     annotation: Annotation, knowledge: Knowledge, owner: str, fields: Mapping[str, ValueType]
 ) -> None:
-    """Checks an annotation, which fits its ontology, against the fields of its stream.
+    """Check an annotation, which fits its ontology, against the fields of its stream.
 
     Args:
-        annotation: what the stream contains.
+        annotation: of the stream.
         knowledge: the ontology.
-        owner: what has the fields, such as the type of the stream's messages.
-        fields: what each of them holds.
+        owner: of the fields in messages, such as the type of the stream's messages.
+        fields: the type of each field.
 
     Raises:
-        LanguageError: with the place, for a field that is not there, one that does not hold the
-            type of value of its feature (a float feature may have an int field), and one that is
-            to name objects but is no string.
+        LanguageError: with the position, for a missing field, a field whose type is not that of its
+            feature (a float feature may have an int field), and a field that names objects but is
+            not a string.
     """
-    checker = _FieldChecker(annotation.text, owner, fields)
+
+    def field_type(field: str, position: TextPosition) -> ValueType:
+        listed = listed_as(fields, field)
+        if listed is None:
+            message = absence(owner, fields, field)
+            raise ANNOTATION.error(message, annotation.text, position, ExitCode.NOT_FOUND)
+        return fields[listed]
+
     for content in annotation.contents:
         feature = knowledge.feature(content.feature.name)
-        held = checker.held(content.field, content.feature.place)
-        if not _may_stand_for(held, feature.value_type):
-            checker.refuse(
+        found = field_type(content.field, content.feature.position)
+        is_widened = found is ValueType.INT and feature.value_type is ValueType.FLOAT
+        if found is not feature.value_type and not is_widened:
+            raise ANNOTATION.error(
                 f"feature '{feature.name}' has values of the type {feature.value_type}, "
-                f"but field '{content.field}' of {owner} is of the type {held}",
-                content.feature.place,
+                f"but field '{content.field}' of {owner} is of the type {found}",
+                annotation.text,
+                content.feature.position,
             )
     for key in annotation.keys:
-        held = checker.held(key.field, key.place)
-        if held is not ValueType.STRING:
-            checker.refuse(
+        found = field_type(key.field, key.position)
+        if found is not ValueType.STRING:
+            raise ANNOTATION.error(
                 f"the field that names the object '{key.variable}' must be of the type string, "
-                f"but '{key.field}' of {owner} is of the type {held}",
-                key.place,
+                f"but '{key.field}' of {owner} is of the type {found}",
+                annotation.text,
+                key.position,
             )
-
-
-class _FieldChecker:
-    """Looks fields up for one text.
-
-    Args:
-        text: the whole text.
-        owner: what has the fields.
-        fields: what each of them holds.
-    """
-
-    def __init__(self, text: str, owner: str, fields: Mapping[str, ValueType]) -> None:
-        self._text = text
-        self._owner = owner
-        self._fields = fields
-
-    def held(self, field: str, place: TextPosition) -> ValueType:
-        """What a field holds."""
-        listed = listed_as(self._fields, field)
-        if listed is None:
-            self.refuse(absence(self._owner, self._fields, field), place, ExitCode.NOT_FOUND)
-        return self._fields[listed]
-
-    def refuse(
-        self, message: str, place: TextPosition, code: ExitCode = ExitCode.INVALID_ARGUMENT
-    ) -> NoReturn:
-        """Complains with the place."""
-        raise LanguageError(message, ANNOTATION, self._text, place, code)
-
-
-def _may_stand_for(held: ValueType, wanted: ValueType) -> bool:
-    return held is wanted or (held is ValueType.INT and wanted is ValueType.FLOAT)

@@ -8,30 +8,20 @@ round; `robot2:self same uav:uav2` that two names are those of one object.
 from __future__ import annotations
 
 import dataclasses
-import json
-import re
 from collections.abc import Iterable
 from enum import StrEnum
 from typing import Any, Final
 
 from lark import Token, Transformer, v_args
 
-from dyknow_common import NOWHERE, Language, LanguageError, TextPosition
-from dyknow_semantics.errors import SemanticsError
+from dyknow_common import NOWHERE, Language, LanguageError, TextPosition, text_value
 from dyknow_semantics.ontology.features import differences
 from dyknow_semantics.ontology.knowledge import Knowledge, Triple
 from dyknow_semantics.ontology.vocabulary import EQUIVALENT_CLASS, SAME_AS, SUBCLASS_OF
 
-LANGUAGE: Final = 'bridges'
-"""What a text of bridge rules is called in messages."""
-
-_BARE = re.compile(
-    r'(?!(?:equivalent|into|same)\b)[A-Za-z_]\w*(:[A-Za-z_]\w*)?', re.ASCII
-)  # fmt: skip
-
 
 class Relation(StrEnum):
-    """How the first name of a bridge rule relates to the second."""
+    """The relation of the first name of a bridge rule to the second."""
 
     EQUIVALENT = 'equivalent'
     INTO = 'into'
@@ -44,6 +34,13 @@ _PREDICATES: Final = {
     Relation.SAME: SAME_AS,
 }
 
+LANGUAGE: Final = Language(
+    'bridges',
+    __package__,
+    'bridges.lark',
+    {'QUOTED': 'a quoted name', 'RELATION': 'equivalent, into or same'},
+)
+
 
 @dataclasses.dataclass(frozen=True, slots=True)
 class Bridge:
@@ -51,37 +48,39 @@ class Bridge:
 
     Args:
         source: a name in one ontology.
-        relation: what it is to the other name.
+        relation: of the first name to the second.
         target: a name in another ontology.
-        text: what was parsed, for error messages.
+        text: the parsed text, for error messages.
     """
 
     source: str
     relation: Relation
     target: str
-    source_place: TextPosition = dataclasses.field(default=NOWHERE, compare=False, kw_only=True)
-    target_place: TextPosition = dataclasses.field(default=NOWHERE, compare=False, kw_only=True)
+    source_position: TextPosition = dataclasses.field(default=NOWHERE, compare=False, kw_only=True)
+    target_position: TextPosition = dataclasses.field(default=NOWHERE, compare=False, kw_only=True)
     text: str = dataclasses.field(default='', compare=False, kw_only=True)
 
     def __str__(self) -> str:
-        """The canonical text."""
-        return f'{_name_text(self.source)} {self.relation} {_name_text(self.target)};'
+        return (
+            f'{LANGUAGE.name_text(self.source)} {self.relation} {LANGUAGE.name_text(self.target)};'
+        )
 
 
 def parse_bridges(text: str) -> tuple[Bridge, ...]:
-    """The bridge rules of a text, which `;` separates.
+    """Return the bridge rules of a text, which `;` separates.
 
     Raises:
-        LanguageError: with the place and what was expected there.
+        LanguageError: with the position and what was expected there.
     """
-    return tuple(dataclasses.replace(bridge, text=text) for bridge in _BRIDGES.parse(text))
+    rules = LANGUAGE.parse(text, _BridgeBuilder())
+    return tuple(dataclasses.replace(bridge, text=text) for bridge in rules)
 
 
 def bridge_triple(bridge: Bridge, knowledge: Knowledge) -> Triple:
-    """What a bridge adds to the ontologies that it joins, as an RDF triple.
+    """Return the RDF triple that a bridge adds to the ontologies that it joins.
 
     Raises:
-        LanguageError: with the place, for an unknown name, two names of different kinds, or two
+        LanguageError: with the position, for an unknown name, two names of different kinds, or two
             features of which one cannot stand in for the other.
     """
     if bridge.relation is Relation.SAME:
@@ -89,14 +88,12 @@ def bridge_triple(bridge: Bridge, knowledge: Knowledge) -> Triple:
     else:
         names = knowledge.concept_names
     iris = []
-    for name, place in (
-        (bridge.source, bridge.source_place),
-        (bridge.target, bridge.target_place),
+    for name, position in (
+        (bridge.source, bridge.source_position),
+        (bridge.target, bridge.target_position),
     ):
-        try:
+        with LANGUAGE.errors_at(bridge.text, position):
             iris.append(names.iri(name))
-        except SemanticsError as error:
-            raise LanguageError(error.message, LANGUAGE, bridge.text, place, error.code) from None
     if bridge.relation is not Relation.SAME:
         _check_kinds(bridge, knowledge)
     return iris[0], _PREDICATES[bridge.relation], iris[1]
@@ -107,9 +104,9 @@ class Bridged:
     """Ontologies and the bridges between them.
 
     Args:
-        stated: what the ontologies say by themselves.
-        known: the same, and what follows over the bridges.
-        faults: what is wrong with bridges that make no sense; they are left out.
+        stated: the knowledge of the ontologies without bridges.
+        known: the same, with the consequences of the bridges.
+        faults: messages about invalid bridges, which are left out.
     """
 
     stated: Knowledge
@@ -118,7 +115,7 @@ class Bridged:
 
 
 def bridged(triples: Iterable[Triple], bridges: Iterable[Bridge]) -> Bridged:
-    """What ontologies say by themselves, and with the bridges between them.
+    """Return the knowledge of ontologies without and with the bridges between them.
 
     Raises:
         SemanticsError: if an ontology is malformed, or the ontologies contradict each other over
@@ -148,42 +145,21 @@ def _check_kinds(bridge: Bridge, knowledge: Knowledge) -> None:
         if fault:
             fault = f"feature '{bridge.source}' {fault} as '{bridge.target}'"
     if fault:
-        raise LanguageError(fault, LANGUAGE, bridge.text, bridge.source_place)
-
-
-def _name_text(name: str) -> str:
-    return name if _BARE.fullmatch(name) else json.dumps(name, ensure_ascii=False)
+        raise LANGUAGE.error(fault, bridge.text, bridge.source_position)
 
 
 @v_args(inline=True)
 class _BridgeBuilder(Transformer[Any]):
-    """Makes the abstract syntax; one method for each rule of the grammar."""
+    """The builder of the abstract syntax; it has a method for each rule of the grammar."""
 
     def start(self, *bridges: Bridge) -> tuple[Bridge, ...]:
         return bridges
 
     def bridge(self, source: Token, relation: Token, target: Token) -> Bridge:
         return Bridge(
-            _name(source),
+            text_value(source),
             Relation(relation),
-            _name(target),
-            source_place=TextPosition.of(source),
-            target_place=TextPosition.of(target),
+            text_value(target),
+            source_position=TextPosition.of(source),
+            target_position=TextPosition.of(target),
         )
-
-
-def _name(token: Token) -> str:
-    return str(json.loads(token)) if token.type == 'QUOTED' else str(token)
-
-
-_BRIDGES: Final[Language[tuple[Bridge, ...]]] = Language(
-    LANGUAGE,
-    __package__,
-    'bridges.lark',
-    _BridgeBuilder(),
-    {
-        'NAME': 'a name',
-        'QUOTED': 'a quoted name',
-        'RELATION': 'equivalent, into or same',
-    },
-)

@@ -1,4 +1,4 @@
-"""Which fields of which topics a stream needs."""
+"""The fields of topics that streams need."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ Demand = frozenset[str]
 """Names of fields."""
 
 ALL: Final = '*'
-"""Stands among the names for all fields but the elements of arrays, which are named one by one."""
+"""A name for all fields except the elements of arrays, which are named one by one."""
 
 
 def total_demand(terms: Iterable[Term]) -> Mapping[str, Demand]:
-    """What resolved streams need of each topic."""
+    """Return the fields of each topic that resolved streams need."""
     total: dict[str, Demand] = {}
     for term in terms:
         for topic, demand in _demands(term, frozenset({ALL})):
@@ -38,7 +38,7 @@ def _demands(term: Term, wanted: Demand) -> Iterator[tuple[str, Demand]]:
         for each, parameter in zip(term.inputs, term.declaration.parameters, strict=True):
             yield from _demands(each, frozenset(field.name for field in parameter))
     else:
-        # Which of its inputs has a field that is wanted of a sync is not always known.
+        # It is not always known which input of a sync has a field.
         for each in term.inputs:
             yield from _demands(each, wanted | {ALL} if isinstance(term, Sync) else wanted)
 

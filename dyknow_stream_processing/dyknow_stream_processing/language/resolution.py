@@ -1,4 +1,4 @@
-"""What the names in a specification mean, and whether its fields and types fit together."""
+"""Resolution of the names in a specification, and checks of its fields and types."""
 
 from __future__ import annotations
 
@@ -9,7 +9,6 @@ from dyknow_common import (
     NO_CONSTRAINTS,
     DyKnowError,
     ExitCode,
-    LanguageError,
     StreamConstraints,
     TextPosition,
     ValueType,
@@ -46,10 +45,12 @@ from dyknow_stream_processing.language.type_rules import (
 Fields = Mapping[str, ValueType | None]
 """The fields of a stream with their types; `None` for a type that is not known."""
 
+_TypedTerm = tuple[Term, Fields | None]
+
 
 @dataclass(frozen=True, slots=True)
 class FreeNames:
-    """What a specification refers to and does not declare.
+    """The names that a specification refers to and does not declare.
 
     Args:
         streams: names of streams, written as identifiers.
@@ -65,9 +66,9 @@ class Resolved:
     """A stream all of whose references are to topics.
 
     Args:
-        term: how it is made.
-        fields: what its samples hold; `None` if that is not known.
-        names: what the specification calls the streams that it is made of, by canonical text.
+        term: its definition.
+        fields: of its samples; `None` if they are not known.
+        names: in the specification of the streams that it is made of, by canonical text.
     """
 
     term: Term
@@ -76,13 +77,12 @@ class Resolved:
 
 
 def free_names(specification: Specification) -> FreeNames:
-    """The streams and topics that a specification refers to and does not declare."""
-    declared = specification.declarations
-    streams = {each.name for each in declared if isinstance(each, StreamDeclaration)}
-    sources = {each.name for each in declared if isinstance(each, SourceDeclaration)}
+    """Return the streams and topics that a specification refers to and does not declare."""
+    streams = {each.name for each in specification.declared(StreamDeclaration)}
+    sources = {each.name for each in specification.declared(SourceDeclaration)}
     found = [
         reference
-        for each in declared
+        for each in specification.declarations
         if isinstance(each, StreamDeclaration | SinkDeclaration)
         for reference in references(each.stream)
     ]
@@ -99,31 +99,30 @@ def resolve(
     topic_fields: Callable[[str], Fields | None],
     units: Mapping[str, Unit],
 ) -> Resolved:
-    """The stream that a specification makes.
+    """Return the stream that a specification makes.
 
     Args:
-        specification: what is resolved.
+        specification: the specification.
         constraints: are added to those of the stream.
-        streams: what an identifier may refer to besides what the specification declares.
-        topic_fields: the fields of a topic; `None` if they are not known.
-        units: the computational units that there are, by name.
+        streams: that an identifier may refer to, beside those that the specification declares.
+        topic_fields: returns the fields of a topic; `None` if they are not known.
+        units: the existing computational units, by name.
 
     Raises:
-        LanguageError: with the place, for a name that means nothing and for fields, types and
+        LanguageError: with the position, for an unknown name and for fields, types and
             constraints that do not fit.
         DyKnowError: if the added constraints contradict those of the specification.
     """
     resolver = _Resolver(specification, streams, topic_fields, units)
-    for each in specification.declarations:
-        if isinstance(each, StreamDeclaration):
-            resolver.stream(each)
+    for each in specification.declared(StreamDeclaration):
+        resolver.stream(each)
     term, fields = resolver.term(made(specification))
     merged = term.constraints.merged(constraints)
     return Resolved(replace(term, constraints=merged), fields, resolver.names)
 
 
 class _Resolver:
-    """Resolves the terms of one specification, each declared stream once."""
+    """The resolution of one specification; each declared stream is resolved once."""
 
     def __init__(
         self,
@@ -133,37 +132,32 @@ class _Resolver:
         units: Mapping[str, Unit],
     ) -> None:
         self.names: dict[str, str] = {}
-        self._specification = specification
         self._existing = streams
         self._topic_fields = topic_fields
         self._units = units
-        declared = specification.declarations
-        self._streams = {
-            each.name: each for each in declared if isinstance(each, StreamDeclaration)
-        }
-        self._sources = {
-            each.name: each for each in declared if isinstance(each, SourceDeclaration)
-        }
-        self._calls = {each.name: each for each in declared if isinstance(each, UnitDeclaration)}
-        self._resolved: dict[str, tuple[Term, Fields | None]] = {}
+        self._error = specification.error
+        self._streams = {each.name: each for each in specification.declared(StreamDeclaration)}
+        self._sources = {each.name: each for each in specification.declared(SourceDeclaration)}
+        self._calls = {each.name: each for each in specification.declared(UnitDeclaration)}
+        self._resolved: dict[str, _TypedTerm] = {}
         self._pending: list[str] = []
-        self._check_declared_once(declared)
+        self._check_declared_once(specification.declarations)
 
-    def stream(self, declaration: StreamDeclaration) -> tuple[Term, Fields | None]:
-        """A declared stream and its fields."""
+    def stream(self, declaration: StreamDeclaration) -> _TypedTerm:
+        """Return a declared stream and its fields."""
         name = declaration.name
         if name in self._pending:
             cycle = ' -> '.join([*self._pending[self._pending.index(name) :], name])
-            raise self._error(f"stream '{name}' is made from itself: {cycle}", declaration.place)
+            raise self._error(f"stream '{name}' is made from itself: {cycle}", declaration.position)
         if name not in self._resolved:
             self._pending.append(name)
             self._resolved[name] = self.term(declaration.stream)
             self._pending.pop()
-            self._call_it(name, self._resolved[name][0])
+            self._add_name(name, self._resolved[name][0])
         return self._resolved[name]
 
-    def term(self, term: Term) -> tuple[Term, Fields | None]:
-        """A term and its fields."""
+    def term(self, term: Term) -> _TypedTerm:
+        """Return a term, resolved, and its fields."""
         match term:
             case StreamReference():
                 return self._reference(term)
@@ -176,7 +170,7 @@ class _Resolver:
             case Sync():
                 return self._sync(term)
 
-    def _reference(self, reference: StreamReference) -> tuple[Term, Fields | None]:
+    def _reference(self, reference: StreamReference) -> _TypedTerm:
         target, fields = self._target(reference)
         if reference.constraints.is_empty:
             return target, fields
@@ -184,13 +178,13 @@ class _Resolver:
             constraints = target.constraints.merged(reference.constraints)
         except DyKnowError as error:
             message = f"stream '{reference.name}': {error.message}"
-            raise self._error(message, reference.place) from None
+            raise self._error(message, reference.position) from None
         constrained = replace(target, constraints=constraints)
         if not reference.is_topic:
-            self._call_it(reference.name, constrained)
+            self._add_name(reference.name, constrained)
         return constrained, fields
 
-    def _target(self, reference: StreamReference) -> tuple[Term, Fields | None]:
+    def _target(self, reference: StreamReference) -> _TypedTerm:
         name = reference.name
         if not reference.is_topic and name in self._streams:
             return self.stream(self._streams[name])
@@ -199,38 +193,38 @@ class _Resolver:
         if reference.is_topic:
             return StreamReference(name, is_topic=True), self._topic_fields(name)
         if name in self._existing:
-            self._call_it(name, self._existing[name].term)
+            self._add_name(name, self._existing[name].term)
             return self._existing[name].term, self._existing[name].fields
         known = _listing({*self._streams, *self._sources, *self._existing})
         raise self._error(
             f"there is no stream '{name}' (there are: {known}); a topic is written in quotes",
-            reference.place,
+            reference.position,
             ExitCode.NOT_FOUND,
         )
 
-    def _source(self, source: SourceDeclaration) -> tuple[Term, Fields | None]:
+    def _source(self, source: SourceDeclaration) -> _TypedTerm:
         known = self._topic_fields(source.name)
         for field in source.fields:
-            found = self._field(known, field.name, f"topic '{source.name}'", field.place)
+            found = self._field(known, field.name, f"topic '{source.name}'", field.position)
             if not _fits(found, field.type):
                 message = f"field '{field.name}' of topic '{source.name}' is {_typed(found)}"
-                raise self._error(f'{message}, not {_typed(field.type)}', field.place)
+                raise self._error(f'{message}, not {_typed(field.type)}', field.position)
         topic = StreamReference(source.name, is_topic=True)
         term = Select(tuple(Selection(field.name) for field in source.fields), topic)
-        self._call_it(source.name, term)
+        self._add_name(source.name, term)
         return term, {field.name: field.type for field in source.fields}
 
-    def _select(self, select: Select) -> tuple[Term, Fields | None]:
+    def _select(self, select: Select) -> _TypedTerm:
         source, fields = self.term(select.source)
         owner = _title(select.source)
         for condition in select.conditions:
-            found = self._field(fields, condition.field, owner, condition.place)
+            found = self._field(fields, condition.field, owner, condition.position)
             if found is not None and found not in comparable_types(condition):
                 message = (
                     f"field '{condition.field}' is {_typed(found)}, which cannot be compared "
                     f'with {value_text(condition.value)}'
                 )
-                raise self._error(message, condition.place)
+                raise self._error(message, condition.position)
         selected = self._selected(select.selections, fields, owner)
         return replace(select, source=source), selected
 
@@ -242,24 +236,24 @@ class _Resolver:
         for each in selections:
             for embedded in each.embedded_fields:
                 dynamic = True
-                self._field(fields, embedded, owner, each.place)
+                self._field(fields, embedded, owner, each.position)
             if each.name in selected:
                 message = f"two selected fields are both named '{each.name}'; rename one"
-                raise self._error(message, each.place)
-            selected[each.name] = self._field(fields, each.field, owner, each.place)
+                raise self._error(message, each.position)
+            selected[each.name] = self._field(fields, each.field, owner, each.position)
         return None if dynamic else selected
 
-    def _call(self, call: Call) -> tuple[Term, Fields | None]:
+    def _call(self, call: Call) -> _TypedTerm:
         declaration = self._calls.get(call.unit)
         if declaration is None:
             known = _listing(self._calls)
             message = f"computational unit '{call.unit}' is not declared (declared are: {known})"
-            raise self._error(message, call.place, ExitCode.NOT_FOUND)
+            raise self._error(message, call.position, ExitCode.NOT_FOUND)
         if len(call.inputs) != len(declaration.parameters):
             raise self._error(
                 f"computational unit '{call.unit}' takes {_streams(len(declaration.parameters))}, "
                 f'not {len(call.inputs)}',
-                call.place,
+                call.position,
             )
         inputs = []
         for each, parameter in zip(call.inputs, declaration.parameters, strict=True):
@@ -274,13 +268,13 @@ class _Resolver:
         self, argument: Term, fields: Fields | None, parameter: Sequence[TypedField], unit: str
     ) -> None:
         for field in parameter:
-            found = self._field(fields, field.name, _title(argument), argument.place)
+            found = self._field(fields, field.name, _title(argument), argument.position)
             if not _fits(found, field.type):
                 message = (
                     f"field '{field.name}' of {_title(argument)} is {_typed(found)}, "
                     f"but computational unit '{unit}' takes {_typed(field.type)}"
                 )
-                raise self._error(message, argument.place)
+                raise self._error(message, argument.position)
 
     def _check_settings(self, call: Call) -> None:
         possible = settings(self._units[call.unit])
@@ -288,23 +282,25 @@ class _Resolver:
         for each in call.arguments:
             if each.name not in possible:
                 message = f"computational unit '{call.unit}' has no parameter '{each.name}'"
-                raise self._error(f'{message} (it has: {_listing(possible)})', each.place)
+                raise self._error(f'{message} (it has: {_listing(possible)})', each.position)
             if names.count(each.name) > 1:
-                raise self._error(f"parameter '{each.name}' is given twice", each.place)
+                raise self._error(f"parameter '{each.name}' is given twice", each.position)
 
-    def _merge(self, merge: Merge) -> tuple[Term, Fields | None]:
+    def _merge(self, merge: Merge) -> _TypedTerm:
         inputs, fields = zip(*map(self.term, merge.inputs), strict=True)
         same = all(each == fields[0] for each in fields)
         return replace(merge, inputs=inputs), fields[0] if same else None
 
-    def _sync(self, sync: Sync) -> tuple[Term, Fields | None]:
+    def _sync(self, sync: Sync) -> _TypedTerm:
         inputs, all_fields = zip(*map(self.term, sync.inputs), strict=True)
         owners: dict[str, Term] = {}
         for each, fields in zip(sync.inputs, all_fields, strict=True):
             for name in fields or ():
                 first = owners.setdefault(name, each)
                 if first is not each:
-                    raise self._error(collision_text(name, _title(first), _title(each)), each.place)
+                    raise self._error(
+                        collision_text(name, _title(first), _title(each)), each.position
+                    )
         known = [fields for fields in all_fields if fields is not None]
         joined = {name: found for fields in known for name, found in fields.items()}
         if sync.approximation is Approximation.LINEAR:
@@ -312,14 +308,14 @@ class _Resolver:
         return replace(sync, inputs=inputs), joined if len(known) == len(all_fields) else None
 
     def _field(
-        self, fields: Fields | None, name: str, owner: str, place: TextPosition
+        self, fields: Fields | None, name: str, owner: str, position: TextPosition
     ) -> ValueType | None:
-        """The type of a field, as far as it is known."""
+        """Return the type of a field, or `None` if it is not known."""
         if fields is None:
             return None
         listed = listed_as(fields, name)
         if listed is None:
-            raise self._error(absence(owner, fields, name), place)
+            raise self._error(absence(owner, fields, name), position)
         return fields[listed]
 
     def _check_declared_once(self, declarations: Iterable[Declaration]) -> None:
@@ -330,22 +326,17 @@ class _Resolver:
                 continue
             names = units if isinstance(each, UnitDeclaration) else streams
             if each.name in names:
-                raise self._error(f"'{each.name}' is declared twice", each.place)
+                raise self._error(f"'{each.name}' is declared twice", each.position)
             names.add(each.name)
             if names is units and each.name not in self._units:
                 known = _listing(self._units)
                 message = f"there is no computational unit '{each.name}' (there are: {known})"
-                raise self._error(message, each.place, ExitCode.NOT_FOUND)
+                raise self._error(message, each.position, ExitCode.NOT_FOUND)
 
-    def _call_it(self, name: str, term: Term) -> None:
-        # What the operators below the constraints do is known by the same name.
+    def _add_name(self, name: str, term: Term) -> None:
+        # The operators below the constraints have the same name.
         for text in (str(term), str(replace(term, constraints=NO_CONSTRAINTS))):
             self.names.setdefault(text, name)
-
-    def _error(
-        self, message: str, place: TextPosition, code: ExitCode = ExitCode.INVALID_ARGUMENT
-    ) -> LanguageError:
-        return self._specification.error(message, place, code)
 
 
 def _interpolated(found: ValueType | None) -> ValueType | None:

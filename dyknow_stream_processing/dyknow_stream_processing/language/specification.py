@@ -2,55 +2,70 @@
 
 from __future__ import annotations
 
-import dataclasses
-import json
-import re
 from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, field
 from enum import StrEnum
-from typing import Final
+from typing import Final, TypeVar
 
 from dyknow_common import (
-    FIELD_PATH,
     NO_CONSTRAINTS,
     NOWHERE,
     ExitCode,
+    Language,
     LanguageError,
     StreamConstraints,
+    SyntaxNode,
     TextPosition,
     Value,
     ValueType,
     format_duration,
+    quoted,
 )
 
-LANGUAGE: Final = 'stream specification'
-"""What a text of the stream language is called in messages."""
+LANGUAGE: Final = Language(
+    'stream specification',
+    __package__,
+    'stream.lark',
+    {
+        'TRUTH': 'true or false',
+        'TYPE': f'a type ({", ".join(ValueType)})',
+        'COMPARISON': 'a comparison (= != < <= > >=)',
+        'RENAMING': 'a new name',
+        'CHOICE': 'approximation',
+        'APPROXIMATION': 'latest or linear',
+        'QUANTITY': 'a number or a duration',
+        '_ANOTHER': "','",
+    },
+)
 
-_NAME = re.compile(r'[A-Za-z_]\w*', re.ASCII)
-_FIELD = re.compile(FIELD_PATH, re.ASCII)
-_RENAMING = re.compile(rf'(?![\d.])([\w]|\.(?=\w)|%{FIELD_PATH}%)+', re.ASCII)
 
-
-@dataclasses.dataclass(frozen=True, slots=True)
-class TypedField:
+@dataclass(frozen=True, slots=True)
+class TypedField(SyntaxNode):
     """A field and its type, `voltage: float`."""
 
     name: str
     type: ValueType
-    place: TextPosition = dataclasses.field(default=NOWHERE, compare=False, kw_only=True)
 
     def __str__(self) -> str:
-        """The canonical text."""
         return f'{_field_text(self.name)}: {self.type}'
 
 
-@dataclasses.dataclass(frozen=True, slots=True)
-class StreamReference:
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Constrained(SyntaxNode):
+    """A term, whose canonical text ends with its constraints."""
+
+    constraints: StreamConstraints = NO_CONSTRAINTS
+
+    def _with_constraints(self, text: str) -> str:
+        return text if self.constraints.is_empty else f'{text} with {self.constraints}'
+
+
+@dataclass(frozen=True, slots=True)
+class StreamReference(_Constrained):
     """A stream by its name: a topic (quoted in the text), or a stream or source (an identifier)."""
 
     name: str
     is_topic: bool = False
-    place: TextPosition = dataclasses.field(default=NOWHERE, compare=False, kw_only=True)
-    constraints: StreamConstraints = dataclasses.field(default=NO_CONSTRAINTS, kw_only=True)
 
     @property
     def inputs(self) -> tuple[Term, ...]:
@@ -58,58 +73,51 @@ class StreamReference:
         return ()
 
     def __str__(self) -> str:
-        """The canonical text."""
-        return _constrained(json_text(self.name) if self.is_topic else self.name, self.constraints)
+        return self._with_constraints(quoted(self.name) if self.is_topic else self.name)
 
 
-@dataclasses.dataclass(frozen=True, slots=True)
-class UnitArgument:
-    """What a use of a computational unit settles besides its streams, `window = 5 s`.
+@dataclass(frozen=True, slots=True)
+class UnitArgument(SyntaxNode):
+    """A setting of a computational unit, `window = 5 s`.
 
     Args:
         name: of the parameter of the unit.
         value: a duration is in nanoseconds.
-        is_duration: whether it was written with a unit of time.
+        is_duration: true if the value was written with a unit of time.
     """
 
     name: str
     value: Value
     is_duration: bool = False
-    place: TextPosition = dataclasses.field(default=NOWHERE, compare=False, kw_only=True)
 
     def __str__(self) -> str:
-        """The canonical text."""
         if self.is_duration and isinstance(self.value, int):
             return f'{self.name} = {format_duration(self.value)}'
         return f'{self.name} = {value_text(self.value)}'
 
 
-@dataclasses.dataclass(frozen=True, slots=True)
-class Call:
+@dataclass(frozen=True, slots=True)
+class Call(_Constrained):
     """A computational unit over streams, `power(select voltage, current from battery)`.
 
     Args:
         unit: the name of the computational unit.
         inputs: one stream for each of its parameters.
-        arguments: what it takes besides.
-        declaration: how the unit is declared; known once names have been resolved.
+        arguments: its settings.
+        declaration: of the unit; known after the resolution of names.
     """
 
     unit: str
     inputs: tuple[Term, ...]
     arguments: tuple[UnitArgument, ...] = ()
-    declaration: UnitDeclaration | None = dataclasses.field(default=None, kw_only=True)
-    place: TextPosition = dataclasses.field(default=NOWHERE, compare=False, kw_only=True)
-    constraints: StreamConstraints = dataclasses.field(default=NO_CONSTRAINTS, kw_only=True)
+    declaration: UnitDeclaration | None = field(default=None, kw_only=True)
 
     def __str__(self) -> str:
-        """The canonical text."""
-        listed = _listed((*self.inputs, *self.arguments))
-        return _constrained(f'{self.unit}({listed})', self.constraints)
+        return self._with_constraints(f'{self.unit}({_listed((*self.inputs, *self.arguments))})')
 
 
-@dataclasses.dataclass(frozen=True, slots=True)
-class Selection:
+@dataclass(frozen=True, slots=True)
+class Selection(SyntaxNode):
     """One field of a select, `power as "Power[%id%]"`.
 
     Args:
@@ -120,7 +128,6 @@ class Selection:
 
     field: str
     renaming: str | None = None
-    place: TextPosition = dataclasses.field(default=NOWHERE, compare=False, kw_only=True)
 
     @property
     def embedded_fields(self) -> tuple[str, ...]:
@@ -133,42 +140,30 @@ class Selection:
         return self.field if self.renaming is None else self.renaming
 
     def __str__(self) -> str:
-        """The canonical text."""
         if self.renaming is None:
             return _field_text(self.field)
-        bare = _RENAMING.fullmatch(self.renaming)
-        return f'{_field_text(self.field)} as {self.renaming if bare else json_text(self.renaming)}'
+        return f'{_field_text(self.field)} as {LANGUAGE.name_text(self.renaming, "RENAMING")}'
 
 
-@dataclasses.dataclass(frozen=True, slots=True)
-class Condition:
-    """A comparison of a field with a value, `altitude >= 10.5`.
-
-    Args:
-        field: the field.
-        operator: one of `= != < <= > >=`.
-        value: what it is compared with.
-    """
+@dataclass(frozen=True, slots=True)
+class Condition(SyntaxNode):
+    """A comparison (`= != < <= > >=`) of a field with a value, `altitude >= 10.5`."""
 
     field: str
     operator: str
     value: Value
-    place: TextPosition = dataclasses.field(default=NOWHERE, compare=False, kw_only=True)
 
     def __str__(self) -> str:
-        """The canonical text."""
         return f'{_field_text(self.field)} {self.operator} {value_text(self.value)}'
 
 
-@dataclasses.dataclass(frozen=True, slots=True)
-class Select:
+@dataclass(frozen=True, slots=True)
+class Select(_Constrained):
     """Some fields of those samples of a stream that satisfy every condition."""
 
     selections: tuple[Selection, ...]
     source: Term
     conditions: tuple[Condition, ...] = ()
-    place: TextPosition = dataclasses.field(default=NOWHERE, compare=False, kw_only=True)
-    constraints: StreamConstraints = dataclasses.field(default=NO_CONSTRAINTS, kw_only=True)
 
     @property
     def inputs(self) -> tuple[Term, ...]:
@@ -176,46 +171,39 @@ class Select:
         return (self.source,)
 
     def __str__(self) -> str:
-        """The canonical text."""
         source = f'({self.source})' if _ends_open(self.source) else str(self.source)
-        parts = ['select', _listed(self.selections), 'from', source]
-        if self.conditions:
-            parts += ['where', ' and '.join(map(str, self.conditions))]
-        return _constrained(' '.join(parts), self.constraints)
+        conditions = f' where {" and ".join(map(str, self.conditions))}' if self.conditions else ''
+        return self._with_constraints(
+            f'select {_listed(self.selections)} from {source}{conditions}'
+        )
 
 
-@dataclasses.dataclass(frozen=True, slots=True)
-class Merge:
+@dataclass(frozen=True, slots=True)
+class Merge(_Constrained):
     """Every sample of every input."""
 
     inputs: tuple[Term, ...]
-    place: TextPosition = dataclasses.field(default=NOWHERE, compare=False, kw_only=True)
-    constraints: StreamConstraints = dataclasses.field(default=NO_CONSTRAINTS, kw_only=True)
 
     def __str__(self) -> str:
-        """The canonical text."""
-        return _constrained(f'merge({_listed(self.inputs)})', self.constraints)
+        return self._with_constraints(f'merge({_listed(self.inputs)})')
 
 
 class Approximation(StrEnum):
-    """How a value between two samples is found (paper, section III)."""
+    """The value of a field between two samples (paper, section III)."""
 
     LATEST = 'latest'
     LINEAR = 'linear'
 
 
-@dataclasses.dataclass(frozen=True, slots=True)
-class Sync:
+@dataclass(frozen=True, slots=True)
+class Sync(_Constrained):
     """Samples that join the values that all inputs have at the same valid time."""
 
     inputs: tuple[Term, ...]
     approximation: Approximation = Approximation.LATEST
-    place: TextPosition = dataclasses.field(default=NOWHERE, compare=False, kw_only=True)
-    constraints: StreamConstraints = dataclasses.field(default=NO_CONSTRAINTS, kw_only=True)
 
     def __str__(self) -> str:
-        """The canonical text."""
-        text = _constrained(f'sync({_listed(self.inputs)})', self.constraints)
+        text = self._with_constraints(f'sync({_listed(self.inputs)})')
         if self.approximation is Approximation.LATEST:
             return text
         link = ' with' if self.constraints.is_empty else ','
@@ -223,40 +211,35 @@ class Sync:
 
 
 Term = StreamReference | Call | Select | Merge | Sync
-"""What denotes a stream."""
+"""A term that denotes a stream."""
 
 
-@dataclasses.dataclass(frozen=True, slots=True)
-class SourceDeclaration:
+@dataclass(frozen=True, slots=True)
+class SourceDeclaration(SyntaxNode):
     """A topic and those of its fields that are used."""
 
     name: str
     fields: tuple[TypedField, ...]
-    place: TextPosition = dataclasses.field(default=NOWHERE, compare=False, kw_only=True)
 
     def __str__(self) -> str:
-        """The canonical text."""
-        name = self.name if _NAME.fullmatch(self.name) else json_text(self.name)
-        return f'source ({_listed(self.fields)}) {name}'
+        return f'source ({_listed(self.fields)}) {LANGUAGE.name_text(self.name)}'
 
 
-@dataclasses.dataclass(frozen=True, slots=True)
-class UnitDeclaration:
+@dataclass(frozen=True, slots=True)
+class UnitDeclaration(SyntaxNode):
     """A computational unit, `compunit power: float electrical_power((voltage: float, ...))`.
 
     Args:
         name: under which it is registered.
         output: the one field of its result.
-        parameters: for each input stream, the fields that the unit takes from it.
+        parameters: for each input stream, the fields that the unit uses.
     """
 
     name: str
     output: TypedField
     parameters: tuple[tuple[TypedField, ...], ...]
-    place: TextPosition = dataclasses.field(default=NOWHERE, compare=False, kw_only=True)
 
     def __str__(self) -> str:
-        """The canonical text."""
         texts = [
             str(fields[0]) if len(fields) == 1 else f'({_listed(fields)})'
             for fields in self.parameters
@@ -264,73 +247,73 @@ class UnitDeclaration:
         return f'compunit {self.output} {self.name}({", ".join(texts)})'
 
 
-@dataclasses.dataclass(frozen=True, slots=True)
-class StreamDeclaration:
+@dataclass(frozen=True, slots=True)
+class StreamDeclaration(SyntaxNode):
     """A name for a stream, known within its text."""
 
     name: str
     stream: Term
-    place: TextPosition = dataclasses.field(default=NOWHERE, compare=False, kw_only=True)
 
     def __str__(self) -> str:
-        """The canonical text."""
         return f'stream {self.name} = {self.stream}'
 
 
-@dataclasses.dataclass(frozen=True, slots=True)
-class SinkDeclaration:
-    """The stream that the text is there to make."""
+@dataclass(frozen=True, slots=True)
+class SinkDeclaration(SyntaxNode):
+    """A stream that the text makes."""
 
     stream: Term
-    place: TextPosition = dataclasses.field(default=NOWHERE, compare=False, kw_only=True)
 
     def __str__(self) -> str:
-        """The canonical text."""
         return f'sink {self.stream}'
 
 
 Declaration = SourceDeclaration | UnitDeclaration | StreamDeclaration | SinkDeclaration
 """One sentence of a specification."""
 
+Declared = TypeVar('Declared', bound=Declaration)
 
-@dataclasses.dataclass(frozen=True, slots=True)
+
+@dataclass(frozen=True, slots=True)
 class Specification:
     """A stream specification.
 
     Args:
         declarations: in the order of the text.
-        text: what was parsed, for error messages.
+        text: the parsed text, for error messages.
     """
 
     declarations: tuple[Declaration, ...]
-    text: str = dataclasses.field(default='', compare=False, kw_only=True)
+    text: str = field(default='', compare=False, kw_only=True)
+
+    def declared(self, kind: type[Declared]) -> list[Declared]:
+        """Return the declarations of one kind, in the order of the text."""
+        return [each for each in self.declarations if isinstance(each, kind)]
 
     def error(
-        self, message: str, place: TextPosition, code: ExitCode = ExitCode.INVALID_ARGUMENT
+        self, message: str, position: TextPosition, code: ExitCode = ExitCode.INVALID_ARGUMENT
     ) -> LanguageError:
-        """An error at a place of this specification."""
-        return LanguageError(message, LANGUAGE, self.text, place, code)
+        """Return an error at a position of this specification."""
+        return LANGUAGE.error(message, self.text, position, code)
 
     def __str__(self) -> str:
-        """The canonical text."""
         return ';\n'.join(map(str, self.declarations))
 
 
 def made(specification: Specification) -> Term:
-    """The stream that a specification makes: its sink, or the one stream that no other uses.
+    """Return the stream that a specification makes: its sink, or the one stream that no other uses.
 
     Raises:
         LanguageError: if there is none, or more than one.
     """
-    declared = specification.declarations
-    sinks = [each for each in declared if isinstance(each, SinkDeclaration)]
+    sinks = specification.declared(SinkDeclaration)
     if len(sinks) > 1:
-        raise specification.error('a second sink; keep one', sinks[1].place)
+        raise specification.error('a second sink; keep one', sinks[1].position)
     return sinks[0].stream if sinks else _unused(specification).stream
 
 
 def _unused(specification: Specification) -> StreamDeclaration:
-    streams = [each for each in specification.declarations if isinstance(each, StreamDeclaration)]
+    streams = specification.declared(StreamDeclaration)
     used = {each.name for stream in streams for each in references(stream.stream)}
     unused = [stream for stream in streams if stream.name not in used]
     if len(unused) == 1:
@@ -341,32 +324,31 @@ def _unused(specification: Specification) -> StreamDeclaration:
     raise specification.error(
         f'it is not clear which stream is made ({_listed(each.name for each in candidates)}); '
         f'add a sink, such as: sink {candidates[-1].name}',
-        candidates[-1].place,
+        candidates[-1].position,
     )
 
 
-def references(term: Term) -> Iterator[StreamReference]:
-    """Every reference in a term."""
-    if isinstance(term, StreamReference):
-        yield term
+def subterms(term: Term) -> Iterator[Term]:
+    """Yield a term and all terms in it."""
+    yield term
     for each in term.inputs:
-        yield from references(each)
+        yield from subterms(each)
 
 
-def json_text(text: str) -> str:
-    """A text in double quotes, escaped as in JSON."""
-    return json.dumps(text, ensure_ascii=False)
+def references(term: Term) -> Iterator[StreamReference]:
+    """Yield every reference in a term."""
+    return (each for each in subterms(term) if isinstance(each, StreamReference))
 
 
 def value_text(value: Value) -> str:
-    """A value as it is written in the stream language."""
+    """Return a value as it is written in the stream language."""
     if isinstance(value, bool):
         return 'true' if value else 'false'
-    return json_text(value) if isinstance(value, str) else repr(value)
+    return quoted(value) if isinstance(value, str) else repr(value)
 
 
 def _field_text(name: str) -> str:
-    return name if _FIELD.fullmatch(name) else json_text(name)
+    return LANGUAGE.name_text(name, 'FIELD')
 
 
 def _listed(parts: Iterable[object]) -> str:
@@ -374,10 +356,6 @@ def _listed(parts: Iterable[object]) -> str:
 
 
 def _ends_open(term: Term) -> bool:
-    """Whether constraints that follow the text of a term would be read as its own."""
+    """Return True if constraints after the text of a term would be read as its own."""
     approximated = isinstance(term, Sync) and term.approximation is not Approximation.LATEST
     return isinstance(term, Select) or approximated or not term.constraints.is_empty
-
-
-def _constrained(text: str, constraints: StreamConstraints) -> str:
-    return text if constraints.is_empty else f'{text} with {constraints}'

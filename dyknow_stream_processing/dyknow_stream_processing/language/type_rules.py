@@ -13,7 +13,7 @@ Unit = Callable[..., Any]
 """A computational unit as it is registered: a function, or a class whose instances are called."""
 
 TIME: Final = 'valid_time'
-"""The parameter of a unit that is given the valid time of the sample."""
+"""The parameter of a unit that receives the valid time of the sample."""
 
 _NUMBERS: Final = frozenset({ValueType.INT, ValueType.FLOAT})
 
@@ -30,7 +30,7 @@ def collision_text(field: str, first: str, second: str) -> str:
 
 
 def settings(unit: Unit) -> tuple[str, ...]:
-    """The parameters that a use of a unit may settle by name, as in `mean(power, window = 5 s)`.
+    """Return the parameters of a unit that a call may set by name, `mean(power, window = 5 s)`.
 
     They are those of the constructor of a class, and the keyword-only ones of a function.
     """
