@@ -31,7 +31,7 @@ from dyknow_common.parsing import (
     text_value,
 )
 from dyknow_common.symbol import Symbol, SymbolKind
-from dyknow_common.text_files import read_file
+from dyknow_common.text_files import open_text, read_file, read_text
 from dyknow_common.units import check_unit, unit_conversion
 from dyknow_common.values import Value, ValueType
 from dyknow_common.verdict import Verdict
@@ -65,9 +65,11 @@ __all__ = [
     'format_duration',
     'format_time',
     'listed_as',
+    'open_text',
     'parse_duration',
     'quoted',
     'read_file',
+    'read_text',
     'round_duration',
     'round_time',
     'text_value',

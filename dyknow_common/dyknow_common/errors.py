@@ -1,4 +1,4 @@
-"""What can go wrong, for every package of DyKnow."""
+"""The base of all errors of DyKnow, and their codes."""
 
 from __future__ import annotations
 
@@ -20,11 +20,11 @@ class ExitCode(IntEnum):
 
 
 class DyKnowError(Exception):
-    """The base of all errors that DyKnow raises on purpose.
+    """An error that DyKnow raises on purpose.
 
     Args:
-        message: names the thing at fault and the mend.
-        code: what a caller of a service is told.
+        message: names the thing at fault and the remedy.
+        code: the exit status of a service that fails with this error.
     """
 
     def __init__(self, message: str, code: ExitCode = ExitCode.INVALID_ARGUMENT) -> None:
@@ -33,5 +33,5 @@ class DyKnowError(Exception):
 
     @property
     def message(self) -> str:
-        """The text for the caller."""
+        """The text of the error."""
         return str(self)

@@ -1,7 +1,8 @@
 """Paths to single values in a message: `pose.position.z`, `covariance[35]`, `points[2].x`.
 
-The elements of an array are listed together, `covariance[0..35]`; those of an array whose
-length only the message tells as `ranges[0..]`.
+A list of fields has all elements of an array as one entry, `covariance[0..35]`, or `ranges[0..]`
+if the length of the array differs between messages. The path `covariance[7]` is listed as
+`covariance[0..35]`; `covariance[36]` is absent.
 """
 
 from __future__ import annotations
@@ -12,33 +13,33 @@ from collections.abc import Collection, Iterable, Iterator
 from typing import Final
 
 _INDEX = re.compile(r'\[(?P<first>\d+)(?P<more>\.\.(?P<last>\d*))?\]', re.ASCII)
-_SUGGESTED: Final = 4
+_MAX_SUGGESTIONS: Final = 4
 
 
 def all_elements(array: str, size: int | None) -> str:
-    """How the elements of an array are listed.
+    """Return the entry for the elements of an array.
 
     Args:
         array: the path to the array.
-        size: how many elements it can have; `None` if there is no bound.
+        size: the maximal number of elements; `None` if there is no bound.
     """
     return f'{array}[0..{"" if size is None else size - 1}]'
 
 
 def listed_as(fields: Collection[str], path: str) -> str | None:
-    """What a path is listed as among the fields of a stream; `None` if it is not."""
+    """Return the entry of a path among the fields of a stream; `None` if there is none."""
     if path in fields:
         return path
     return next((each for each in fields if _covers(each, path)), None)
 
 
 def absence(owner: str, fields: Collection[str], path: str) -> str:
-    """Why something has no field at a path, and what can be asked for instead.
+    """Return the message that a path is not among the fields of a stream or message.
 
     Args:
-        owner: what lacks the field.
-        fields: all that it has.
-        path: where there is none of them.
+        owner: of the fields, `stream 'a'`.
+        fields: all fields of the owner.
+        path: the path that is not listed.
     """
     lack = f"{owner} has no field '{path}'"
     shape = _shape(path)
@@ -83,6 +84,6 @@ def _suggestion(path: str, inside: Iterable[str]) -> str:
         firsts = [first for first, _ in _bounds(each)][known:]
         tail = _shape(each)[len(_shape(path)) :].replace('[]', '[{}]')
         paths.append(path + tail.format(*firsts))
-    if len(paths) > _SUGGESTED:
-        return f'{", ".join(paths[:_SUGGESTED])}, ...'
+    if len(paths) > _MAX_SUGGESTIONS:
+        return f'{", ".join(paths[:_MAX_SUGGESTIONS])}, ...'
     return ' or '.join(filter(None, [', '.join(paths[:-1]), paths[-1]]))

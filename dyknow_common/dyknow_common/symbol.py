@@ -35,10 +35,10 @@ class Symbol:
 
     @property
     def is_reference(self) -> bool:
-        """Whether the symbol names a stream and a field itself."""
+        """True if the symbol names a stream and a field itself."""
         return self.kind is SymbolKind.FEATURE and '.' in self.name
 
     @property
     def may_be_stream(self) -> bool:
-        """Whether the symbol can be the name of a stream."""
+        """True if the symbol can be the name of a stream."""
         return self.kind is SymbolKind.FEATURE and not self.arguments

@@ -1,39 +1,55 @@
-"""Reading files in one of the languages, or in a format of our own."""
+"""Reading of text files; all errors name the file and the reason."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
-from typing import TypeVar
+from typing import TextIO, TypeVar
 
 from dyknow_common.errors import DyKnowError, ExitCode
 
 Content = TypeVar('Content')
 
 
-def read_file(
-    path: Path, what: str, parse: Callable[[str], Content], fault: type[DyKnowError]
-) -> Content:
-    """What a text file says.
+@contextmanager
+def open_text(path: Path, content: str, error_class: type[DyKnowError]) -> Iterator[TextIO]:
+    """Open a text file in UTF-8, to be read within the body.
 
     Args:
-        path: of the file, in UTF-8.
-        what: what it holds, for error messages.
-        parse: makes sense of its text.
-        fault: the class of the error.
+        path: of the file.
+        content: the kind of content in error messages, such as `streams`.
+        error_class: of the errors.
 
     Raises:
-        DyKnowError: of that class, when the file cannot be read (NOT_FOUND) or parsed; it names the
-            file.
+        DyKnowError: of that class, if the file cannot be read (NOT_FOUND) or is not in UTF-8.
     """
     try:
-        text = path.read_text(encoding='utf-8')
+        with path.open(encoding='utf-8') as file:
+            yield file
     except OSError as error:
-        message = f'cannot read the {what} in {path}: {error.strerror}'
-        raise fault(message, ExitCode.NOT_FOUND) from None
+        message = f'cannot read the {content} in {path}: {error.strerror}'
+        raise error_class(message, ExitCode.NOT_FOUND) from None
     except UnicodeDecodeError:
-        raise fault(f'cannot read the {what} in {path}: it is not in UTF-8') from None
+        raise error_class(f'cannot read the {content} in {path}: it is not in UTF-8') from None
+
+
+def read_text(path: Path, content: str, error_class: type[DyKnowError]) -> str:
+    """Return the text of a file; arguments and errors are those of `open_text`."""
+    with open_text(path, content, error_class) as file:
+        return file.read()
+
+
+def read_file(
+    path: Path, content: str, parse: Callable[[str], Content], error_class: type[DyKnowError]
+) -> Content:
+    """Return the parsed text of a file.
+
+    Raises:
+        DyKnowError: of the given class, as for `open_text`, or with the error of the parser.
+    """
+    text = read_text(path, content, error_class)
     try:
         return parse(text)
     except DyKnowError as error:
-        raise fault(f'{path}: {error.message}', error.code) from None
+        raise error_class(f'{path}: {error.message}', error.code) from None

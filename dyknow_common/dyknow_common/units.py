@@ -1,4 +1,4 @@
-"""Units of measurement; this is the one place that knows the library pint."""
+"""Units of measurement; the only module that uses the library pint."""
 
 from __future__ import annotations
 
@@ -10,14 +10,14 @@ from typing import Any, Final
 
 from dyknow_common.errors import DyKnowError, ExitCode
 
-# pint computes the numbers in a unit: only small exponents, one each, come that far.
+# pint evaluates the numbers in a unit. Only small exponents are passed on, one each.
 _EXPONENT: Final = re.compile(r'(\^|\*\*)\s*-?\d{1,2}(?!\s*(\^|\*|\d))|\b1\b')
 _UNIT_WITHOUT_NUMBERS: Final = re.compile(r'[^\W\d]?([^\W\d]|[ */().%°-])*')
-_LONGEST: Final = 100
+_MAX_LENGTH: Final = 100
 
 
 def check_unit(unit: str) -> None:
-    """Checks that a unit is known.
+    """Check that a unit is known.
 
     Raises:
         DyKnowError: NOT_FOUND, if it is not.
@@ -27,7 +27,7 @@ def check_unit(unit: str) -> None:
 
 @lru_cache(maxsize=4096)
 def unit_conversion(given: str, wanted: str) -> Callable[[float], float] | None:
-    """What turns a number of one unit into one of another; none where the numbers are the same.
+    """Return the conversion of numbers between two units; `None` if the numbers are the same.
 
     Units of logarithms, such as dBm, convert to themselves only.
 
@@ -51,7 +51,7 @@ def unit_conversion(given: str, wanted: str) -> Callable[[float], float] | None:
 
 @cache
 def _registry() -> Any:
-    # Only those who have units pay for the import and for the reading of pint's definitions.
+    # The import and pint's definitions take time, and many systems have no units.
     import pint  # noqa: PLC0415
 
     return pint.UnitRegistry(non_int_type=Fraction)
@@ -59,7 +59,7 @@ def _registry() -> Any:
 
 @lru_cache(maxsize=4096)
 def _parsed(unit: str) -> Any:
-    if len(unit) > _LONGEST or not _UNIT_WITHOUT_NUMBERS.fullmatch(_EXPONENT.sub('', unit)):
+    if len(unit) > _MAX_LENGTH or not _UNIT_WITHOUT_NUMBERS.fullmatch(_EXPONENT.sub('', unit)):
         raise _unknown(unit)
     try:
         return _registry().parse_units(unit)
