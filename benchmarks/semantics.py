@@ -114,7 +114,7 @@ def matching(*, quick: bool) -> Any:
     ):
         known = annotations(specifications, relevant)
         matcher = Matcher(Knowledge(triples(features, max(relevant, 1))))
-        matcher.update(known)
+        matcher.set_annotations(known)
         begun = time.perf_counter()
         found = matcher.match(CONCEPT)
         first = time.perf_counter() - begun
@@ -135,7 +135,7 @@ def matching(*, quick: bool) -> Any:
 def changes(*, quick: bool) -> Any:
     """An annotation more, and an object more, of 2,000 annotations."""
     matcher = Matcher(Knowledge(triples(2_000, 10)))
-    matcher.update(annotations(2_000, 10))
+    matcher.set_annotations(annotations(2_000, 10))
     text = 'stream new contains F0[uav0] = value;'
     new = parse_annotations(text)[0]
 
@@ -145,7 +145,7 @@ def changes(*, quick: bool) -> Any:
 
     worlds = [Knowledge(triples(2_000, number)) for number in (11, 10)] * (2 if quick else 10)
     again = iter(worlds)
-    learning = milliseconds(lambda: matcher.learn(next(again)), len(worlds))
+    learning = milliseconds(lambda: matcher.set_knowledge(next(again)), len(worlds))
     assert matcher.match(CONCEPT) == match_anew(2_000, 10)
     return {
         'add_and_remove_annotation_ms': milliseconds(add_and_remove, 100),
@@ -157,7 +157,7 @@ def changes(*, quick: bool) -> Any:
 def match_anew(specifications: int, relevant: int) -> object:
     """The answer of a matcher that begins with nothing, but for the parsing."""
     matcher = Matcher(Knowledge(triples(specifications, relevant)))
-    matcher.update(annotations(specifications, relevant))
+    matcher.set_annotations(annotations(specifications, relevant))
     return matcher.match(CONCEPT)
 
 

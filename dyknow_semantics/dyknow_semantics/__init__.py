@@ -19,17 +19,15 @@ from dyknow_semantics.matching.matching import Matcher, match
 from dyknow_semantics.matching.near_misses import Explanation
 from dyknow_semantics.matching.specifications import Match
 from dyknow_semantics.ontology.features import FeatureSignature
-from dyknow_semantics.ontology.knowledge import Knowledge, Triple
+from dyknow_semantics.ontology.knowledge import ALL_TRIPLES, Knowledge, Triple
 from dyknow_semantics.ontology.ontology import Ontology
 from dyknow_semantics.ontology.reasoner import Reasoner, ReasonerProcess, choose_reasoner
-from dyknow_semantics.ontology.store import ALL_TRIPLES
 from dyknow_semantics.ontology.vocabulary import UPPER_ONTOLOGY
 from dyknow_semantics.reporting.hierarchy import (
     HierarchyEntry,
-    as_json,
-    as_tree,
-    entries,
     explanation_tree,
+    hierarchy_entries,
+    hierarchy_tree,
 )
 
 __all__ = [
@@ -57,15 +55,14 @@ __all__ = [
     'Relation',
     'SemanticsError',
     'Triple',
-    'as_json',
-    'as_tree',
     'bridged',
     'check_annotation',
     'check_concept',
     'check_fields',
     'choose_reasoner',
-    'entries',
     'explanation_tree',
+    'hierarchy_entries',
+    'hierarchy_tree',
     'match',
     'parse_annotations',
     'parse_bridges',

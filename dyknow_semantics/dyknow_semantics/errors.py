@@ -1,4 +1,4 @@
-"""What can go wrong with ontologies, annotations and matching."""
+"""Errors of ontologies, annotations and matching."""
 
 from __future__ import annotations
 
@@ -6,4 +6,4 @@ from dyknow_common import DyKnowError
 
 
 class SemanticsError(DyKnowError):
-    """A name that the ontology does not know, or knowledge that does not hold together."""
+    """An unknown name, or an ontology that contradicts itself or cannot be read."""

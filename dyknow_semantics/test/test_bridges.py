@@ -70,7 +70,7 @@ def matches(concept: str, bridges: str = BRIDGES, ssl: str = SSL) -> list[str]:
     found = bridged(TRIPLES, parse_bridges(bridges))
     assert not found.faults
     matcher = Matcher(found.known, found.stated)
-    matcher.update({str(each): each for each in parse_annotations(ssl)})
+    matcher.set_annotations({str(each): each for each in parse_annotations(ssl)})
     matches = matcher.match(parse_concept(concept))
     return [f'{each.ground_feature} of {each.declaration.stream}' for each in matches]
 
@@ -142,7 +142,7 @@ def test_equivalent_classes_and_same_individuals_of_owl_are_bridges_too() -> Non
          'http://www.example.org/uav#uav2'),
     ]  # fmt: skip
     matcher = Matcher(Knowledge(triples))
-    matcher.update({str(each): each for each in parse_annotations(SSL)})
+    matcher.set_annotations({str(each): each for each in parse_annotations(SSL)})
     found = matcher.match(parse_concept('Altitude[uav2]'))
     assert {each.ground_feature for each in found} == {'Altitude[uav2]'}
     assert len(found) == 2
@@ -154,12 +154,12 @@ def test_an_index_learns_bridges() -> None:
     annotations = {str(each): each for each in parse_annotations(SSL)}
     concept = parse_concept('Altitude[u] for every u in UAV')
     new, old = Matcher(known, stated), Matcher(stated)
-    new.update(annotations)
-    old.update(annotations)
+    new.set_annotations(annotations)
+    old.set_annotations(annotations)
     assert old.match(concept) != new.match(concept)
-    old.learn(known, stated)
+    old.set_knowledge(known, stated)
     assert old.match(concept) == new.match(concept)
-    old.learn(stated)
+    old.set_knowledge(stated)
     assert len(old.match(concept)) == 1
 
 

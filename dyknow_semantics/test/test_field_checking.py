@@ -46,7 +46,7 @@ def test_fields_that_hold_what_they_should(knowledge: Knowledge, text: str) -> N
         (
             'stream a contains Altitude[uav1] = position',
             ExitCode.NOT_FOUND,
-            "a/msg/B has no field 'position': it is no single value; ask for position.z",
+            "a/msg/B has no field 'position': it is not a single value; ask for position.z",
         ),
         (
             'stream a contains Altitude[uav1] = id',

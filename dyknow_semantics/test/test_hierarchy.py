@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import asdict
+
 from hypothesis import given
 from hypothesis import strategies as st
 from rich.console import Console
@@ -10,10 +12,9 @@ from rich.tree import Tree
 from dyknow_semantics import (
     Knowledge,
     Matcher,
-    as_json,
-    as_tree,
-    entries,
     explanation_tree,
+    hierarchy_entries,
+    hierarchy_tree,
     parse_annotations,
     parse_concept,
 )
@@ -27,7 +28,7 @@ SSL = """
 
 def matcher_of(ssl: str, knowledge: Knowledge) -> Matcher:
     matcher = Matcher(knowledge)
-    matcher.update({str(each): each for each in parse_annotations(ssl)})
+    matcher.set_annotations({str(each): each for each in parse_annotations(ssl)})
     return matcher
 
 
@@ -40,7 +41,7 @@ def text_of(tree: Tree) -> str:
 
 def test_the_tree_of_a_fleet(knowledge: Knowledge) -> None:
     assert (
-        text_of(as_tree(entries(matcher_of(SSL, knowledge))))
+        text_of(hierarchy_tree(hierarchy_entries(matcher_of(SSL, knowledge))))
         == """\
 concepts
 ├── (sorts)
@@ -85,7 +86,9 @@ BarometricAltitude[uav1]
 
 def test_what_is_provided_from_below_is_provided(knowledge: Knowledge) -> None:
     ssl = 'stream b contains BarometricAltitude[uav1] = z'
-    found = {each['name']: each for each in as_json(entries(matcher_of(ssl, knowledge)))}
+    found = {
+        each['name']: each for each in map(asdict, hierarchy_entries(matcher_of(ssl, knowledge)))
+    }
     assert found['Altitude']['is_provided']
     assert found['Altitude']['streams'] == ()
     assert not found['Power']['is_provided']
@@ -100,7 +103,7 @@ def test_parents_give_back_the_order(pairs: list[tuple[str, str]]) -> None:
     triples = [(here + each, f'{rdf}type', 'http://www.w3.org/2002/07/owl#Class') for each in NAMES]
     subclass_of = 'http://www.w3.org/2000/01/rdf-schema#subClassOf'
     knowledge = Knowledge([*triples, *((here + a, subclass_of, here + b) for a, b in pairs)])
-    found = entries(Matcher(knowledge))
+    found = hierarchy_entries(Matcher(knowledge))
     parents = {each.name: set(each.parents) for each in found}
     assert sorted(name for each in found for name in (each.name, *each.equivalents)) == NAMES
 
@@ -112,4 +115,7 @@ def test_parents_give_back_the_order(pairs: list[tuple[str, str]]) -> None:
         assert above(entry.name) == strictly & parents.keys()
         assert not any(above(one) & entry_parents for entry_parents in [parents[entry.name]]
                        for one in entry_parents)  # fmt: skip
-    assert {line.strip('│├└─ ').partition(' ')[0] for line in text_of(as_tree(found)).splitlines()}
+    assert {
+        line.strip('│├└─ ').partition(' ')[0]
+        for line in text_of(hierarchy_tree(found)).splitlines()
+    }

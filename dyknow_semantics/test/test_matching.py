@@ -165,7 +165,7 @@ def test_what_comes_nearest(knowledge: Knowledge, concept: str, ssl: str, messag
 
 def nearest(concept: Concept, annotations: Iterable[Annotation], knowledge: Knowledge) -> str:
     matcher = Matcher(knowledge)
-    matcher.update({str(each): each for each in annotations})
+    matcher.set_annotations({str(each): each for each in annotations})
     return matcher.nearest(concept)
 
 
@@ -333,7 +333,7 @@ def test_without_arguments_a_concept_is_that_of_all_objects(
 
 def matcher_of(annotations: Iterable[Annotation], knowledge: Knowledge) -> Matcher:
     matcher = Matcher(knowledge)
-    matcher.update({str(each): each for each in annotations})
+    matcher.set_annotations({str(each): each for each in annotations})
     return matcher
 
 
@@ -352,10 +352,10 @@ def test_an_index_that_was_changed_is_like_a_new_one(
     for change in changes:
         if isinstance(change, World):
             world = change
-            matcher.learn(world.knowledge())
+            matcher.set_knowledge(world.knowledge())
         else:
             annotations = change
-            matcher.update({str(each): each for each in annotations})
+            matcher.set_annotations({str(each): each for each in annotations})
         distinct = {str(each): each for each in annotations}.values()
         assert matcher.match(concept) == match(concept, distinct, world.knowledge())
 
@@ -368,10 +368,10 @@ def test_what_an_ontology_learns_is_seen() -> None:
     matcher = matcher_of(parse_annotations(ssl), world.knowledge())
     concept = parse_concept('F0')
     assert [each.ground_feature for each in matcher.match(concept)] == ['F0[b, b]']
-    matcher.learn(other.knowledge())
+    matcher.set_knowledge(other.knowledge())
     assert [each.ground_feature for each in matcher.match(concept)] == ['F0[a, a]']
     assert matcher.faults.keys() == {'stream t contains F0[b, b] = p;'}
-    matcher.learn(world.knowledge())
+    matcher.set_knowledge(world.knowledge())
     assert [each.ground_feature for each in matcher.match(concept)] == ['F0[b, b]']
 
 
@@ -427,7 +427,7 @@ def test_a_unit_that_does_not_convert_is_a_mismatch_with_the_reason(knowledge: K
     assert [(each.stream, each.reason) for each in matcher.explain(concept)] == [
         (f'{ssl};', reason)
     ]
-    assert matcher.nearest(concept).endswith(f'; the annotation of a makes no sense: {reason}')
+    assert matcher.nearest(concept).endswith(f'; the annotation of a is invalid: {reason}')
 
 
 def test_a_converted_stream_of_many_objects_carries_the_object_that_was_asked_for(

@@ -35,45 +35,56 @@ def snapshot(ontology: Ontology) -> set[tuple[str, ...]]:
 
 def test_the_upper_ontology_is_there_from_the_start() -> None:
     with Ontology() as ontology:
-        assert ontology.subconcepts('Feature') == ('Feature', 'NullaryFeature')
-        assert ontology.subconcepts('Object') == ('Object',)
-        assert ontology.superconcepts('ontology:Object') == ('Object',)
+        assert ontology.knowledge.subconcepts('Feature') == ('Feature', 'NullaryFeature')
+        assert ontology.knowledge.subconcepts('Object') == ('Object',)
+        assert ontology.knowledge.superconcepts('ontology:Object') == ('Object',)
 
 
 def test_hierarchy_as_protege_writes_it(fleet: Ontology) -> None:
-    assert fleet.subconcepts('UAV') == ('Drone', 'Observer', 'UAV')
-    assert fleet.subconcepts('Machine') == (
+    assert fleet.knowledge.subconcepts('UAV') == ('Drone', 'Observer', 'UAV')
+    assert fleet.knowledge.subconcepts('Machine') == (
         'Camera', 'Drone', 'Machine', 'Observer', 'UAV', 'UGV', 'Vehicle',
     )  # fmt: skip
-    assert fleet.superconcepts('Observer') == (
+    assert fleet.knowledge.superconcepts('Observer') == (
         'Drone', 'Machine', 'Object', 'Observer', 'UAV', 'Vehicle',
     )  # fmt: skip
 
 
 def test_instances_are_those_of_subconcepts_too(fleet: Ontology) -> None:
-    assert fleet.instances('UAV') == ('uav1', 'uav2')
-    assert fleet.instances('vehicles:Drone') == ('uav1', 'uav2')
-    assert fleet.instances('Vehicle') == ('rover', 'uav1', 'uav2')
-    assert fleet.instances('http://www.example.org/vehicles#Observer') == ('uav2',)
-    assert fleet.instances('Feature') == ()
+    assert fleet.knowledge.instances('UAV') == ('uav1', 'uav2')
+    assert fleet.knowledge.instances('vehicles:Drone') == ('uav1', 'uav2')
+    assert fleet.knowledge.instances('Vehicle') == ('rover', 'uav1', 'uav2')
+    assert fleet.knowledge.instances('http://www.example.org/vehicles#Observer') == ('uav2',)
+    assert fleet.knowledge.instances('Feature') == ()
 
 
 def test_concepts_of_an_instance_begin_with_the_most_specific(fleet: Ontology) -> None:
-    assert fleet.concepts('uav2') == ('Observer', 'Drone', 'UAV', 'Vehicle', 'Machine', 'Object')
+    assert fleet.knowledge.concepts('uav2') == (
+        'Observer',
+        'Drone',
+        'UAV',
+        'Vehicle',
+        'Machine',
+        'Object',
+    )
 
 
 def test_features(fleet: Ontology) -> None:
-    assert fleet.feature('XYDist') == FeatureSignature(
+    assert fleet.knowledge.feature('XYDist') == FeatureSignature(
         'XYDist', ('UAV', 'Vehicle'), ValueType.FLOAT, 'm'
     )
-    assert fleet.feature('Daylight') == FeatureSignature('Daylight', (), ValueType.BOOLEAN, '')
+    assert fleet.knowledge.feature('Daylight') == FeatureSignature(
+        'Daylight', (), ValueType.BOOLEAN, ''
+    )
     for name in ('BarometricAltitude', 'Height'):
-        assert fleet.feature(name) == FeatureSignature(name, ('Vehicle',), ValueType.FLOAT, 'm')
+        assert fleet.knowledge.feature(name) == FeatureSignature(
+            name, ('Vehicle',), ValueType.FLOAT, 'm'
+        )
 
 
 def test_a_sort_is_no_feature(fleet: Ontology) -> None:
-    with pytest.raises(SemanticsError, match="the concept 'UAV' is no feature") as error:
-        fleet.feature('UAV')
+    with pytest.raises(SemanticsError, match="the concept 'UAV' is not a feature") as error:
+        fleet.knowledge.feature('UAV')
     assert error.value.code is ExitCode.NOT_FOUND
 
 
@@ -90,7 +101,7 @@ def test_forms_of_owl_say_the_same(
     with Ontology() as ontology:
         ontology.load(tmp_path / 'again.owl')
         assert ontology.knowledge.features == fleet.knowledge.features
-        assert ontology.subconcepts('Machine') == fleet.subconcepts('Machine')
+        assert ontology.knowledge.subconcepts('Machine') == fleet.knowledge.subconcepts('Machine')
 
 
 def test_loading_an_ontology_again_replaces_it_only(fleet: Ontology, ontologies: Path) -> None:
@@ -102,7 +113,7 @@ def test_loading_an_ontology_again_replaces_it_only(fleet: Ontology, ontologies:
     fleet.create_instance('uav3', ['UAV'])
     fleet.load(ontologies / 'vehicles.owl')
     fleet.load(ontologies / 'fleet.owl')
-    assert fleet.instances('UAV') == ('uav1', 'uav2', 'uav3')
+    assert fleet.knowledge.instances('UAV') == ('uav1', 'uav2', 'uav3')
 
 
 def test_a_reloaded_ontology_forgets_what_its_file_no_longer_says(tmp_path: Path) -> None:
@@ -117,7 +128,7 @@ def test_a_reloaded_ontology_forgets_what_its_file_no_longer_says(tmp_path: Path
         assert 'Thing_a' not in ontology.knowledge.concept_names
         ontology.create_concept('a:Thing_a', ['Other'])
         ontology.create_instance('x', ['Thing_a'])
-        assert ontology.concepts('x') == ('Thing_a', 'Other')
+        assert ontology.knowledge.concepts('x') == ('Thing_a', 'Other')
 
 
 def test_imports_may_be_circular(tmp_path: Path) -> None:
@@ -126,7 +137,7 @@ def test_imports_may_be_circular(tmp_path: Path) -> None:
     with Ontology() as ontology:
         ontology.load(tmp_path / 'a.nt')
         for name in 'abc':
-            assert ontology.subconcepts(f'Thing_{name}') == (f'Thing_{name}',)
+            assert ontology.knowledge.subconcepts(f'Thing_{name}') == (f'Thing_{name}',)
 
 
 def test_an_import_that_is_loaded_already_is_not_looked_for(tmp_path: Path) -> None:
@@ -136,7 +147,7 @@ def test_an_import_that_is_loaded_already_is_not_looked_for(tmp_path: Path) -> N
     with Ontology() as ontology:
         ontology.load(tmp_path / 'elsewhere' / 'b.nt')
         ontology.load((tmp_path / 'a.nt').as_uri())
-        assert ontology.subconcepts('Thing_a') == ('Thing_a',)
+        assert ontology.knowledge.subconcepts('Thing_a') == ('Thing_a',)
 
 
 def test_an_import_that_is_another_ontology(tmp_path: Path) -> None:
@@ -167,7 +178,7 @@ def test_a_malformed_ontology_is_not_loaded_at_all(tmp_path: Path) -> None:
             ontology.load(tmp_path / 'a.nt')
         assert snapshot(ontology) == before
         ontology.load(tmp_path / 'b.nt')
-        assert ontology.subconcepts('Thing_b') == ('Thing_b',)
+        assert ontology.knowledge.subconcepts('Thing_b') == ('Thing_b',)
 
 
 @pytest.mark.parametrize('text', ['not an ontology', '<rdf:RDF', '<a></b>', '', '<html/>'])
@@ -197,13 +208,13 @@ def test_names_of_what_is_created(fleet: Ontology) -> None:
     fleet.create_instance('http://www.example.org/other#uav3', ['Balloon', 'Camera'])
     assert fleet.knowledge.concept_names.iri('Glider') == 'http://www.dyknow.org/runtime#Glider'
     assert fleet.knowledge.concept_names.iri('Balloon').startswith('http://www.example.org/vehi')
-    assert fleet.instances('Glider') == ('uav3',)
-    assert fleet.instances('Camera') == ('eye', 'uav3')
+    assert fleet.knowledge.instances('Glider') == ('uav3',)
+    assert fleet.knowledge.instances('Camera') == ('eye', 'uav3')
 
 
 def test_features_may_be_created_below_others(fleet: Ontology) -> None:
     fleet.create_concept('LaserAltitude', ['Altitude'])
-    assert fleet.feature('LaserAltitude') == FeatureSignature(
+    assert fleet.knowledge.feature('LaserAltitude') == FeatureSignature(
         'LaserAltitude', ('Vehicle',), ValueType.FLOAT, 'm'
     )
 
@@ -211,11 +222,11 @@ def test_features_may_be_created_below_others(fleet: Ontology) -> None:
 @pytest.mark.parametrize(
     ('change', 'code', 'message'),
     [
-        (lambda o: o.create_concept('UAV'), ExitCode.ALREADY_EXISTS, "there is already a 'UAV'"),
+        (lambda o: o.create_concept('UAV'), ExitCode.ALREADY_EXISTS, "'UAV' already exists"),
         (
             lambda o: o.create_instance('UAV', ['UAV']),
             ExitCode.ALREADY_EXISTS,
-            "there is already a 'UAV'",
+            "'UAV' already exists",
         ),
         (
             lambda o: o.create_concept('A', ['Vehicel']),
@@ -230,7 +241,10 @@ def test_features_may_be_created_below_others(fleet: Ontology) -> None:
         (
             lambda o: o.create_concept('2D', ['UAV']),
             ExitCode.INVALID_ARGUMENT,
-            "'2D' is no name; it needs a letter first, then letters, digits, _ . or -",
+            (
+                "'2D' is not a valid name; it must begin with a letter or _, "
+                'followed by letters, digits, _ . or -'
+            ),
         ),
         (
             lambda o: o.create_instance('x', []),
@@ -288,7 +302,7 @@ def test_what_is_destroyed_is_gone(fleet: Ontology) -> None:
     fleet.create_concept('Glider', ['UAV'])
     fleet.create_instance('uav3', ['Glider'])
     fleet.destroy_instance('uav3')
-    assert fleet.instances('Glider') == ()
+    assert fleet.knowledge.instances('Glider') == ()
     fleet.destroy_concept('Glider')
     assert 'Glider' not in fleet.knowledge.concept_names
     gone = {row for row in snapshot(fleet) - before if 'Glider' in str(row) or 'uav3' in str(row)}
@@ -357,7 +371,7 @@ def test_a_query_that_does_not_end(tmp_path: Path, answer: str) -> None:
     )
     with Ontology() as ontology:
         ontology.load(file)
-        assert ontology.superconcepts('Other') == ('Other', 'Thing_a')
+        assert ontology.knowledge.superconcepts('Other') == ('Other', 'Thing_a')
         with pytest.raises(SemanticsError, match=r'the SPARQL query (has more|cannot)'):
             ontology.query(f'SELECT {answer} {{ ?x rdfs:subClassOf+ {thing} }}')
         assert ontology.query(f'SELECT ?x {{ ?x a owl:Class . FILTER(?x = {thing}) }}')[1] == (
@@ -373,7 +387,7 @@ def test_others_get_the_same_knowledge_by_a_query(fleet: Ontology) -> None:
     assert mirrored.features == fleet.knowledge.features
     assert mirrored.sorts == fleet.knowledge.sorts
     for sort in mirrored.sorts:
-        assert mirrored.instances(sort) == fleet.instances(sort)
+        assert mirrored.instances(sort) == fleet.knowledge.instances(sort)
 
 
 def test_the_store_reads_what_the_query_asks_for(tmp_path: Path, ontologies: Path) -> None:
@@ -397,13 +411,13 @@ def test_a_store_survives(tmp_path: Path, ontologies: Path) -> None:
         before = snapshot(ontology)
     with Ontology(store) as ontology:
         assert {row for row in snapshot(ontology) ^ before if not row[0].startswith('-')} == set()
-        assert ontology.instances('UAV') == ('uav1', 'uav2', 'uav3')
-        assert ontology.feature('Height').unit == 'm'
+        assert ontology.knowledge.instances('UAV') == ('uav1', 'uav2', 'uav3')
+        assert ontology.knowledge.feature('Height').unit == 'm'
         ontology.load(ontologies / 'fleet.owl')
         ontology.destroy_instance('uav3')
         ontology.destroy_concept('Glider')
     with Ontology(store) as ontology:
-        assert ontology.instances('UAV') == ('uav1', 'uav2')
+        assert ontology.knowledge.instances('UAV') == ('uav1', 'uav2')
         assert 'Glider' not in ontology.knowledge.concept_names
 
 
@@ -413,7 +427,7 @@ def test_what_is_answered_is_stored_even_if_nobody_closes(tmp_path: Path) -> Non
         ontology.create_concept('Vehicle', ['Object'])
         copy.write_bytes(store.read_bytes())
     with Ontology(copy) as ontology:
-        assert ontology.subconcepts('Object') == ('Object', 'Vehicle')
+        assert ontology.knowledge.subconcepts('Object') == ('Object', 'Vehicle')
 
 
 def test_stores_that_cannot_be_opened(tmp_path: Path) -> None:
@@ -446,6 +460,6 @@ def test_nothing_is_printed(fleet: Ontology, capfd: pytest.CaptureFixture[str]) 
 def test_ontologies_are_apart_from_each_other(fleet: Ontology) -> None:
     with Ontology() as other:
         other.create_concept('UAV', ['Object'])
-        assert other.subconcepts('UAV') == ('UAV',)
-        assert other.instances('UAV') == ()
-        assert fleet.instances('UAV') == ('uav1', 'uav2')
+        assert other.knowledge.subconcepts('UAV') == ('UAV',)
+        assert other.knowledge.instances('UAV') == ()
+        assert fleet.knowledge.instances('UAV') == ('uav1', 'uav2')

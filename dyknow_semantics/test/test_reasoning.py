@@ -42,16 +42,18 @@ def reason(ontology: Ontology, more: str = '') -> None:
         read_with_imports(OntologySource('more', f'{MORE}{more}'.encode()), ()) if more else ()
     )
     draft = ontology.draft(documents)
-    assert ontology.entail(ReasonerProcess(Reasoner.HERMIT, 60.0).entailed(draft), draft.revision)
+    assert ontology.set_entailed(
+        ReasonerProcess(Reasoner.HERMIT, 60.0).infer(draft), draft.revision
+    )
 
 
 @needs_java
 def test_what_follows_from_restrictions(harbour: Ontology) -> None:
-    assert harbour.instances('Carrier') == ()
+    assert harbour.knowledge.instances('Carrier') == ()
     reason(harbour)
-    assert harbour.instances('Carrier') == ('anna',)
-    assert 'Carrier' in harbour.concepts('anna')
-    assert harbour.subconcepts('Carrier') == ('Carrier', 'Ferry')
+    assert harbour.knowledge.instances('Carrier') == ('anna',)
+    assert 'Carrier' in harbour.knowledge.concepts('anna')
+    assert harbour.knowledge.subconcepts('Carrier') == ('Carrier', 'Ferry')
     assert 'subClassOf' in str(harbour.query('SELECT ?p { ?x ?p ?y }'))
     with pytest.raises(SemanticsError, match=r'it has the subconcepts Ferry.*the instances anna'):
         harbour.destroy_concept('Carrier')
@@ -63,9 +65,9 @@ def test_what_was_entailed_is_kept_until_it_is_replaced(tmp_path: Path, ontologi
         ontology.load(ontologies / 'harbour.ttl')
         reason(ontology)
     with Ontology(tmp_path / 'store') as ontology:
-        assert ontology.instances('Carrier') == ('anna',)
-        assert ontology.entail((), ontology.revision)
-        assert ontology.instances('Carrier') == ()
+        assert ontology.knowledge.instances('Carrier') == ('anna',)
+        assert ontology.set_entailed((), ontology.revision)
+        assert ontology.knowledge.instances('Carrier') == ()
 
 
 @needs_java
@@ -76,21 +78,22 @@ def test_what_was_entailed_is_kept_until_it_is_replaced(tmp_path: Path, ontologi
             ':Hybrid a owl:Class ; rdfs:subClassOf :Ship , :Crane .',
             (
                 'no individual can belong to the unsatisfiable classes Hybrid; '
-                'correct what is said of them'
+                'correct their definitions'
             ),
         ),
         (
             ':Hybrid a owl:Class ; rdfs:subClassOf :Ship , :Crane . :x a :Hybrid .',
             (
                 'the ontology is inconsistent: no individual can belong to the unsatisfiable '
-                'classes Hybrid; correct what is said of them'
+                'classes Hybrid; correct their definitions'
             ),
         ),
         (
             ':x a :Ship , :Crane .',
             (
-                'the ontology is inconsistent: each class can have individuals, but what is said '
-                'of individuals contradicts itself; look for one that belongs to disjoint classes'
+                'the ontology is inconsistent: every class is satisfiable, but the statements '
+                'about individuals contradict each other; look for an individual of disjoint '
+                'classes'
             ),
         ),
     ],
@@ -107,11 +110,11 @@ def test_what_followed_from_a_draft_may_no_longer_hold(harbour: Ontology) -> Non
     entailed = ((f'{HARBOUR}anna', RDF_TYPE, f'{HARBOUR}Carrier'),)
     draft = harbour.draft()
     harbour.create_instance('berta', ['Ship'])
-    assert not harbour.entail(entailed, draft.revision)
-    assert harbour.instances('Carrier') == ()
-    assert harbour.entail(entailed, harbour.draft().revision)
-    assert harbour.instances('Carrier') == ('anna',)
-    assert harbour.instances('Ship') == ('anna', 'berta')
+    assert not harbour.set_entailed(entailed, draft.revision)
+    assert harbour.knowledge.instances('Carrier') == ()
+    assert harbour.set_entailed(entailed, harbour.draft().revision)
+    assert harbour.knowledge.instances('Carrier') == ('anna',)
+    assert harbour.knowledge.instances('Ship') == ('anna', 'berta')
 
 
 RDF_TYPE = 'http://www.w3.org/1999/02/22-rdf-syntax-ns#type'
@@ -120,11 +123,11 @@ RDF_TYPE = 'http://www.w3.org/1999/02/22-rdf-syntax-ns#type'
 @needs_java
 def test_a_reasoner_that_takes_too_long(harbour: Ontology) -> None:
     with pytest.raises(SemanticsError) as error:
-        ReasonerProcess(Reasoner.HERMIT, 0.01).entailed(harbour.draft())
+        ReasonerProcess(Reasoner.HERMIT, 0.01).infer(harbour.draft())
     assert error.value.code is ExitCode.TIMEOUT
     assert error.value.message == (
-        "the reasoner 'hermit' has found no answer within 0.01 s; "
-        'give it more (reasoning_limit) or choose another'
+        "the reasoner 'hermit' did not finish within 0.01 s; "
+        'increase reasoning_limit or choose another reasoner'
     )
 
 
@@ -135,7 +138,7 @@ def test_a_reasoner_that_is_stopped_answers(harbour: Ontology) -> None:
 
     def ask() -> None:
         try:
-            process.entailed(harbour.draft())
+            process.infer(harbour.draft())
         except SemanticsError as error:
             complaints.append(error.message)
 

@@ -73,14 +73,14 @@ def test_an_import_on_the_web_is_loaded_if_asked_for(web: str, tmp_path: Path) -
     with Ontology() as ontology:
         ontology.load(f'{web}/remote')
         ontology.load(importing(tmp_path, f'{web}/remote'))
-        assert ontology.subconcepts('Local') == ('Local',)
+        assert ontology.knowledge.subconcepts('Local') == ('Local',)
 
 
 def test_an_import_of_an_ontology_on_the_web_comes_from_there_too(web: str) -> None:
     with Ontology() as ontology:
         ontology.load(f'{web}/importing')
-        assert ontology.subconcepts('Importing') == ('Importing',)
-        assert ontology.subconcepts('Remote') == ('Remote',)
+        assert ontology.knowledge.subconcepts('Importing') == ('Importing',)
+        assert ontology.knowledge.subconcepts('Remote') == ('Remote',)
 
 
 @pytest.mark.parametrize('ending', ['owl', 'rdf', 'xml', 'ttl', 'nt', 'ntriples'])
@@ -88,7 +88,7 @@ def test_an_import_beside(web: str, tmp_path: Path, ending: str) -> None:
     (tmp_path / f'remote.{ending}').write_text(ontology_text(f'{web}/remote', 'Near'))
     with Ontology() as ontology:
         ontology.load(importing(tmp_path, f'{web}/remote'))
-        assert ontology.subconcepts('Near') == ('Near',)
+        assert ontology.knowledge.subconcepts('Near') == ('Near',)
 
 
 def test_the_upper_ontology_needs_no_web(tmp_path: Path) -> None:
@@ -97,7 +97,7 @@ def test_the_upper_ontology_needs_no_web(tmp_path: Path) -> None:
         with Ontology() as ontology:
             ontology.load(iri)
             ontology.load(importing(tmp_path, iri))
-            assert ontology.subconcepts('Local') == ('Local',)
+            assert ontology.knowledge.subconcepts('Local') == ('Local',)
 
 
 def test_an_address_without_an_ontology(web: str) -> None:

@@ -1,4 +1,20 @@
-"""Semantic matching: which streams carry what a concept means (paper, section V)."""
+"""Semantic matching: the streams that carry a concept (paper, section V).
+
+Example: `GpsAltitude` is a feature below `Altitude`, which is measured in m; `uav1` and `uav2` are
+of the sort `UAV`. The streams have the annotations
+
+    stream gps contains GpsAltitude[uav1] = alt [ft];
+    stream "/fleet" contains Altitude[u] = z for every u in UAV where u = id;
+
+The concept `Altitude[u] for every u in UAV` stands for the ground features `Altitude[uav1]` and
+`Altitude[uav2]`. The answer has a stream for each ground feature of each annotated field, those of
+the feature itself first:
+
+    select z as "Altitude[uav1]" from "/fleet" where id = "uav1"
+    select z as "Altitude[uav2]" from "/fleet" where id = "uav2"
+    select value as "Altitude[uav1]"
+        from convert(select alt as value from gps, given = "ft", wanted = "m")
+"""
 
 from __future__ import annotations
 
@@ -10,11 +26,17 @@ from itertools import product
 from dyknow_common import LanguageError
 from dyknow_semantics.annotations.annotation import Annotation, Concept
 from dyknow_semantics.annotations.checking import check_annotation, check_concept
-from dyknow_semantics.matching.index import Offer, OfferIndex
+from dyknow_semantics.matching.index import FieldIndex
 from dyknow_semantics.matching.near_misses import Explanation, near_misses, nearest
 from dyknow_semantics.matching.object_names import ObjectNames
 from dyknow_semantics.matching.patterns import Pattern, pattern_of
-from dyknow_semantics.matching.specifications import Match, MatchQuery, in_order, make_match
+from dyknow_semantics.matching.specifications import (
+    AnnotatedField,
+    Match,
+    MatchQuery,
+    in_order,
+    make_match,
+)
 from dyknow_semantics.ontology.features import converts
 from dyknow_semantics.ontology.knowledge import Knowledge
 
@@ -22,85 +44,85 @@ from dyknow_semantics.ontology.knowledge import Knowledge
 def match(
     concept: Concept, annotations: Iterable[Annotation], knowledge: Knowledge
 ) -> tuple[Match, ...]:
-    """The streams that carry a concept; to ask more than once, see `Matcher.match`.
+    """Return the streams that carry a concept; for several concepts use `Matcher.match`.
 
     Raises:
-        LanguageError: if the concept makes no sense relative to the ontology.
+        LanguageError: if the concept is invalid for the ontology.
     """
     matcher = Matcher(knowledge)
-    matcher.update({str(each): each for each in annotations})
+    matcher.set_annotations({str(each): each for each in annotations})
     return matcher.match(concept)
 
 
 @dataclass(frozen=True, slots=True)
 class _Entry:
-    """An annotation and what it offers, or why it offers nothing."""
+    """An annotation with its fields, or with the reason why it is invalid."""
 
     annotation: Annotation
-    offers: tuple[Offer, ...]
+    carriers: tuple[AnnotatedField, ...]
     fault: str = ''
 
 
 class Matcher:
-    """Annotations, indexed by what they mean; a change costs what it changes.
+    """Matches concepts with indexed annotations; an update processes only what has changed.
 
-    An annotation that makes no sense, such as of an object that is gone, matches nothing until the
-    ontology is changed so that it does.
+    An annotation that is invalid for the ontology, such as one of a destroyed object, matches
+    nothing until the ontology is changed.
 
     Args:
         knowledge: the ontologies, with the bridges between them.
-        stated: what the ontologies say by themselves, where there are bridges.
+        stated: the ontologies without bridges, if there are bridges.
     """
 
     def __init__(self, knowledge: Knowledge, stated: Knowledge | None = None) -> None:
         self.knowledge = knowledge
         self._stated = stated or knowledge
-        self._speech = ObjectNames(self._stated, knowledge)
+        self._object_names = ObjectNames(self._stated, knowledge)
         self._entries: dict[str, _Entry] = {}
-        self._taken: Mapping[str, Annotation] = {}
+        self._annotations: Mapping[str, Annotation] = {}
         self._mentions: dict[str, dict[str, None]] = defaultdict(dict)
-        self.index = OfferIndex()
+        self.index = FieldIndex()
 
     @property
     def faults(self) -> Mapping[str, str]:
-        """What is wrong with each annotation that makes no sense, by its canonical text."""
+        """The reason why each invalid annotation is invalid, by its canonical text."""
         return {text: each.fault for text, each in self._entries.items() if each.fault}
 
-    def update(self, annotations: Mapping[str, Annotation]) -> None:
-        """Takes these annotations, by their canonical texts, in place of those it has."""
-        if annotations is self._taken:
+    def set_annotations(self, annotations: Mapping[str, Annotation]) -> None:
+        """Replace all annotations; the keys are their canonical texts."""
+        if annotations is self._annotations:
             return
         for text in self._entries.keys() - annotations.keys():
             self.remove(text)
         for text in annotations.keys() - self._entries.keys():
             self.add(text, annotations[text])
-        self._taken = annotations
+        self._annotations = annotations
 
     def add(self, text: str, annotation: Annotation) -> None:
-        """Adds an annotation of this canonical text."""
+        """Add an annotation with its canonical text."""
         entry = self._entries[text] = self._entry(annotation)
-        for offer in entry.offers:
-            self.index.add(offer)
+        for carrier in entry.carriers:
+            self.index.add(carrier)
         for name in _mentioned(annotation):
             self._mentions[name][text] = None
 
     def remove(self, text: str) -> None:
-        """Removes the annotation of a canonical text."""
+        """Remove the annotation with a canonical text."""
         entry = self._entries.pop(text)
-        for offer in entry.offers:
-            self.index.remove(offer)
+        for carrier in entry.carriers:
+            self.index.remove(carrier)
         for name in _mentioned(entry.annotation):
             del self._mentions[name][text]
             if not self._mentions[name]:
                 del self._mentions[name]
 
-    def learn(self, knowledge: Knowledge, stated: Knowledge | None = None) -> None:
-        """Takes another state of the ontologies; see the class for the arguments."""
+    def set_knowledge(self, knowledge: Knowledge, stated: Knowledge | None = None) -> None:
+        """Replace the ontologies; the arguments are those of the class."""
         before, after = (self.knowledge, self._stated), (knowledge, stated or knowledge)
         if before == after:
             return
         self.knowledge, self._stated = after
-        self._speech = ObjectNames(self._stated, knowledge)
+        self._object_names = ObjectNames(self._stated, knowledge)
         compared = dict.fromkeys(zip(before, after, strict=True))
         changed = [
             name
@@ -113,100 +135,94 @@ class Matcher:
             self.add(text, annotation)
 
     def match(self, concept: Concept) -> tuple[Match, ...]:
-        """The streams that carry a concept, one for each ground feature of each annotated field.
+        """Return the streams that carry a concept.
 
-        Returns:
-            Exact matches before others, then those of a shorter sample period before others, then
-            of a shorter delay, then by name.
+        There is one for each ground feature of each annotated field. Exact matches are first, then
+        those with the shorter sample period, then with the shorter delay, then by name.
 
         Raises:
-            LanguageError: if the concept makes no sense relative to the ontology.
+            LanguageError: if the concept is invalid for the ontology.
         """
-        asked = self.pattern(concept)
-        unit = self.knowledge.feature(asked.feature).unit
+        requested = self._pattern(concept)
+        unit = self.knowledge.feature(requested.feature).unit
         found: list[Match] = []
-        for carried in self.knowledge.subconcepts(asked.feature):
+        for carried in self.knowledge.subconcepts(requested.feature):
             if carried in self.index.features:
-                exact = asked.feature in self.knowledge.subconcepts(carried)
-                question = MatchQuery(concept.feature.name, asked.feature, unit, exact)
-                offers = self.index.candidates(carried, asked)
-                self._answer(question, asked, offers, found)
+                exact = requested.feature in self.knowledge.subconcepts(carried)
+                query = MatchQuery(concept.feature.name, requested.feature, unit, exact)
+                carriers = self.index.candidates(carried, requested)
+                self._add_matches(query, requested, carriers, found)
         return in_order(found)
 
     def nearest(self, concept: Concept) -> str:
-        """A sentence on what comes nearest to a concept that nothing matches.
+        """Return a sentence about the field nearest to a concept without matches.
 
         Raises:
-            LanguageError: if the concept makes no sense relative to the ontology.
+            LanguageError: if the concept is invalid for the ontology.
         """
-        sentence = nearest(concept, self.pattern(concept), self.index, self.knowledge)
+        sentence = nearest(concept, self._pattern(concept), self.index, self.knowledge)
         name = concept.feature.name
         faults = [
-            f'; the annotation of {each.annotation.stream} makes no sense: {each.fault}'
+            f'; the annotation of {each.annotation.stream} is invalid: {each.fault}'
             for each in self._entries.values()
             if each.fault and name in _mentioned(each.annotation)
         ]
         return ''.join([sentence, *faults[:1]])
 
     def explain(self, concept: Concept) -> tuple[Explanation, ...]:
-        """Why streams match a concept, in their order, and why others nearly do.
+        """Return the matches of a concept in their order, then the near misses, with reasons.
 
         Raises:
-            LanguageError: if the concept makes no sense relative to the ontology.
+            LanguageError: if the concept is invalid for the ontology.
         """
         matches = (
-            Explanation(str(each.declaration), matches=True, reason=each.reason)
-            for each in self.match(concept)
+            Explanation(str(each.declaration), True, each.reason) for each in self.match(concept)
         )
-        misses = near_misses(self.pattern(concept), self.index, self.knowledge)
-        faulty = (
-            Explanation(text, matches=False, reason=fault) for text, fault in self.faults.items()
-        )
-        return (*matches, *misses, *faulty)
+        misses = near_misses(self._pattern(concept), self.index, self.knowledge)
+        invalid = (Explanation(text, False, fault) for text, fault in self.faults.items())
+        return (*matches, *misses, *invalid)
 
-    def pattern(self, concept: Concept) -> Pattern:
-        """The ground features that are asked for.
-
-        Raises:
-            LanguageError: if the concept makes no sense relative to the ontology.
-        """
+    def _pattern(self, concept: Concept) -> Pattern:
+        """Return the requested ground features."""
         check_concept(concept, self.knowledge)
         known = self.knowledge
         return pattern_of(concept.feature, concept.ranges, known, known.identities)
 
-    def _answer(
-        self, question: MatchQuery, asked: Pattern, offers: Iterable[Offer], found: list[Match]
+    def _add_matches(
+        self,
+        query: MatchQuery,
+        requested: Pattern,
+        carriers: Iterable[AnnotatedField],
+        found: list[Match],
     ) -> None:
-        """Adds the matches among offers; those made for an earlier question are there already."""
-        unit, has_synonyms = question.unit, self.knowledge.has_synonyms
-        for offer in offers:
-            if offer.unit != unit and offer.unit and not converts(offer.unit, unit):
+        """Append the matches of some fields to `found`, from their caches where possible."""
+        unit, has_synonyms = query.unit, self.knowledge.has_synonyms
+        for carrier in carriers:
+            if carrier.unit != unit and carrier.unit and not converts(carrier.unit, unit):
                 continue
-            for objects in offer.pattern.common_objects(asked):
-                answers = offer.answers.get(question)
-                if answers is None:
-                    answers = offer.answers[question] = {}
-                for names in self._names(asked, objects) if has_synonyms else (objects,):
-                    if names not in answers:
-                        data = self._data(offer, objects)
-                        answers[names] = make_match(question, names, offer, data)
-                    found.append(answers[names])
+            for objects in carrier.pattern.common_objects(requested):
+                matches = carrier.matches.setdefault(query, {})
+                synonyms = self._synonyms(requested, objects) if has_synonyms else (objects,)
+                for names in synonyms:
+                    if names not in matches:
+                        keys = self._keys(carrier.pattern, objects)
+                        matches[names] = make_match(query, names, carrier, keys)
+                    found.append(matches[names])
 
-    def _names(self, asked: Pattern, objects: tuple[str, ...]) -> Iterable[tuple[str, ...]]:
-        """What whoever asks calls some objects."""
+    def _synonyms(self, requested: Pattern, objects: tuple[str, ...]) -> Iterable[tuple[str, ...]]:
+        """Return the names of some objects in the ontology of the request."""
         choices = (
-            self._speech.names(sort, each) if sort else (word,)
-            for each, word, sort in zip(objects, asked.words, asked.sorts, strict=True)
+            self._object_names.names(sort, each) if sort else (name,)
+            for each, name, sort in zip(objects, requested.names, requested.sorts, strict=True)
         )
         return product(*choices)
 
-    def _data(self, offer: Offer, objects: tuple[str, ...]) -> dict[str, str]:
-        """For each variable of an offer, what its samples call the object that it stands for."""
-        pattern = offer.pattern
-        placed = zip(pattern.arguments, pattern.sorts, objects, strict=True)
+    def _keys(self, pattern: Pattern, objects: tuple[str, ...]) -> dict[str, str]:
+        """Return, for each variable of a pattern, the name of its object in samples."""
+        triples = zip(pattern.arguments, pattern.sorts, objects, strict=True)
         return {
-            argument.removeprefix('?'): self._speech.datum(sort, each)
-            for argument, sort, each in placed
+            argument.removeprefix('?'): self._object_names.key(sort, each)
+            for argument, sort, each in triples
             if sort
         }
 
@@ -215,18 +231,18 @@ class Matcher:
             check_annotation(annotation, self._stated)
         except LanguageError as error:
             return _Entry(annotation, (), error.reason)
-        offers: list[Offer] = []
+        carriers: list[AnnotatedField] = []
+        # A bridge into a sort extends requests, not the contents of a stream.
+        identities = self._object_names.identities
         for content in annotation.contents:
-            # A bridge into a sort adds to what is asked for, not to what a stream carries.
-            identities = self._speech.identities
             pattern = pattern_of(content.feature, annotation.ranges, self.knowledge, identities)
             unit = content.unit or self._stated.feature(pattern.feature).unit
-            offers.append(Offer(annotation, content, pattern, unit))
-        return _Entry(annotation, tuple(offers))
+            carriers.append(AnnotatedField(annotation, content, pattern, unit))
+        return _Entry(annotation, tuple(carriers))
 
 
 def _mentioned(annotation: Annotation) -> dict[str, None]:
-    """The names of features, sorts and objects in an annotation."""
+    """Return the names of features, sorts and objects in an annotation."""
     names = dict.fromkeys(each.sort for each in annotation.ranges)
     for content in annotation.contents:
         names[content.feature.name] = None

@@ -1,4 +1,4 @@
-"""What comes near to a concept without matching it."""
+"""Annotated fields that nearly match a concept."""
 
 from __future__ import annotations
 
@@ -7,23 +7,22 @@ from dataclasses import dataclass
 from typing import Final
 
 from dyknow_semantics.annotations.annotation import Concept
-from dyknow_semantics.matching.index import Offer, OfferIndex
+from dyknow_semantics.matching.index import FieldIndex
 from dyknow_semantics.matching.patterns import Pattern
+from dyknow_semantics.matching.specifications import AnnotatedField
 from dyknow_semantics.ontology.features import converts
 from dyknow_semantics.ontology.knowledge import Knowledge
 
-_LISTED: Final = 10
-"""So many features that streams carry are listed where none is near."""
+_MAX_LISTED: Final = 10
+"""The number of carried features that a message lists if none is related."""
 
 
 @dataclass(frozen=True, slots=True)
 class Explanation:
-    """Why a stream matches a concept, or nearly does.
+    """The reason why a stream matches a concept, or why it does not.
 
     Args:
-        stream: the stream, and what it carries.
-        matches: whether it matches.
-        reason: why, or why not.
+        stream: the specification of a match, or the annotated field.
     """
 
     stream: str
@@ -31,70 +30,72 @@ class Explanation:
     reason: str
 
 
-def nearest(concept: Concept, asked: Pattern, index: OfferIndex, knowledge: Knowledge) -> str:
-    """A sentence on what comes nearest to a concept that nothing matches.
+def nearest(concept: Concept, requested: Pattern, index: FieldIndex, knowledge: Knowledge) -> str:
+    """Return a sentence about the field nearest to a concept without matches.
 
     Args:
-        concept: what was asked for.
-        asked: the ground features that it stands for.
-        index: all that there is.
+        concept: the request.
+        requested: the ground features that it stands for.
+        index: all annotated fields.
         knowledge: the ontologies.
     """
-    lack = f'no stream carries {concept}'
-    if not all(asked.domains):
-        return f'{lack}, since there are no objects of its sort'
+    result = f'no stream carries {concept}'
+    if not all(requested.domains):
+        return f'{result}, since there are no objects of its sort'
     if not index.features:
-        return f'{lack}, since no stream is annotated'
+        return f'{result}, since no stream is annotated'
     related = [
-        (_distance(asked, offer, knowledge), str(offer))
-        for offer in _related(asked.feature, index, knowledge)
+        (_distance(requested, carrier, knowledge), str(carrier))
+        for carrier in _related(requested.feature, index, knowledge)
     ]
     if related:
-        return f'{lack}; nearest: {min(related)[1]}'
+        return f'{result}; nearest: {min(related)[1]}'
     carried = sorted(index.features)
-    more = ', ...' if len(carried) > _LISTED else ''
-    return f'{lack}; the annotated streams carry {", ".join(carried[:_LISTED])}{more}'
+    more = ', ...' if len(carried) > _MAX_LISTED else ''
+    return f'{result}; the annotated streams carry {", ".join(carried[:_MAX_LISTED])}{more}'
 
 
-def near_misses(asked: Pattern, index: OfferIndex, knowledge: Knowledge) -> tuple[Explanation, ...]:
-    """The offers of related features that do not match, the nearest first, and why not."""
+def near_misses(
+    requested: Pattern, index: FieldIndex, knowledge: Knowledge
+) -> tuple[Explanation, ...]:
+    """Return the fields of related features that do not match, the nearest first."""
     missed = [
-        (_distance(asked, offer, knowledge), str(offer), lack)
-        for offer in _related(asked.feature, index, knowledge)
-        if (lack := _lack(asked, offer, knowledge))
+        (_distance(requested, carrier, knowledge), str(carrier), reason)
+        for carrier in _related(requested.feature, index, knowledge)
+        if (reason := _mismatch(requested, carrier, knowledge))
     ]
-    return tuple(
-        Explanation(stream, matches=False, reason=lack) for _, stream, lack in sorted(missed)
-    )
+    return tuple(Explanation(stream, False, reason) for _, stream, reason in sorted(missed))
 
 
-def _related(asked: str, index: OfferIndex, knowledge: Knowledge) -> Iterator[Offer]:
-    """The offers of features that lie below a common one, besides the top of all features."""
-    above = filter(knowledge.is_feature, knowledge.superconcepts(asked))
-    related = dict.fromkeys(below for each in above for below in knowledge.subconcepts(each))
-    for feature in related:
-        yield from index.of_feature(feature)
+def _related(feature: str, index: FieldIndex, knowledge: Knowledge) -> Iterator[AnnotatedField]:
+    """Yield the fields of features that have a common superfeature with another one."""
+    above = filter(knowledge.is_feature, knowledge.superconcepts(feature))
+    for each in dict.fromkeys(below for one in above for below in knowledge.subconcepts(one)):
+        yield from index.of_feature(each)
 
 
-def _lack(asked: Pattern, offer: Offer, knowledge: Knowledge) -> str:
-    """Why an offer does not match; empty if it does."""
-    carried, unit = offer.pattern.feature, knowledge.feature(asked.feature).unit
-    if carried not in knowledge.subconcepts(asked.feature):
-        place = 'above' if carried in knowledge.superconcepts(asked.feature) else 'beside'
-        return f'{carried} is {place} {asked.feature}, not below it'
-    if unit and offer.unit and not converts(offer.unit, unit):
-        return f'its unit {offer.unit} does not convert to {unit}'
-    if not any(True for _ in offer.pattern.common_objects(asked)):
+def _mismatch(requested: Pattern, carrier: AnnotatedField, knowledge: Knowledge) -> str:
+    """Return the reason why a field does not match; empty if it does."""
+    carried, unit = carrier.pattern.feature, knowledge.feature(requested.feature).unit
+    if carried not in knowledge.subconcepts(requested.feature):
+        relation = 'above' if carried in knowledge.superconcepts(requested.feature) else 'beside'
+        return f'{carried} is {relation} {requested.feature}, not below it'
+    if unit and carrier.unit and not converts(carrier.unit, unit):
+        return f'its unit {carrier.unit} does not convert to {unit}'
+    if not any(True for _ in carrier.pattern.common_objects(requested)):
         return 'it carries none of the objects that are asked for'
     return ''
 
 
-def _distance(asked: Pattern, offer: Offer, knowledge: Knowledge) -> tuple[bool, bool, int]:
-    """The lack of a match: of another feature, of one that is not even above, of objects."""
-    carried = offer.pattern
-    other = carried.feature not in knowledge.subconcepts(asked.feature)
-    beside = carried.feature not in knowledge.superconcepts(asked.feature)
+def _distance(
+    requested: Pattern, carrier: AnnotatedField, knowledge: Knowledge
+) -> tuple[bool, bool, int]:
+    """Return a sort key: not below the feature, not above it, arguments without common objects."""
+    carried = carrier.pattern
+    other = carried.feature not in knowledge.subconcepts(requested.feature)
+    beside = carried.feature not in knowledge.superconcepts(requested.feature)
     missed = sum(
-        one.isdisjoint(other) for one, other in zip(asked.domains, carried.domains, strict=False)
+        one.isdisjoint(another)
+        for one, another in zip(requested.domains, carried.domains, strict=False)
     )
     return other, other and beside, missed

@@ -1,4 +1,17 @@
-"""What objects are called by whoever speaks of them, across ontologies."""
+"""The names of objects in the ontologies that bridges connect.
+
+Example: the ontology `uav` has the object `uav2` of the sort `UAV`, the ontology `robot2` has
+`self` of the sort `Drone`, and the bridges say
+
+    robot2:Drone into uav:UAV;
+    robot2:self same uav:uav2;
+
+The two names have one identity, here `self` (the least IRI). Requests for `UAV` use the name
+`uav2`, and samples of a stream that is annotated `for every d in Drone` use `self`:
+
+    names('UAV', 'self') == ('uav2',)
+    key('Drone', 'self') == 'self'
+"""
 
 from __future__ import annotations
 
@@ -9,34 +22,41 @@ from dyknow_semantics.ontology.knowledge import Knowledge
 
 
 class ObjectNames:
-    """The names of objects, as an ontology that speaks of their sort has them.
+    """The names of objects in the ontology of a sort.
 
     Args:
-        stated: what each ontology says by itself.
-        bridged: the same, and what bridges between the ontologies add.
+        stated: the ontologies without bridges.
+        bridged: the same ontologies with bridges.
     """
 
     def __init__(self, stated: Knowledge, bridged: Knowledge) -> None:
         self._stated = stated
         self._bridged = bridged
         self._identities: dict[str, frozenset[str]] = {}
-        self._members: dict[str, Mapping[str, tuple[str, ...]]] = {}
+        self._names: dict[str, Mapping[str, tuple[str, ...]]] = {}
 
     def identities(self, sort: str) -> frozenset[str]:
-        """The objects that a sort has where it comes from, whatever is bridged into it."""
+        """Return the objects of a sort in its own ontology, without bridges into the sort."""
         if sort not in self._identities:
             objects = self._stated.instances(sort)
             self._identities[sort] = frozenset(map(self._bridged.identity, objects))
         return self._identities[sort]
 
     def names(self, sort: str, identity: str) -> tuple[str, ...]:
-        """The names that an object of a sort has where the sort comes from; at least one."""
-        return self._names_in(sort).get(identity, (identity,))
+        """Return the names of an object in the ontology of a sort, or its identity if none."""
+        if not self._bridged.has_synonyms:
+            return (identity,)
+        if sort not in self._names:
+            names: dict[str, tuple[str, ...]] = defaultdict(tuple)
+            for name in self._stated.instances(sort):
+                names[self._bridged.identity(name)] += (name,)
+            self._names[sort] = dict(names)
+        return self._names[sort].get(identity, (identity,))
 
-    def datum(self, sort: str, identity: str) -> str:
-        """What the samples of a stream call an object of a sort: its short name.
+    def key(self, sort: str, identity: str) -> str:
+        """Return the name of an object in samples: its local name in the ontology of the sort.
 
-        Only where objects of the sort share a short name, samples must have the prefix too.
+        Only if objects of the sort share a local name, the name has a prefix.
         """
         name = self.names(sort, identity)[0]
         local = self._bridged.local_name(name)
@@ -45,13 +65,3 @@ class ObjectNames:
         domain = self._stated.instances(sort)
         alike = [each for each in domain if self._bridged.local_name(each) == local]
         return name if len(alike) > 1 else local
-
-    def _names_in(self, sort: str) -> Mapping[str, tuple[str, ...]]:
-        if not self._bridged.has_synonyms:
-            return {}
-        if sort not in self._members:
-            members: dict[str, tuple[str, ...]] = defaultdict(tuple)
-            for name in self._stated.instances(sort):
-                members[self._bridged.identity(name)] += (name,)
-            self._members[sort] = dict(members)
-        return self._members[sort]

@@ -1,10 +1,13 @@
-"""Matches, and the stream specifications that they are answered with."""
+"""Matches of annotated fields, and their stream specifications.
+
+This is the only module of the core that knows the stream language.
+"""
 
 from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import chain, count
 from math import inf
@@ -12,8 +15,8 @@ from operator import attrgetter
 from typing import Final, NamedTuple
 
 from dyknow_common import StreamConstraints, ValueType, unit_conversion
-from dyknow_semantics.annotations.annotation import feature_text
-from dyknow_semantics.matching.index import Offer
+from dyknow_semantics.annotations.annotation import Annotation, Content, feature_text
+from dyknow_semantics.matching.patterns import Pattern
 from dyknow_stream_processing import (
     Call,
     Condition,
@@ -21,6 +24,7 @@ from dyknow_stream_processing import (
     Selection,
     Specification,
     StreamDeclaration,
+    StreamReference,
     TypedField,
     UnitArgument,
     UnitDeclaration,
@@ -31,13 +35,13 @@ _CONVERT: Final = UnitDeclaration('convert', _VALUE, ((_VALUE,),))
 
 
 class MatchQuery(NamedTuple):
-    """What an offer is asked for.
+    """A request for the ground features of an annotated field.
 
     Args:
-        name: what whoever asks calls the feature.
-        feature: the shortest name of it.
-        unit: what its values are to be measured in; empty leaves them as they are.
-        exact: whether what is offered is the feature itself or an equivalent one.
+        name: the name of the feature in the request.
+        feature: its shortest name.
+        unit: the unit of the values in the answer; empty leaves them unchanged.
+        exact: True if the field carries the feature itself or an equivalent one.
     """
 
     name: str
@@ -51,12 +55,12 @@ class Match:
     """A stream of one ground feature.
 
     Args:
-        ground_feature: what it carries, which is also the name of its only field: `Power[uav1]`.
-        declaration: how it is made of the annotated stream.
-        constraints: those that its samples keep.
-        exact: whether the annotation is of the feature that was asked for or an equivalent one,
-            not of one below it.
-        reason: why the annotated stream matches.
+        ground_feature: the feature, which is also the name of the only field: `Power[uav1]`.
+        declaration: the derivation from the annotated stream.
+        constraints: the constraints that the samples satisfy.
+        exact: True if the annotation states the requested feature or an equivalent one, False if
+            it states a feature below it.
+        reason: the reason why the annotated stream matches.
     """
 
     ground_feature: str
@@ -67,19 +71,19 @@ class Match:
 
     @property
     def stream_name(self) -> str:
-        """The name of the stream, which no other match of the same answer has."""
+        """The name of the stream, unique among the matches of a concept."""
         return self.declaration.name
 
     @cached_property
     def specification(self) -> str:
-        """The text in the stream language, the reason as a comment before it."""
+        """The text in the stream language, after a comment with the reason."""
         converts = isinstance(self.declaration.stream.inputs[0], Call)
         declarations = (_CONVERT, self.declaration) if converts else (self.declaration,)
         return f'# {self.reason}\n{Specification(declarations)};'
 
     @cached_property
     def preference(self) -> tuple[bool, float, float, str]:
-        """What matches are ordered by."""
+        """The sort key of matches."""
         period, delay = self.constraints.sample_period, self.constraints.max_delay
         return (
             not self.exact,
@@ -89,65 +93,95 @@ class Match:
         )
 
 
-def make_match(
-    question: MatchQuery, objects: Iterable[str], offer: Offer, data: Mapping[str, str]
-) -> Match:
-    """The stream of one ground feature that an offer holds.
+@dataclass(eq=False, slots=True)
+class AnnotatedField:
+    """A field of a stream with its annotation.
 
     Args:
-        question: what was asked for.
-        objects: of the ground feature, as whoever asked calls them.
-        offer: a field that holds it.
-        data: for each variable of the offer, what samples call the object that it stands for.
+        annotation: the annotation of the stream.
+        content: the part of the annotation that describes the field.
+        pattern: the ground features that the field carries.
+        unit: the unit of the values; empty for none.
+        matches: a cache of matches, by query and names of objects.
+    """
+
+    annotation: Annotation
+    content: Content
+    pattern: Pattern
+    unit: str
+    matches: dict[MatchQuery, dict[tuple[str, ...], Match]] = field(default_factory=dict)
+
+    def __str__(self) -> str:
+        arguments = {argument.name for argument in self.content.feature.arguments}
+        ranges = [each for each in self.annotation.ranges if each.variable in arguments]
+        every = f' for every {", ".join(map(str, ranges))}' if ranges else ''
+        return f'{self.source} carries {self.content.feature}{every}'
+
+    @property
+    def source(self) -> StreamReference:
+        """The stream in the stream language."""
+        return StreamReference(self.annotation.stream, self.annotation.is_topic)
+
+
+def make_match(
+    query: MatchQuery, objects: Iterable[str], carrier: AnnotatedField, keys: Mapping[str, str]
+) -> Match:
+    """Return the stream of one ground feature that a field carries.
+
+    Args:
+        query: the request.
+        objects: the objects of the ground feature, by their names in the request.
+        carrier: the field.
+        keys: for each variable of the field, the name of its object in the samples.
 
     Raises:
-        DyKnowError: if the unit of the offer does not convert to the one asked for.
+        DyKnowError: if the unit of the field does not convert to the requested one.
     """
-    ground = feature_text(question.name, objects)
-    name = '_'.join(map(_word, (ground, 'from', offer.annotation.stream)))
+    ground = feature_text(query.name, objects)
+    name = '_'.join(map(_word, (ground, 'from', carrier.annotation.stream)))
     conditions = tuple(
-        Condition(key.field, '=', data[key.variable])
-        for key in offer.annotation.keys
-        if key.variable in data
+        Condition(key.field, '=', keys[key.variable])
+        for key in carrier.annotation.keys
+        if key.variable in keys
     )
-    converted = bool(question.unit and offer.unit and unit_conversion(offer.unit, question.unit))
+    converted = bool(query.unit and carrier.unit and unit_conversion(carrier.unit, query.unit))
     stream = Select(
-        (Selection(offer.content.field, _VALUE.name if converted else ground),),
-        offer.source,
+        (Selection(carrier.content.field, _VALUE.name if converted else ground),),
+        carrier.source,
         conditions,
-        constraints=offer.annotation.constraints,
+        constraints=carrier.annotation.constraints,
     )
-    reason = _reason(question, ground, offer)
+    reason = _reason(query, ground, carrier)
     if converted:
-        units = (UnitArgument('given', offer.unit), UnitArgument('wanted', question.unit))
+        units = (UnitArgument('given', carrier.unit), UnitArgument('wanted', query.unit))
         stream = Select((Selection(_VALUE.name, ground),), Call(_CONVERT.name, (stream,), units))
-        reason += f'; {offer.unit} is converted to {question.unit}'
+        reason += f'; {carrier.unit} is converted to {query.unit}'
     declaration = StreamDeclaration(name, stream)
-    return Match(ground, declaration, offer.annotation.constraints, question.exact, reason)
+    return Match(ground, declaration, carrier.annotation.constraints, query.exact, reason)
 
 
 def in_order(matches: Iterable[Match]) -> tuple[Match, ...]:
-    """Matches, the best first; a stream whose name is taken already gets a number."""
+    """Sort matches by preference, and number streams with equal names."""
     result = sorted(matches, key=attrgetter('preference'))
     if len({each.stream_name for each in result}) == len(result):
         return tuple(result)
-    taken: set[str] = set()
-    for place, each in enumerate(result):
+    used: set[str] = set()
+    for index, each in enumerate(result):
         names = chain([each.stream_name], (f'{each.stream_name}_{n}' for n in count(2)))
-        name = next(name for name in names if name not in taken)
-        taken.add(name)
+        name = next(name for name in names if name not in used)
+        used.add(name)
         if name != each.stream_name:
-            result[place] = replace(each, declaration=replace(each.declaration, name=name))
+            result[index] = replace(each, declaration=replace(each.declaration, name=name))
     return tuple(result)
 
 
-def _reason(question: MatchQuery, ground: str, offer: Offer) -> str:
-    carried = offer.pattern.feature
-    if not question.exact:
-        return f'subsumed: {carried} is below {question.feature}'
-    if carried != question.feature:
-        return f'exact match: {carried} is equivalent to {question.feature}'
-    return f'exact match: {offer.source} carries {ground}'
+def _reason(query: MatchQuery, ground: str, carrier: AnnotatedField) -> str:
+    carried = carrier.pattern.feature
+    if not query.exact:
+        return f'subsumed: {carried} is below {query.feature}'
+    if carried != query.feature:
+        return f'exact match: {carried} is equivalent to {query.feature}'
+    return f'exact match: {carrier.source} carries {ground}'
 
 
 def _word(text: str) -> str:

@@ -1,4 +1,4 @@
-"""Features and their signatures, as the annotations of the upper ontology state them."""
+"""Features and their signatures, read from the annotation properties of the upper ontology."""
 
 from __future__ import annotations
 
@@ -20,13 +20,13 @@ from dyknow_semantics.ontology.vocabulary import (
 
 @dataclass(frozen=True, slots=True)
 class FeatureSignature:
-    """A property of an object or a relation between several (paper, section V).
+    """A property of an object or a relation of several objects (paper, section V).
 
     Args:
-        name: the shortest name that only this feature bears.
-        argument_sorts: the sort of each argument; none for a feature of the world as a whole.
-        value_type: the type of its values.
-        unit: what its values are measured in, such as `m/s`; empty without one.
+        name: the shortest unambiguous name.
+        argument_sorts: the sort of each argument; empty for a feature of the world as a whole.
+        value_type: the type of the values.
+        unit: the unit of the values, such as `m/s`; empty for a number without unit.
     """
 
     name: str
@@ -36,7 +36,7 @@ class FeatureSignature:
 
 
 class SignatureReader:
-    """Reads the signatures of features; what one leaves out it takes from those above it.
+    """Reads the signatures of features; a feature inherits what it does not state itself.
 
     Args:
         taxonomy: the order of all concepts.
@@ -55,113 +55,100 @@ class SignatureReader:
         self._concepts = concepts
 
     def read(self, features: Iterable[str]) -> dict[str, FeatureSignature]:
-        """The feature that each IRI stands for.
+        """Return the signature of each feature, given and returned by IRI.
 
         Raises:
             SemanticsError: with a line for each feature whose signature is incomplete or
-                contradicts one above it.
+                contradicts a feature above it.
         """
         found: dict[str, FeatureSignature] = {}
         faults: list[str] = []
         for iri in sorted(features):
             try:
-                found[iri] = self._feature(iri)
+                found[iri] = self._signature(iri)
             except SemanticsError as error:
                 faults.append(error.message)
-        faults += self._contradictions(found)
+        faults += [
+            f"feature '{feature.name}' {fault} as '{found[above].name}' above it"
+            for iri, feature in found.items()
+            for above in sorted(self._taxonomy.above(iri) & found.keys())
+            for fault in differences(feature, found[above])
+        ]
         if faults:
             raise SemanticsError('\n'.join(faults))
         return found
 
-    def _feature(self, iri: str) -> FeatureSignature:
+    def _signature(self, iri: str) -> FeatureSignature:
         name = self._concepts.name(iri)
-        sorts, value_type = self._sorts(iri, name), self._value_type(iri, name)
-        return FeatureSignature(name, sorts, value_type, self._unit(iri, name))
+        lineage = (iri, *self._taxonomy.specific_first(self._taxonomy.above(iri)))
+        sorts = self._sorts(lineage, name)
+        value_type = self._inherited(lineage, name, VALUE_TYPE)
+        if value_type not in list(ValueType):
+            fault = f"has the value_type '{value_type}'" if value_type else 'has no value_type'
+            raise SemanticsError(
+                f"feature '{name}' {fault}; annotate it with one of {', '.join(ValueType)}"
+            )
+        unit = self._inherited(lineage, name, UNIT)
+        try:
+            if unit:
+                check_unit(unit)
+        except DyKnowError as error:
+            raise SemanticsError(f"feature '{name}': {error}") from None
+        return FeatureSignature(name, sorts, ValueType(value_type), unit)
 
-    def _sorts(self, iri: str, name: str) -> tuple[str, ...]:
-        above = self._taxonomy.specific_first(self._taxonomy.above(iri))
-        for concept in (iri, *above):
-            if stated := self._own_sorts(concept, name):
-                return stated
-        if NULLARY_FEATURE in above:
+    def _sorts(self, lineage: tuple[str, ...], name: str) -> tuple[str, ...]:
+        """Return the sorts that the first concept of a lineage with any arguments states."""
+        for concept in lineage:
+            if sorts := self._stated_sorts(concept, name):
+                return sorts
+        if NULLARY_FEATURE in lineage:
             return ()
         raise SemanticsError(
             f"feature '{name}' has no argument sorts; annotate it with argument1, argument2, ..., "
             'or place it below NullaryFeature'
         )
 
-    def _own_sorts(self, concept: str, name: str) -> tuple[str, ...]:
+    def _stated_sorts(self, concept: str, name: str) -> tuple[str, ...]:
         stated = {
-            place.removeprefix(ARGUMENT): sorts
-            for place, sorts in self._annotations.get(concept, {}).items()
-            if place.startswith(ARGUMENT)
+            key.removeprefix(ARGUMENT): sorts
+            for key, sorts in self._annotations.get(concept, {}).items()
+            if key.startswith(ARGUMENT)
         }
-        places = [str(number) for number in range(1, len(stated) + 1)]
-        if set(stated) != set(places) or any(len(sorts) > 1 for sorts in stated.values()):
+        numbers = [str(number) for number in range(1, len(stated) + 1)]
+        if set(stated) != set(numbers) or any(len(sorts) > 1 for sorts in stated.values()):
             raise SemanticsError(
                 f"feature '{name}' must number its arguments argument1, argument2, ... "
                 'without gaps, with one sort each'
             )
-        return tuple(self._sort(stated[place][0], name, place) for place in places)
+        return tuple(self._sort(stated[number][0], name, number) for number in numbers)
 
-    def _sort(self, concept: str, name: str, place: str) -> str:
+    def _sort(self, concept: str, name: str, number: str) -> str:
+        requirement = f"argument{number} of feature '{name}' must be a class below Object"
         try:
             iri = self._concepts.iri(concept)
         except SemanticsError as error:
-            raise SemanticsError(
-                f"argument{place} of feature '{name}' must be a class below Object: {error}"
-            ) from None
+            raise SemanticsError(f'{requirement}: {error}') from None
+        sort = self._concepts.name(iri)
         if FEATURE in self._taxonomy.above(iri):
-            raise SemanticsError(
-                f"argument{place} of feature '{name}' must be a class below Object, "
-                f"but '{self._concepts.name(iri)}' is a feature"
-            )
-        return self._concepts.name(iri)
+            raise SemanticsError(f"{requirement}, but '{sort}' is a feature")
+        return sort
 
-    def _value_type(self, iri: str, name: str) -> ValueType:
-        stated = self._nearest(iri, name, VALUE_TYPE)
-        if stated not in list(ValueType):
-            fault = f"has the value_type '{stated}'" if stated else 'has no value_type'
-            raise SemanticsError(
-                f"feature '{name}' {fault}; annotate it with one of {', '.join(ValueType)}"
-            )
-        return ValueType(stated)
-
-    def _unit(self, iri: str, name: str) -> str:
-        unit = self._nearest(iri, name, UNIT)
-        try:
-            if unit:
-                check_unit(unit)
-        except DyKnowError as error:
-            raise SemanticsError(f"feature '{name}': {error}") from None
-        return unit
-
-    def _nearest(self, iri: str, name: str, annotation: str) -> str:
-        """What a feature, or else the most specific one above it, states once; or nothing."""
-        above = self._taxonomy.specific_first(self._taxonomy.above(iri))
-        for concept in (iri, *above):
-            stated = self._annotations.get(concept, {}).get(annotation, [])
+    def _inherited(self, lineage: Iterable[str], name: str, key: str) -> str:
+        """Return the annotation of the first concept of a lineage that has it, or ''."""
+        for concept in lineage:
+            stated = self._annotations.get(concept, {}).get(key, [])
             if len(stated) > 1:
                 raise SemanticsError(
-                    f"feature '{name}' has several annotations {annotation.rpartition('#')[2]}: "
+                    f"feature '{name}' has several annotations {key.rpartition('#')[2]}: "
                     f'{", ".join(sorted(stated))}; leave one'
                 )
             if stated:
                 return stated[0]
         return ''
 
-    def _contradictions(self, features: Mapping[str, FeatureSignature]) -> list[str]:
-        """Why some feature may not stand in for one above it."""
-        return [
-            f"feature '{feature.name}' {fault} as '{features[above].name}' above it"
-            for iri, feature in features.items()
-            for above in sorted(self._taxonomy.above(iri) & features.keys())
-            for fault in differences(feature, features[above])
-        ]
-
 
 def differences(feature: FeatureSignature, above: FeatureSignature) -> list[str]:
-    """Why a feature may not stand in for another one."""
+    """Return the reasons why a stream of one feature cannot replace a stream of another one."""
     faults: list[str] = []
     if len(feature.argument_sorts) != len(above.argument_sorts):
         faults.append('must have as many arguments')
@@ -175,7 +162,7 @@ def differences(feature: FeatureSignature, above: FeatureSignature) -> list[str]
 
 
 def converts(unit: str, other: str) -> bool:
-    """Whether numbers of a unit can be told in another one; no unit is none."""
+    """Return True if numbers of a unit convert to another one; '' converts to '' only."""
     if not (unit and other):
         return unit == other
     try:

@@ -1,13 +1,22 @@
-"""What an ontology says of objects, sorts and features.
+"""The concepts, instances and features of an ontology, derived from its RDF triples.
 
-An ontology arrives here as RDF triples, from wherever it is kept: whoever holds it reads them from
-its store, others ask for them with the query `ALL_TRIPLES`.
+Example, with shortened IRIs. The first two triples declare concepts, the third orders them:
+
+    ('#UAV', 'rdf:type', 'owl:Class')
+    ('#Vehicle', 'rdf:type', 'owl:Class')
+    ('#UAV', 'rdfs:subClassOf', '#Vehicle')
+    ('#uav1', 'rdf:type', '#UAV')
+
+Then `subconcepts('Vehicle') == ('UAV', 'Vehicle')` and `instances('Vehicle') == ('uav1',)`.
+
+The ontology manager reads the triples from its store; other nodes get them by `ALL_TRIPLES`.
 """
 
 from __future__ import annotations
 
 from collections import defaultdict
 from collections.abc import Iterable, Iterator
+from typing import Final
 
 from dyknow_common import ExitCode
 from dyknow_semantics.errors import SemanticsError
@@ -36,36 +45,44 @@ from dyknow_semantics.ontology.vocabulary import (
 Triple = tuple[str, str, str]
 """Subject, predicate and object: an IRI, the text of a literal, or a number < 0 (a blank node)."""
 
+ALL_TRIPLES: Final = """
+    SELECT (COALESCE(STR(?s), STORID(?s)) AS ?subject)
+           (STR(?p) AS ?predicate)
+           (COALESCE(STR(?o), STORID(?o)) AS ?object)
+    WHERE { ?s ?p ?o . }
+"""
+"""The SPARQL query, in the dialect of owlready2, whose solutions are all triples."""
+
 
 class Knowledge:
-    """The concepts, instances and features of an ontology, and what follows from their order.
+    """The concepts, instances and features of an ontology.
 
-    Concepts are ordered by subclasses, equivalent classes, the parts of intersections and the
-    parts of unions. That is all: for what follows from restrictions, run a reasoner where the
-    ontology is written and save what it infers.
+    Concepts are ordered by subclasses, equivalent classes, and the parts of intersections and
+    unions. Consequences of restrictions are known only if a reasoner has added them to the triples.
 
-    Names are short, prefixed or full; those given back are as short as they are unambiguous, and
-    sorted unless the method says otherwise.
+    Methods accept short names, prefixed names and IRIs. They return the shortest unambiguous names,
+    sorted unless stated otherwise, and raise SemanticsError (NOT_FOUND if the name is unknown,
+    INVALID_ARGUMENT if it is ambiguous).
 
     Args:
-        triples: the whole ontology, with all that it imports.
+        triples: the whole ontology with its imports.
 
     Raises:
-        SemanticsError: if a feature is not as the upper ontology wants it.
+        SemanticsError: if the signature of a feature is incomplete or contradictory.
     """
 
     def __init__(self, triples: Iterable[Triple]) -> None:
-        statements = _Statements(triples)
+        index = _TripleIndex(triples)
         self._concepts = {
-            iri for iri, kind in statements.pairs(TYPE) if kind == CLASS and _is_named(iri)
+            iri for iri, kind in index.pairs(TYPE) if kind == CLASS and _is_named(iri)
         }
-        self._taxonomy = Taxonomy(statements.order())
-        self._types = statements.types_of_instances(self._concepts)
-        self.prefixes = Prefixes(statements.pairs(PREFIX))
+        self._taxonomy = Taxonomy(index.order())
+        self._types = index.types_of_instances(self._concepts)
+        self.prefixes = Prefixes(index.pairs(PREFIX))
         self.concept_names = Names('concept', self._concepts, self.prefixes)
         self.instance_names = Names('instance', self._types, self.prefixes)
-        self._identities = self._unite(Taxonomy(statements.same()))
-        reader = SignatureReader(self._taxonomy, statements.of, self.concept_names)
+        self._identities = self._unify(Taxonomy(index.symmetric_pairs(SAME_AS)))
+        reader = SignatureReader(self._taxonomy, index.by_subject, self.concept_names)
         below = self._taxonomy.below(FEATURE) & self._concepts
         self._features = reader.read(below - {FEATURE, NULLARY_FEATURE})
         self._instances = self._instances_of_concepts()
@@ -75,87 +92,63 @@ class Knowledge:
 
     @property
     def features(self) -> tuple[FeatureSignature, ...]:
-        """All features."""
+        """All features, by name."""
         return tuple(sorted(self._features.values(), key=lambda feature: feature.name))
 
     @property
     def sorts(self) -> tuple[str, ...]:
-        """All concepts that are no features."""
-        return self._named(frozenset(self._concepts) - self._taxonomy.below(FEATURE))
+        """All concepts that are not features."""
+        return self._names_of(frozenset(self._concepts) - self._taxonomy.below(FEATURE))
 
     def feature(self, name: str) -> FeatureSignature:
-        """The feature of a name.
+        """Return a feature.
 
         Raises:
-            SemanticsError: if no feature bears the name.
+            SemanticsError: NOT_FOUND also for a concept that is not a feature.
         """
         iri = self.concept_names.iri(name)
         if iri not in self._features:
             raise SemanticsError(
-                f"the concept '{name}' is no feature; the features lie below Feature",
+                f"the concept '{name}' is not a feature; the features lie below Feature",
                 ExitCode.NOT_FOUND,
             )
         return self._features[iri]
 
     def is_feature(self, concept: str) -> bool:
-        """Whether a concept is a feature.
-
-        Raises:
-            SemanticsError: if there is no such concept.
-        """
+        """Return True if a concept is a feature."""
         return self.concept_names.iri(concept) in self._features
 
     def subconcepts(self, concept: str) -> tuple[str, ...]:
-        """A concept, those equivalent to it, and all below it.
-
-        Raises:
-            SemanticsError: if there is no such concept.
-        """
+        """Return a concept, those equivalent to it, and all below it."""
         iri = self.concept_names.iri(concept)
         if iri not in self._subconcepts:
-            self._subconcepts[iri] = self._named(self._taxonomy.below(iri))
+            self._subconcepts[iri] = self._names_of(self._taxonomy.below(iri))
         return self._subconcepts[iri]
 
     def superconcepts(self, concept: str) -> tuple[str, ...]:
-        """A concept, those equivalent to it, and all above it.
-
-        Raises:
-            SemanticsError: if there is no such concept.
-        """
+        """Return a concept, those equivalent to it, and all above it."""
         iri = self.concept_names.iri(concept)
         if iri not in self._superconcepts:
-            self._superconcepts[iri] = self._named(self._taxonomy.above(iri))
+            self._superconcepts[iri] = self._names_of(self._taxonomy.above(iri))
         return self._superconcepts[iri]
 
     def instances(self, concept: str) -> tuple[str, ...]:
-        """The instances of a concept and of all concepts below it.
-
-        Raises:
-            SemanticsError: if there is no such concept.
-        """
+        """Return the instances of a concept and of all concepts below it."""
         return self._instances.get(self.concept_names.iri(concept), ())
 
     def concepts(self, instance: str) -> tuple[str, ...]:
-        """The concepts of an instance, each before all that lie above it, else by name.
-
-        Raises:
-            SemanticsError: if there is no such instance.
-        """
+        """Return the concepts of an instance, each before all that lie above it, else by name."""
         found = self._concepts_of(self.instance_names.iri(instance))
         return tuple(map(self.concept_names.name, self._taxonomy.specific_first(found)))
 
     def instance(self, name: str) -> str:
-        """The shortest name of an instance.
-
-        Raises:
-            SemanticsError: if there is no such instance.
-        """
+        """Return the shortest name of an instance."""
         return self.instance_names.name(self.instance_names.iri(name))
 
     def meaning(self, name: str) -> tuple[object, ...]:
-        """What follows from a name: the same as long as nothing that bears on it has changed."""
+        """Return all facts about a name; two ontologies with equal facts agree about it."""
         found: list[object] = []
-        for names, meanings in (
+        for names, queries in (
             (self.concept_names, (self.feature,)),
             (self.concept_names, (self.superconcepts, self.instances, self.identities)),
             (self.instance_names, (self.instance, self.concepts)),
@@ -164,57 +157,45 @@ class Knowledge:
                 found.append(None)
                 continue
             try:
-                found += [meaning(name) for meaning in meanings]
+                found += [query(name) for query in queries]
             except SemanticsError as error:
                 found.append(error.code)
         return (*found, self.identity(name))
 
     @property
     def has_synonyms(self) -> bool:
-        """Whether some instance has several names, which owl:sameAs states."""
+        """True if owl:sameAs gives an instance several names."""
         return bool(self._identities)
 
     def identity(self, instance: str) -> str:
-        """The one of the shortest names of an instance that stands for it, where it has several."""
+        """Return the representative of the synonyms of an instance, given by its shortest name."""
         return self._identities.get(instance, instance)
 
     def identities(self, concept: str) -> frozenset[str]:
-        """The instances of a concept, each by the one name that stands for it.
-
-        Raises:
-            SemanticsError: if there is no such concept.
-        """
+        """Return the instances of a concept, each by its representative name."""
         iri = self.concept_names.iri(concept)
         if iri not in self._identities_of:
             self._identities_of[iri] = frozenset(map(self.identity, self.instances(concept)))
         return self._identities_of[iri]
 
     def local_name(self, instance: str) -> str:
-        """The name of an instance without any prefix.
-
-        Raises:
-            SemanticsError: if there is no such instance.
-        """
+        """Return the name of an instance without any prefix."""
         return split_iri(self.instance_names.iri(instance))[1]
 
     def name(self, iri: str) -> str:
-        """The shortest name of a concept or an instance; the IRI of anything else."""
-        for things, names in (
-            (self._concepts, self.concept_names),
-            (self._types, self.instance_names),
-        ):
-            if iri in things:
-                return names.name(iri)
-        return iri
+        """Return the shortest name of a concept or an instance; the IRI of anything else."""
+        if iri in self._concepts:
+            return self.concept_names.name(iri)
+        return self.instance_names.name(iri) if iri in self._types else iri
 
-    def _unite(self, same: Taxonomy) -> dict[str, str]:
-        """Gives all names of an instance the same types; the name that stands for each name."""
+    def _unify(self, same: Taxonomy) -> dict[str, str]:
+        """Give synonyms the same types. Return the representative of each synonym."""
         identities: dict[str, str] = {}
         for iri in list(self._types):
-            names = same.above(iri) & self._types.keys()
-            if len(names) > 1:
-                self._types[iri] = set().union(*(self._types[each] for each in names))
-                identities[self.instance_names.name(iri)] = self.instance_names.name(min(names))
+            synonyms = same.above(iri) & self._types.keys()
+            if len(synonyms) > 1:
+                self._types[iri] = set().union(*(self._types[each] for each in synonyms))
+                identities[self.instance_names.name(iri)] = self.instance_names.name(min(synonyms))
         return identities
 
     def _concepts_of(self, instance: str) -> set[str]:
@@ -228,63 +209,62 @@ class Knowledge:
                 found[concept].append(self.instance_names.name(iri))
         return {concept: tuple(sorted(names)) for concept, names in found.items()}
 
-    def _named(self, concepts: frozenset[str]) -> tuple[str, ...]:
+    def _names_of(self, concepts: frozenset[str]) -> tuple[str, ...]:
         return tuple(sorted(map(self.concept_names.name, concepts & self._concepts)))
 
 
-class _Statements:
-    """Triples, indexed by subject and by predicate."""
+class _TripleIndex:
+    """Triples by subject and by predicate."""
 
     def __init__(self, triples: Iterable[Triple]) -> None:
-        self.of: dict[str, dict[str, list[str]]] = defaultdict(lambda: defaultdict(list))
+        self.by_subject: dict[str, dict[str, list[str]]] = defaultdict(lambda: defaultdict(list))
         self._pairs: dict[str, list[tuple[str, str]]] = defaultdict(list)
         for subject, predicate, value in triples:
-            self.of[subject][predicate].append(value)
+            self.by_subject[subject][predicate].append(value)
             self._pairs[predicate].append((subject, value))
 
     def pairs(self, predicate: str) -> list[tuple[str, str]]:
-        """The subjects and objects of a predicate."""
+        """Return the subjects and objects of a predicate."""
         return self._pairs.get(predicate, [])
 
+    def symmetric_pairs(self, predicate: str) -> Iterator[tuple[str, str]]:
+        """Yield the subjects and objects of a predicate in both directions."""
+        for subject, value in self.pairs(predicate):
+            yield subject, value
+            yield value, subject
+
     def order(self) -> Iterator[tuple[str, str]]:
-        """Each class, named or not, with those stated to lie above it."""
+        """Yield each class, named or not, with each class that is stated to lie above it."""
         yield from self.pairs(SUBCLASS_OF)
-        for one, other in self.pairs(EQUIVALENT_CLASS):
-            yield one, other
-            yield other, one
-        for whole, part in self._parts(INTERSECTION_OF):
-            yield whole, part
+        yield from self.symmetric_pairs(EQUIVALENT_CLASS)
+        yield from self._parts(INTERSECTION_OF)
         for predicate in (UNION_OF, DISJOINT_UNION_OF):
             for whole, part in self._parts(predicate):
                 yield part, whole
 
-    def same(self) -> Iterator[tuple[str, str]]:
-        """The individuals that are stated to be the same, in both directions."""
-        for one, other in self.pairs(SAME_AS):
-            yield one, other
-            yield other, one
-
     def types_of_instances(self, concepts: set[str]) -> dict[str, set[str]]:
-        """Each instance with the classes, named or not, that it is stated to belong to."""
+        """Return the stated classes, named or not, of each instance."""
         types: dict[str, set[str]] = defaultdict(set)
         for subject, kind in self.pairs(TYPE):
             is_class = kind in concepts or kind == NAMED_INDIVIDUAL or not _is_named(kind)
             if is_class and _is_named(subject):
                 types[subject].add(kind)
         for enumeration, member in self._parts(ONE_OF):
-            # What is enumerated may also be a value: only instances are known already.
+            # Enumerations of values have members too: those are not instances.
             if member in types:
                 types[member].add(enumeration)
         return dict(types)
 
     def _parts(self, predicate: str) -> Iterator[tuple[str, str]]:
-        for whole, parts in self.pairs(predicate):
+        """Yield the subjects of a predicate with each element of their RDF lists."""
+        for whole, first in self.pairs(predicate):
             seen: set[str] = set()
-            while parts in self.of and parts not in seen:
-                seen.add(parts)
-                for part in self.of[parts].get(FIRST, []):
+            cell = first
+            while cell in self.by_subject and cell not in seen:
+                seen.add(cell)
+                for part in self.by_subject[cell].get(FIRST, []):
                     yield whole, part
-                parts = next(iter(self.of[parts].get(REST, [])), NIL)  # noqa: PLW2901
+                cell = next(iter(self.by_subject[cell].get(REST, [])), NIL)
 
 
 def _is_named(node: str) -> bool:

@@ -1,4 +1,4 @@
-"""Names of things in an ontology: short, prefixed and full."""
+"""Short names, prefixed names and IRIs of the entities of an ontology."""
 
 from __future__ import annotations
 
@@ -10,25 +10,25 @@ from typing import Final
 from dyknow_common import ExitCode
 from dyknow_semantics.errors import SemanticsError
 
-_LISTED: Final = 10
-"""So many known names are listed where none is near an unknown one."""
+_MAX_LISTED: Final = 10
+"""The number of known names that a message lists if none is similar to an unknown one."""
 
 
 def split_iri(iri: str) -> tuple[str, str]:
-    """The namespace of an IRI, with its `#` or `/` at the end, and the local name."""
+    """Return the namespace of an IRI, with the final `#` or `/`, and the local name."""
     separator = '#' if '#' in iri else '/'
     namespace, _, local = iri.rpartition(separator)
     return namespace + separator, local
 
 
 def prefix_of(namespace: str) -> str:
-    """The prefix that stands for a namespace: the last part of it, without a file's ending."""
+    """Return the default prefix of a namespace: its last part without a file extension."""
     last = namespace.rstrip('#/').rpartition('/')[2]
     return last.removesuffix('.owl').removesuffix('.rdf')
 
 
 def suggestion(name: str, known: Mapping[str, str]) -> str:
-    """The end of an error message: what was perhaps meant by an unknown name.
+    """Return the end of an error message: known names similar to an unknown one, or all.
 
     Args:
         name: the unknown name.
@@ -38,19 +38,19 @@ def suggestion(name: str, known: Mapping[str, str]) -> str:
     if near:
         return f'; did you mean {" or ".join(map(repr, list(near)[:3]))}?'
     names = sorted(set(known.values()))
-    listed = ', '.join(names[:_LISTED]) + (', ...' if len(names) > _LISTED else '')
+    listed = ', '.join(names[:_MAX_LISTED]) + (', ...' if len(names) > _MAX_LISTED else '')
     return f'; there are: {listed}' if names else '; there is none'
 
 
 class Prefixes:
-    """What namespaces are called in prefixed names.
+    """The prefixes of namespaces.
 
-    A namespace goes by the last part of its IRI and by all that is declared for it. Nothing keeps
-    several ontologies from taking the same prefix: it then stands for all of their namespaces, as
-    long as the whole name fits in one of them.
+    A namespace has its default prefix and all declared ones. Several ontologies may declare the
+    same prefix: it then stands for all of their namespaces, and a prefixed name is valid if it
+    exists in only one of them.
 
     Args:
-        declared: namespaces, each with a prefix of it.
+        declared: pairs of a namespace and a prefix of it.
     """
 
     def __init__(self, declared: Iterable[tuple[str, str]] = ()) -> None:
@@ -59,15 +59,15 @@ class Prefixes:
             self._prefixes[namespace].add(prefix)
 
     def of(self, namespace: str) -> tuple[str, ...]:
-        """The prefixes of a namespace: first the last part of its IRI, then others by name."""
-        own = prefix_of(namespace)
-        return own, *sorted(self._prefixes.get(namespace, set()) - {own})
+        """Return the prefixes of a namespace: the default one, then the others by name."""
+        default = prefix_of(namespace)
+        return default, *sorted(self._prefixes.get(namespace, set()) - {default})
 
     def namespace(self, prefix: str, namespaces: Iterable[str]) -> str:
-        """The one of several namespaces that a prefix stands for.
+        """Return the namespace with a prefix, one of `namespaces` or of those declared.
 
         Raises:
-            SemanticsError: if it stands for none or for several of them.
+            SemanticsError: if none or several have the prefix.
         """
         known = {*namespaces, *self._prefixes}
         found = sorted(each for each in known if prefix in self.of(each))
@@ -85,52 +85,52 @@ class Prefixes:
 
 
 class Names:
-    """The names of all things of one kind.
+    """The names of all entities of one kind.
 
-    A thing goes by its short name (`Altitude`), by prefix and short name (`uav:Altitude`), and by
-    its IRI (`http://www.dyknow.org/uav#Altitude`). A name that several things share names none.
+    An entity has a short name (`Altitude`), prefixed names (`uav:Altitude`), and its IRI
+    (`http://www.dyknow.org/uav#Altitude`). A name that several entities share is ambiguous.
 
     Args:
-        kind: what the things are called in messages.
-        iris: the IRIs of the things.
+        kind: the kind of the entities in messages.
+        iris: the IRIs of the entities.
         prefixes: those of their namespaces.
     """
 
     def __init__(self, kind: str, iris: Iterable[str], prefixes: Prefixes | None = None) -> None:
         self._kind = kind
         self._prefixes = prefixes or Prefixes()
-        self._bearers: dict[str, set[str]] = defaultdict(set)
+        self._iris: dict[str, set[str]] = defaultdict(set)
         for iri in iris:
-            for name in self._spellings(iri):
-                self._bearers[name].add(iri)
+            for name in self._names_of(iri):
+                self._iris[name].add(iri)
 
     def __contains__(self, name: str) -> bool:
-        """Whether at least one thing bears the name."""
-        return name in self._bearers
+        """Return True if at least one entity has the name."""
+        return name in self._iris
 
     def iri(self, name: str) -> str:
-        """The IRI of the one thing that bears a name.
+        """Return the IRI of the only entity with a name.
 
         Raises:
-            SemanticsError: if nothing bears it, with names that are near, or several things do.
+            SemanticsError: if no entity has it (NOT_FOUND, with similar names), or several do.
         """
-        bearers = self._bearers.get(name, ())
-        if len(bearers) > 1:
-            candidates = ', '.join(sorted(map(self.name, bearers)))
+        iris = self._iris.get(name, ())
+        if len(iris) > 1:
+            candidates = ', '.join(sorted(map(self.name, iris)))
             raise SemanticsError(
                 f"the {self._kind} '{name}' is ambiguous; it is one of {candidates}"
             )
-        if not bearers:
-            known = {each: self.name(iri) for each, iris in self._bearers.items() for iri in iris}
+        if not iris:
+            known = {each: self.name(iri) for each, same in self._iris.items() for iri in same}
             hint = suggestion(name, known)
             raise SemanticsError(f"unknown {self._kind} '{name}'{hint}", ExitCode.NOT_FOUND)
-        return next(iter(bearers))
+        return next(iter(iris))
 
     def name(self, iri: str) -> str:
-        """The shortest name that only this thing bears."""
-        return next(name for name in self._spellings(iri) if len(self._bearers[name]) == 1)
+        """Return the shortest unambiguous name of an entity."""
+        return next(name for name in self._names_of(iri) if len(self._iris[name]) == 1)
 
-    def _spellings(self, iri: str) -> Iterator[str]:
+    def _names_of(self, iri: str) -> Iterator[str]:
         namespace, local = split_iri(iri)
         yield local
         for prefix in self._prefixes.of(namespace):

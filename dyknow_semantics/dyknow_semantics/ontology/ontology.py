@@ -1,4 +1,4 @@
-"""The ontology that a system shares: read, changed as a whole, and kept."""
+"""The shared ontology: loading, changing and storing it."""
 
 from __future__ import annotations
 
@@ -7,12 +7,10 @@ from collections.abc import Callable, Iterable, Iterator
 from contextlib import ExitStack
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from types import TracebackType
 from typing import Self
 
 from dyknow_common import ExitCode
 from dyknow_semantics.errors import SemanticsError
-from dyknow_semantics.ontology.features import FeatureSignature
 from dyknow_semantics.ontology.knowledge import Knowledge, Triple
 from dyknow_semantics.ontology.names import split_iri
 from dyknow_semantics.ontology.reasoner import Draft
@@ -28,17 +26,19 @@ from dyknow_semantics.ontology.vocabulary import UPPER_ONTOLOGY
 
 
 class Ontology:
-    """The concepts, instances and features that a system shares.
+    """The concepts, instances and features that the nodes of a system share.
 
-    A change is made as a whole: it is checked against the upper ontology and stored before the
-    method returns, or refused and nothing has changed. Loading an ontology again replaces what was
-    loaded of it before and leaves alone what was created at run time.
+    Each change is atomic: it is checked against the upper ontology and stored before the method
+    returns, or it is refused and has no effect. Loading an ontology again replaces its previous
+    contents and keeps what was created at run time.
 
-    Names are short (`Altitude`), prefixed (`uav:Altitude`, with the last part of the ontology's
-    IRI) or IRIs; those given back are as short as they are unambiguous.
+    Methods accept short names (`Altitude`), prefixed names (`uav:Altitude`, with the last part of
+    the ontology's IRI) and IRIs; they return the shortest unambiguous names. The methods that
+    create or destroy something return the concepts whose instances or matches may have changed;
+    an empty tuple stands for all concepts.
 
     Args:
-        store: the file that keeps the ontology from one run to the next; none to forget it.
+        store: the file that keeps the ontology over restarts; `None` keeps nothing.
 
     Raises:
         SemanticsError: if the store cannot be opened.
@@ -46,7 +46,7 @@ class Ontology:
 
     def __init__(self, store: str | Path | None = None) -> None:
         with ExitStack() as resources:
-            # Even a store to be forgotten is a file: to undo a change is to open it again.
+            # A temporary ontology needs a file too: a change is undone by opening the store again.
             folder = resources.enter_context(TemporaryDirectory(prefix='dyknow_'))
             self._store = Store(Path(store or Path(folder, 'store')))
             resources.callback(self._store.close)
@@ -57,76 +57,74 @@ class Ontology:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.close()
 
     def close(self) -> None:
-        """Lets go of the store."""
+        """Close the store."""
         self._resources.close()
 
     @property
     def revision(self) -> int:
-        """How many changes there have been, apart from what a reasoner has added."""
+        """The number of changes, except those of entailed statements."""
         return self._revision
 
     @property
     def knowledge(self) -> Knowledge:
-        """All that the ontology says at this moment."""
+        """The present contents, immutable."""
         return self._knowledge
 
     def load(self, path_or_iri: str | Path) -> None:
-        """Adds an ontology, and all that it imports and that is not loaded yet.
+        """Add an ontology with its imports that are not loaded yet.
 
-        Imports are looked for beside the file that imports them, under the last part of their
-        IRI (`uav.owl` for `http://www.dyknow.org/uav`); those of an ontology on the web there too.
+        The imports of a file lie beside it, under the last part of their IRI (`uav.owl` for
+        `http://www.dyknow.org/uav`); those of an ontology from the web are downloaded.
 
         Raises:
-            SemanticsError: if something cannot be read or is not as the upper ontology wants it.
+            SemanticsError: if a document cannot be read or contradicts the upper ontology.
         """
         self.add(self.read(path_or_iri))
 
     def read(self, path_or_iri: str | Path) -> tuple[Document, ...]:
-        """What `load` would add.
+        """Return the documents that `load` adds.
 
         Raises:
-            SemanticsError: if something cannot be read.
+            SemanticsError: if a document cannot be read.
         """
         return read_with_imports(read_source(str(path_or_iri)), self._store.ontologies)
 
     def add(self, documents: Iterable[Document]) -> None:
-        """Adds ontologies, each in place of what it said before.
+        """Add ontologies; each replaces its previous contents.
 
         Raises:
-            SemanticsError: if something is not as the upper ontology wants it.
+            SemanticsError: if the result contradicts the upper ontology.
         """
-        self._change(lambda: self._put(documents))
-        # owlready2 may have cached what the text says otherwise now.
+        self._change(lambda: self._store.put(documents))
+        # The caches of owlready2 may hold the previous contents.
         self._store.reopen()
 
     def draft(self, documents: Iterable[Document] = ()) -> Draft:
-        """What there would be for a reasoner with some more ontologies; nothing is changed.
+        """Return the contents after adding documents, without adding them.
 
         Raises:
-            SemanticsError: if something is not as the upper ontology wants it.
+            SemanticsError: if the result contradicts the upper ontology.
         """
         try:
-            self._put(documents)
+            self._store.put(documents)
             knowledge = Knowledge(self._store.triples())
             return Draft(self._revision, self._store.text(), knowledge.name)
         finally:
             self._store.reopen()
 
-    def entail(self, entailed: Iterable[Triple], revision: int) -> bool:
-        """Adds what a reasoner found in a draft; returns whether it still holds.
+    def set_entailed(self, entailed: Iterable[Triple], revision: int) -> bool:
+        """Replace the entailed statements, unless the ontology has changed.
 
         Args:
-            entailed: it takes the place of what was entailed before.
-            revision: of the ontology when nothing but this is new since the draft.
+            entailed: the result of a reasoner.
+            revision: the revision of the ontology that the result holds for.
+
+        Returns:
+            False if the ontology has another revision; then nothing is replaced.
         """
         if revision != self._revision:
             return False
@@ -136,96 +134,72 @@ class Ontology:
         return True
 
     def create_concept(self, name: str, parents: Iterable[str] = ()) -> tuple[str, ...]:
-        """Adds a concept below others. Returns the concepts concerned; none if any may be.
+        """Add a concept below others.
 
         Raises:
-            SemanticsError: if the name is taken, a parent is unknown, or the concept is a feature
-                that takes no signature from those above it.
+            SemanticsError: if the name exists, a parent is unknown, or the concept is a feature
+                that inherits no signature.
         """
         above = tuple(map(self._knowledge.concept_names.iri, parents))
         iri = self._new_iri(name)
         self._change(lambda: self._store.add_class(iri, above))
-        return self._concerned(iri, self.superconcepts(iri))
+        return self._affected(iri, self._knowledge.superconcepts(iri))
 
     def destroy_concept(self, name: str) -> tuple[str, ...]:
-        """Removes a concept that nothing rests on. Returns the concepts concerned, as above.
+        """Remove a concept that nothing depends on.
 
         Raises:
             SemanticsError: if it is unknown, has subconcepts or instances, is the sort of an
                 argument, or belongs to the upper ontology.
         """
         iri = self._knowledge.concept_names.iri(name)
-        obstacles = '; '.join(self._obstacles(iri))
+        obstacles = '; '.join(self._dependencies(iri))
         if obstacles:
             raise SemanticsError(f"the concept '{name}' cannot be destroyed: {obstacles}")
-        concerned = self._concerned(iri, self.superconcepts(iri))
+        affected = self._affected(iri, self._knowledge.superconcepts(iri))
         self._change(lambda: self._store.remove(iri))
-        return concerned
+        return affected
 
     def create_instance(self, name: str, concepts: Iterable[str]) -> tuple[str, ...]:
-        """Adds an instance of one or more concepts. Returns the concepts concerned, as above.
+        """Add an instance of one or more concepts.
 
         Raises:
-            SemanticsError: if the name is taken, a concept is unknown or a feature, or there is
-                none.
+            SemanticsError: if the name exists, a concept is unknown or a feature, or `concepts` is
+                empty.
         """
         kinds = tuple(map(self._sort, concepts))
         if not kinds:
             raise SemanticsError(f"the instance '{name}' needs a concept to be an instance of")
         iri = self._new_iri(name)
         self._change(lambda: self._store.add_individual(iri, kinds))
-        return self._concerned(iri, self.concepts(iri))
+        return self._affected(iri, self._knowledge.concepts(iri))
 
     def destroy_instance(self, name: str) -> tuple[str, ...]:
-        """Removes an instance. Returns the concepts concerned, as above.
+        """Remove an instance.
 
         Raises:
-            SemanticsError: if it is unknown, or a concept too.
+            SemanticsError: if it is unknown, or also a concept.
         """
         iri = self._knowledge.instance_names.iri(name)
         if iri in self._knowledge.concept_names:
             raise SemanticsError(f"the instance '{name}' is a concept too; destroy that")
-        concerned = self._concerned(iri, self.concepts(iri))
+        affected = self._affected(iri, self._knowledge.concepts(iri))
         self._change(lambda: self._store.remove(iri))
-        return concerned
-
-    def instances(self, concept: str) -> tuple[str, ...]:
-        """See `Knowledge.instances`."""
-        return self._knowledge.instances(concept)
-
-    def concepts(self, instance: str) -> tuple[str, ...]:
-        """See `Knowledge.concepts`."""
-        return self._knowledge.concepts(instance)
-
-    def subconcepts(self, concept: str) -> tuple[str, ...]:
-        """See `Knowledge.subconcepts`."""
-        return self._knowledge.subconcepts(concept)
-
-    def superconcepts(self, concept: str) -> tuple[str, ...]:
-        """See `Knowledge.superconcepts`."""
-        return self._knowledge.superconcepts(concept)
-
-    def feature(self, name: str) -> FeatureSignature:
-        """See `Knowledge.feature`."""
-        return self._knowledge.feature(name)
+        return affected
 
     def query(self, sparql: str) -> tuple[tuple[str, ...], tuple[Row, ...]]:
-        """The variables and the solutions of a SPARQL SELECT query, in the dialect of owlready2.
+        """Return the variables and the solutions of a SPARQL SELECT query for owlready2.
 
-        Concepts and instances are given back by name and other resources by IRI; a blank node is a
-        negative number, an unbound variable empty.
+        Concepts and instances are returned by name, other resources by IRI, a blank node as a
+        negative number, an unbound variable as an empty string.
 
         Raises:
-            SemanticsError: if the query is malformed, would change something or does not end.
+            SemanticsError: if the query is malformed, changes something or takes too long.
         """
         return self._store.select(sparql, self._knowledge.name)
 
-    def _put(self, documents: Iterable[Document]) -> None:
-        for document in documents:
-            self._store.put(document)
-
     def _change(self, change: Callable[[], None]) -> None:
-        """Makes a change and keeps it if what comes of it makes sense."""
+        """Make a change, and commit it if the result is valid."""
         try:
             change()
             knowledge = Knowledge(self._store.triples())
@@ -236,10 +210,10 @@ class Ontology:
         self._revision += 1
         self._knowledge = knowledge
 
-    def _concerned(self, iri: str, concepts: tuple[str, ...]) -> tuple[str, ...]:
-        """Concepts that something belongs to, and the features that take those for arguments."""
+    def _affected(self, iri: str, concepts: tuple[str, ...]) -> tuple[str, ...]:
+        """Return some concepts and the features with arguments of these sorts."""
         if self._knowledge.name(iri) != split_iri(iri)[1]:
-            return ()  # Something else has the same short name: then names are concerned too.
+            return ()  # Another entity has the same short name: other names change too.
         features = (
             feature.name
             for feature in self._knowledge.features
@@ -247,8 +221,8 @@ class Ontology:
         )
         return tuple(sorted({*concepts, *features}))
 
-    def _obstacles(self, iri: str) -> Iterator[str]:
-        """What rests on a concept."""
+    def _dependencies(self, iri: str) -> Iterator[str]:
+        """Yield the reasons why a concept cannot be destroyed."""
         knowledge = self._knowledge
         name = knowledge.name(iri)
         below = [other for other in knowledge.subconcepts(name) if other != name]
@@ -270,19 +244,20 @@ class Ontology:
         return iri
 
     def _new_iri(self, name: str) -> str:
-        """The IRI of what is to be created under a name."""
+        """Return the IRI of a new entity."""
         knowledge = self._knowledge
         if name in knowledge.concept_names or name in knowledge.instance_names:
-            raise SemanticsError(f"there is already a '{name}'", ExitCode.ALREADY_EXISTS)
-        namespace, local = split_iri(name) if '/' in name else self._split(name)
+            raise SemanticsError(f"'{name}' already exists", ExitCode.ALREADY_EXISTS)
+        if '/' in name:
+            namespace, local = split_iri(name)
+        else:
+            namespace = RUNTIME_ONTOLOGY
+            prefix, colon, local = name.rpartition(':')
+            if colon:
+                namespace = knowledge.prefixes.namespace(prefix, self._store.ontologies)
         if not re.fullmatch(r'[A-Za-z_][\w.-]*', local):
             raise SemanticsError(
-                f"'{name}' is no name; it needs a letter first, then letters, digits, _ . or -"
+                f"'{name}' is not a valid name; it must begin with a letter or _, "
+                'followed by letters, digits, _ . or -'
             )
         return namespace + local
-
-    def _split(self, name: str) -> tuple[str, str]:
-        prefix, colon, local = name.rpartition(':')
-        if not colon:
-            return RUNTIME_ONTOLOGY, local
-        return self._knowledge.prefixes.namespace(prefix, self._store.ontologies), local

@@ -1,7 +1,7 @@
-"""What follows from an ontology by a reasoner for the whole of OWL (HermiT or Pellet).
+"""Reasoners for the whole of OWL: HermiT and Pellet.
 
-A reasoner takes seconds to minutes: it runs in a process of its own, which is this module as a
-program, and owlready2 there starts Java.
+A reasoner takes seconds to minutes. It runs in a separate process, `reasoner_program`, where
+owlready2 starts it in Java.
 """
 
 from __future__ import annotations
@@ -23,25 +23,25 @@ from dyknow_semantics.errors import SemanticsError
 from dyknow_semantics.ontology.knowledge import Triple
 
 _PROGRAM: Final = 'dyknow_semantics.ontology.reasoner_program'
-_LISTED: Final = 20
-"""So many unsatisfiable classes are named in a message."""
+_MAX_LISTED: Final = 20
+"""The number of unsatisfiable classes that a message names."""
 
 
 class Reasoner(StrEnum):
-    """What tells which concepts lie below which, and which instances belong to them."""
+    """The choice of the statements that are derived from an ontology."""
 
     STRUCTURAL = 'structural'
-    """What is stated, and what follows by the order of the concepts alone."""
+    """Only the consequences of the order of concepts, which `Knowledge` computes."""
 
     HERMIT = 'hermit'
     PELLET = 'pellet'
 
 
 def choose_reasoner(name: str) -> Reasoner:
-    """The reasoner of a name.
+    """Return the reasoner with a name.
 
     Raises:
-        SemanticsError: if there is none.
+        SemanticsError: if the name is unknown.
     """
     try:
         return Reasoner(name)
@@ -52,12 +52,12 @@ def choose_reasoner(name: str) -> Reasoner:
 
 @dataclass(frozen=True, slots=True)
 class Draft:
-    """An ontology as it is or would be.
+    """A version of an ontology for a reasoner.
 
     Args:
-        revision: how many changes the ontology has seen before.
-        text: what it says in N-Triples, without what is entailed.
-        name: what the thing of an IRI is called in it.
+        revision: the revision of the ontology when the draft was made.
+        text: N-Triples without entailed statements.
+        name: returns the name of the entity with an IRI.
     """
 
     revision: int
@@ -66,17 +66,17 @@ class Draft:
 
 
 class ReasonerProcess:
-    """A reasoner that is asked what follows from a text.
+    """Runs a reasoner in a separate process.
 
     Args:
         reasoner: HermiT or Pellet.
-        limit: how long it may take, in seconds.
+        limit_s: the longest time for one ontology.
 
     Raises:
         SemanticsError: UNAVAILABLE, if Java is not installed.
     """
 
-    def __init__(self, reasoner: Reasoner, limit: float) -> None:
+    def __init__(self, reasoner: Reasoner, limit_s: float) -> None:
         if shutil.which('java') is None:
             raise SemanticsError(
                 f"the reasoner '{reasoner}' needs Java, which is not installed; install it (on "
@@ -84,46 +84,42 @@ class ReasonerProcess:
                 ExitCode.UNAVAILABLE,
             )
         self._reasoner = reasoner
-        self._limit = limit
+        self._limit_s = limit_s
         self._process: subprocess.Popen[bytes] | None = None
         self._stopped = False
 
     def stop(self) -> None:
-        """Ends it for good; may be called while another thread waits for an answer."""
+        """Stop the reasoner for good; another thread may be waiting in `infer`."""
         self._stopped = True
         self._kill()
 
-    def entailed(self, draft: Draft) -> tuple[Triple, ...]:
-        """The subclasses, equivalent classes and classes of individuals that an ontology entails.
-
-        Args:
-            draft: the ontology.
+    def infer(self, draft: Draft) -> tuple[Triple, ...]:
+        """Return the entailed subclasses, equivalent classes and classes of individuals.
 
         Raises:
-            SemanticsError: if the ontology is inconsistent or a class of it cannot have instances,
-                with the names of such classes; UNAVAILABLE, if the reasoner fails; TIMEOUT, if it
-                takes too long.
+            SemanticsError: if the ontology is inconsistent or has unsatisfiable classes, which the
+                message names; UNAVAILABLE, if the reasoner fails; TIMEOUT, if it takes too long.
         """
         with subprocess.Popen(
             [sys.executable, '-m', _PROGRAM, self._reasoner],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,
-            start_new_session=True,  # so that Java ends with it
+            start_new_session=True,  # Java is in the same process group and is killed with it.
         ) as self._process:
             if self._stopped:
                 self._kill()
             try:
-                output, complaint = self._process.communicate(draft.text, self._limit)
+                output, errors = self._process.communicate(draft.text, self._limit_s)
             except subprocess.TimeoutExpired:
                 self._kill()
                 raise SemanticsError(
-                    f"the reasoner '{self._reasoner}' has found no answer within "
-                    f'{self._limit:g} s; give it more (reasoning_limit) or choose another',
+                    f"the reasoner '{self._reasoner}' did not finish within {self._limit_s:g} s; "
+                    'increase reasoning_limit or choose another reasoner',
                     ExitCode.TIMEOUT,
                 ) from None
         if self._process.returncode != 0:
-            raise self._failure(complaint.decode(errors='replace'))
+            raise self._failure(errors.decode(errors='replace'))
         answer = json.loads(output)
         if answer['inconsistent'] or answer['unsatisfiable']:
             unsatisfiable = sorted(map(draft.name, answer['unsatisfiable']))
@@ -135,13 +131,13 @@ class ReasonerProcess:
             with suppress(ProcessLookupError):
                 os.killpg(self._process.pid, signal.SIGKILL)
 
-    def _failure(self, complaint: str) -> SemanticsError:
-        lines = complaint.strip().splitlines() or ['it says nothing of why']
+    def _failure(self, errors: str) -> SemanticsError:
+        lines = errors.strip().splitlines() or ['it printed no error message']
         if self._stopped:
             lines = ['it was stopped']
         mend = (
             '; install a newer Java or choose another reasoner'
-            if 'UnsupportedClassVersionError' in complaint
+            if 'UnsupportedClassVersionError' in errors
             else ''
         )
         return SemanticsError(
@@ -150,15 +146,14 @@ class ReasonerProcess:
 
 
 def _contradiction(unsatisfiable: list[str], *, consistent: bool) -> SemanticsError:
-    """Why an ontology is refused."""
     fault = '' if consistent else 'the ontology is inconsistent: '
-    named = ', '.join(unsatisfiable[:_LISTED]) + (', ...' if len(unsatisfiable) > _LISTED else '')
-    if unsatisfiable:
+    if not unsatisfiable:
         return SemanticsError(
-            f'{fault}no individual can belong to the unsatisfiable classes {named}; '
-            'correct what is said of them'
+            f'{fault}every class is satisfiable, but the statements about individuals contradict '
+            'each other; look for an individual of disjoint classes'
         )
+    more = ', ...' if len(unsatisfiable) > _MAX_LISTED else ''
     return SemanticsError(
-        f'{fault}each class can have individuals, but what is said of individuals contradicts '
-        'itself; look for one that belongs to disjoint classes'
+        f'{fault}no individual can belong to the unsatisfiable classes '
+        f'{", ".join(unsatisfiable[:_MAX_LISTED])}{more}; correct their definitions'
     )

@@ -1,4 +1,4 @@
-"""The program that asks a reasoner: an ontology in N-Triples comes in, a JSON text goes out."""
+"""The program that runs a reasoner: it reads an ontology in N-Triples and prints JSON."""
 
 from __future__ import annotations
 
@@ -24,9 +24,7 @@ from dyknow_semantics.ontology.vocabulary import (
     TYPE,
 )
 
-_LOOK_EVERY: Final = 0.5
-"""Seconds between two looks for the parent process."""
-
+_PARENT_CHECK_PERIOD_S: Final = 0.5
 _ENTAILED: Final = 'http://entailed/'
 _TYPE: Final = f'<{TYPE}>'.encode()
 _INDIVIDUAL: Final = f'<{NAMED_INDIVIDUAL}>'.encode()
@@ -34,7 +32,7 @@ _LANGUAGES: Final = tuple(f'<{language}'.encode() for language in LANGUAGES)
 
 
 def classify(text: bytes, reasoner: str) -> dict[str, Any]:
-    """What an ontology entails, or why it entails everything.
+    """Return the statements that an ontology entails, or its unsatisfiable classes.
 
     Raises:
         OwlReadyJavaError: if the reasoner fails.
@@ -42,7 +40,8 @@ def classify(text: bytes, reasoner: str) -> dict[str, Any]:
     try:
         world = _reason(text, reasoner)
     except OwlReadyInconsistentOntologyError:
-        return {'inconsistent': True, 'unsatisfiable': _culprits(text, reasoner), 'entailed': []}
+        unsatisfiable = _unsatisfiable_without_individuals(text, reasoner)
+        return {'inconsistent': True, 'unsatisfiable': unsatisfiable, 'entailed': []}
     unsatisfiable = _unsatisfiable(world)
     return {
         'inconsistent': False,
@@ -62,8 +61,8 @@ def _reason(text: bytes, reasoner: str) -> Any:
     return world
 
 
-def _culprits(text: bytes, reasoner: str) -> list[str]:
-    """The classes that are unsatisfiable whatever individuals there are."""
+def _unsatisfiable_without_individuals(text: bytes, reasoner: str) -> list[str]:
+    """Return the classes that are unsatisfiable even if all individuals are removed."""
     lines = [(line.split(b' ', 2), line) for line in text.splitlines(keepends=True)]
     individuals = {
         subject
@@ -84,7 +83,7 @@ def _unsatisfiable(world: Any) -> list[str]:
 def _entailed(world: Any) -> list[tuple[str, ...]]:
     graph = world.get_ontology(_ENTAILED).graph
     rows = graph.execute('SELECT s, p, o FROM objs WHERE c = ? AND s > 0 AND o > 0', (graph.c,))
-    name = world._unabbreviate  # noqa: SLF001 - nothing public does it
+    name = world._unabbreviate  # noqa: SLF001 - no public equivalent
     triples = (tuple(map(name, row)) for row in rows.fetchall())
     return [
         (subject, predicate, value)
@@ -95,19 +94,19 @@ def _entailed(world: Any) -> list[tuple[str, ...]]:
     ]
 
 
-def _end_with(parent: int) -> None:
-    """Ends this process and Java when whoever wants the answer has died."""
+def _exit_with(parent: int) -> None:
+    """Kill this process and Java when the parent process has died."""
     while os.getppid() == parent:
-        threading.Event().wait(_LOOK_EVERY)
+        threading.Event().wait(_PARENT_CHECK_PERIOD_S)
     os.killpg(0, signal.SIGKILL)
 
 
 def main() -> int:
-    """Answers on the standard output; the exit code is 1 when the reasoner has failed.
+    """Run the reasoner that the first argument names; the exit code is 1 if it fails.
 
-    It is to be started in a process group of its own, which ends with it.
+    The process must lead a process group of its own, which is killed if the parent dies.
     """
-    threading.Thread(target=_end_with, args=(os.getppid(),), daemon=True).start()
+    threading.Thread(target=_exit_with, args=(os.getppid(),), daemon=True).start()
     try:
         with redirect_stdout(sys.stderr):
             answer = classify(sys.stdin.buffer.read(), sys.argv[1])

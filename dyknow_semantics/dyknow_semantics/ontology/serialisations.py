@@ -1,4 +1,7 @@
-"""The forms that OWL is written in: which one a text has, and the prefixes that it declares."""
+"""Serialisations of OWL: recognition, translation, and the prefixes that a text declares.
+
+owlready2 reads RDF/XML, OWL/XML and N-Triples. rdflib translates all else to N-Triples.
+"""
 
 from __future__ import annotations
 
@@ -18,16 +21,15 @@ from dyknow_semantics.errors import SemanticsError
 from dyknow_semantics.ontology.sources import OntologySource
 from dyknow_semantics.ontology.vocabulary import LANGUAGES, OWL, RDF
 
-Form = Literal['rdfxml', 'owlxml', 'ntriples']
-"""A form that owlready2 reads."""
+OwlreadyFormat = Literal['rdfxml', 'owlxml', 'ntriples']
 
-Prefixes = frozenset[tuple[str, str]]
-"""Prefixes, each with the namespace that it stands for."""
-
-_ROOTS: Final[dict[str, Form]] = {f'{{{RDF}}}RDF': 'rdfxml', f'{{{OWL}}}Ontology': 'owlxml'}
+_FORMAT_OF_ROOT: Final[dict[str, OwlreadyFormat]] = {
+    f'{{{RDF}}}RDF': 'rdfxml',
+    f'{{{OWL}}}Ontology': 'owlxml',
+}
 _PREFIX: Final = f'{{{OWL}}}Prefix'
 _BASE: Final = '{http://www.w3.org/XML/1998/namespace}base'
-_TURTLE_ENDINGS: Final = ('.ttl', '.turtle')
+_TURTLE_EXTENSIONS: Final = ('.ttl', '.turtle')
 _DIRECTIVE: Final = re.compile(rb'(?:\s|#[^\n]*\n)*@?(?:prefix|base)\s', re.IGNORECASE)
 _TURTLE_PREFIX: Final = r'(?im)^\s*@?prefix\s+([\w.-]*):\s*<([^>\s]*)>'
 _REASON: Final = re.compile(r'Bad syntax \((.*)\) at \^', re.DOTALL)
@@ -35,61 +37,60 @@ _REASON: Final = re.compile(r'Bad syntax \((.*)\) at \^', re.DOTALL)
 
 @dataclass(frozen=True, slots=True)
 class OntologyText:
-    """A text that owlready2 reads.
+    """The text of an ontology in a format that owlready2 reads.
 
     Args:
-        form: what it is written in.
-        content: the text.
-        prefixes: those declared in it.
+        prefixes: the declared prefixes, each with its namespace.
     """
 
-    form: Form
+    format: OwlreadyFormat
     content: bytes
-    prefixes: Prefixes = frozenset()
+    prefixes: frozenset[tuple[str, str]] = frozenset()
 
 
-def recognise(source: OntologySource, base: str) -> OntologyText:
-    """The text of an ontology with its form; rdflib translates what owlready2 cannot read.
+def normalise(source: OntologySource, base: str) -> OntologyText:
+    """Return the text of an ontology in a format that owlready2 reads.
 
     Args:
         source: RDF/XML, OWL/XML, N-Triples or Turtle.
-        base: what relative IRIs in Turtle are relative to.
+        base: the base of relative IRIs in Turtle.
 
     Raises:
-        SemanticsError: if it has none of these forms.
+        SemanticsError: if the text is malformed or in another format.
     """
-    if source.place.endswith(_TURTLE_ENDINGS) or _DIRECTIVE.match(source.text):
-        # rdflib forgets all but one of several prefixes for a namespace.
+    if source.location.endswith(_TURTLE_EXTENSIONS) or _DIRECTIVE.match(source.text):
+        # rdflib keeps only one of several prefixes of a namespace.
         declarations = re.findall(_TURTLE_PREFIX, source.text.decode(errors='replace'))
-        return OntologyText(
-            'ntriples', _translate(source, 'turtle', base), _vocabularies(declarations)
-        )
+        content = _translate(source, 'turtle', base)
+        return OntologyText('ntriples', content, _usable_prefixes(declarations))
     if source.text.lstrip(b'\xef\xbb\xbf \t\r\n').startswith((b'<?', b'<!', b'<rdf:', b'<Onto')):
-        return _recognise_xml(source)
+        return _normalise_xml(source)
     return OntologyText('ntriples', source.text)
 
 
-def _recognise_xml(source: OntologySource) -> OntologyText:
+def _normalise_xml(source: OntologySource) -> OntologyText:
     try:
-        root, base, declarations = _head(source.text)
+        root, base, declarations = _xml_head(source.text)
     except ParseError as error:
         raise _unreadable(source, f'parsing error: {error}') from None
-    if root not in _ROOTS:
+    if root not in _FORMAT_OF_ROOT:
         raise _unreadable(
             source, f'its root is {root}; write it as RDF/XML, OWL/XML, N-Triples or Turtle'
         )
-    prefixes = _vocabularies(declarations)
+    prefixes = _usable_prefixes(declarations)
     if '#' in base:
-        # owlready2 does not drop the fragment of a base: `#Wine` becomes `wine##Wine`.
+        # owlready2 keeps the fragment of a base: `#Wine` becomes `wine##Wine`.
         return OntologyText('ntriples', _translate(source, 'xml', base), prefixes)
-    return OntologyText(_ROOTS[root], source.text, prefixes)
+    return OntologyText(_FORMAT_OF_ROOT[root], source.text, prefixes)
 
 
-def _head(text: bytes) -> tuple[str, str, list[tuple[str, str]]]:
-    """The root of a text in XML, its base, and the prefixes declared at it or right below."""
+def _xml_head(text: bytes) -> tuple[str, str, list[tuple[str, str]]]:
+    """Return the root of an XML text, its base, and the prefixes declared at it or right below."""
     declared: list[tuple[str, str]] = []
     root = base = ''
-    for event, item in _events(text):
+    # Expat limits the expansion of entities since version 2.4.
+    events: Iterator[tuple[str, Any]] = iterparse(BytesIO(text), ('start-ns', 'start'))  # noqa: S314
+    for event, item in events:
         if event == 'start-ns':
             declared.append(item)
         elif not root:
@@ -101,16 +102,11 @@ def _head(text: bytes) -> tuple[str, str, list[tuple[str, str]]]:
     return root, base, declared
 
 
-def _events(text: bytes) -> Iterator[tuple[str, Any]]:
-    # Expat has been safe from entities that explode since its version 2.4.
-    return iterparse(BytesIO(text), ('start-ns', 'start'))  # noqa: S314
-
-
-def _translate(source: OntologySource, form: Literal['turtle', 'xml'], base: str) -> bytes:
-    """A text in N-Triples, by rdflib."""
+def _translate(source: OntologySource, rdflib_format: Literal['turtle', 'xml'], base: str) -> bytes:
+    """Return a text in N-Triples."""
     graph = Graph(bind_namespaces='none')
     try:
-        graph.parse(data=source.text, format=form, publicID=base)
+        graph.parse(data=source.text, format=rdflib_format, publicID=base)
     except BadSyntax as error:
         reason = _REASON.search(str(error))
         raise _unreadable(
@@ -123,8 +119,8 @@ def _translate(source: OntologySource, form: Literal['turtle', 'xml'], base: str
     return graph.serialize(format='nt', encoding='utf-8')
 
 
-def _vocabularies(declarations: Iterable[tuple[str, str]]) -> Prefixes:
-    """Leaves out languages, which are no vocabularies of the world, and prefixes without name."""
+def _usable_prefixes(declarations: Iterable[tuple[str, str]]) -> frozenset[tuple[str, str]]:
+    """Leave out empty prefixes and those of the languages of ontologies."""
     return frozenset(
         (prefix, namespace)
         for prefix, namespace in declarations
@@ -135,4 +131,4 @@ def _vocabularies(declarations: Iterable[tuple[str, str]]) -> Prefixes:
 
 
 def _unreadable(source: OntologySource, reason: str) -> SemanticsError:
-    return SemanticsError(f'cannot read an ontology: {source.place}: {reason}')
+    return SemanticsError(f'cannot read an ontology: {source.location}: {reason}')

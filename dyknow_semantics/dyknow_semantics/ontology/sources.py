@@ -1,4 +1,4 @@
-"""Where the text of an ontology comes from: a file, this package, or the web."""
+"""Reading the text of an ontology from a file, this package, or the web."""
 
 from __future__ import annotations
 
@@ -16,10 +16,10 @@ from dyknow_semantics.errors import SemanticsError
 from dyknow_semantics.ontology.names import prefix_of
 from dyknow_semantics.ontology.vocabulary import UPPER_ONTOLOGY
 
-_ENDINGS: Final = ('.owl', '.rdf', '.xml', '.ttl', '.nt', '.ntriples')
+_EXTENSIONS: Final = ('.owl', '.rdf', '.xml', '.ttl', '.nt', '.ntriples')
 _ACCEPTED: Final = 'application/rdf+xml, application/n-triples, application/owl+xml, text/turtle'
-_WEB_TIMEOUT: Final = 10.0
-"""How long a server may stay silent, in seconds."""
+_WEB_TIMEOUT_S: Final = 10.0
+"""The longest silence of a web server."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -27,29 +27,30 @@ class OntologySource:
     """The text of an ontology.
 
     Args:
-        place: where it was found, for messages.
-        text: in RDF/XML, OWL/XML, N-Triples or Turtle.
-        folder: where to look for what it imports; none if it came from the web.
+        location: path or address, for messages.
+        text: RDF/XML, OWL/XML, N-Triples or Turtle.
+        folder: the folder of its imports; `None` for an ontology from the web.
     """
 
-    place: str
+    location: str
     text: bytes
     folder: Path | None = None
 
 
 def same_ontology(one: str, other: str) -> bool:
-    """Whether two IRIs mean the same ontology; `#` or `/` at the end makes no difference."""
+    """Return True if two IRIs name the same ontology; a final `#` or `/` is ignored."""
     return one.rstrip('#/') == other.rstrip('#/')
 
 
 def read_source(path_or_iri: str) -> OntologySource:
-    """The ontology at a path, at a `file:` IRI or at an address on the web.
+    """Read the ontology at a path, at a `file:` IRI or at an address on the web.
 
     Raises:
         SemanticsError: if it cannot be read.
     """
     if same_ontology(path_or_iri, UPPER_ONTOLOGY):
-        return upper_ontology()
+        resource = files('dyknow_semantics').joinpath('ontology', 'dyknow.owl')
+        return OntologySource(UPPER_ONTOLOGY, resource.read_bytes())
     parts = urlsplit(path_or_iri)
     if parts.scheme in {'http', 'https'}:
         return _download(path_or_iri)
@@ -57,32 +58,27 @@ def read_source(path_or_iri: str) -> OntologySource:
 
 
 def read_import(iri: str, importer: OntologySource) -> OntologySource:
-    """The ontology that another one imports: from beside it.
+    """Read an imported ontology, which lies beside its importer.
 
-    The web is asked only where the importer was asked for by its address there.
+    It is downloaded only if its importer was downloaded.
 
     Raises:
-        SemanticsError: if it is not there.
+        SemanticsError: if it is not found.
     """
     if same_ontology(iri, UPPER_ONTOLOGY):
-        return upper_ontology()
-    name = prefix_of(iri)
+        return read_source(iri)
     if importer.folder is None:
         return _download(iri)
-    for path in (importer.folder / (name + ending) for ending in _ENDINGS):
+    name = prefix_of(iri)
+    for path in (importer.folder / (name + extension) for extension in _EXTENSIONS):
         if path.is_file():
             return _read(path)
     raise SemanticsError(
-        f'{importer.place} imports <{iri}>, which is not loaded and not beside it; put it there as '
-        f'{name}.owl (or {", ".join(_ENDINGS[1:])}), or load it first by its path or its address',
+        f'{importer.location} imports <{iri}>, which is not loaded and not beside it; put it there '
+        f'as {name}.owl (or {", ".join(_EXTENSIONS[1:])}), or load it first by its path or its '
+        'address',
         ExitCode.NOT_FOUND,
     )
-
-
-def upper_ontology() -> OntologySource:
-    """The upper ontology that this package ships."""
-    resource = files('dyknow_semantics').joinpath('ontology', 'dyknow.owl')
-    return OntologySource(UPPER_ONTOLOGY, resource.read_bytes())
 
 
 def _read(path: Path) -> OntologySource:
@@ -98,8 +94,8 @@ def _read(path: Path) -> OntologySource:
 def _download(iri: str) -> OntologySource:
     request = Request(iri, headers={'Accept': _ACCEPTED})  # noqa: S310 - http and https only
     try:
-        with urlopen(request, timeout=_WEB_TIMEOUT) as answer:  # noqa: S310
-            return OntologySource(iri, answer.read())
+        with urlopen(request, timeout=_WEB_TIMEOUT_S) as response:  # noqa: S310
+            return OntologySource(iri, response.read())
     except (OSError, HTTPException) as error:
         if isinstance(error, HTTPError):
             error.close()

@@ -1,4 +1,4 @@
-"""The IRIs that the reading of an ontology rests on: RDF, OWL and the upper ontology of DyKnow."""
+"""IRIs of RDF, RDFS, OWL and the upper ontology of DyKnow."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ OWL: Final = 'http://www.w3.org/2002/07/owl#'
 XSD: Final = 'http://www.w3.org/2001/XMLSchema#'
 
 LANGUAGES: Final = (RDF, RDFS, OWL, XSD)
-"""The namespaces of what ontologies are written in, which say nothing of the world."""
+"""The namespaces of the languages that ontologies are written in."""
 
 TYPE: Final = RDF + 'type'
 FIRST: Final = RDF + 'first'
@@ -30,7 +30,7 @@ ONE_OF: Final = OWL + 'oneOf'
 SAME_AS: Final = OWL + 'sameAs'
 
 UPPER_ONTOLOGY: Final = 'http://www.dyknow.org/ontology#'
-"""The namespace of the upper ontology that this package ships."""
+"""The namespace of the upper ontology, which this package ships."""
 
 FEATURE: Final = UPPER_ONTOLOGY + 'Feature'
 NULLARY_FEATURE: Final = UPPER_ONTOLOGY + 'NullaryFeature'

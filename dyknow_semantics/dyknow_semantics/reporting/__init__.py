@@ -1,1 +1,1 @@
-"""Ontologies and matches, as shown to people and programs."""
+"""Presentation of ontologies and matches on a terminal and as JSON."""

@@ -1,11 +1,11 @@
-"""The hierarchies of sorts and of features, with the streams that carry each, to be looked at."""
+"""The hierarchies of sorts and features, with the streams that carry each feature."""
 
 from __future__ import annotations
 
 from collections import defaultdict
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import asdict, dataclass
-from typing import Any, Final
+from dataclasses import dataclass
+from typing import Final
 
 from rich.markup import escape
 from rich.tree import Tree
@@ -16,24 +16,24 @@ from dyknow_semantics.ontology.features import FeatureSignature
 from dyknow_semantics.ontology.knowledge import Knowledge
 
 _ROOTS: Final = {'sort': '(sorts)', 'feature': '(features)'}
-"""What stands above those that have none above; no concept has such a name."""
+"""The names of the roots; they are not valid names of concepts."""
 
-_SHOWN: Final = 8
-"""So many objects of a sort are shown by name."""
+_MAX_OBJECTS: Final = 8
+"""The number of objects of a sort that are shown by name."""
 
 
 @dataclass(frozen=True, slots=True)
 class HierarchyEntry:
-    """A concept and all that are equivalent to it.
+    """A concept with those equivalent to it.
 
     Args:
         kind: `sort` or `feature`.
-        name: the first of their names.
-        equivalents: the other ones.
-        parents: those that lie directly above it.
-        text: how it is shown.
-        streams: what carries it, for a feature.
-        is_provided: whether a stream carries it or anything below it; so is every sort.
+        name: the first of the equivalent names.
+        equivalents: the other names.
+        parents: the concepts directly above.
+        text: the text on the terminal.
+        streams: the streams that carry a feature.
+        is_provided: True for a sort, and for a feature if a stream carries it or one below it.
     """
 
     kind: str
@@ -45,24 +45,34 @@ class HierarchyEntry:
     is_provided: bool = True
 
 
-def entries(matcher: Matcher) -> tuple[HierarchyEntry, ...]:
-    """All sorts and features, by name."""
+def hierarchy_entries(matcher: Matcher) -> tuple[HierarchyEntry, ...]:
+    """Return all sorts and features, by name."""
     knowledge = matcher.knowledge
     features = {each.name: each for each in knowledge.features}
-    names = sorted({*knowledge.sorts, *features})
-    kept = [name for name in names if name == _first(name, knowledge)]
-    above = {name: _strictly_above(name, knowledge) & set(kept) for name in kept}
+    equivalents = {name: _equivalents(name, knowledge) for name in {*knowledge.sorts, *features}}
+    kept = sorted(name for name, names in equivalents.items() if name == names[0])
+    above = {
+        name: {*knowledge.superconcepts(name)}.difference(knowledge.subconcepts(name)) & {*kept}
+        for name in kept
+    }
     carriers: dict[str, list[str]] = defaultdict(list)
-    for offer in matcher.index:
-        carriers[offer.pattern.feature].append(str(offer))
+    for carrier in matcher.index:
+        carriers[carrier.pattern.feature].append(str(carrier))
     return tuple(
-        _entry(name, _lowest(above[name], above), carriers, features.get(name), knowledge)
+        _entry(
+            equivalents[name],
+            # A parent lies above no other concept above.
+            tuple(sorted(above[name].difference(*(above[each] for each in above[name])))),
+            carriers,
+            features.get(name),
+            knowledge,
+        )
         for name in kept
     )
 
 
-def as_tree(found: Iterable[HierarchyEntry]) -> Tree:
-    """Concepts as trees; what lies below several others is shown in full below the first."""
+def hierarchy_tree(found: Iterable[HierarchyEntry]) -> Tree:
+    """Return concepts as trees; a concept with several parents is shown in full only once."""
     by_parent: dict[str, list[HierarchyEntry]] = defaultdict(list)
     for entry in found:
         for parent in entry.parents or (_ROOTS[entry.kind],):
@@ -73,75 +83,57 @@ def as_tree(found: Iterable[HierarchyEntry]) -> Tree:
     return tree
 
 
-def as_json(found: Iterable[HierarchyEntry]) -> list[dict[str, Any]]:
-    """Concepts as JSON has them."""
-    return [asdict(entry) for entry in found]
-
-
 def explanation_tree(concept: str, found: Sequence[Explanation]) -> Tree:
-    """Why streams match a concept, and why others nearly do."""
+    """Return the matches and the near misses of a concept as a tree."""
     tree = Tree(escape(concept))
     for title, matches in (('matches', True), ('does not match', False)):
-        those = [each for each in found if each.matches is matches]
-        branch = tree.add(title if those else f'[dim]{title}: none[/dim]')
-        for each in those:
+        explanations = [each for each in found if each.matches is matches]
+        branch = tree.add(title if explanations else f'[dim]{title}: none[/dim]')
+        for each in explanations:
             branch.add(escape(each.stream)).add(escape(each.reason))
     return tree
 
 
+def _equivalents(name: str, knowledge: Knowledge) -> list[str]:
+    """Return a concept and those equivalent to it, sorted."""
+    return [each for each in knowledge.subconcepts(name) if name in knowledge.subconcepts(each)]
+
+
 def _entry(
-    name: str,
-    parents: Iterable[str],
+    names: Sequence[str],
+    parents: tuple[str, ...],
     carriers: Mapping[str, list[str]],
     feature: FeatureSignature | None,
     knowledge: Knowledge,
 ) -> HierarchyEntry:
-    below = knowledge.subconcepts(name)
-    same = tuple(each for each in below if name in knowledge.subconcepts(each))
-    others = tuple(each for each in same if each != name)
-    text = ' = '.join([name, *others])
+    name, *others = names
+    text = ' = '.join(names)
     if feature is None:
-        return HierarchyEntry(
-            'sort', name, others, tuple(sorted(parents)), text + _objects(name, knowledge)
-        )
-    streams = tuple(sorted(stream for each in same for stream in carriers.get(each, ())))
-    provided = any(each in carriers for each in below)
-    text += _signature(feature)
-    return HierarchyEntry('feature', name, others, tuple(sorted(parents)), text, streams, provided)
-
-
-def _signature(feature: FeatureSignature) -> str:
+        text += _objects(name, knowledge)
+        return HierarchyEntry('sort', name, tuple(others), parents, text)
     arguments = f'[{", ".join(feature.argument_sorts)}]' if feature.argument_sorts else ''
     unit = f' in {feature.unit}' if feature.unit else ''
-    return f'{arguments}: {feature.value_type}{unit}'
+    text += f'{arguments}: {feature.value_type}{unit}'
+    streams = tuple(sorted(stream for each in names for stream in carriers.get(each, ())))
+    is_provided = any(each in carriers for each in knowledge.subconcepts(name))
+    return HierarchyEntry('feature', name, tuple(others), parents, text, streams, is_provided)
 
 
 def _objects(sort: str, knowledge: Knowledge) -> str:
     objects = knowledge.instances(sort)
     if not objects:
         return ''
-    more = f', ... ({len(objects)})' if len(objects) > _SHOWN else ''
-    return f': {", ".join(objects[:_SHOWN])}{more}'
-
-
-def _first(name: str, knowledge: Knowledge) -> str:
-    return min(each for each in knowledge.subconcepts(name) if name in knowledge.subconcepts(each))
-
-
-def _strictly_above(name: str, knowledge: Knowledge) -> set[str]:
-    return set(knowledge.superconcepts(name)) - set(knowledge.subconcepts(name))
-
-
-def _lowest(concepts: set[str], above: Mapping[str, set[str]]) -> set[str]:
-    """Those that lie above no other one."""
-    return concepts - set[str]().union(*(above[each] for each in concepts))
+    more = f', ... ({len(objects)})' if len(objects) > _MAX_OBJECTS else ''
+    return f': {", ".join(objects[:_MAX_OBJECTS])}{more}'
 
 
 def _grow(
     tree: Tree, name: str, by_parent: Mapping[str, list[HierarchyEntry]], shown: set[str]
 ) -> None:
+    """Add the concepts below a concept to its tree."""
     for entry in by_parent.get(name, ()):
-        branch = tree.add(_label(entry))
+        text = escape(entry.text)
+        branch = tree.add(text if entry.is_provided else f'[yellow]{text} (no stream)[/yellow]')
         if entry.name in shown:
             if entry.name in by_parent:
                 branch.add('[dim]as above[/dim]')
@@ -150,8 +142,3 @@ def _grow(
         for stream in entry.streams:
             branch.add(f'[green]{escape(stream)}[/green]')
         _grow(branch, entry.name, by_parent, shown)
-
-
-def _label(entry: HierarchyEntry) -> str:
-    text = escape(entry.text)
-    return text if entry.is_provided else f'[yellow]{text} (no stream)[/yellow]'

@@ -1,4 +1,15 @@
-"""What follows from an ontology, kept in step with it while the node answers others."""
+"""Changes of an ontology while a reasoner runs.
+
+A reasoner takes seconds to minutes. Meanwhile the node answers requests, also changes. Example:
+
+    0 s   create `x`: stored and answered (revision 5); the reasoner starts with revision 5
+    1 s   create `y`: stored and answered (revision 6)
+    8 s   the reasoner finishes; revision 5 is outdated: its result is dropped, and it starts again
+    16 s  the reasoner finishes; revision 6 is the present one: the entailed statements are stored
+
+An ontology that is loaded is different: the reasoner checks a draft first, and the request is
+answered when the ontology is stored or refused.
+"""
 
 from __future__ import annotations
 
@@ -13,17 +24,14 @@ from dyknow_semantics.ros.worker import Worker
 
 
 class Inference:
-    """Changes an ontology in a thread, and adds what a reasoner finds to follow.
-
-    What is loaded is given to the reasoner first, and refused if it is inconsistent. A small change
-    holds at once; what follows from it is added when the reasoner is done with it.
+    """Changes an ontology in a thread, and adds the statements that a reasoner derives.
 
     Args:
         node: the node whose callbacks wait.
-        ontology: from now on it is changed by this alone.
-        reasoner: none where the order of the concepts is all that is followed.
-        report: is told after each change what is wrong, if anything, and which concepts are
-            concerned; none if any may be.
+        ontology: must not be changed by others.
+        reasoner: `None` if only the order of concepts is followed.
+        report: called after each change with the fault of the ontology, or '', and the affected
+            concepts (empty: any concept).
 
     Raises:
         SemanticsError: if the reasoner cannot run.
@@ -40,86 +48,82 @@ class Inference:
         self._ontology = ontology
         self._reasoner = reasoner
         self._report = report
-        self._worker = Worker(node, 'ontology')
-        self._waiter = Worker(node, 'reasoner')
+        self._ontology_thread = Worker(node, 'ontology')
+        self._reasoner_thread = Worker(node, 'reasoner')
         self._is_reasoning = False
         self._fault = ''
-        self._begin()
-
-    def close(self) -> None:
-        """Ends the reasoner, and waits until the ontology is left alone."""
-        if self._reasoner is not None:
-            self._reasoner.stop()
-        self._waiter.close()
-        self._worker.close()
-
-    async def load(self, path_or_iri: str) -> None:
-        """Loads an ontology, if what it says is consistent with all else.
-
-        Raises:
-            SemanticsError: if it cannot be read, or is refused.
-        """
-        documents = await self._worker.run(self._ontology.read, path_or_iri)
-        if self._reasoner is None:
-            await self._worker.run(self._ontology.add, documents)
-            self._report('', ())
-            return
-        draft = await self._worker.run(self._ontology.draft, documents)
-        entailed = await self._waiter.run(self._reasoner.entailed, draft)
-        await self._worker.run(self._ontology.add, documents)
-        if await self._worker.run(self._ontology.entail, entailed, draft.revision + 1):
-            self._fault = ''
+        if reasoner is None:
+            # The store may hold statements that were entailed before a restart.
+            ontology.set_entailed((), ontology.revision)
         else:
-            self._follow()
-        self._report(self._fault, ())
-
-    async def change(self, change: Callable[..., Iterable[str]], *arguments: object) -> None:
-        """Makes a small change, which returns the concepts that are concerned."""
-        concerned = await self._worker.run(change, *arguments)
-        self._report(self._fault, concerned)
-        self._follow()
-
-    async def query(self, sparql: str) -> tuple[tuple[str, ...], tuple[tuple[str, ...], ...]]:
-        """See `Ontology.query`."""
-        return await self._worker.run(self._ontology.query, sparql)
-
-    def _begin(self) -> None:
-        if self._reasoner is None:
-            # Another run may have had a reasoner.
-            self._ontology.entail((), self._ontology.revision)
-        else:
-            draft = self._ontology.draft()
+            draft = ontology.draft()
             try:
-                self._ontology.entail(self._reasoner.entailed(draft), draft.revision)
+                ontology.set_entailed(reasoner.infer(draft), draft.revision)
             except SemanticsError as error:
                 if error.code is not ExitCode.INVALID_ARGUMENT:
                     raise
                 self._fault = error.message
+        report(self._fault, ())
+
+    def close(self) -> None:
+        """Stop the reasoner, and wait for the running change."""
+        if self._reasoner is not None:
+            self._reasoner.stop()
+        self._reasoner_thread.close()
+        self._ontology_thread.close()
+
+    async def load(self, path_or_iri: str) -> None:
+        """Load an ontology, if it is consistent with the others.
+
+        Raises:
+            SemanticsError: if it cannot be read, or is inconsistent.
+        """
+        documents = await self._ontology_thread.run(self._ontology.read, path_or_iri)
+        if self._reasoner is None:
+            await self._ontology_thread.run(self._ontology.add, documents)
+        else:
+            draft = await self._ontology_thread.run(self._ontology.draft, documents)
+            entailed = await self._reasoner_thread.run(self._reasoner.infer, draft)
+            await self._ontology_thread.run(self._ontology.add, documents)
+            if await self._ontology_thread.run(
+                self._ontology.set_entailed, entailed, draft.revision + 1
+            ):
+                self._fault = ''
+            else:
+                self._start_reasoning()
         self._report(self._fault, ())
 
-    def _follow(self) -> None:
+    async def change(self, change: Callable[..., Iterable[str]], *arguments: object) -> None:
+        """Call a method that makes a small change and returns the affected concepts."""
+        affected = await self._ontology_thread.run(change, *arguments)
+        self._report(self._fault, affected)
+        self._start_reasoning()
+
+    async def query(self, sparql: str) -> tuple[tuple[str, ...], tuple[tuple[str, ...], ...]]:
+        """Answer a SPARQL query; see `Ontology.query`."""
+        return await self._ontology_thread.run(self._ontology.query, sparql)
+
+    def _start_reasoning(self) -> None:
         if self._reasoner is not None and not self._is_reasoning:
             self._is_reasoning = True
             self._node.spawn(self._reason, self._reasoner)
 
     async def _reason(self, reasoner: ReasonerProcess) -> None:
+        """Run the reasoner until its result is that of the present ontology."""
         try:
-            while not await self._keeps_up(reasoner):
-                pass
+            while True:
+                draft = await self._ontology_thread.run(self._ontology.draft)
+                fault = ''
+                try:
+                    entailed = await self._reasoner_thread.run(reasoner.infer, draft)
+                    await self._ontology_thread.run(
+                        self._ontology.set_entailed, entailed, draft.revision
+                    )
+                except SemanticsError as error:
+                    fault = error.message
+                if draft.revision == self._ontology.revision:
+                    break
+            self._fault = fault
+            self._report(fault, ())
         finally:
             self._is_reasoning = False
-
-    async def _keeps_up(self, reasoner: ReasonerProcess) -> bool:
-        """Reasons once; returns whether the ontology has not changed meanwhile."""
-        draft = await self._worker.run(self._ontology.draft)
-        fault = ''
-        try:
-            entailed = await self._waiter.run(reasoner.entailed, draft)
-            await self._worker.run(self._ontology.entail, entailed, draft.revision)
-        except SemanticsError as error:
-            fault = error.message
-        if draft.revision != self._ontology.revision:
-            return False
-        self._fault = fault
-        self._report(fault, ())
-        return True

@@ -1,100 +1,104 @@
-"""What the semantic nodes know of each other: copies that are fetched anew when they are stale."""
+"""Copies of the ontologies and annotations that other nodes hold."""
 
 from __future__ import annotations
 
 from collections.abc import Awaitable, Callable, Iterable, Mapping
-from typing import Generic, TypeVar
+from pathlib import Path
+from typing import Any, Generic, TypeVar
 
 from dyknow_interfaces.srv import ListSemanticSpecifications, OntologyQuery
 
+from dyknow_common import read_file
 from dyknow_common.ros import DyKnowNode, RemoteNode
 from dyknow_semantics.annotations.annotation import Annotation
 from dyknow_semantics.annotations.parsing import parse_annotations
-from dyknow_semantics.matching.bridges import Bridge, Bridged, bridged
-from dyknow_semantics.ontology.knowledge import Knowledge, Triple
-from dyknow_semantics.ontology.store import ALL_TRIPLES
+from dyknow_semantics.errors import SemanticsError
+from dyknow_semantics.matching.bridges import Bridge, Bridged, bridged, parse_bridges
+from dyknow_semantics.ontology.knowledge import ALL_TRIPLES, Triple
 
-Content = TypeVar('Content')
+Contents = TypeVar('Contents')
 
 
-class Mirror(Generic[Content]):
-    """A copy of what another node holds.
+class Mirror(Generic[Contents]):
+    """A copy of the contents of another node.
 
-    The other node tells a new version on its status topic before it answers whoever changed it.
+    The other node publishes a new version in its status before it answers a request that changes
+    its contents.
 
     Args:
-        peer: the other node.
-        fetch: asks it for all that it holds.
+        remote: the other node.
+        fetch: requests its contents.
     """
 
-    def __init__(self, peer: RemoteNode, fetch: Callable[[RemoteNode], Awaitable[Content]]) -> None:
-        self.peer = peer
+    def __init__(
+        self, remote: RemoteNode, fetch: Callable[[RemoteNode], Awaitable[Contents]]
+    ) -> None:
+        self.remote = remote
         self._fetch = fetch
         self._status: dict[str, str] = {}
-        self._content: Content | None = None
+        self._contents: Contents | None = None
 
-    async def content(self) -> Content:
-        """The copy, fetched anew if it is stale.
+    async def contents(self) -> Contents:
+        """Return the copy, after an update if it is stale.
 
         Raises:
-            DyKnowError: UNAVAILABLE, when the other node is not there.
+            DyKnowError: UNAVAILABLE, if the other node is not running.
         """
-        status = dict(self.peer.status)
-        if self._content is None or status != self._status or not self.peer.alive:
-            self._content = await self._fetch(self.peer)
+        status = dict(self.remote.status)
+        if self._contents is None or status != self._status or not self.remote.alive:
+            self._contents = await self._fetch(self.remote)
             self._status = status
-        return self._content
+        return self._contents
 
 
-def mirror_ontology(node: DyKnowNode) -> Mirror[Knowledge]:
-    """The knowledge of the ontology manager that a parameter of the node names."""
-    name = node.parameter('ontology_manager', 'ontology_manager', 'Name of the ontology manager.')
-    return Mirror(RemoteNode(node, name), _fetch_knowledge)
-
-
-def mirror_bridged_ontologies(node: DyKnowNode, bridges: tuple[Bridge, ...]) -> Mirror[Bridged]:
-    """The same, with what follows over bridges between its ontologies."""
+def mirror_ontologies(node: DyKnowNode, bridges: tuple[Bridge, ...] = ()) -> Mirror[Bridged]:
+    """Return a copy of the ontologies, with bridges between them."""
     name = node.parameter('ontology_manager', 'ontology_manager', 'Name of the ontology manager.')
 
-    async def fetch(peer: RemoteNode) -> Bridged:
-        return bridged(await _fetch_triples(peer), bridges)
+    async def fetch(remote: RemoteNode) -> Bridged:
+        return bridged(triples_of(await remote.call(OntologyQuery, sparql=ALL_TRIPLES)), bridges)
 
     return Mirror(RemoteNode(node, name), fetch)
 
 
 def mirror_annotations(node: DyKnowNode) -> Mirror[Mapping[str, Annotation]]:
-    """The annotations, by their texts, of the stream semantics manager that a parameter names."""
+    """Return a copy of the annotations, by canonical text."""
     name = node.parameter(
         'stream_semantics_manager',
         'stream_semantics_manager',
         'Name of the stream semantics manager.',
     )
-    return Mirror(RemoteNode(node, name), _AnnotationReader().fetch)
+    parsed: dict[str, dict[str, Annotation]] = {}
+
+    async def fetch(remote: RemoteNode) -> Mapping[str, Annotation]:
+        nonlocal parsed
+        texts = (await remote.call(ListSemanticSpecifications)).ssl_statements
+        # Only new annotations are parsed.
+        parsed = {text: parsed.get(text) or annotations_by_text([text]) for text in texts}
+        return {text: each for found in parsed.values() for text, each in found.items()}
+
+    return Mirror(RemoteNode(node, name), fetch)
 
 
-class _AnnotationReader:
-    """Reads annotations; only those that are new are parsed."""
-
-    def __init__(self) -> None:
-        self._known: dict[str, dict[str, Annotation]] = {}
-
-    async def fetch(self, peer: RemoteNode) -> Mapping[str, Annotation]:
-        """All annotations, by their canonical texts."""
-        response = await peer.call(ListSemanticSpecifications)
-        known = self._known
-        self._known = {text: known.get(text) or _read(text) for text in response.ssl_statements}
-        return dict(each for found in self._known.values() for each in found.items())
+def annotations_by_text(texts: Iterable[str]) -> dict[str, Annotation]:
+    """Return the annotations in SSL texts, by canonical text."""
+    return {str(each): each for text in texts for each in parse_annotations(text)}
 
 
-def _read(text: str) -> dict[str, Annotation]:
-    return {str(annotation): annotation for annotation in parse_annotations(text)}
-
-
-async def _fetch_knowledge(peer: RemoteNode) -> Knowledge:
-    return Knowledge(await _fetch_triples(peer))
-
-
-async def _fetch_triples(peer: RemoteNode) -> Iterable[Triple]:
-    response = await peer.call(OntologyQuery, sparql=ALL_TRIPLES)
+def triples_of(response: Any) -> Iterable[Triple]:
+    """Return the triples in the response to `ALL_TRIPLES`."""
     values = list(response.values)
     return zip(values[0::3], values[1::3], values[2::3], strict=True)
+
+
+def read_bridges(paths: Iterable[str]) -> tuple[Bridge, ...]:
+    """Return the bridges in some files.
+
+    Raises:
+        SemanticsError: if a file cannot be read or parsed.
+    """
+    return tuple(
+        bridge
+        for path in paths
+        for bridge in read_file(Path(path), 'bridges', parse_bridges, SemanticsError)
+    )

@@ -22,14 +22,14 @@ from dyknow_semantics.errors import SemanticsError
 from dyknow_semantics.ontology.ontology import Ontology
 from dyknow_semantics.ontology.reasoner import Reasoner, ReasonerProcess, choose_reasoner
 from dyknow_semantics.ros.inference import Inference
-from dyknow_semantics.ros.version import Version
+from dyknow_semantics.ros.version import VersionPublisher
 
 
 class OntologyManager(DyKnowNode):
     """Translates services into queries and changes of one ontology.
 
-    What is asked of concepts and instances is answered at once, from what held last, whatever is
-    being loaded or reasoned about meanwhile.
+    Requests for concepts and instances are answered at once from the last valid contents, also
+    while an ontology is loaded or a reasoner runs.
     """
 
     def __init__(self) -> None:
@@ -38,12 +38,26 @@ class OntologyManager(DyKnowNode):
         store = self.parameter(
             'store', '', 'SQLite file that keeps the ontology over restarts; empty: in memory.'
         )
-        reasoner = self._make_reasoner()
-        self._version = Version(self)
+        self._reasoner = choose_reasoner(
+            self.parameter(
+                'reasoner',
+                Reasoner.STRUCTURAL.value,
+                f'Reasoner that derives statements from the ontology: {", ".join(Reasoner)}.',
+            )
+        )
+        limit_s = self.parameter(
+            'reasoning_limit', 300.0, 'Seconds that a reasoner may take.', (1.0, 86400.0)
+        )
+        process = (
+            None
+            if self._reasoner is Reasoner.STRUCTURAL
+            else ReasonerProcess(self._reasoner, limit_s)
+        )
+        self._version = VersionPublisher(self)
         self._ontology = Ontology(store or None)
         for path_or_iri in filter(None, files):
             self._ontology.load(path_or_iri)
-        self._inference = Inference(self, self._ontology, reasoner, self._report_change)
+        self._inference = Inference(self, self._ontology, process, self._report_change)
         self.serve(ConceptCreate, self._create_concept)
         self.serve(ConceptGetInstances, self._get_instances)
         self.serve(ConceptDestroy, self._destroy_concept)
@@ -54,25 +68,10 @@ class OntologyManager(DyKnowNode):
         self.serve(OntologyQuery, self._query)
 
     def destroy_node(self) -> None:
-        """Ends the reasoner and closes the store too."""
+        """Stop the reasoner and close the store too."""
         self._inference.close()
         self._ontology.close()
         super().destroy_node()
-
-    def _make_reasoner(self) -> ReasonerProcess | None:
-        self._reasoner = choose_reasoner(
-            self.parameter(
-                'reasoner',
-                Reasoner.STRUCTURAL.value,
-                f'What tells what follows from the ontology: {", ".join(Reasoner)}.',
-            )
-        )
-        limit = self.parameter(
-            'reasoning_limit', 300.0, 'Seconds that a reasoner may take.', (1.0, 86400.0)
-        )
-        if self._reasoner is Reasoner.STRUCTURAL:
-            return None
-        return ReasonerProcess(self._reasoner, limit)
 
     async def _create_concept(self, request: Any, _response: Any) -> None:
         await self._inference.change(
@@ -83,7 +82,7 @@ class OntologyManager(DyKnowNode):
         await self._inference.change(self._ontology.destroy_concept, request.concept_name)
 
     def _get_instances(self, request: Any, response: Any) -> None:
-        response.instances = list(self._ontology.instances(request.concept_name))
+        response.instances = list(self._ontology.knowledge.instances(request.concept_name))
 
     async def _create_instance(self, request: Any, _response: Any) -> None:
         await self._inference.change(
@@ -94,7 +93,7 @@ class OntologyManager(DyKnowNode):
         await self._inference.change(self._ontology.destroy_instance, request.instance_name)
 
     def _get_concepts(self, request: Any, response: Any) -> None:
-        response.concepts = list(self._ontology.concepts(request.instance_name))
+        response.concepts = list(self._ontology.knowledge.concepts(request.instance_name))
 
     async def _load(self, request: Any, _response: Any) -> None:
         if not request.path_or_iri:
@@ -107,11 +106,11 @@ class OntologyManager(DyKnowNode):
         response.values = [value for row in rows for value in row]
 
     def _report_change(self, fault: str, concepts: Iterable[str]) -> None:
-        """Tells those who mirror the ontology, before the one who changed it is answered."""
-        self._version.advance(concepts)
+        """Publish a change; the caller of the service is answered afterwards."""
+        self._version.publish_change(concepts)
         self.set_status(
             fault or RUNNING,
-            {'version': str(self._version), 'reasoner': self._reasoner},
+            {'version': str(self._version.number), 'reasoner': self._reasoner},
             level=DiagnosticStatus.ERROR if fault else None,
         )
         if fault:
@@ -119,5 +118,5 @@ class OntologyManager(DyKnowNode):
 
 
 def main() -> int:
-    """The executable ontology_manager."""
+    """Run the node."""
     return run(OntologyManager)

@@ -1,4 +1,4 @@
-"""The fields that streams are known to have."""
+"""The fields of streams and topics with a known message type."""
 
 from __future__ import annotations
 
@@ -14,27 +14,27 @@ from dyknow_semantics.annotations.annotation import Annotation
 from dyknow_stream_processing.ros import message_class, scalar_fields
 
 _SAMPLE: Final = 'dyknow_interfaces/msg/Sample'
-_TIMEOUT: Final = 1.0
-"""How long the stream manager may take, in seconds: the check is a courtesy."""
+_TIMEOUT_S: Final = 1.0
+"""The longest wait for the stream manager; without an answer the fields are not checked."""
 
 
 class StreamFields:
     """Looks up the message types of topics, and of streams that the stream manager knows.
 
     Args:
-        node: the node that asks.
+        node: the node that calls the stream manager.
     """
 
     def __init__(self, node: DyKnowNode) -> None:
         name = node.parameter('stream_manager', 'stream_manager', 'Name of the stream manager.')
         self._node = node
-        self._manager = RemoteNode(node, name, patience=_TIMEOUT, timeout=_TIMEOUT)
+        self._manager = RemoteNode(node, name, patience=_TIMEOUT_S, timeout=_TIMEOUT_S)
 
-    async def known(self, annotation: Annotation) -> tuple[str, Mapping[str, ValueType]] | None:
-        """The message type of a stream and what its fields hold; none if they are not known."""
+    async def find(self, annotation: Annotation) -> tuple[str, Mapping[str, ValueType]] | None:
+        """Return the message type of a stream and the types of its fields; `None` if unknown."""
         name = annotation.stream
         type_name = self._type_of_topic(name) if annotation.is_topic else await self._type_of(name)
-        # What the fields of a sample are the samples alone tell.
+        # The type of a sample says nothing about its fields.
         return None if type_name in {'', _SAMPLE} else _fields(type_name)
 
     def _type_of_topic(self, topic: str) -> str:
@@ -45,10 +45,10 @@ class StreamFields:
         if not self._manager.alive:
             return ''
         try:
-            answer = await self._manager.call(StreamGetTopic, stream_name=stream)
+            response = await self._manager.call(StreamGetTopic, stream_name=stream)
         except DyKnowError:
-            return ''  # The stream may come later.
-        return str(answer.message_type)
+            return ''  # The stream may be created later.
+        return str(response.message_type)
 
 
 @lru_cache(maxsize=256)

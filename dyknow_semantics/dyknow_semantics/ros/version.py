@@ -1,4 +1,4 @@
-"""The version of what a node knows, by which others learn that it has changed."""
+"""The version of the contents of a semantic node."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ from std_msgs.msg import Header
 from dyknow_common.ros import LATCHED, NO_PUBLISHER_EVENTS, DyKnowNode
 
 
-class Version:
-    """Counts changes, and tells each on the latched topic `~/version`.
+class VersionPublisher:
+    """Counts changes, and publishes each on the latched topic `~/version`.
 
     Args:
-        node: the node that knows it.
+        node: the node whose contents change.
     """
 
     def __init__(self, node: DyKnowNode) -> None:
@@ -24,15 +24,11 @@ class Version:
             SemanticsVersion, '~/version', LATCHED, event_callbacks=NO_PUBLISHER_EVENTS
         )
 
-    def __str__(self) -> str:
-        """The number."""
-        return str(self.number)
-
-    def advance(self, concepts: Iterable[str] = ()) -> None:
-        """Tells of a change.
+    def publish_change(self, concepts: Iterable[str] = ()) -> None:
+        """Publish a change.
 
         Args:
-            concepts: those whose matches or instances may be others now; none if any may be.
+            concepts: those whose matches or instances may have changed; empty for any concept.
         """
         self.number += 1
         self._publisher.publish(

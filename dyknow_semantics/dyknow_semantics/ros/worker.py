@@ -1,8 +1,7 @@
-"""Work that takes long, beside the callbacks of a node."""
+"""A thread for work that takes long, beside the callbacks of a node."""
 
 from __future__ import annotations
 
-import concurrent.futures
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from queue import SimpleQueue
@@ -16,41 +15,36 @@ Result = TypeVar('Result')
 
 
 class Worker:
-    """A thread that does one thing after the other, while the node answers others.
+    """A thread that runs one function after the other, while the node serves other requests.
 
     Args:
-        node: the node that waits for what is done.
-        name: of the thread.
+        node: the node whose coroutines wait for the results.
+        name: the name of the thread.
     """
 
     def __init__(self, node: DyKnowNode, name: str) -> None:
         self._pool = ThreadPoolExecutor(max_workers=1, thread_name_prefix=name)
-        self._done: SimpleQueue[tuple[concurrent.futures.Future[Any], Future]] = SimpleQueue()
-        self._wake = node.create_guard_condition(self._deliver, callback_group=node.reentrant)
+        self._finished: SimpleQueue[Future] = SimpleQueue()
+        self._wake = node.create_guard_condition(self._resume, callback_group=node.reentrant)
 
     def close(self) -> None:
-        """Waits for what is being done, and forgets what was to be done after it."""
+        """Wait for the running function, and cancel those after it."""
         self._pool.shutdown(cancel_futures=True)
 
-    async def run(self, work: Callable[..., Result], *arguments: Any) -> Result:
-        """Does some work in the thread, and returns or raises what comes of it."""
-        answer: Future = Future()
-        task = self._pool.submit(work, *arguments)
-        task.add_done_callback(lambda done: self._finish(done, answer))
-        result: Result = await answer
-        return result
+    async def run(self, function: Callable[..., Result], *arguments: Any) -> Result:
+        """Run a function in the thread; return its result or raise its error."""
+        finished: Future = Future()
+        task = self._pool.submit(function, *arguments)
+        task.add_done_callback(lambda _: self._notify(finished))
+        await finished
+        return task.result()
 
-    def _finish(self, done: concurrent.futures.Future[Any], answer: Future) -> None:
-        if not done.cancelled():
-            self._done.put((done, answer))
-            self._wake.trigger()
+    def _notify(self, finished: Future) -> None:
+        """Wake the node; this runs in the thread of the worker."""
+        self._finished.put(finished)
+        self._wake.trigger()
 
-    def _deliver(self) -> None:
-        """Passes on what is done, in the thread of the node: its futures are for that alone."""
-        while not self._done.empty():
-            done, answer = self._done.get()
-            error = done.exception()
-            if error is None:
-                answer.set_result(done.result())
-            else:
-                answer.set_exception(error)
+    def _resume(self) -> None:
+        """Resume the waiting coroutines; futures of rclpy belong to the thread of the node."""
+        while not self._finished.empty():
+            self._finished.get().set_result(None)

@@ -8,7 +8,7 @@ import pytest
 
 from dyknow_common import ExitCode, ValueType
 from dyknow_semantics import Ontology, SemanticsError
-from dyknow_semantics.ontology.serialisations import recognise
+from dyknow_semantics.ontology.serialisations import normalise
 from dyknow_semantics.ontology.sources import OntologySource
 
 STRING = 'http://www.w3.org/2001/XMLSchema#string'
@@ -79,12 +79,12 @@ def test_forms_that_say_the_same(tmp_path: Path, name: str, text: str) -> None:
     (tmp_path / name).write_text(text)
     with Ontology() as ontology:
         ontology.load(tmp_path / name)
-        feature = ontology.feature('uav:Altitude')
+        feature = ontology.knowledge.feature('uav:Altitude')
         assert (feature.name, feature.argument_sorts) == ('Altitude', ('UAV',))
         assert (feature.value_type, feature.unit) == (ValueType.FLOAT, 'm')
-        assert ontology.feature('fleet-ontology:Altitude') == feature
-        assert ontology.feature(f'{IRI}#Altitude') == feature
-        assert ontology.subconcepts('dyknow:Object') == ('Object', 'UAV')
+        assert ontology.knowledge.feature('fleet-ontology:Altitude') == feature
+        assert ontology.knowledge.feature(f'{IRI}#Altitude') == feature
+        assert ontology.knowledge.subconcepts('dyknow:Object') == ('Object', 'UAV')
 
 
 @pytest.mark.parametrize(
@@ -98,7 +98,7 @@ def test_forms_that_say_the_same(tmp_path: Path, name: str, text: str) -> None:
 )
 def test_texts_that_cannot_be_read(text: str, message: str) -> None:
     with pytest.raises(SemanticsError) as error:
-        recognise(OntologySource('/fleet', text.encode('latin-1')), 'http://unknown/')
+        normalise(OntologySource('/fleet', text.encode('latin-1')), 'http://unknown/')
     assert error.value.message.startswith(f'cannot read an ontology: /fleet: {message}')
 
 
@@ -110,7 +110,7 @@ def test_a_base_with_a_fragment(tmp_path: Path) -> None:
     with Ontology() as ontology:
         ontology.load(tmp_path / 'a.owl')
         assert ontology.knowledge.concept_names.iri('uav:UAV') == f'{IRI}#UAV'
-        assert ontology.feature('Altitude').argument_sorts == ('UAV',)
+        assert ontology.knowledge.feature('Altitude').argument_sorts == ('UAV',)
         (tmp_path / 'a.owl').write_text(text.replace('</rdf:RDF>', ''))
         with pytest.raises(SemanticsError, match=r'a\.owl: parsing error: .*no element found'):
             ontology.load(tmp_path / 'a.owl')
@@ -127,7 +127,7 @@ def test_prefixes_are_kept_in_the_store(tmp_path: Path) -> None:
         (tmp_path / 'a.owl').write_text(RDF_XML.replace('xmlns:uav="&uav;"', ''))
         ontology.load(tmp_path / 'a.owl')
         with pytest.raises(SemanticsError, match="unknown concept 'uav:UAV'"):
-            ontology.subconcepts('uav:UAV')
+            ontology.knowledge.subconcepts('uav:UAV')
 
 
 def test_one_prefix_for_two_namespaces(tmp_path: Path) -> None:
@@ -137,10 +137,10 @@ def test_one_prefix_for_two_namespaces(tmp_path: Path) -> None:
         ontology.load(tmp_path / 'a.owl')
         ontology.create_concept('uav:Kite', ['UAV'])
         ontology.load(tmp_path / 'b.owl')
-        assert ontology.subconcepts('uav:Kite') == ('Kite',)
+        assert ontology.knowledge.subconcepts('uav:Kite') == ('Kite',)
         for name in ('UAV', 'uav:UAV'):
             with pytest.raises(SemanticsError) as error:
-                ontology.subconcepts(name)
+                ontology.knowledge.subconcepts(name)
             assert error.value.message == (
                 f"the concept '{name}' is ambiguous; "
                 'it is one of fleet-ontology:UAV, sea-ontology:UAV'
