@@ -1,4 +1,4 @@
-"""What can go wrong with the data of the demonstration."""
+"""Errors in the data of the demonstration."""
 
 from __future__ import annotations
 
@@ -6,4 +6,4 @@ from dyknow_common import DyKnowError
 
 
 class BringupError(DyKnowError):
-    """A scenario, a formula file, a fleet or a recording that cannot be used."""
+    """An unusable scenario, formula file, fleet, recording or process."""

@@ -1,4 +1,4 @@
-"""The files that the package ships: scenarios, formulas, the ontology and recordings."""
+"""Installed files: scenarios, plans, formulas, the ontology, recordings and executables."""
 
 from __future__ import annotations
 
@@ -11,71 +11,70 @@ from dyknow_common import ExitCode
 
 
 def share() -> Path:
-    """The folder of the package's data."""
+    """Return the folder of the package's data."""
     return Path(get_package_share_directory('dyknow_bringup'))
 
 
 def scenario_names() -> tuple[str, ...]:
-    """The shipped scenarios."""
-    return tuple(sorted(path.stem for path in (share() / 'scenarios').glob('*.yaml')))
+    """Return the names of the shipped scenarios."""
+    return _names('scenario')
 
 
 def scenario_path(scenario: str) -> Path:
-    """The file of a scenario, given its name or a path.
+    """Return the file of a scenario, given its name or a path.
 
     Raises:
-        BringupError: NOT_FOUND, naming the shipped scenarios.
+        BringupError: NOT_FOUND, with the names of the shipped scenarios.
     """
-    path = Path(scenario)
-    if path.suffix != '.yaml':
-        path = share() / 'scenarios' / f'{scenario}.yaml'
-    if not path.is_file():
-        raise BringupError(
-            f"there is no scenario '{scenario}'; use {', '.join(scenario_names())} or the path of "
-            f'a YAML file',
-            ExitCode.NOT_FOUND,
-        )
-    return path
+    return _path('scenario', scenario)
 
 
 def plan_path(plan: str) -> Path:
-    """The file of a plan, given its name or a path.
+    """Return the file of a plan, given its name or a path.
 
     Raises:
-        BringupError: NOT_FOUND, naming the shipped plans.
+        BringupError: NOT_FOUND, with the names of the shipped plans.
     """
-    path = Path(plan)
-    if path.suffix != '.yaml':
-        path = share() / 'plans' / f'{plan}.yaml'
-    if not path.is_file():
-        names = sorted(each.stem for each in (share() / 'plans').glob('*.yaml'))
-        raise BringupError(
-            f"there is no plan '{plan}'; use {', '.join(names)} or the path of a YAML file",
-            ExitCode.NOT_FOUND,
-        )
-    return path
+    return _path('plan', plan)
 
 
 def formulas_path() -> Path:
-    """The formulas of the demonstration."""
+    """Return the file with the formulas of the demonstration."""
     return share() / 'formulas' / 'uav.yaml'
 
 
 def uav_ontology_path() -> Path:
-    """The ontology of UAVs and their features."""
+    """Return the file with the ontology of UAVs and their features."""
     return share() / 'ontology' / 'uav.owl'
 
 
 def executable_path(package: str, executable: str) -> Path:
-    """An executable of an installed package.
+    """Return the file of an executable of an installed package.
 
     Raises:
-        BringupError: NOT_FOUND, when it is not installed.
+        BringupError: NOT_FOUND, if it is not installed.
     """
     path = Path(get_package_prefix(package)) / 'lib' / package / executable
     if not path.is_file():
         raise BringupError(
             f"package '{package}' has no executable '{executable}'; build the workspace again",
+            ExitCode.NOT_FOUND,
+        )
+    return path
+
+
+def _names(kind: str) -> tuple[str, ...]:
+    return tuple(sorted(path.stem for path in (share() / f'{kind}s').glob('*.yaml')))
+
+
+def _path(kind: str, name: str) -> Path:
+    path = Path(name)
+    if path.suffix != '.yaml':
+        path = share() / f'{kind}s' / f'{name}.yaml'
+    if not path.is_file():
+        raise BringupError(
+            f"there is no {kind} '{name}'; use {', '.join(_names(kind))} or the path of a YAML "
+            'file',
             ExitCode.NOT_FOUND,
         )
     return path

@@ -1,4 +1,4 @@
-"""Starts the seven nodes of DyKnow for one's own robot.
+"""Start the seven nodes of DyKnow for a robot.
 
 ros2 launch dyknow_bringup dyknow.launch.py ontology:=my.owl annotations:=my.ssl streams:=my.streams
 """
@@ -13,18 +13,18 @@ ARGUMENTS = {
     'annotations': ('', 'files in SSL, separated by commas'),
     'streams': ('', 'files in the stream language, separated by commas'),
     'bridges': ('', 'files of bridge rules between the ontologies, separated by commas'),
-    'store': ('', 'a folder that keeps what services change of ontology and annotations'),
+    'store': ('', 'a folder that keeps changes of the ontology and of the annotations'),
     'reasoner': ('', 'structural, hermit or pellet; the last two need Java'),
 }
 
 
 def files(text):
-    """The files in a list with commas."""
+    """Return the files of a list separated by commas."""
     return tuple(Path(path.strip()).resolve() for path in text.split(',') if path.strip())
 
 
 def processes(values):
-    """The nodes of DyKnow."""
+    """Return the nodes of DyKnow."""
     names = ('ontology', 'annotations', 'streams', 'bridges')
     store = values['store']
     return dyknow_processes(
@@ -37,5 +37,5 @@ def processes(values):
 
 
 def generate_launch_description():
-    """What `ros2 launch` asks for."""
+    """Return the launch description for `ros2 launch`."""
     return launch_description(ARGUMENTS, processes)

@@ -1,4 +1,4 @@
-"""Monitors a simulated UAV fleet: all nodes of DyKnow, the simulation, and the formula monitor.
+"""Monitor a simulated UAV fleet: all nodes of DyKnow, the simulation, and the formula monitor.
 
 ros2 launch dyknow_bringup uav_monitoring.launch.py scenario:=near_miss uavs:=5
 """
@@ -6,7 +6,7 @@ ros2 launch dyknow_bringup uav_monitoring.launch.py scenario:=near_miss uavs:=5
 import tempfile
 from pathlib import Path
 
-from dyknow_bringup.processes.launching import launch_description
+from dyknow_bringup.processes.launching import is_true, launch_description
 from dyknow_bringup.processes.processes import (
     dyknow_processes,
     formula_markers,
@@ -25,7 +25,7 @@ ARGUMENTS = {
 
 
 def processes(values):
-    """The nodes of DyKnow, a fleet, and who asks about it."""
+    """Return the nodes of DyKnow, the simulation, and the nodes that monitor it."""
     vehicles = int(values['uavs'])
     folder = Path(tempfile.mkdtemp(prefix='uav_monitoring_'))
     configuration = write_fleet_configuration(vehicle_names(vehicles), uav_ontology_path(), folder)
@@ -33,10 +33,10 @@ def processes(values):
         *dyknow_processes(configuration),
         uav_simulation(scenario_path(values['scenario']), vehicles),
         formula_monitor(formulas_path()),
-        *([formula_markers()] if values['markers'].lower() in {'true', '1'} else []),
+        *([formula_markers()] if is_true(values['markers']) else []),
     )
 
 
 def generate_launch_description():
-    """What `ros2 launch` asks for."""
+    """Return the launch description for `ros2 launch`."""
     return launch_description(ARGUMENTS, processes)

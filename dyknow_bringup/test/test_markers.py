@@ -6,7 +6,7 @@ import pytest
 
 from dyknow_bringup.markers.markers import (
     COLOURS,
-    NO_LONGER_WATCHED,
+    NOT_RESPONSIBLE,
     Marker,
     MarkerShape,
     formula_markers,
@@ -92,7 +92,7 @@ def test_the_pair_that_broke_it_stands_out() -> None:
         explanation='for x = uav3: XYDist[uav3, uav1] = 9.5 at 12.000 s is not > 10',
     )
     colours = [line.colour for line in draw(broken, shape=MarkerShape.LINES)]
-    assert colours == [NO_LONGER_WATCHED, COLOURS[Level.ERROR]]
+    assert colours == [NOT_RESPONSIBLE, COLOURS[Level.ERROR]]
 
 
 def test_a_fence_is_a_box_with_edges() -> None:

@@ -14,7 +14,7 @@ def test_the_mission_that_is_shipped_makes_sense() -> None:
     mission = load_mission(plan_path('delivery'))
     assert [task.action for task in mission.tasks] == ['take_off', 'fly_to', 'land']
     assert mission.tasks[0] == Task('take_off', 'eventually Altitude[uav1] > 5.5', 12_000_000_000)
-    formulas = mission.plan.places
+    formulas = mission.plan.formulas_by_position
     assert formulas[FormulaPosition('fly_to', 'not_before')].holds is Holds.BEFORE
     for text in (*(f.formula for f in formulas.values()), *(t.goal for t in mission.tasks)):
         check_types(parse_formula(text), text)

@@ -70,5 +70,5 @@ def test_a_scenario_that_is_not_there(share: Path) -> None:
 
 
 def test_a_folder_is_no_scenario(share: Path) -> None:
-    with pytest.raises(BringupError, match='cannot be read'):
+    with pytest.raises(BringupError, match='cannot read'):
         load_scenario(share)

@@ -1,11 +1,11 @@
-"""The formulas of the demonstration, read from a YAML file."""
+"""Formulas of the demonstration, read from a YAML file."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
 
-from dyknow_bringup.document import YamlEntry, read_document
+from dyknow_bringup.document import read_document
 
 
 @dataclass(frozen=True, slots=True)
@@ -13,7 +13,7 @@ class DescribedFormula:
     """A formula to monitor.
 
     Args:
-        name: what it is called in scenarios and on the screen.
+        name: its name in scenarios and on the screen.
         formula: the text in the formula language.
         description: the same for people, a sentence.
     """
@@ -24,20 +24,18 @@ class DescribedFormula:
 
 
 def load_formulas(path: Path) -> tuple[DescribedFormula, ...]:
-    """The formulas of a YAML file, in its order.
+    """Return the formulas of a YAML file, in its order.
 
     Raises:
-        BringupError: for a file that is not such a list; the message names the key and the mend.
+        BringupError: if the file is not such a list; the message names the key and the correction.
     """
     formulas: dict[str, DescribedFormula] = {}
     for entry in read_document(path).items():
-        formula = _named_formula(entry)
+        texts = entry.record(('name', 'formula', 'description'))
+        formula = DescribedFormula(
+            **{key: ' '.join(each.text().split()) for key, each in texts.items()}
+        )
         if formula.name in formulas:
             raise entry.error(f"the name '{formula.name}' is taken; give this formula another one")
         formulas[formula.name] = formula
     return tuple(formulas.values())
-
-
-def _named_formula(entry: YamlEntry) -> DescribedFormula:
-    texts = entry.record(('name', 'formula', 'description'))
-    return DescribedFormula(**{key: ' '.join(text.text().split()) for key, text in texts.items()})

@@ -1,4 +1,8 @@
-"""The fences in formulas: bounds on where objects may be, such as `always East[u] < 60`."""
+"""Fences in formulas: bounds on the positions of objects.
+
+`always (East[u] > -30 and East[u] < 60)` bounds x, and leaves y and z open. A view draws an open
+side at a multiple of `GRID` beyond all vehicles.
+"""
 
 from __future__ import annotations
 
@@ -22,20 +26,19 @@ from dyknow_reasoning import (
     parse_formula,
 )
 
-_MIRRORED = {'<': '>', '<=': '>=', '>': '<', '>=': '<='}
-
-
 GRID: Final = 10.0
-"""In m; an open fence ends at a multiple of it beyond all places, and so lies still."""
+"""In m; an open side stays at the same multiple while the vehicles move less."""
+
+_MIRRORED = {'<': '>', '<=': '>=', '>': '<', '>=': '<='}
 
 
 @dataclass(frozen=True, slots=True)
 class Fence:
-    """The box that objects may not leave.
+    """A box that objects must not leave.
 
     Args:
-        low: the least x, y and z, in m; infinite where there is none.
-        high: the greatest, likewise.
+        low: the smallest x, y and z, in m; infinite where it is open.
+        high: the largest x, y and z, likewise.
     """
 
     low: Point
@@ -43,19 +46,19 @@ class Fence:
 
     @property
     def centre(self) -> Point:
-        """The middle of the box."""
+        """The centre of the box."""
         (x0, y0, z0), (x1, y1, z1) = self.low, self.high
         return (x0 + x1) / 2, (y0 + y1) / 2, (z0 + z1) / 2
 
     @property
     def size(self) -> Point:
-        """How long the box is along each axis."""
+        """The lengths of the box along the axes."""
         (x0, y0, z0), (x1, y1, z1) = self.low, self.high
         return x1 - x0, y1 - y0, z1 - z0
 
     @property
     def edges(self) -> tuple[Point, ...]:
-        """The ends of the edges of the box, two for each."""
+        """The ends of the edges of the box, two for each edge."""
         (x0, y0, z0), (x1, y1, z1) = self.low, self.high
         corners = tuple(product((x0, x1), (y0, y1), (z0, z1)))
         return tuple(
@@ -68,10 +71,10 @@ class Fence:
 
 @lru_cache(maxsize=1024)
 def fences(formula: str, axes: tuple[str, str, str]) -> tuple[Fence, ...]:
-    """The fences of a formula: one for each variable, or object, whose place it always bounds.
+    """Return the fences of a formula: one for each variable or object with bounds on its position.
 
     Args:
-        formula: its text; in one that cannot be read there are none.
+        formula: its text; an invalid formula has no fences.
         axes: the features that are the x, y and z of an object.
     """
     try:
@@ -90,14 +93,14 @@ def fences(formula: str, axes: tuple[str, str, str]) -> tuple[Fence, ...]:
     return tuple(Fence(_point(low), _point(high)) for low, high in found.values())
 
 
-def closed(fence: Fence, places: Collection[Point]) -> Fence | None:
-    """A fence that ends beyond all places where it is open.
+def closed(fence: Fence, positions: Collection[Point]) -> Fence | None:
+    """Return a fence whose open sides are closed beyond all positions.
 
-    None where it is open and there are no places, or where nothing can be within.
+    Return None if it is open and there are no positions, or if nothing can be inside.
     """
     low, high = list(fence.low), list(fence.high)
     for axis in range(3):
-        along = [place[axis] for place in places]
+        along = [position[axis] for position in positions]
         if along and low[axis] == -inf:
             low[axis] = (round(min(*along, high[axis]) / GRID) - 1) * GRID
         if along and high[axis] == inf:
@@ -113,7 +116,7 @@ def _point(coordinates: list[float]) -> Point:
 
 
 def _limits(formula: Formula) -> Iterator[tuple[Feature, str, float]]:
-    """What must hold at every state: features compared with numbers."""
+    """Yield the comparisons of features with numbers that must hold at every state."""
     match formula:
         case Forall() | Always():
             yield from _limits(formula.body)

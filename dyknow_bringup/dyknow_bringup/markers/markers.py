@@ -1,4 +1,4 @@
-"""How formulas look in a three-dimensional view: fences, lines between vehicles, and texts."""
+"""Formulas in a three-dimensional view: fences, lines between vehicles, and texts."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from typing import Final
 
 from dyknow_bringup.document import Point
 from dyknow_bringup.markers.fences import closed, fences
-from dyknow_common import ExitCode, Verdict
+from dyknow_common import SECOND_NS, ExitCode, Verdict
 from dyknow_coordinator import EvaluationStatus, Level, SymbolGrounding, diagnose
 
 Axes = tuple[str, str, str]
@@ -26,11 +26,11 @@ COLOURS: Final[dict[Level, Colour]] = {
     Level.WARN: (1.0, 0.8, 0.0, 1.0),
     Level.ERROR: (1.0, 0.1, 0.1, 1.0),
 }
-NO_LONGER_WATCHED: Final[Colour] = (0.6, 0.6, 0.6, 0.5)
-"""Of what did not break a formula that is false."""
+NOT_RESPONSIBLE: Final[Colour] = (0.6, 0.6, 0.6, 0.5)
+"""The colour of ground features that did not make a formula false."""
 
-SILENCE_LIMIT: Final = 5_000_000_000
-"""Nanoseconds after which a formula without a new state is a reason to worry."""
+SILENCE_LIMIT_NS: Final = 5 * SECOND_NS
+"""Time without a new state after which a formula gets a warning."""
 
 _PAIR = 2
 _OPACITY = 0.1
@@ -44,7 +44,7 @@ _GROUND_FEATURE = re.compile(r'[A-Za-z_]\w*\[([A-Za-z_]\w*(?:, [A-Za-z_]\w*)*)\]
 
 
 class MarkerShape(IntEnum):
-    """What a marker is; the numbers are those of visualization_msgs/msg/Marker."""
+    """The shape of a marker; the numbers are those of visualization_msgs/msg/Marker."""
 
     BOX = 1
     LINES = 5
@@ -53,14 +53,14 @@ class MarkerShape(IntEnum):
 
 @dataclass(frozen=True, slots=True)
 class Marker:
-    """Something to draw; lengths are in m.
+    """A shape to draw; lengths are in m.
 
     Args:
         name: of the formula.
-        number: tells the markers of a name apart.
+        number: unique among the markers with the same name.
         position: of the centre of a box or of a text.
-        scale: the size of a box; the width of lines, first; the height of a text, last.
-        points: of lines, two for each.
+        scale: the size of a box; the width of lines as x; the height of a text as z.
+        points: the ends of lines, two for each line.
     """
 
     name: str
@@ -76,7 +76,7 @@ class Marker:
 def formula_markers(
     statuses: Iterable[EvaluationStatus], positions: Mapping[str, Point], axes: Axes, now: int
 ) -> tuple[Marker, ...]:
-    """The markers of all formulas; what the caller has cancelled has none.
+    """Return the markers of all formulas; a cancelled formula has none.
 
     Args:
         statuses: of the evaluations.
@@ -90,7 +90,7 @@ def formula_markers(
     for status in statuses:
         if status.error is not None and status.error.code is ExitCode.CANCELLED:
             continue
-        diagnosis = diagnose(status, now, SILENCE_LIMIT)
+        diagnosis = diagnose(status, now, SILENCE_LIMIT_NS)
         colour = COLOURS[diagnosis.level]
         text = _text(status, diagnosis.text)
         drawn = [
@@ -106,7 +106,7 @@ def formula_markers(
 
 
 def objects_of(groundings: Iterable[SymbolGrounding]) -> frozenset[str]:
-    """The objects that ground features are about: `XYDist[uav1, uav2]` is about uav1 and uav2."""
+    """Return the arguments of ground features: uav1 and uav2 for `XYDist[uav1, uav2]`."""
     return frozenset(name for each in groundings for name in _arguments(each.symbol))
 
 
@@ -129,22 +129,17 @@ def _fences(
 def _pairs(
     status: EvaluationStatus, positions: Mapping[str, Point], colour: Colour
 ) -> Iterator[Marker]:
-    """A line for each ground feature of two vehicles."""
+    """Yield a line for each ground feature of two vehicles."""
     symbols = [each.symbol for each in status.groundings]
-    guilty = [symbol for symbol in symbols if symbol in status.explanation]
+    responsible = [symbol for symbol in symbols if symbol in status.explanation]
+    if status.verdict is not Verdict.FALSE or not responsible:
+        responsible = symbols
     for symbol in symbols:
         arguments = _arguments(symbol)
         ends = tuple(positions[name] for name in arguments if name in positions)
-        if len(arguments) != _PAIR or len(ends) != _PAIR:
-            continue
-        innocent = status.verdict is Verdict.FALSE and guilty and symbol not in guilty
-        yield Marker(
-            status.name,
-            MarkerShape.LINES,
-            NO_LONGER_WATCHED if innocent else colour,
-            scale=_LINE,
-            points=ends,
-        )
+        if len(arguments) == len(ends) == _PAIR:
+            line_colour = colour if symbol in responsible else NOT_RESPONSIBLE
+            yield Marker(status.name, MarkerShape.LINES, line_colour, scale=_LINE, points=ends)
 
 
 def _label(
@@ -154,12 +149,12 @@ def _label(
     lines_below: int,
     colour: Colour,
 ) -> Iterator[Marker]:
-    """A text above the vehicles that a formula is about, and above those of other formulas."""
-    places = [positions[name] for name in objects_of(status.groundings) & positions.keys()]
-    if not places:
+    """Yield a text above all vehicles and above the texts of other formulas."""
+    about = [positions[name] for name in objects_of(status.groundings) & positions.keys()]
+    if not about:
         return
-    x, y = (sum(place[axis] for place in places) / len(places) for axis in (0, 1))
-    top = max(place[2] for place in positions.values()) + _ABOVE
+    x, y = (sum(position[axis] for position in about) / len(about) for axis in (0, 1))
+    top = max(position[2] for position in positions.values()) + _ABOVE
     height = (lines_below + text.count('\n') / 2) * _TEXT_HEIGHT * _LINE_SPACING
     yield Marker(
         status.name,
@@ -172,7 +167,7 @@ def _label(
 
 
 def _text(status: EvaluationStatus, diagnosis: str) -> str:
-    """The name of a formula, how it is, and what it says where that is not its name."""
+    """Return the name of a formula, its diagnosis, and its text if that is not its name."""
     lines = [f'{status.name}: {diagnosis}']
     if status.formula != status.name:
         lines.append(status.formula)

@@ -10,15 +10,19 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any, Self
 
+from dyknow_bringup.errors import BringupError
 from dyknow_bringup.processes.processes import Process, ros_arguments
 from dyknow_bringup.resources import executable_path
+from dyknow_common import ExitCode
+
+_LOG_LINES = 15
 
 
 class Launcher:
-    """Processes that end with the block that they were started in.
+    """Processes that are stopped at the end of a `with` block.
 
     Args:
-        logs: a folder for what each process prints.
+        logs: a folder for the output of each process.
         environment: variables that differ from those of this process.
     """
 
@@ -45,21 +49,25 @@ class Launcher:
         self.stop_all()
 
     def start_all(self, processes: Iterable[Process]) -> None:
-        """Starts processes."""
+        """Start processes.
+
+        Raises:
+            BringupError: NOT_FOUND, if an executable is not installed.
+        """
         for process in processes:
             self.start(process)
 
     def start(self, process: Process) -> subprocess.Popen[bytes]:
-        """Starts a process, in a session of its own so that it is stopped by us alone.
+        """Start a process in a session of its own, so that only the launcher stops it.
 
         Raises:
-            BringupError: NOT_FOUND, when the executable is not installed.
+            BringupError: NOT_FOUND, if the executable is not installed.
         """
         arguments = ros_arguments(
             process, self._namespace, self._log_level, use_sim_time=self._use_sim_time
         )
         executable = executable_path(process.package, process.executable)
-        with self.log(process.executable).open('ab') as log:
+        with self._log(process.executable).open('ab') as log:
             running = subprocess.Popen(
                 [str(executable), *arguments],
                 stdout=log,
@@ -71,37 +79,42 @@ class Launcher:
         self._running[process.executable] = running
         return running
 
-    def log(self, executable: str) -> Path:
-        """The file with what a process printed."""
-        return self._logs / f'{executable}.log'
+    def check_running(self) -> None:
+        """Check that no process has ended by itself.
 
-    def ended(self) -> dict[str, int]:
-        """The exit codes of the processes that have ended by themselves."""
-        codes = {name: running.poll() for name, running in self._running.items()}
-        return {name: code for name, code in codes.items() if code is not None}
+        Raises:
+            BringupError: UNAVAILABLE, with the end of the log of a process that has ended.
+        """
+        for executable, running in self._running.items():
+            code = running.poll()
+            if code is not None:
+                lines = self._log(executable).read_text(errors='replace').strip().splitlines()
+                end = '\n'.join(lines[-_LOG_LINES:])
+                raise BringupError(
+                    f'{executable} ended with exit code {code}:\n{end}', ExitCode.UNAVAILABLE
+                )
 
     def kill(self, executable: str) -> None:
-        """Ends a process without warning."""
+        """Kill a process."""
         running = self._running.pop(executable)
         _signal_group(running, signal.SIGKILL)
         running.wait()
 
-    def stop_all(self, patience: float = 10.0) -> dict[str, int]:
-        """Stops all processes and returns their exit codes.
-
-        Args:
-            patience: seconds to wait for a process before it is killed.
-        """
+    def stop_all(self, timeout_s: float = 10.0) -> dict[str, int]:
+        """Stop all processes and return their exit codes; kill those that exceed the timeout."""
         for running in self._running.values():
             _signal_group(running, signal.SIGTERM)
-        codes = {name: _wait(running, patience) for name, running in self._running.items()}
+        codes = {name: _wait(running, timeout_s) for name, running in self._running.items()}
         self._running.clear()
         return codes
 
+    def _log(self, executable: str) -> Path:
+        return self._logs / f'{executable}.log'
 
-def _wait(running: subprocess.Popen[Any], patience: float) -> int:
+
+def _wait(running: subprocess.Popen[Any], timeout_s: float) -> int:
     try:
-        return running.wait(patience)
+        return running.wait(timeout_s)
     except subprocess.TimeoutExpired:
         _signal_group(running, signal.SIGKILL)
         return running.wait()

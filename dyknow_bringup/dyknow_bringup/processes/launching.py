@@ -1,19 +1,16 @@
-"""The list of processes for `ros2 launch`; the launch package is needed by launch files alone."""
+"""Launch descriptions for `ros2 launch`; only launch files import this module."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from collections.abc import Callable, Iterable, Mapping
+from typing import Any
 
 from launch.actions import DeclareLaunchArgument, OpaqueFunction
 from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 
+from dyknow_bringup.processes.processes import Process
 from launch import LaunchDescription
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Mapping
-
-    from dyknow_bringup.processes.processes import Process
 
 COMMON_ARGUMENTS = {
     'namespace': ('', 'namespace of all nodes'),
@@ -26,32 +23,36 @@ def launch_description(
     arguments: Mapping[str, tuple[str, str]],
     processes: Callable[[Mapping[str, str]], Iterable[Process]],
 ) -> Any:
-    """A launch description that starts processes, given the values of its arguments.
+    """Return a launch description that starts processes, given the values of its arguments.
 
     Args:
         arguments: their names, with default and description; the common ones are added.
-        processes: what to start.
+        processes: returns the processes to start.
     """
-    every = {**arguments, **COMMON_ARGUMENTS}
+    all_arguments = {**arguments, **COMMON_ARGUMENTS}
 
     def nodes(context: Any) -> list[Any]:
-        values = {name: LaunchConfiguration(name).perform(context) for name in every}
+        values = {name: LaunchConfiguration(name).perform(context) for name in all_arguments}
         return [_node(process, values) for process in processes(values)]
 
     declared = [
         DeclareLaunchArgument(name, default_value=default, description=description)
-        for name, (default, description) in every.items()
+        for name, (default, description) in all_arguments.items()
     ]
     return LaunchDescription([*declared, OpaqueFunction(function=nodes)])
 
 
+def is_true(value: str) -> bool:
+    """Return the value of a boolean launch argument."""
+    return value.lower() in {'true', '1'}
+
+
 def _node(process: Process, values: Mapping[str, str]) -> Any:
-    use_sim_time = values['use_sim_time'].lower() in {'true', '1'}
     return Node(
         package=process.package,
         executable=process.executable,
         namespace=values['namespace'],
         output='screen',
-        parameters=[{**process.parameters, 'use_sim_time': use_sim_time}],
+        parameters=[{**process.parameters, 'use_sim_time': is_true(values['use_sim_time'])}],
         ros_arguments=['--log-level', values['log_level']],
     )

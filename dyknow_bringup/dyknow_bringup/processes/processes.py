@@ -1,4 +1,4 @@
-"""The processes that make up a running DyKnow: one list for launch files and scripts alike."""
+"""Processes of a running DyKnow: one list for launch files and scripts."""
 
 from __future__ import annotations
 
@@ -10,17 +10,17 @@ from pathlib import Path
 from dyknow_bringup.simulation.fleet import fleet_annotations, fleet_ontology, fleet_specification
 
 Parameter = bool | int | float | str | list[str]
-"""What a parameter of a node may be here."""
+"""The value of a node's parameter."""
 
 
 @dataclass(frozen=True, slots=True)
 class Process:
-    """A node that is a process of its own.
+    """A node in a process of its own.
 
     Args:
-        package: where its executable is.
-        executable: its name, which is the name of the node too.
-        parameters: those that differ from the defaults.
+        package: the package with its executable.
+        executable: the name of the executable and of the node.
+        parameters: values that differ from the defaults.
     """
 
     package: str
@@ -30,15 +30,15 @@ class Process:
 
 @dataclass(frozen=True, slots=True)
 class SystemConfiguration:
-    """What DyKnow is told about a robot.
+    """Configuration of DyKnow for a robot.
 
     Args:
         ontologies: OWL files.
         annotations: files in SSL.
-        streams: files in the stream language, with a sink for each stream to be made.
+        streams: files in the stream language, with a sink for each stream to create.
         bridges: files of bridge rules between the ontologies.
-        store: a folder that keeps what services change of the ontology and of the annotations.
-        reasoner: what tells what follows from the ontology; the node's default where it is empty.
+        store: a folder that keeps changes of the ontology and of the annotations; None: no store.
+        reasoner: of the ontology; empty for the node's default.
     """
 
     ontologies: tuple[Path, ...] = ()
@@ -50,7 +50,7 @@ class SystemConfiguration:
 
 
 def dyknow_processes(configuration: SystemConfiguration) -> tuple[Process, ...]:
-    """The seven nodes of DyKnow."""
+    """Return the seven nodes of DyKnow."""
     return (
         Process('dyknow_stream_processing', 'stream_processing_engine'),
         Process(
@@ -84,31 +84,31 @@ def dyknow_processes(configuration: SystemConfiguration) -> tuple[Process, ...]:
 
 
 def uav_simulation(scenario: Path, vehicles: int) -> Process:
-    """The simulation of a fleet."""
+    """Return the simulation of a fleet."""
     return Process(
         'dyknow_bringup', 'uav_simulation', {'scenario': str(scenario), 'uavs': vehicles}
     )
 
 
 def formula_monitor(formulas: Path) -> Process:
-    """The node that asks the formulas of a file and logs the answers."""
+    """Return the node that monitors the formulas of a file and logs the answers."""
     return Process('dyknow_bringup', 'formula_monitor', {'formulas': str(formulas)})
 
 
 def formula_markers() -> Process:
-    """The node that shows formulas in three-dimensional views."""
+    """Return the node that shows formulas in three-dimensional views."""
     return Process('dyknow_bringup', 'formula_markers')
 
 
 def write_fleet_configuration(
     vehicles: Sequence[str], uav_ontology: Path, folder: Path
 ) -> SystemConfiguration:
-    """Writes what DyKnow must know about a fleet into a folder.
+    """Write the configuration of DyKnow for a fleet into a folder that exists.
 
     Args:
         vehicles: their names.
         uav_ontology: the file with the sort UAV and its features.
-        folder: where the files go; it must exist.
+        folder: the folder.
     """
     texts = {
         'fleet.nt': fleet_ontology(vehicles),
@@ -127,13 +127,13 @@ def write_fleet_configuration(
 def ros_arguments(
     process: Process, namespace: str, log_level: str, *, use_sim_time: bool
 ) -> list[str]:
-    """The command line that starts a process as a node, after its executable."""
+    """Return the arguments of the command line that starts a process as a node."""
     parameters = {**process.parameters, 'use_sim_time': use_sim_time}
     arguments = ['--ros-args', '--log-level', log_level]
     if namespace:
         arguments += ['-r', f'__ns:=/{namespace.strip("/")}']
     for name, value in parameters.items():
-        # JSON is YAML, which is how rclpy reads the values of parameters.
+        # rclpy reads the values of parameters as YAML, and JSON is YAML.
         arguments += ['-p', f'{name}:={json.dumps(value)}']
     return arguments
 

@@ -1,4 +1,4 @@
-"""Reading rosbag2 bags without ROS: their topics, and their messages as serialised bytes."""
+"""Rosbag2 bags read without ROS: their topics, and their messages as serialised bytes."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ from dyknow_common import ExitCode
 
 @dataclass(frozen=True, slots=True)
 class QualityOfService:
-    """How a topic was offered.
+    """Quality of service that a topic was offered with.
 
     Args:
-        reliable: whether lost messages were sent again.
-        transient_local: whether late subscribers got the latest messages.
-        depth: how many messages were kept; 0 for all or unknown.
+        reliable: True if lost messages were sent again.
+        transient_local: True if late subscribers got the latest messages.
+        depth: the number of messages that were kept; 0 for all or unknown.
     """
 
     reliable: bool
@@ -35,10 +35,8 @@ class RecordedTopic:
     """A topic of a bag.
 
     Args:
-        name: of the topic.
         message_type: such as `nav_msgs/msg/Odometry`.
-        message_count: how many messages there are.
-        quality_of_service: how it was offered; none where the bag does not say.
+        quality_of_service: None if the bag does not contain it.
     """
 
     name: str
@@ -52,7 +50,7 @@ class RecordedMessage:
     """A message of a bag.
 
     Args:
-        log_time: when it was recorded, in nanoseconds since the epoch.
+        log_time: the time of recording, in nanoseconds since the epoch.
         topic: its name.
         message_type: such as `nav_msgs/msg/Odometry`.
         data: the message as serialised by CDR.
@@ -71,7 +69,7 @@ class Bag:
         path: a folder with `metadata.yaml`, or a single `.mcap` or `.db3` file.
 
     Raises:
-        BringupError: for a bag that is not there or cannot be read.
+        BringupError: for a bag that is missing (NOT_FOUND) or cannot be read.
     """
 
     def __init__(self, path: Path) -> None:
@@ -86,16 +84,15 @@ class Bag:
         return self
 
     def __exit__(self, *_: object) -> None:
-        self.close()
-
-    def close(self) -> None:
-        """Let go of the files."""
         self._reader.close()
 
     @property
     def topics(self) -> tuple[RecordedTopic, ...]:
-        """What was recorded, by name."""
-        topics = (_recorded_topic(connection) for connection in self._reader.connections)
+        """The recorded topics, sorted by name."""
+        topics = (
+            RecordedTopic(each.topic, each.msgtype, each.msgcount, _quality_of_service(each))
+            for each in self._reader.connections
+        )
         return tuple(sorted(topics, key=lambda topic: topic.name))
 
     @property
@@ -120,34 +117,28 @@ class Bag:
         return self._reader.end_time - 1
 
     def messages(self, topics: Collection[str] = ()) -> Iterator[RecordedMessage]:
-        """The messages in the order of their log times.
+        """Return the messages in the order of their log times.
 
         Args:
-            topics: the topics wanted; all if empty.
+            topics: the topics to read; all if empty.
 
         Raises:
             BringupError: for a topic that the bag does not have, or data that cannot be read.
         """
-        connections = self._connections(topics)
-        return self._messages(connections)
+        connections = self._reader.connections
+        recorded = {connection.topic for connection in connections}
+        for topic in topics:
+            if topic not in recorded:
+                raise BringupError(
+                    f"{self._path}: no topic '{topic}' (it has: {', '.join(sorted(recorded))})",
+                    ExitCode.NOT_FOUND,
+                )
+        return self._messages([each for each in connections if not topics or each.topic in topics])
 
     def _messages(self, connections: Collection[Connection]) -> Iterator[RecordedMessage]:
         with self._reading():
             for connection, time, data in self._reader.messages(connections):
                 yield RecordedMessage(time, connection.topic, connection.msgtype, bytes(data))
-
-    def _connections(self, topics: Collection[str]) -> list[Connection]:
-        connections = self._reader.connections
-        there = {connection.topic for connection in connections}
-        for topic in topics:
-            if topic not in there:
-                raise BringupError(
-                    f"{self._path}: no topic '{topic}' (it has: {', '.join(sorted(there))})",
-                    ExitCode.NOT_FOUND,
-                )
-        return [
-            connection for connection in connections if not topics or connection.topic in topics
-        ]
 
     def _check_not_empty(self) -> None:
         if self._reader.message_count == 0:
@@ -161,12 +152,6 @@ class Bag:
             # Damaged files make the library raise errors of many kinds, some without a text.
             reason = str(error) or type(error).__name__
             raise BringupError(f'{self._path}: not a readable rosbag2 bag: {reason}') from error
-
-
-def _recorded_topic(connection: Connection) -> RecordedTopic:
-    return RecordedTopic(
-        connection.topic, connection.msgtype, connection.msgcount, _quality_of_service(connection)
-    )
 
 
 def _quality_of_service(connection: Connection) -> QualityOfService | None:

@@ -14,12 +14,7 @@ from rosbags.interfaces import (
     QosReliability,
     QosTime,
 )
-from rosbags.rosbag2 import (
-    CompressionFormat,
-    CompressionMode,
-    StoragePlugin,
-    Writer,
-)
+from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore
 
 from dyknow_bringup.errors import BringupError
@@ -36,10 +31,8 @@ STORAGES: Final = {
 """The storage formats of rosbag2, with the compression (zstd) that suits each of them."""
 
 _BAG_VERSION: Final = 9
-_UNLIMITED = QosTime(0, 0)
-
-
-_OFFERED = Qos(
+_UNLIMITED: Final = QosTime(0, 0)
+_OFFERED: Final = Qos(
     history=QosHistory.KEEP_LAST,
     depth=10,
     reliability=QosReliability.RELIABLE,
@@ -55,13 +48,13 @@ _OFFERED = Qos(
 def record(
     scenario: Scenario, vehicles: Sequence[str], start: int, path: Path, storage: str = 'mcap'
 ) -> None:
-    """Write the telemetry of a whole scenario as a bag.
+    """Write the telemetry of a whole scenario to a bag.
 
     Args:
-        scenario: what to simulate.
+        scenario: the scenario to simulate.
         vehicles: the names of the fleet.
         start: the time of the first stamp, in nanoseconds since the epoch.
-        path: the folder to make.
+        path: the folder to create.
         storage: `mcap` or `sqlite3`.
 
     Raises:
@@ -76,24 +69,20 @@ def record(
     plugin, compression = STORAGES[storage]
     writer = Writer(path, version=_BAG_VERSION, storage_plugin=plugin)
     writer.set_compression(compression, CompressionFormat.ZSTD)
-    with writer:
-        _write(writer, vehicles, simulation, start + scenario.duration)
-
-
-def _write(writer: Writer, vehicles: Sequence[str], simulation: Simulation, end: int) -> None:
     types = get_typestore(Stores.ROS2_JAZZY)
-    connections = {
-        (vehicle, channel): writer.add_connection(
-            f'/{topic(vehicle, channel)}',
-            message_type,
-            typestore=types,
-            offered_qos_profiles=[_OFFERED],
-        )
-        for vehicle in vehicles
-        for channel, message_type in MESSAGE_TYPES.items()
-    }
-    for telemetry in simulation.until(end):
-        message = ros_message(telemetry, types.types.__getitem__)
-        data = types.serialize_cdr(message, MESSAGE_TYPES[telemetry.channel])
-        connection = connections[telemetry.vehicle, telemetry.channel]
-        writer.write(connection, telemetry.delivery_time, data)
+    with writer:
+        connections = {
+            (vehicle, channel): writer.add_connection(
+                f'/{topic(vehicle, channel)}',
+                message_type,
+                typestore=types,
+                offered_qos_profiles=[_OFFERED],
+            )
+            for vehicle in vehicles
+            for channel, message_type in MESSAGE_TYPES.items()
+        }
+        for telemetry in simulation.until(start + scenario.duration):
+            message = ros_message(telemetry, types.types.__getitem__)
+            data = types.serialize_cdr(message, MESSAGE_TYPES[telemetry.channel])
+            connection = connections[telemetry.vehicle, telemetry.channel]
+            writer.write(connection, telemetry.delivery_time, data)

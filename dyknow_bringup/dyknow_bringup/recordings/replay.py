@@ -1,4 +1,8 @@
-"""When each message of a recording is due again; the clock comes in as an argument."""
+"""Times at which the messages of a recording are due again; the clock is an argument.
+
+A recording starts at 1000 ns and is replayed from 50 000 ns on, at rate 2: a message recorded at
+1400 ns is due at 50 200 ns.
+"""
 
 from __future__ import annotations
 
@@ -10,17 +14,17 @@ from fractions import Fraction
 from dyknow_bringup.errors import BringupError
 from dyknow_bringup.recordings.bag import RecordedMessage
 
-_FINEST_RATE = 1_000_000
+_MAX_RATE = 1_000_000
 
 
 @dataclass(frozen=True, slots=True)
 class Schedule:
-    """How the time of a recording goes with the time of its replay.
+    """Mapping between the time of a recording and the time of its replay.
 
     Args:
         recording_start: a log time, in nanoseconds.
-        replay_start: when that moment is replayed, in nanoseconds.
-        rate: how many times faster than recorded.
+        replay_start: the time of the replay at that log time, in nanoseconds.
+        rate: seconds of the recording per second of the replay.
     """
 
     recording_start: int
@@ -29,30 +33,30 @@ class Schedule:
 
     @classmethod
     def at_rate(cls, recording_start: int, replay_start: int, rate: float) -> Schedule:
-        """A schedule with a rate as users write it.
+        """Return a schedule, given its rate as users write it.
 
         Raises:
             BringupError: for a rate that is not a positive number.
         """
-        if not 1 / _FINEST_RATE <= rate <= _FINEST_RATE:
+        if not 1 / _MAX_RATE <= rate <= _MAX_RATE:
             raise BringupError(f'the rate {rate} makes no sense; use a positive one, such as 2.0')
-        return cls(recording_start, replay_start, Fraction(rate).limit_denominator(_FINEST_RATE))
+        return cls(recording_start, replay_start, Fraction(rate).limit_denominator(_MAX_RATE))
 
     def due(self, log_time: int) -> int:
-        """When a message is due, in nanoseconds; never early."""
+        """Return the time at which a message is due, in nanoseconds; rounded up."""
         return self.replay_start + math.ceil((log_time - self.recording_start) / self.rate)
 
     def log_time(self, now: int) -> int:
-        """The log time that the replay has come to, in nanoseconds: what /clock should show."""
+        """Return the log time that the replay has reached, in nanoseconds, for /clock."""
         return self.recording_start + math.floor((now - self.replay_start) * self.rate)
 
 
 class Replay:
-    """Messages that are let go one by one as their time comes.
+    """Messages that are released one by one when they are due.
 
     Args:
         messages: in the order of their log times.
-        schedule: when they are due.
+        schedule: gives the time at which each is due.
     """
 
     def __init__(self, messages: Iterable[RecordedMessage], schedule: Schedule) -> None:
@@ -62,11 +66,11 @@ class Replay:
 
     @property
     def next_due(self) -> int | None:
-        """When the next message is due, in nanoseconds; none when all have gone."""
+        """The time at which the next message is due, in nanoseconds; None after the last one."""
         return None if self._next is None else self._schedule.due(self._next.log_time)
 
     def due(self, now: int) -> Iterator[RecordedMessage]:
-        """The messages that are due and have not gone yet, in order.
+        """Yield the messages that have become due since the last call, in order.
 
         Args:
             now: the time of the replay, in nanoseconds.

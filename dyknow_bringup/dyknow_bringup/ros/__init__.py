@@ -1,1 +1,1 @@
-"""The executables: the demonstration, its simulation, replay, and the dyknow command."""
+"""Executables: the demonstration, its simulation, replay, and the dyknow command."""

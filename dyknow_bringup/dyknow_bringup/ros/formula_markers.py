@@ -30,23 +30,22 @@ from dyknow_common.ros import (
 from dyknow_coordinator import EvaluationStatus
 from dyknow_coordinator.ros.reporting.evaluation_messages import status_from_message
 
-PERIOD = 0.2
-"""Seconds between two pictures."""
+PERIOD_S = 0.2
 
 LIFETIME = Duration(sec=1)
-"""After this, markers vanish that are not published again: what has ended, or all with the node."""
+"""Viewers remove markers that are not published again within this time."""
 
-WARNING_PERIOD = 60.0
-"""Seconds between two warnings of vehicles in different frames."""
+WARNING_PERIOD_S = 60.0
+"""Time between two warnings about vehicles in different frames."""
 
-# Not latched: whoever comes later would be shown what was, and has what is after a period.
+# Not latched: a late subscriber gets the next markers after a period.
 MARKERS = QoSProfile(depth=1)
 
 
 class FormulaMarkers(DyKnowNode):
-    """Publishes `~/markers` of what a coordinator evaluates, while somebody looks.
+    """Publishes `~/markers` of a coordinator's evaluations while it has subscribers.
 
-    The vehicles are the objects of the formulas' ground features that have an odometry.
+    The vehicles are the objects of the formulas' ground features that have an odometry topic.
     """
 
     def __init__(self) -> None:
@@ -65,21 +64,21 @@ class FormulaMarkers(DyKnowNode):
             )
         )
         self._statuses: list[EvaluationStatus] = []
-        self._listeners: dict[str, Any] = {}
+        self._subscriptions_by_vehicle: dict[str, Any] = {}
         self._positions: dict[str, Point] = {}
         self._frame = ''
-        self._frame_warning = Throttle(WARNING_PERIOD)
+        self._frame_warning = Throttle(WARNING_PERIOD_S)
         self.create_subscription(
             EvaluationStatusArray,
             f'{coordinator}/evaluations',
-            self._note_evaluations,
+            self._on_evaluations,
             LATCHED,
             event_callbacks=NO_SUBSCRIPTION_EVENTS,
         )
         self._markers = self.create_publisher(
             MarkerArray, '~/markers', MARKERS, event_callbacks=NO_PUBLISHER_EVENTS
         )
-        self.create_timer(PERIOD, self._show, clock=self.wall_clock)
+        self.create_timer(PERIOD_S, self._publish_markers, clock=self.wall_clock)
 
     def _checked_axes(self, axes: Any) -> Axes:
         try:
@@ -90,36 +89,36 @@ class FormulaMarkers(DyKnowNode):
             ) from None
         return x, y, z
 
-    def _note_evaluations(self, report: Any) -> None:
+    def _on_evaluations(self, report: Any) -> None:
         self._statuses = [status_from_message(each) for each in report.evaluations]
 
-    def _show(self) -> None:
+    def _publish_markers(self) -> None:
         watched = self._markers.get_subscription_count() > 0
         vehicles = {name for each in self._statuses for name in objects_of(each.groundings)}
-        # Odometry is what costs most: nobody is listened to for nobody.
-        self._listen_to(vehicles if watched else ())
+        # Odometry costs most: do not subscribe to it without a viewer.
+        self._subscribe_to(vehicles if watched else ())
         if watched and self._frame:
             drawn = formula_markers(self._statuses, self._positions, self._axes, self.now())
             self._markers.publish(MarkerArray(markers=[self._message(each) for each in drawn]))
 
-    def _listen_to(self, vehicles: Collection[str]) -> None:
-        for vehicle in self._listeners.keys() - set(vehicles):
-            listener = self._listeners.pop(vehicle)
+    def _subscribe_to(self, vehicles: Collection[str]) -> None:
+        for vehicle in self._subscriptions_by_vehicle.keys() - set(vehicles):
+            subscription = self._subscriptions_by_vehicle.pop(vehicle)
             self._positions.pop(vehicle, None)
-            if listener is not None:
-                self.destroy_subscription(listener)
+            if subscription is not None:
+                self.destroy_subscription(subscription)
         for vehicle in vehicles:
-            if vehicle not in self._listeners:
-                self._listeners[vehicle] = self._listener(vehicle)
+            if vehicle not in self._subscriptions_by_vehicle:
+                self._subscriptions_by_vehicle[vehicle] = self._subscription(vehicle)
         if not self._positions:
             self._frame = ''
 
-    def _listener(self, vehicle: str) -> Any:
+    def _subscription(self, vehicle: str) -> Any:
         try:
             return self.create_subscription(
                 Odometry,
                 self._odometry.replace('<vehicle>', vehicle),
-                partial(self._note_position, vehicle),
+                partial(self._on_odometry, vehicle),
                 qos_profile_sensor_data,
                 event_callbacks=NO_SUBSCRIPTION_EVENTS,
             )
@@ -127,7 +126,7 @@ class FormulaMarkers(DyKnowNode):
             self.get_logger().warning(f'{vehicle} is not shown: {error}')
             return None
 
-    def _note_position(self, vehicle: str, odometry: Any) -> None:
+    def _on_odometry(self, vehicle: str, odometry: Any) -> None:
         self._frame = self._frame or odometry.header.frame_id
         if odometry.header.frame_id != self._frame:
             if self._frame_warning.is_due():
@@ -165,5 +164,5 @@ def _point(point: Point) -> PointMessage:
 
 
 def main() -> int:
-    """The executable formula_markers."""
+    """Run the executable formula_markers."""
     return run(FormulaMarkers)

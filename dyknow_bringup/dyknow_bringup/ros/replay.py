@@ -1,4 +1,4 @@
-"""Plays a rosbag2 recording onto its topics, at a chosen rate and with /clock when asked."""
+"""Publishes a rosbag2 recording on its topics, at a chosen rate and optionally with /clock."""
 
 from __future__ import annotations
 
@@ -6,49 +6,48 @@ import argparse
 import sys
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.utilities import remove_ros_args
 from rosgraph_msgs.msg import Clock as ClockMessage
 
-from dyknow_bringup.recordings.bag import Bag, QualityOfService, RecordedTopic
+from dyknow_bringup.recordings.bag import Bag, QualityOfService
 from dyknow_bringup.recordings.replay import Replay, Schedule
-from dyknow_common import SECOND_NS, DyKnowError
+from dyknow_common import SECOND_NS
 from dyknow_common.ros import DyKnowNode, nanoseconds_to_time, run
 from dyknow_stream_processing.ros import message_class
 
-TICK = 0.005
-"""Seconds of the wall clock between two looks for due messages."""
+PERIOD_S = 0.005
+"""Time of the wall clock between two checks for due messages."""
 
-LINGER = SECOND_NS
-"""Nanoseconds that the node stays after the last message, for it to arrive."""
+LINGER_NS = SECOND_NS
+"""Time that the node runs after the last message, which must arrive."""
 
 
 class ReplayNode(DyKnowNode):
-    """Publishes the messages of a bag, as they were serialised, when they are due."""
+    """Publishes the serialised messages of a bag when they are due."""
 
     def __init__(self, options: argparse.Namespace) -> None:
         super().__init__('replay')
         self._bag = Bag(options.bag)
-        wanted = [topic for topic in self._bag.topics if _is_wanted(topic, options.topics)]
         messages = self._bag.messages(options.topics)
-        self._outputs = {topic.name: self._publisher(topic) for topic in wanted}
+        self._outputs = {
+            topic.name: self.create_publisher(
+                message_class(topic.message_type), topic.name, _qos(topic.quality_of_service)
+            )
+            for topic in self._bag.topics
+            if not options.topics or topic.name in options.topics
+        }
         self._clock_publisher = (
             self.create_publisher(ClockMessage, '/clock', 10) if options.clock else None
         )
         start = self.wall_clock.now().nanoseconds + round(options.delay * SECOND_NS)
         self._schedule = Schedule.at_rate(self._bag.start_time, start, options.rate)
         self._replay = Replay(messages, self._schedule)
-        self._end = self._schedule.due(self._bag.end_time) + LINGER
-        self.create_timer(TICK, self._send_due, clock=self.wall_clock)
+        self._end = self._schedule.due(self._bag.end_time) + LINGER_NS
+        self.create_timer(PERIOD_S, self._publish_due, clock=self.wall_clock)
 
-    def _publisher(self, topic: RecordedTopic) -> Any:
-        return self.create_publisher(
-            message_class(topic.message_type), topic.name, _qos(topic.quality_of_service)
-        )
-
-    def _send_due(self) -> None:
+    def _publish_due(self) -> None:
         now = self.wall_clock.now().nanoseconds
         if self._clock_publisher is not None:
             time = nanoseconds_to_time(max(self._schedule.log_time(now), 1))
@@ -58,10 +57,6 @@ class ReplayNode(DyKnowNode):
         if now > self._end:
             self.get_logger().info('the recording has been replayed')
             self.context.try_shutdown()
-
-
-def _is_wanted(topic: RecordedTopic, names: Sequence[str]) -> bool:
-    return not names or topic.name in names
 
 
 def _qos(offered: QualityOfService | None) -> QoSProfile:
@@ -79,7 +74,7 @@ def _qos(offered: QualityOfService | None) -> QoSProfile:
 
 
 def options(arguments: Sequence[str]) -> argparse.Namespace:
-    """The options on the command line."""
+    """Return the options on the command line."""
     parser = argparse.ArgumentParser(prog='replay', description=__doc__)
     parser.add_argument(
         'bag', type=Path, help='a folder with metadata.yaml, or a .mcap or .db3 file'
@@ -100,10 +95,6 @@ def options(arguments: Sequence[str]) -> argparse.Namespace:
 
 
 def main() -> int:
-    """The executable replay."""
+    """Run the executable replay."""
     chosen = options(remove_ros_args(sys.argv)[1:])
-    try:
-        return run(lambda: ReplayNode(chosen))
-    except DyKnowError as error:
-        print(error, file=sys.stderr)  # noqa: T201 - the bag broke off while it was read
-        return 1
+    return run(lambda: ReplayNode(chosen))

@@ -1,8 +1,7 @@
-"""The simulated fleet: publishes what real vehicles do, `uavN/odometry` and `uavN/battery`."""
+"""The simulated fleet: publishes `uavN/odometry` and `uavN/battery` as real vehicles do."""
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Any
 
 from dyknow_bringup.resources import scenario_path
@@ -15,11 +14,11 @@ from dyknow_common.ros import NO_PUBLISHER_EVENTS, DyKnowNode, run
 from dyknow_stream_processing.ros import message_class
 
 DEPTH = 100
-"""How many messages a publisher keeps for slow receivers."""
+"""Number of messages that a publisher keeps for slow subscribers."""
 
 
 class UavSimulation(DyKnowNode):
-    """Flies a scenario in real time, by the ROS clock."""
+    """Simulates a scenario in real time, by the ROS clock."""
 
     def __init__(self) -> None:
         super().__init__('uav_simulation')
@@ -28,10 +27,10 @@ class UavSimulation(DyKnowNode):
         )
         vehicles = self.parameter('uavs', 3, 'Number of vehicles: uav1, uav2, ...', (1, 100))
         rate = self.parameter(
-            'update_rate', 200.0, 'How often a second due messages are sent.', (10.0, 1000.0)
+            'update_rate', 200.0, 'Rate at which due messages are published, Hz.', (10.0, 1000.0)
         )
         self._vehicles = vehicle_names(vehicles)
-        self._scenario = load_scenario(Path(scenario_path(scenario)))
+        self._scenario = load_scenario(scenario_path(scenario))
         self._scenario.check_fleet(self._vehicles)
         self._outputs = {
             (vehicle, channel): self.create_publisher(
@@ -44,24 +43,21 @@ class UavSimulation(DyKnowNode):
             for channel in Channel
         }
         self._simulation: Simulation | None = None
-        self.create_timer(1.0 / rate, self._send_due)
+        self.create_timer(1.0 / rate, self._publish_due)
 
-    def _send_due(self) -> None:
+    def _publish_due(self) -> None:
         now = self.now()
         if now == 0:
             return  # Simulated time has not begun.
         if self._simulation is None:
-            self._simulation = self._begin(now)
+            self._simulation = Simulation(self._scenario, self._vehicles, now)
+            self.set_status('flying', {'scenario': self._scenario.name, 'start_time': str(now)})
+            self.get_logger().info(f'{self._scenario.name}: {self._scenario.description}')
         for message in self._simulation.until(now):
             publisher: Any = self._outputs[message.vehicle, message.channel]
             publisher.publish(ros_message(message, message_class))
 
-    def _begin(self, now: int) -> Simulation:
-        self.set_status('flying', {'scenario': self._scenario.name, 'start_time': str(now)})
-        self.get_logger().info(f'{self._scenario.name}: {self._scenario.description}')
-        return Simulation(self._scenario, self._vehicles, now)
-
 
 def main() -> int:
-    """The executable uav_simulation."""
+    """Run the executable uav_simulation."""
     return run(UavSimulation)

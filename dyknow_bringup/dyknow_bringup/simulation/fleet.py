@@ -1,9 +1,9 @@
-"""What DyKnow is told about a fleet: its streams, their meaning, and its part of the ontology."""
+"""Configuration of DyKnow for a fleet: its streams, annotations and ontology."""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from itertools import combinations
 from typing import Final
 
@@ -22,16 +22,67 @@ compunit speed: float magnitude((x: float, y: float, z: float));
 compunit distance: float distance((x: float, y: float), (x: float, y: float));
 """
 
-_CONSTRAINTS = {
-    Channel.ODOMETRY: 'max_delay = 1 s, sample_period = 50 ms, sample_period_deviation = 20 ms',
-    Channel.BATTERY: 'max_delay = 1 s, sample_period = 200 ms, sample_period_deviation = 50 ms',
-}
+_BATTERY_CONSTRAINTS = 'max_delay = 1 s, sample_period = 200 ms, sample_period_deviation = 50 ms'
+_ODOMETRY_CONSTRAINTS = 'max_delay = 1 s, sample_period = 50 ms, sample_period_deviation = 20 ms'
+
+_STREAMS = f"""
+stream {{vehicle}}_battery = select voltage, current
+  from "{{battery}}"
+  with {_BATTERY_CONSTRAINTS};
+stream {{vehicle}}_power = electrical_power({{vehicle}}_battery);
+sink {{vehicle}}_power;
+
+stream {{vehicle}}_altitude = select pose.pose.position.z as altitude
+  from "{{odometry}}"
+  with {_ODOMETRY_CONSTRAINTS};
+sink {{vehicle}}_altitude;
+
+stream {{vehicle}}_velocity = select \
+twist.twist.linear.x as x, twist.twist.linear.y as y, twist.twist.linear.z as z
+  from "{{odometry}}"
+  with {_ODOMETRY_CONSTRAINTS};
+stream {{vehicle}}_speed = magnitude({{vehicle}}_velocity);
+sink {{vehicle}}_speed;
+
+stream {{vehicle}}_position = select pose.pose.position.x as x, pose.pose.position.y as y
+  from "{{odometry}}"
+  with {_ODOMETRY_CONSTRAINTS};
+sink {{vehicle}}_position;
+"""
+
+_DISTANCE = """
+stream {one}_{other}_distance = distance({one}_position, {other}_position);
+sink {one}_{other}_distance;
+"""
+
+_ANNOTATIONS = """\
+stream {vehicle}_power contains Power[{vehicle}] = power;
+stream {vehicle}_altitude contains Altitude[{vehicle}] = altitude;
+stream {vehicle}_speed contains Speed[{vehicle}] = speed;
+stream {vehicle}_position contains East[{vehicle}] = x, North[{vehicle}] = y;
+"""
+
+_DISTANCE_ANNOTATION = """\
+stream {one}_{other}_distance contains \
+XYDist[{one}, {other}] = distance, XYDist[{other}, {one}] = distance;
+"""
+
+_OWL = 'http://www.w3.org/2002/07/owl'
+_TYPE = '<http://www.w3.org/1999/02/22-rdf-syntax-ns#type>'
+_ONTOLOGY_TRIPLES = f"""\
+<{FLEET_ONTOLOGY}> {_TYPE} <{_OWL}#Ontology> .
+<{FLEET_ONTOLOGY}> <{_OWL}#imports> <{UAV_ONTOLOGY}> .
+"""
+_VEHICLE_TRIPLES = f"""\
+<{FLEET_ONTOLOGY}#{{vehicle}}> {_TYPE} <{_OWL}#NamedIndividual> .
+<{FLEET_ONTOLOGY}#{{vehicle}}> {_TYPE} <{UAV_ONTOLOGY}#UAV> .
+"""
 
 _NAME = re.compile(r'[A-Za-z_][A-Za-z0-9_]*')
 
 
 def vehicle_names(count: int) -> tuple[str, ...]:
-    """The names of the vehicles of a fleet: uav1, uav2 and so on.
+    """Return the names of the vehicles of a fleet: uav1, uav2 and so on.
 
     Raises:
         BringupError: for less than one vehicle.
@@ -42,111 +93,50 @@ def vehicle_names(count: int) -> tuple[str, ...]:
 
 
 def fleet_specification(vehicles: Sequence[str]) -> str:
-    """The streams of a fleet in the stream language, with a sink for each that has a meaning.
+    """Return the streams of a fleet in the stream language, with a sink for each annotated stream.
 
     They are the power, the altitude, the speed and the position of every vehicle, and the distance
     between every two.
 
     Raises:
-        BringupError: for a name that cannot stand in a formula, or stands twice.
+        BringupError: for a name that cannot be used in a formula, or a duplicate.
     """
-    _check_names(vehicles)
-    parts = [_UNITS]
-    for vehicle in vehicles:
-        parts += [_power(vehicle), _altitude(vehicle), _speed(vehicle), _position(vehicle)]
-    parts += [_distance(one, other) for one, other in combinations(vehicles, 2)]
-    return '\n'.join(parts)
+    streams = (
+        _STREAMS.format(
+            vehicle=vehicle,
+            battery=topic(vehicle, Channel.BATTERY),
+            odometry=topic(vehicle, Channel.ODOMETRY),
+        )
+        for vehicle in _checked(vehicles)
+    )
+    return ''.join([_UNITS, *streams, *_of_each_pair(_DISTANCE, vehicles)])
 
 
 def fleet_annotations(vehicles: Sequence[str]) -> str:
-    """What the streams of a fleet mean, in SSL.
+    """Return the annotations of the streams of a fleet, in SSL.
 
     Raises:
-        BringupError: for a name that cannot stand in a formula, or stands twice.
+        BringupError: for a name that cannot be used in a formula, or a duplicate.
     """
-    _check_names(vehicles)
-    return ''.join(f'{statement};\n' for statement in _annotations(vehicles))
+    annotations = (_ANNOTATIONS.format(vehicle=vehicle) for vehicle in _checked(vehicles))
+    return ''.join([*annotations, *_of_each_pair(_DISTANCE_ANNOTATION, vehicles)])
 
 
 def fleet_ontology(vehicles: Sequence[str]) -> str:
-    """The ontology of a fleet, as N-Triples: every vehicle is a UAV.
+    """Return the ontology of a fleet as N-Triples: every vehicle is a UAV.
 
     Raises:
-        BringupError: for a name that cannot stand in a formula, or stands twice.
+        BringupError: for a name that cannot be used in a formula, or a duplicate.
     """
-    _check_names(vehicles)
-    return ''.join(f'{triple} .\n' for triple in _triples(vehicles))
+    triples = (_VEHICLE_TRIPLES.format(vehicle=vehicle) for vehicle in _checked(vehicles))
+    return ''.join([_ONTOLOGY_TRIPLES, *triples])
 
 
-def _power(vehicle: str) -> str:
-    return (
-        _select(f'{vehicle}_battery', 'voltage, current', vehicle, Channel.BATTERY)
-        + f'stream {vehicle}_power = electrical_power({vehicle}_battery);\n'
-        + f'sink {vehicle}_power;\n'
-    )
+def _of_each_pair(template: str, vehicles: Sequence[str]) -> list[str]:
+    return [template.format(one=one, other=other) for one, other in combinations(vehicles, 2)]
 
 
-def _altitude(vehicle: str) -> str:
-    fields = 'pose.pose.position.z as altitude'
-    return (
-        _select(f'{vehicle}_altitude', fields, vehicle, Channel.ODOMETRY)
-        + f'sink {vehicle}_altitude;\n'
-    )
-
-
-def _speed(vehicle: str) -> str:
-    fields = ', '.join(f'twist.twist.linear.{axis} as {axis}' for axis in 'xyz')
-    return (
-        _select(f'{vehicle}_velocity', fields, vehicle, Channel.ODOMETRY)
-        + f'stream {vehicle}_speed = magnitude({vehicle}_velocity);\n'
-        + f'sink {vehicle}_speed;\n'
-    )
-
-
-def _position(vehicle: str) -> str:
-    fields = ', '.join(f'pose.pose.position.{axis} as {axis}' for axis in 'xy')
-    return (
-        _select(f'{vehicle}_position', fields, vehicle, Channel.ODOMETRY)
-        + f'sink {vehicle}_position;\n'
-    )
-
-
-def _distance(one: str, other: str) -> str:
-    name = f'{one}_{other}_distance'
-    return f'stream {name} = distance({one}_position, {other}_position);\nsink {name};\n'
-
-
-def _select(stream: str, fields: str, vehicle: str, channel: Channel) -> str:
-    clauses = (
-        f'stream {stream} = select {fields}',
-        f'from "{topic(vehicle, channel)}"',
-        f'with {_CONSTRAINTS[channel]};\n',
-    )
-    return '\n  '.join(clauses)
-
-
-def _annotations(vehicles: Sequence[str]) -> Iterator[str]:
-    for vehicle in vehicles:
-        for feature in ('power', 'altitude', 'speed'):
-            ground_feature = f'{feature.capitalize()}[{vehicle}]'
-            yield f'stream {vehicle}_{feature} contains {ground_feature} = {feature}'
-        yield f'stream {vehicle}_position contains East[{vehicle}] = x, North[{vehicle}] = y'
-    for one, other in combinations(vehicles, 2):
-        there, back = f'XYDist[{one}, {other}]', f'XYDist[{other}, {one}]'
-        yield f'stream {one}_{other}_distance contains {there} = distance, {back} = distance'
-
-
-def _triples(vehicles: Sequence[str]) -> Iterator[str]:
-    is_a = '<http://www.w3.org/1999/02/22-rdf-syntax-ns#type>'
-    owl = 'http://www.w3.org/2002/07/owl'
-    yield f'<{FLEET_ONTOLOGY}> {is_a} <{owl}#Ontology>'
-    yield f'<{FLEET_ONTOLOGY}> <{owl}#imports> <{UAV_ONTOLOGY}>'
-    for vehicle in vehicles:
-        yield f'<{FLEET_ONTOLOGY}#{vehicle}> {is_a} <{owl}#NamedIndividual>'
-        yield f'<{FLEET_ONTOLOGY}#{vehicle}> {is_a} <{UAV_ONTOLOGY}#UAV>'
-
-
-def _check_names(vehicles: Sequence[str]) -> None:
+def _checked(vehicles: Sequence[str]) -> Sequence[str]:
     for vehicle in vehicles:
         if not _NAME.fullmatch(vehicle):
             raise BringupError(
@@ -154,3 +144,4 @@ def _check_names(vehicles: Sequence[str]) -> None:
             )
         if vehicles.count(vehicle) > 1:
             raise BringupError(f"two vehicles are called '{vehicle}'; names must differ")
+    return vehicles

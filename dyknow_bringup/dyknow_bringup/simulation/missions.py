@@ -11,12 +11,12 @@ from dyknow_coordinator import Holds, Plan, PlanAction, PlanFormula
 
 @dataclass(frozen=True, slots=True)
 class Task:
-    """An action as it is executed.
+    """The execution of an action.
 
     Args:
-        action: its name.
-        goal: a formula; when it is true, the action has succeeded.
-        within: nanoseconds; when the goal is not reached by then, the action has failed.
+        action: the name of the action.
+        goal: a formula; the action succeeds when it is true.
+        within: nanoseconds after which the action fails.
     """
 
     action: str
@@ -26,21 +26,21 @@ class Task:
 
 @dataclass(frozen=True, slots=True)
 class Mission:
-    """A plan to be monitored, and the tasks of its execution, one after the other."""
+    """A plan to be monitored, and the tasks of its execution in their order."""
 
     plan: Plan
     tasks: tuple[Task, ...]
 
 
 def load_mission(path: Path) -> Mission:
-    """The mission of a YAML file.
+    """Return the mission of a YAML file.
 
     Raises:
-        BringupError: for a file that is no mission; the message names the key and the mend.
+        BringupError: if the file is not a mission; the message names the key and the correction.
     """
-    entries = read_document(path).record(('name', 'actions'), ('formulas',))
+    entries = read_document(path).record(('name', 'actions'), {'formulas': []})
     actions = [
-        action.record(('name', 'goal', 'within'), ('formulas',))
+        action.record(('name', 'goal', 'within'), {'formulas': []})
         for action in entries['actions'].items()
     ]
     plan = Plan(
@@ -56,22 +56,15 @@ def load_mission(path: Path) -> Mission:
 
 
 def _formulas(entries: dict[str, YamlEntry]) -> tuple[PlanFormula, ...]:
-    return (
-        tuple(_formula(entry) for entry in entries['formulas'].items())
-        if 'formulas' in entries
-        else ()
-    )
+    return tuple(_formula(entry) for entry in entries['formulas'].items())
 
 
 def _formula(entry: YamlEntry) -> PlanFormula:
-    entries = entry.record(('name', 'formula'), ('holds',))
-    holds = _holds(entries['holds']) if 'holds' in entries else Holds.WHILE_EXECUTING
-    return PlanFormula(entries['name'].text(), entries['formula'].text(), holds)
-
-
-def _holds(entry: YamlEntry) -> Holds:
     known = {each.name.lower(): each for each in Holds}
-    name = entry.text()
-    if name not in known:
-        raise entry.error(f"a formula cannot hold '{name}'; write one of {', '.join(known)}")
-    return known[name]
+    entries = entry.record(('name', 'formula'), {'holds': Holds.WHILE_EXECUTING.name.lower()})
+    holds = entries['holds'].text()
+    if holds not in known:
+        raise entries['holds'].error(
+            f"a formula cannot hold '{holds}'; write one of {', '.join(known)}"
+        )
+    return PlanFormula(entries['name'].text(), entries['formula'].text(), known[holds])

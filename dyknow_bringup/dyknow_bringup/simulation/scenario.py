@@ -1,4 +1,4 @@
-"""Scenarios: what a fleet does, what befalls it, and how the formulas must end."""
+"""Scenarios: flights of a fleet, disturbances, and the expected outcomes of formulas."""
 
 from __future__ import annotations
 
@@ -13,74 +13,68 @@ from dyknow_bringup.document import Point, YamlEntry, read_document
 from dyknow_bringup.errors import BringupError
 from dyknow_bringup.simulation.telemetry import Channel
 from dyknow_bringup.simulation.vehicle import FlightPlan, Vector, Waypoint
-from dyknow_common import NANOSECONDS, ExitCode
+from dyknow_common import NANOSECONDS, ExitCode, Verdict
 
 LANE_WIDTH: Final = 20.0
-"""Between the lanes of neighbours, in m; lanes run east."""
+"""Distance between neighbouring lanes, in m; lanes run east."""
+
+UNDECIDED: Final = Verdict.UNDECIDED.name.lower()
+"""The outcome of a formula without an answer."""
 
 OUTCOMES: Final = (
-    'true',
-    'false',
-    'undecided',
+    Verdict.TRUE.name.lower(),
+    Verdict.FALSE.name.lower(),
+    UNDECIDED,
     *(code.name for code in ExitCode if code is not ExitCode.SUCCESS),
 )
-"""How the evaluation of a formula may end: with a verdict, or with the name of an exit status."""
+"""Outcomes of a formula: the verdicts, and the names of exit codes."""
 
-GUST_RISE: Final = 500 * NANOSECONDS['ms']
-"""How long a gust takes to rise and to fall, in nanoseconds."""
+GUST_RISE_NS: Final = 500 * NANOSECONDS['ms']
+"""Time that a gust takes to rise and to fall."""
 
 
 @dataclass(frozen=True, slots=True)
-class Gust:
-    """Wind around one vehicle; it rises after the beginning and falls before the end.
+class Disturbance:
+    """A disturbance of one vehicle.
 
     Args:
         vehicle: its name.
-        begin: after the start of the simulation, in nanoseconds.
-        end: after the start of the simulation, in nanoseconds.
-        wind: the velocity of the air at its strongest, in m/s.
+        begin: nanoseconds after the start of the simulation.
+        end: nanoseconds after the start of the simulation, exclusive.
     """
 
     vehicle: str
     begin: int
     end: int
+
+
+@dataclass(frozen=True, slots=True)
+class Gust(Disturbance):
+    """Wind that rises after its beginning and falls before its end, to `wind` m/s at most."""
+
     wind: Point
 
     def wind_at(self, elapsed: int) -> Vector:
-        """The velocity of the air, in m/s.
-
-        Args:
-            elapsed: the time since the start of the simulation, in nanoseconds.
-        """
+        """Return the velocity of the air in m/s, given nanoseconds after the start."""
         within = min(elapsed - self.begin, self.end - elapsed)
-        return np.array(self.wind) * min(1.0, max(0.0, within / GUST_RISE))
+        return np.array(self.wind) * min(1.0, max(0.0, within / GUST_RISE_NS))
 
 
 @dataclass(frozen=True, slots=True)
-class TelemetryLoss:
-    """A time in which one channel of a vehicle is silent.
+class TelemetryLoss(Disturbance):
+    """Loss of all messages of a channel with a stamp in an interval."""
 
-    Args:
-        vehicle: its name.
-        channel: what is lost.
-        begin: of the first stamp that is lost, after the start of the simulation, in nanoseconds.
-        end: of the first stamp that gets through again, likewise.
-    """
-
-    vehicle: str
     channel: Channel
-    begin: int
-    end: int
 
 
 @dataclass(frozen=True, slots=True)
 class Expectation:
-    """How the evaluation of a formula must end.
+    """The expected outcome of a formula.
 
     Args:
         outcome: one of `OUTCOMES`.
-        decided_between: the earliest and the latest time after the start of the simulation at
-            which that is known, in nanoseconds; none for `undecided`.
+        decided_between: the earliest and the latest time of the outcome, in nanoseconds after the
+            start of the simulation; None for `undecided`.
     """
 
     outcome: str
@@ -89,17 +83,17 @@ class Expectation:
 
 @dataclass(frozen=True, slots=True)
 class Scenario:
-    """What a fleet does and what befalls it.
+    """A flight of a fleet with disturbances.
 
     Args:
         name: of its file, without the suffix.
         description: for people.
         duration: in nanoseconds.
         seed: of all noise.
-        plans: of the vehicles that do something special; the others keep to their lanes.
+        plans: of some vehicles; the others fly along their lanes.
         gusts: of wind.
-        telemetry_losses: what is not heard.
-        expected: how each formula must end, by its name.
+        telemetry_losses: lost messages.
+        expected: the outcomes of formulas, by their names.
     """
 
     name: str
@@ -113,16 +107,15 @@ class Scenario:
 
     @property
     def vehicles(self) -> frozenset[str]:
-        """The vehicles that the scenario cannot do without."""
-        blown = {gust.vehicle for gust in self.gusts}
-        unheard = {loss.vehicle for loss in self.telemetry_losses}
-        return frozenset(self.plans) | blown | unheard
+        """Vehicles that the scenario needs."""
+        disturbed = {each.vehicle for each in (*self.gusts, *self.telemetry_losses)}
+        return frozenset(self.plans) | disturbed
 
     def check_fleet(self, vehicles: Sequence[str]) -> None:
-        """See that a fleet can fly the scenario.
+        """Check that a fleet can fly the scenario.
 
         Raises:
-            BringupError: naming the vehicles that are missing.
+            BringupError: if vehicles are missing.
         """
         missing = sorted(self.vehicles - set(vehicles))
         if missing:
@@ -132,56 +125,48 @@ class Scenario:
             )
 
     def plan(self, vehicle: str, lane: int) -> FlightPlan:
-        """What a vehicle flies: its own plan, or else a climb and a leg along its lane.
+        """Return the plan of a vehicle: its own, or else a climb and a leg along its lane.
 
-        Args:
-            vehicle: its name.
-            lane: the number of its lane, from 0.
+        The plan of lane 0, 1, ... climbs to 10 m and flies 40 m east, clear of all other lanes.
         """
-        return self.plans.get(vehicle) or lane_plan(lane)
+        north = LANE_WIDTH * lane
+        climb = Waypoint((0.0, north, 10.0), speed=1.0)
+        leg = Waypoint((40.0, north, 10.0), speed=4.0)
+        return self.plans.get(vehicle) or FlightPlan((0.0, north, 0.0), (climb, leg))
 
-    def gusts_on(self, vehicle: str) -> tuple[Gust, ...]:
-        """The gusts on a vehicle."""
-        return tuple(gust for gust in self.gusts if gust.vehicle == vehicle)
+    def wind(self, vehicle: str, elapsed: int) -> Vector:
+        """Return the wind around a vehicle in m/s, given nanoseconds after the start."""
+        gusts = (gust.wind_at(elapsed) for gust in self.gusts if gust.vehicle == vehicle)
+        return sum(gusts, np.zeros(3))
 
     def is_lost(self, vehicle: str, channel: Channel, elapsed: int) -> bool:
-        """Whether a message with a stamp so long after the start, in nanoseconds, is lost."""
+        """Return True if a message is lost whose stamp is `elapsed` nanoseconds after the start."""
         return any(
             loss.vehicle == vehicle and loss.channel == channel and loss.begin <= elapsed < loss.end
             for loss in self.telemetry_losses
         )
 
 
-def lane_plan(lane: int) -> FlightPlan:
-    """Climb to 10 m and fly 40 m east, clear of all other lanes."""
-    north = LANE_WIDTH * lane
-    climb = Waypoint((0.0, north, 10.0), speed=1.0)
-    leg = Waypoint((40.0, north, 10.0), speed=4.0)
-    return FlightPlan((0.0, north, 0.0), (climb, leg))
-
-
 def load_scenario(path: Path) -> Scenario:
-    """The scenario of a YAML file.
+    """Return the scenario of a YAML file.
 
     Raises:
-        BringupError: for a file that is no scenario; the message names the key and the mend.
+        BringupError: if the file is not a scenario; the message names the key and the correction.
     """
     entries = read_document(path).record(
         required=('description', 'duration', 'seed', 'expected'),
-        optional=('vehicles', 'gusts', 'telemetry_losses'),
+        optional={'vehicles': {}, 'gusts': [], 'telemetry_losses': []},
     )
-    empty: Mapping[str, YamlEntry] = {}
-    plans = entries['vehicles'].mapping() if 'vehicles' in entries else empty
-    gusts = entries['gusts'].items() if 'gusts' in entries else ()
-    losses = entries['telemetry_losses'].items() if 'telemetry_losses' in entries else ()
     return Scenario(
         name=path.stem,
         description=' '.join(entries['description'].text().split()),
         duration=entries['duration'].duration(),
         seed=entries['seed'].whole_number(),
-        plans={name: _plan(entry) for name, entry in plans.items()},
-        gusts=tuple(_gust(entry) for entry in gusts),
-        telemetry_losses=tuple(_telemetry_loss(entry) for entry in losses),
+        plans={name: _plan(entry) for name, entry in entries['vehicles'].mapping().items()},
+        gusts=tuple(_gust(entry) for entry in entries['gusts'].items()),
+        telemetry_losses=tuple(
+            _telemetry_loss(entry) for entry in entries['telemetry_losses'].items()
+        ),
         expected={
             name: _expectation(entry) for name, entry in entries['expected'].mapping().items()
         },
@@ -211,34 +196,25 @@ def _gust(entry: YamlEntry) -> Gust:
 def _telemetry_loss(entry: YamlEntry) -> TelemetryLoss:
     entries = entry.record(('vehicle', 'channel', 'between'))
     begin, end = entries['between'].interval()
-    return TelemetryLoss(entries['vehicle'].text(), _channel(entries['channel']), begin, end)
-
-
-def _channel(entry: YamlEntry) -> Channel:
-    try:
-        return Channel(entry.text())
-    except ValueError:
-        raise entry.error(
-            f'no channel {entry.value!r}; the channels are {", ".join(Channel)}'
-        ) from None
+    channel = entries['channel']
+    if channel.text() not in tuple(Channel):
+        raise channel.error(f'no channel {channel.value!r}; the channels are {", ".join(Channel)}')
+    return TelemetryLoss(entries['vehicle'].text(), begin, end, Channel(channel.text()))
 
 
 def _expectation(entry: YamlEntry) -> Expectation:
-    entries = entry.record(('outcome',), ('decided_between',))
-    outcome = _outcome(entries['outcome'])
-    if outcome == 'undecided':
-        if 'decided_between' in entries:
-            raise entry.error("leave out 'decided_between', for nothing is decided")
+    entries = entry.record(('outcome',), {'decided_between': None})
+    outcome = entries['outcome'].value
+    if isinstance(outcome, bool):  # In YAML, a bare true or false is a boolean.
+        outcome = str(outcome).lower()
+    if outcome not in OUTCOMES:
+        raise entries['outcome'].error(
+            f'no outcome {outcome!r}; write one of {", ".join(OUTCOMES)}'
+        )
+    if outcome == UNDECIDED:
+        if 'decided_between' in entry.value:
+            raise entry.error("leave out 'decided_between': nothing is decided")
         return Expectation(outcome, None)
-    if 'decided_between' not in entries:
+    if 'decided_between' not in entry.value:
         raise entry.error("add the key 'decided_between'")
     return Expectation(outcome, entries['decided_between'].interval())
-
-
-def _outcome(entry: YamlEntry) -> str:
-    # A bare true or false is a boolean to YAML.
-    value = entry.value
-    outcome = str(value).lower() if isinstance(value, bool) else value
-    if outcome not in OUTCOMES:
-        raise entry.error(f'no outcome {value!r}; write one of {", ".join(OUTCOMES)}')
-    return str(outcome)

@@ -1,4 +1,4 @@
-"""The simulation of a fleet: the same telemetry for the same seed, live or recorded."""
+"""Simulation of a fleet: the same telemetry for the same seed, live or recorded."""
 
 from __future__ import annotations
 
@@ -9,24 +9,22 @@ from typing import Final
 import numpy as np
 
 from dyknow_bringup.simulation.scenario import Scenario
-from dyknow_bringup.simulation.telemetry import TRANSPORT, Channel, Sensors, Telemetry
-from dyknow_bringup.simulation.vehicle import Vector, Vehicle
+from dyknow_bringup.simulation.telemetry import TRANSPORT, Sensors, Telemetry
+from dyknow_bringup.simulation.vehicle import Vehicle
 from dyknow_common import NANOSECONDS, SECOND_NS
 
-STEP: Final = 25 * NANOSECONDS['ms']
-"""The fixed step of the physics in nanoseconds; every period of telemetry is a multiple of it."""
-
-_STEP_SECONDS = STEP / SECOND_NS
+STEP_NS: Final = 25 * NANOSECONDS['ms']
+"""The step of the physics; every period of telemetry is a multiple of it."""
 
 
 class Simulation:
     """A fleet that flies a scenario.
 
-    The telemetry depends on the scenario, the vehicles and the start only, not on when it is
-    asked for; a vehicle's noise does not depend on how many others there are.
+    The telemetry depends on the scenario, the vehicles and the start only, not on the calls of
+    `until`. The noise of a vehicle does not depend on the number of vehicles.
 
     Args:
-        scenario: what happens.
+        scenario: flights and disturbances.
         vehicles: the names of the vehicles, in the order of their lanes.
         start: the time of the first stamp, in nanoseconds.
 
@@ -51,12 +49,12 @@ class Simulation:
         self._measure()
 
     def until(self, time: int) -> Iterator[Telemetry]:
-        """The messages delivered since the last call, up to and including a time, in order.
+        """Yield the messages delivered since the last call, up to and including a time, in order.
 
         Args:
             time: in nanoseconds.
         """
-        while self._start + self._elapsed + STEP <= time:
+        while self._start + self._elapsed + STEP_NS <= time:
             yield from self._delivered(self._start + self._elapsed)
             self._step()
         yield from self._delivered(time)
@@ -67,22 +65,16 @@ class Simulation:
 
     def _step(self) -> None:
         for name, vehicle in self._vehicles.items():
-            vehicle.step(_STEP_SECONDS, self._wind(name))
-        self._elapsed += STEP
+            vehicle.step(STEP_NS / SECOND_NS, self._scenario.wind(name, self._elapsed))
+        self._elapsed += STEP_NS
         self._measure()
-
-    def _wind(self, vehicle: str) -> Vector:
-        winds = [gust.wind_at(self._elapsed) for gust in self._scenario.gusts_on(vehicle)]
-        return np.sum(winds, axis=0) if winds else np.zeros(3)
 
     def _measure(self) -> None:
         for channel, transport in TRANSPORT.items():
             if self._elapsed % transport.period == 0:
                 for name, sensors in self._sensors.items():
+                    # Lost messages are measured too, so that they do not change the noise.
                     message = sensors.measure(channel, self._start + self._elapsed)
-                    self._send(name, channel, message)
-
-    def _send(self, vehicle: str, channel: Channel, message: Telemetry) -> None:
-        if not self._scenario.is_lost(vehicle, channel, self._elapsed):
-            self._sent += 1
-            heappush(self._under_way, (message.delivery_time, self._sent, message))
+                    if not self._scenario.is_lost(name, channel, self._elapsed):
+                        self._sent += 1
+                        heappush(self._under_way, (message.delivery_time, self._sent, message))

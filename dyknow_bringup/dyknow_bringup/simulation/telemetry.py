@@ -1,10 +1,10 @@
-"""What a vehicle reports, as it leaves its sensors and as it reaches its receivers."""
+"""Telemetry of a vehicle, with the noise of its sensors and the delays of its radio link."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import StrEnum
-from typing import Final
+from typing import ClassVar, Final
 
 import numpy as np
 
@@ -25,7 +25,7 @@ CURRENT_NOISE: Final = 0.05
 
 
 class Channel(StrEnum):
-    """What a vehicle publishes; the value is the topic within the vehicle's namespace."""
+    """A topic of a vehicle; the value is its name within the vehicle's namespace."""
 
     ODOMETRY = 'odometry'
     BATTERY = 'battery'
@@ -33,13 +33,13 @@ class Channel(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Transport:
-    """How the messages of a channel travel; all in nanoseconds.
+    """Periods and delays of the messages of a channel, in nanoseconds.
 
     Args:
         period: between the stamps of consecutive messages.
         delay: from the stamp to the earliest delivery.
-        jitter: from the earliest to the latest delivery. It is less than the period, so that
-            messages arrive in order.
+        jitter: from the earliest to the latest delivery; less than the period, so that messages
+            arrive in order.
     """
 
     period: int
@@ -55,73 +55,66 @@ TRANSPORT: Final = {
 
 
 @dataclass(frozen=True, slots=True)
-class Odometry:
-    """Where a vehicle is and how it moves, in the map frame (east, north, up).
+class Measurement:
+    """A message of a vehicle.
 
     Args:
         vehicle: its name.
-        stamp: when this held, in nanoseconds.
-        delivery_time: when a receiver has it, in nanoseconds.
-        position: in m.
-        velocity: in m/s.
-        yaw: the heading in rad, counter-clockwise from east.
+        stamp: the time of the measurement, in nanoseconds.
+        delivery_time: the time of receipt, in nanoseconds.
     """
 
     vehicle: str
     stamp: int
     delivery_time: int
+
+
+@dataclass(frozen=True, slots=True)
+class Odometry(Measurement):
+    """Position in m and velocity in m/s of a vehicle in the map frame (east, north, up).
+
+    The yaw is the heading in rad, counter-clockwise from east.
+    """
+
+    channel: ClassVar = Channel.ODOMETRY
+
     position: Point
     velocity: Point
     yaw: float
 
-    @property
-    def channel(self) -> Channel:
-        """The channel that carries it."""
-        return Channel.ODOMETRY
-
 
 @dataclass(frozen=True, slots=True)
-class Battery:
-    """How the battery of a vehicle is, by the conventions of sensor_msgs/BatteryState.
+class Battery(Measurement):
+    """State of the battery of a vehicle, with the conventions of sensor_msgs/BatteryState.
 
     Args:
-        vehicle: its name.
-        stamp: when this held, in nanoseconds.
-        delivery_time: when a receiver has it, in nanoseconds.
         voltage: in V.
         current: in A, negative while discharging.
         percentage: the charge, from 0 to 1.
     """
 
-    vehicle: str
-    stamp: int
-    delivery_time: int
+    channel: ClassVar = Channel.BATTERY
+
     voltage: float
     current: float
     percentage: float
 
-    @property
-    def channel(self) -> Channel:
-        """The channel that carries it."""
-        return Channel.BATTERY
-
 
 Telemetry = Odometry | Battery
-"""A message of a vehicle."""
 
 
 def topic(vehicle: str, channel: Channel) -> str:
-    """The topic of a vehicle's channel, relative to the namespace of the fleet."""
+    """Return the topic of a vehicle's channel, relative to the namespace of the fleet."""
     return f'{vehicle}/{channel}'
 
 
 class Sensors:
-    """The sensors of a vehicle and its radio link, with their noise.
+    """Sensors and radio link of a vehicle.
 
     Args:
         name: of the vehicle.
         vehicle: its true state.
-        noise: the source of all randomness.
+        noise: the random generator.
     """
 
     def __init__(self, name: str, vehicle: Vehicle, noise: np.random.Generator) -> None:
@@ -130,37 +123,31 @@ class Sensors:
         self._noise = noise
 
     def measure(self, channel: Channel, stamp: int) -> Telemetry:
-        """What the sensors of a channel say about the present state.
+        """Return a measurement of the present state.
 
         Args:
-            channel: which sensors.
-            stamp: the present time in nanoseconds.
+            channel: the channel that carries it.
+            stamp: the present time, nanoseconds.
         """
         transport = TRANSPORT[channel]
         delivery = stamp + transport.delay + int(self._noise.integers(transport.jitter))
         if channel is Channel.ODOMETRY:
-            return self._odometry(stamp, delivery)
-        return self._battery(stamp, delivery)
-
-    def _odometry(self, stamp: int, delivery: int) -> Odometry:
-        position = self._noise.normal(self._vehicle.position, POSITION_NOISE)
-        velocity = self._noise.normal(self._vehicle.velocity, VELOCITY_NOISE)
-        return Odometry(
-            vehicle=self._name,
-            stamp=stamp,
-            delivery_time=delivery,
-            position=tuple(position.tolist()),
-            velocity=tuple(velocity.tolist()),
-            yaw=self._vehicle.yaw,
-        )
-
-    def _battery(self, stamp: int, delivery: int) -> Battery:
+            position = self._noise.normal(self._vehicle.position, POSITION_NOISE)
+            velocity = self._noise.normal(self._vehicle.velocity, VELOCITY_NOISE)
+            return Odometry(
+                self._name,
+                stamp,
+                delivery,
+                tuple(position.tolist()),
+                tuple(velocity.tolist()),
+                self._vehicle.yaw,
+            )
         percentage = self._vehicle.percentage
         voltage, current = battery_load(percentage, self._vehicle.power)
         return Battery(
-            vehicle=self._name,
-            stamp=stamp,
-            delivery_time=delivery,
+            self._name,
+            stamp,
+            delivery,
             voltage=float(self._noise.normal(voltage, VOLTAGE_NOISE)),
             current=-float(self._noise.normal(current, CURRENT_NOISE)),
             percentage=percentage,

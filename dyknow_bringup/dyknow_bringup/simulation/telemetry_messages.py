@@ -1,4 +1,4 @@
-"""ROS messages of telemetry, for whoever has message classes: rclpy when live, rosbags offline."""
+"""ROS messages of telemetry, made with the message classes of rclpy or of rosbags."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from typing import Any, Final
 import numpy as np
 
 from dyknow_bringup.simulation.telemetry import Battery, Channel, Odometry, Telemetry
+from dyknow_bringup.simulation.vehicle import CAPACITY
 from dyknow_common import SECOND_NS
 
 MessageClass = Callable[..., Any]
@@ -17,21 +18,20 @@ MESSAGE_TYPES: Final = {
     Channel.ODOMETRY: 'nav_msgs/msg/Odometry',
     Channel.BATTERY: 'sensor_msgs/msg/BatteryState',
 }
-"""The type of a channel's messages."""
+"""The message type of each channel."""
 
 _DISCHARGING = 2
 _GOOD = 1
 _LITHIUM_POLYMER = 3
-_CAPACITY = 5.0
 _UNKNOWN = math.nan
 
 
 def ros_message(telemetry: Telemetry, find_class: Callable[[str], MessageClass]) -> Any:
-    """The ROS message for a piece of telemetry.
+    """Return the ROS message for a piece of telemetry.
 
     Args:
-        telemetry: what to say.
-        find_class: the class of a message type such as `nav_msgs/msg/Odometry`.
+        telemetry: the content.
+        find_class: returns the class of a message type such as `nav_msgs/msg/Odometry`.
     """
     if isinstance(telemetry, Odometry):
         return _odometry(telemetry, find_class)
@@ -51,15 +51,19 @@ def _odometry(odometry: Odometry, find_class: Callable[[str], MessageClass]) -> 
     def vector(name: str, x: float, y: float, z: float) -> Any:
         return geometry(name, x=x, y=y, z=z)
 
-    turn = odometry.yaw / 2
+    # nav_msgs/Odometry gives the twist in the child frame: forward, left and up.
+    east, north, up = odometry.velocity
+    cosine, sine = math.cos(odometry.yaw), math.sin(odometry.yaw)
+    forward, left = cosine * east + sine * north, cosine * north - sine * east
+    half = odometry.yaw / 2
     pose = geometry(
         'Pose',
         position=vector('Point', *odometry.position),
-        orientation=geometry('Quaternion', x=0.0, y=0.0, z=math.sin(turn), w=math.cos(turn)),
+        orientation=geometry('Quaternion', x=0.0, y=0.0, z=math.sin(half), w=math.cos(half)),
     )
     twist = geometry(
         'Twist',
-        linear=vector('Vector3', *_body_velocity(odometry)),
+        linear=vector('Vector3', forward, left, up),
         angular=vector('Vector3', 0.0, 0.0, 0.0),
     )
     unknown = np.zeros(36)
@@ -71,13 +75,6 @@ def _odometry(odometry: Odometry, find_class: Callable[[str], MessageClass]) -> 
     )
 
 
-def _body_velocity(odometry: Odometry) -> tuple[float, float, float]:
-    # nav_msgs/Odometry gives the twist in the child frame: forward, left and up.
-    east, north, up = odometry.velocity
-    cosine, sine = math.cos(odometry.yaw), math.sin(odometry.yaw)
-    return cosine * east + sine * north, cosine * north - sine * east, up
-
-
 def _battery_state(battery: Battery, find_class: Callable[[str], MessageClass]) -> Any:
     unmeasured = np.empty(0, dtype=np.float32)
     return find_class(MESSAGE_TYPES[Channel.BATTERY])(
@@ -87,7 +84,7 @@ def _battery_state(battery: Battery, find_class: Callable[[str], MessageClass]) 
         current=battery.current,
         charge=_UNKNOWN,
         capacity=_UNKNOWN,
-        design_capacity=_CAPACITY,
+        design_capacity=CAPACITY / 3600,
         percentage=battery.percentage,
         power_supply_status=_DISCHARGING,
         power_supply_health=_GOOD,

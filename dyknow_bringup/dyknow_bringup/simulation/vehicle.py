@@ -1,4 +1,4 @@
-"""A simulated quadrotor: a point mass that flies along a plan and empties its battery.
+"""A simulated quadrotor: a point mass that flies along a plan and discharges its battery.
 
 Axes are east, north and up (REP-103), units are SI.
 """
@@ -19,7 +19,7 @@ Vector = NDArray[np.float64]
 """Three components, along x, y and z."""
 
 MASS: Final = 2.0
-"""In kg, with the battery."""
+"""In kg, including the battery."""
 ACCELERATION_LIMIT: Final = 3.0
 """In m/s², in any direction."""
 CLIMB_LIMIT: Final = 2.5
@@ -29,7 +29,7 @@ HOVER_POWER: Final = 110.0
 DRAG_POWER: Final = 0.1
 """In W for each (m/s)³ of airspeed."""
 CLIMB_EFFICIENCY: Final = 0.7
-"""The part of the power for climbing that becomes potential energy."""
+"""The ratio of potential energy gained to electrical energy spent."""
 FULL_VOLTAGE: Final = 16.8
 """In V without load: a lithium polymer battery of four cells."""
 EMPTY_VOLTAGE: Final = 14.0
@@ -40,17 +40,17 @@ CAPACITY: Final = 18_000.0
 """Of the battery, in ampere seconds (5 Ah)."""
 
 _GRAVITY = 9.81
-_ARRIVED = 0.2
-_FLYING = 0.5
+_ARRIVAL_DISTANCE = 0.2
+_MIN_YAW_SPEED = 0.5
 
 
 @dataclass(frozen=True, slots=True)
 class Waypoint:
-    """A place to fly to in a straight line, and to stop at.
+    """A point to fly to in a straight line, and to stop at.
 
     Args:
         position: in m.
-        speed: the most on the way, in m/s.
+        speed: the maximum on the way, in m/s.
     """
 
     position: Point
@@ -59,18 +59,14 @@ class Waypoint:
 
 @dataclass(frozen=True, slots=True)
 class FlightPlan:
-    """Where a vehicle starts, at rest, and the waypoints that it visits; it hovers at the last."""
+    """The start of a vehicle at rest, and its waypoints; it hovers at the last one."""
 
     start: Point
     waypoints: tuple[Waypoint, ...]
 
 
 class Vehicle:
-    """The true state of a vehicle.
-
-    Args:
-        plan: what it flies.
-    """
+    """The true state of a vehicle that flies a plan."""
 
     def __init__(self, plan: FlightPlan) -> None:
         self.position: Vector = np.array(plan.start)
@@ -81,25 +77,22 @@ class Vehicle:
         self._waypoints = deque(plan.waypoints)
 
     def step(self, seconds: float, wind: Vector) -> None:
-        """Fly on for a short time.
+        """Simulate a short time.
 
         Args:
-            seconds: how long.
+            seconds: the time.
             wind: the velocity of the air in m/s. The autopilot holds the course against it, which
                 costs power.
         """
-        self._fly(seconds)
+        acceleration = self._wanted_velocity(seconds) - self.velocity
+        self.velocity += _limited(acceleration, ACCELERATION_LIMIT * seconds)
+        self.position += self.velocity * seconds
+        east, north, _ = self.velocity
+        if math.hypot(east, north) > _MIN_YAW_SPEED:
+            self.yaw = math.atan2(north, east)
         self.power = flight_power(self.velocity, wind)
         _, current = battery_load(self.percentage, self.power)
         self.percentage = max(0.0, self.percentage - current * seconds / CAPACITY)
-
-    def _fly(self, seconds: float) -> None:
-        wanted = self._wanted_velocity(seconds)
-        self.velocity += _limited(wanted - self.velocity, ACCELERATION_LIMIT * seconds)
-        self.position += self.velocity * seconds
-        east, north, _ = self.velocity
-        if math.hypot(east, north) > _FLYING:
-            self.yaw = math.atan2(north, east)
 
     def _wanted_velocity(self, seconds: float) -> Vector:
         if not self._waypoints:
@@ -107,10 +100,10 @@ class Vehicle:
         waypoint = self._waypoints[0]
         way = np.array(waypoint.position) - self.position
         distance = float(np.linalg.norm(way))
-        if distance < _ARRIVED and len(self._waypoints) > 1:
+        if distance < _ARRIVAL_DISTANCE and len(self._waypoints) > 1:
             self._waypoints.popleft()
             return self._wanted_velocity(seconds)
-        # The speed from which the vehicle can still stop at the waypoint, with something in hand.
+        # The speed from which the vehicle can still stop at the waypoint, with a margin.
         braking = math.sqrt(ACCELERATION_LIMIT * distance)
         wanted = _limited(way / seconds, min(waypoint.speed, braking))
         climb = abs(float(wanted[2]))
@@ -118,7 +111,7 @@ class Vehicle:
 
 
 def flight_power(velocity: Vector, wind: Vector) -> float:
-    """The electrical power that flying takes, in W: hovering, drag and climbing.
+    """Return the electrical power of a flight, in W: hovering, drag and climbing.
 
     Args:
         velocity: over ground, in m/s.
@@ -130,7 +123,7 @@ def flight_power(velocity: Vector, wind: Vector) -> float:
 
 
 def battery_load(percentage: float, power: float) -> tuple[float, float]:
-    """The voltage in V and the current in A of a battery that delivers a power.
+    """Return the voltage in V and the current in A of a battery that delivers a power.
 
     Args:
         percentage: the charge, from 0 to 1.

@@ -1,0 +1,154 @@
+"""A run of a scenario with the simulation and all nodes of DyKnow; commands monitor it."""
+
+from __future__ import annotations
+
+import tempfile
+from abc import ABC, abstractmethod
+from collections.abc import Callable
+from pathlib import Path
+
+import rclpy
+from diagnostic_msgs.msg import DiagnosticStatus
+from dyknow_interfaces.srv import ListStreams
+from rclpy.executors import SingleThreadedExecutor
+from rich.console import Console
+
+from dyknow_bringup.errors import BringupError
+from dyknow_bringup.processes.launcher import Launcher
+from dyknow_bringup.processes.processes import (
+    dyknow_processes,
+    formula_markers,
+    uav_simulation,
+    write_fleet_configuration,
+)
+from dyknow_bringup.resources import scenario_path, uav_ontology_path
+from dyknow_bringup.ros.command import exit_code
+from dyknow_bringup.simulation.fleet import fleet_specification, vehicle_names
+from dyknow_bringup.simulation.scenario import load_scenario
+from dyknow_common import SECOND_NS, ExitCode
+from dyknow_common.ros import LATCHED, DyKnowNode, RemoteNode
+from dyknow_stream_processing import parse_specification, specifications_by_sink
+
+START_TIMEOUT_S = 30.0
+"""Time that the nodes may take to start."""
+
+
+class ScenarioRun(ABC):
+    """A run of a scenario; a subclass monitors it.
+
+    Args:
+        scenario: the name of a shipped scenario, or the path of a YAML file.
+        vehicles: the number of vehicles.
+        launcher: starts the processes.
+        folder: for the configuration of the fleet.
+        markers: True to show formulas in three-dimensional views.
+
+    Raises:
+        BringupError: if there is no such scenario, or if the fleet cannot fly it.
+    """
+
+    def __init__(
+        self, scenario: str, vehicles: int, launcher: Launcher, folder: Path, *, markers: bool
+    ) -> None:
+        path = scenario_path(scenario)
+        self._scenario = load_scenario(path)
+        names = vehicle_names(vehicles)
+        self._scenario.check_fleet(names)
+        self._fleet_streams = specifications_by_sink(
+            parse_specification(fleet_specification(names))
+        )
+        self._simulation = uav_simulation(path, vehicles)
+        self._launcher = launcher
+        configuration = write_fleet_configuration(names, uav_ontology_path(), folder)
+        self._processes = list(dyknow_processes(configuration))
+        if markers:
+            self._processes.append(formula_markers())
+        self._console = Console()
+        self._start = 0
+
+    def run(self) -> bool:
+        """Run the scenario; return True if it ended as it should."""
+        self._launcher.start_all(self._processes)
+        self._node = DyKnowNode('uav_demo')
+        self._executor = SingleThreadedExecutor()
+        self._executor.add_node(self._node)
+        try:
+            self._console.print(f'[bold]{self._scenario.name}[/]: {self._scenario.description}')
+            coordinator = RemoteNode(self._node, 'stream_reasoning_coordinator')
+            manager = RemoteNode(self._node, 'stream_manager', patience=START_TIMEOUT_S)
+            with self._console.status('starting the nodes of DyKnow'):
+                self._wait_for(lambda: coordinator.is_running, 'the coordinator')
+                self._wait_for(lambda: self._has_streams(manager), 'the streams of the fleet')
+            return self._monitor()
+        finally:
+            self._executor.shutdown()
+            self._node.destroy_node()
+
+    @abstractmethod
+    def _monitor(self) -> bool:
+        """Start the simulation and monitor it; return True if it ended as it should."""
+
+    def _start_simulation(self) -> None:
+        """Start the simulation and wait until it has a start time."""
+        self._node.create_subscription(
+            DiagnosticStatus, 'uav_simulation/status', self._on_status, LATCHED
+        )
+        self._launcher.start(self._simulation)
+        with self._console.status('starting the simulation'):
+            self._wait_for(lambda: self._start > 0, 'the simulation')
+
+    def _on_status(self, status: DiagnosticStatus) -> None:
+        for entry in status.values:
+            if entry.key == 'start_time':
+                self._start = int(entry.value)
+
+    def _has_streams(self, manager: RemoteNode) -> bool:
+        listing = self._executor.create_task(manager.call, ListStreams)
+        self._wait_for(listing.done, 'the stream manager')
+        return set(listing.result().stream_names) >= set(self._fleet_streams)
+
+    def _wait_for(self, condition: Callable[[], bool], description: str) -> None:
+        """Spin until a condition holds, for START_TIMEOUT_S at most."""
+        end = self._node.now() + round(START_TIMEOUT_S * SECOND_NS)
+        while not condition():
+            self._spin()
+            if self._node.now() > end:
+                raise BringupError(
+                    f'{description} did not come up within {START_TIMEOUT_S:g} s', ExitCode.TIMEOUT
+                )
+
+    def _spin(self) -> None:
+        self._executor.spin_once(timeout_sec=0.05)
+        self._launcher.check_running()
+
+
+def run_scenario(
+    command: str,
+    make_run: Callable[[Launcher, Path], ScenarioRun],
+    log_level: str,
+    logs: Path | None = None,
+) -> int:
+    """Run a scenario and return the exit code of the command: 0 if it ended as it should.
+
+    Args:
+        command: its name.
+        make_run: returns the run, given a launcher and a folder for its files.
+        log_level: of the nodes.
+        logs: the folder for the logs of the nodes; None for a temporary one.
+    """
+
+    def work() -> int:
+        with (
+            tempfile.TemporaryDirectory(prefix=f'{command}_') as temporary,
+            Launcher(logs or Path(temporary), log_level=log_level) as launcher,
+        ):
+            run = make_run(launcher, Path(temporary))
+            rclpy.init()
+            return 0 if run.run() else 1
+
+    if logs is not None:
+        logs.mkdir(parents=True, exist_ok=True)
+    try:
+        return exit_code(command, work, on_error=1)
+    finally:
+        rclpy.try_shutdown()
