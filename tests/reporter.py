@@ -42,7 +42,7 @@ class Reporter:
     def tell(self, *statuses: EvaluationStatus) -> None:
         """Has other evaluations from now on."""
         self.statuses = list(statuses)
-        self.report.changed()
+        self.report.publish_soon()
 
     def until(self, condition: Callable[[], bool], what: str) -> None:
         """Runs the node and the client until a condition holds."""

@@ -162,7 +162,7 @@ def test_a_new_vehicle(
     result = following.result()
     assert result.verdict == FALSE, result
     assert 'Power[uav3] = 24' in result.explanation
-    assert any('begins anew' in event and 'uav3' in event for event in following.events)
+    assert any('restarted' in event and 'uav3' in event for event in following.events)
     # The next evaluation sees it, too.
     answer = system.evaluate(formula)
     assert answer.verdict == FALSE, answer

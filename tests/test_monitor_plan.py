@@ -68,7 +68,7 @@ class Asker:
         return monitor.outcome.result()  # type: ignore[no-any-return]
 
     def _note(self, verdict: PlanVerdict) -> None:
-        self.phases.setdefault(verdict.place, []).append(verdict.phase)
+        self.phases.setdefault(verdict.position, []).append(verdict.phase)
 
 
 @pytest.fixture
@@ -101,7 +101,7 @@ def test_formulas_run_when_it_is_their_time(asker: Asker) -> None:
     outcome = asker.outcome(monitor)
     assert outcome.error is None
     assert outcome.violations == ()
-    assert [verdict.place for verdict in outcome.verdicts] == list(plan.places)
+    assert [verdict.position for verdict in outcome.verdicts] == list(plan.formulas_by_position)
     assert {verdict.phase for verdict in outcome.verdicts} == {WITHDRAWN}
     assert all(phases == [RUNNING, WITHDRAWN] for phases in asker.phases.values())
 
@@ -119,12 +119,12 @@ def test_a_violated_formula_is_told_with_its_action(asker: Asker, batteries: Bat
     asker.report(monitor.failed, 'land')
     outcome = asker.outcome(monitor)
     (violation,) = outcome.violations
-    assert violation.place == FormulaPosition('climb', 'calm')
+    assert violation.position == FormulaPosition('climb', 'calm')
     assert violation.verdict is Verdict.FALSE
     assert violation.formula == 'forall u in UAV: (always (Power[u] < 150))'
     assert 'Power[uav2] = 24' in violation.explanation
     assert violation.decided_at is not None
-    verdicts = {verdict.place: verdict for verdict in outcome.verdicts}
+    verdicts = {verdict.position: verdict for verdict in outcome.verdicts}
     assert verdicts[FormulaPosition('climb', 'soon')].verdict is Verdict.TRUE
     assert verdicts[FormulaPosition('land', 'calm')].phase is PENDING
 

@@ -1,23 +1,10 @@
-"""Grounding formulas, running their evaluations and answering."""
+"""Coordination: ground formulas, run their evaluations and report the answers."""
 
 from dyknow_coordinator.errors import CoordinationError
 from dyknow_coordinator.evaluation.answer import Answer, Progress
-from dyknow_coordinator.evaluation.evaluation import Evaluation, EvaluationOutcome, EvaluationPhase
+from dyknow_coordinator.evaluation.evaluation import Evaluation, EvaluationPhase
 from dyknow_coordinator.evaluation.request import EvaluationRequest
-from dyknow_coordinator.grounding.ground import SymbolGrounding
-from dyknow_coordinator.grounding.grounding import (
-    Candidates,
-    FeatureSource,
-    Grounding,
-    check_grounding,
-    concept_of,
-    features,
-    only_field,
-    referenced,
-    sorts,
-    sources,
-    state_specification,
-)
+from dyknow_coordinator.grounding.feature_sources import Grounding, SymbolGrounding
 from dyknow_coordinator.plans.plan import (
     Event,
     FormulaPosition,
@@ -42,16 +29,13 @@ from dyknow_coordinator.reporting.evaluation_status import (
 
 __all__ = [
     'Answer',
-    'Candidates',
     'CoordinationError',
     'Diagnosis',
     'Evaluation',
-    'EvaluationOutcome',
     'EvaluationPhase',
     'EvaluationRequest',
     'EvaluationStatus',
     'Event',
-    'FeatureSource',
     'FormulaPosition',
     'Grounding',
     'Holds',
@@ -66,15 +50,7 @@ __all__ = [
     'Progress',
     'Step',
     'SymbolGrounding',
-    'check_grounding',
-    'concept_of',
     'details',
     'diagnose',
-    'features',
-    'only_field',
     'outcome',
-    'referenced',
-    'sorts',
-    'sources',
-    'state_specification',
 ]

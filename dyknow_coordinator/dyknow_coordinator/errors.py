@@ -1,7 +1,7 @@
-"""What can go wrong in answering a formula."""
+"""Errors of the coordinator."""
 
 from dyknow_common import DyKnowError
 
 
 class CoordinationError(DyKnowError):
-    """A formula that cannot be grounded, or whose evaluation ended without a verdict."""
+    """A formula cannot be grounded, or its evaluation ended without a verdict."""

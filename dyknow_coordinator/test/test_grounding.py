@@ -3,19 +3,20 @@
 import pytest
 
 from dyknow_common import ExitCode, Symbol, SymbolKind
-from dyknow_coordinator import (
+from dyknow_coordinator import CoordinationError, Grounding
+from dyknow_coordinator.grounding.feature_sources import (
     Candidates,
-    CoordinationError,
     FeatureSource,
-    Grounding,
-    check_grounding,
-    concept_of,
-    features,
-    only_field,
-    referenced,
-    sorts,
-    sources,
-    state_specification,
+    parse_sources,
+    referenced_source,
+    single_field_source,
+)
+from dyknow_coordinator.grounding.state_specification import state_specification
+from dyknow_coordinator.grounding.symbols import (
+    check_symbols,
+    concept_query,
+    feature_symbols,
+    sort_names,
 )
 from dyknow_stream_processing import SinkDeclaration, StreamReference, Sync, parse_specification
 
@@ -34,8 +35,8 @@ def source(feature: str, stream: str) -> FeatureSource:
 
 def test_features_and_sorts_are_told_apart() -> None:
     symbols = (POWER, UAV, UAV1, DISTANCE)
-    assert features(symbols) == (POWER, DISTANCE)
-    assert sorts(symbols) == ('UAV',)
+    assert feature_symbols(symbols) == (POWER, DISTANCE)
+    assert sort_names(symbols) == ('UAV',)
 
 
 @pytest.mark.parametrize(
@@ -52,26 +53,26 @@ def test_features_and_sorts_are_told_apart() -> None:
     ],
 )
 def test_a_feature_is_asked_for_as_a_concept(symbol: Symbol, concept: str) -> None:
-    assert concept_of(symbol, ('UAV',)) == concept
+    assert concept_query(symbol, ('UAV',)) == concept
 
 
 def test_syntactic_grounding_refuses_a_feature_of_the_ontology() -> None:
     with pytest.raises(CoordinationError, match=r"'Power\[UAV\]' names no stream"):
-        check_grounding((POWER,), Grounding.SYNTACTIC)
+        check_symbols((POWER,), Grounding.SYNTACTIC)
 
 
 def test_semantic_grounding_refuses_the_name_of_a_stream() -> None:
     with pytest.raises(CoordinationError, match='names a stream'):
-        check_grounding((VOLTAGE,), Grounding.SEMANTIC)
+        check_symbols((VOLTAGE,), Grounding.SEMANTIC)
 
 
 def test_auto_takes_both() -> None:
-    check_grounding((POWER, VOLTAGE), Grounding.AUTO)
+    check_symbols((POWER, VOLTAGE), Grounding.AUTO)
 
 
 def test_matches_say_which_ground_feature_they_deliver() -> None:
     text = '# exact match\nstream a = select power as "Power[uav1]" from uav1_power'
-    (found,) = sources([text])
+    (found,) = parse_sources([text])
     assert (found.feature, found.stream) == ('Power[uav1]', 'a')
 
 
@@ -88,7 +89,7 @@ def test_matches_say_which_ground_feature_they_deliver() -> None:
 def test_a_reference_selects_its_field(
     name: str, field: str, stream: str, *, is_topic: bool
 ) -> None:
-    made = referenced(Symbol(SymbolKind.FEATURE, name))
+    made = referenced_source(Symbol(SymbolKind.FEATURE, name))
     assert made.feature == name
     (declaration,) = parse_specification(made.declaration).declarations
     select = declaration.stream
@@ -137,7 +138,7 @@ def test_preferences_choose_among_sources_as_far_as_they_can() -> None:
 
 
 def test_a_stream_of_one_field_needs_no_field() -> None:
-    made = only_field(Symbol(SymbolKind.FEATURE, 'uav1_power'), ['power'])
+    made = single_field_source(Symbol(SymbolKind.FEATURE, 'uav1_power'), ['power'])
     assert str(made) == 'select power as uav1_power from uav1_power'
     assert made.feature == 'uav1_power'
     assert made.grounding is Grounding.SYNTACTIC
@@ -146,12 +147,12 @@ def test_a_stream_of_one_field_needs_no_field() -> None:
 @pytest.mark.parametrize('fields', [(), ('a', 'b')])
 def test_a_stream_of_several_fields_needs_one(fields: tuple[str, ...]) -> None:
     with pytest.raises(CoordinationError, match=r'uav1_state\.field'):
-        only_field(Symbol(SymbolKind.FEATURE, 'uav1_state'), fields)
+        single_field_source(Symbol(SymbolKind.FEATURE, 'uav1_state'), fields)
 
 
 def test_streams_of_one_name_get_names_of_their_own() -> None:
     texts = ('"/a_b".c', '"/a/b".c', '"/a/b".c')
-    chosen = [referenced(Symbol(SymbolKind.FEATURE, text)) for text in texts]
+    chosen = [referenced_source(Symbol(SymbolKind.FEATURE, text)) for text in texts]
     *streams, sink = parse_specification(state_specification(chosen)).declarations
     assert [str(each.stream.source) for each in streams] == ['"/a_b"', '"/a/b"']
     assert sink == SinkDeclaration(Sync(tuple(StreamReference(each.name) for each in streams)))
@@ -171,7 +172,7 @@ def test_computational_units_are_declared_once() -> None:
         f'from convert(select z as value from laser, given = "ft", wanted = "m");'
         for name in ('uav1', 'uav2')
     ]
-    text = state_specification(sources(texts))
+    text = state_specification(parse_sources(texts))
     specification = parse_specification(text)
     assert text.count('compunit') == 1
     assert str(specification.declarations[0]) == unit

@@ -3,8 +3,8 @@
 import pytest
 
 from dyknow_common import Symbol, SymbolKind
-from dyknow_coordinator import FeatureSource, referenced
-from dyknow_coordinator.grounding.known_streams import KnownStream, KnownStreams, suspects
+from dyknow_coordinator.grounding.feature_sources import FeatureSource, referenced_source
+from dyknow_coordinator.grounding.known_streams import KnownStream, KnownStreams
 from dyknow_coordinator.grounding.stream_fields import field_names
 
 ODOMETRY = '/uav1/odometry'
@@ -32,7 +32,7 @@ def known() -> KnownStreams:
 
 
 def test_streams_that_wait_do_not_flow(known: KnownStreams) -> None:
-    assert known.flowing() == {'altitude', 'climb', 'laser'}
+    assert known.published() == {'altitude', 'climb', 'laser'}
 
 
 def test_origins_are_found_through_streams(known: KnownStreams) -> None:
@@ -57,7 +57,7 @@ def test_origins_are_found_through_streams(known: KnownStreams) -> None:
 def test_a_source_is_there_if_all_that_it_names_is(
     known: KnownStreams, text: str, *, there: bool
 ) -> None:
-    assert known.is_there(source(text)) is there
+    assert known.is_available(source(text)) is there
 
 
 @pytest.mark.parametrize(
@@ -85,7 +85,7 @@ def test_suspects_are_made_from_what_failed(
             'd': 'select data from laser',
         }.items()
     ]
-    assert {each.stream for each in suspects(chosen, origin, known)} == names
+    assert {each.stream for each in known.affected(chosen, origin)} == names
 
 
 @pytest.mark.parametrize(
@@ -105,12 +105,12 @@ def test_the_fields_of_a_stream_are_read_off_its_text(text: str, fields: tuple[s
 
 
 def test_a_reference_names_its_topic() -> None:
-    made = referenced(Symbol(SymbolKind.FEATURE, f'"{ODOMETRY}".z'))
+    made = referenced_source(Symbol(SymbolKind.FEATURE, f'"{ODOMETRY}".z'))
     assert KnownStreams((), lambda _: True).origins(made) == {ODOMETRY}
 
 
 def test_relative_topics_are_known_by_their_absolute_names() -> None:
     made = source('select z from "odometry"')
     known = KnownStreams((), lambda _: True, lambda topic: f'/uav1/{topic}')
-    assert suspects([made], '/uav1/odometry', known) == (made,)
-    assert suspects([made], 'odometry', known) == (made,)
+    assert known.affected([made], '/uav1/odometry') == (made,)
+    assert known.affected([made], 'odometry') == (made,)

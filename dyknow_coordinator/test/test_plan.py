@@ -29,19 +29,20 @@ EACH = tuple(PlanFormula(holds.name, 'true', holds) for holds in Holds)
 PLAN = Plan(
     'mission', tuple(PlanAction(name, EACH) for name in ACTIONS), (PlanFormula('whole', 'true'),)
 )
+POSITIONS = tuple(PLAN.formulas_by_position)
 
 
-def expected(history: list[tuple[str, Event]], place: FormulaPosition) -> PlanPhase:
+def expected(history: list[tuple[str, Event]], position: FormulaPosition) -> PlanPhase:
     """The phase of a formula that nobody decides, read off the whole history."""
-    own = [event for action, event in history if action == place.action]
+    own = [event for action, event in history if action == position.action]
     last_events = [[e for a, e in history if a == action] for action in ACTIONS]
     over = all(events and events[-1] is not Event.STARTED for events in last_events)
-    over_with_this = over and history[-1][0] == place.action
+    over_with_this = over and history[-1][0] == position.action
     started, succeeded = Event.STARTED in own, Event.SUCCEEDED in own
     failed = Event.FAILED in own
-    match place.formula:
+    match position.formula:
         case 'whole' | 'BEFORE':
-            begun, ended = True, over if place.formula == 'whole' else bool(own)
+            begun, ended = True, over if position.formula == 'whole' else bool(own)
         case 'WHILE_EXECUTING':
             begun, ended = started, succeeded or failed
         case 'AFTER':
@@ -78,12 +79,16 @@ def test_the_formulas_that_run_are_those_whose_time_it_is(
             assert running.issuperset(step.withdraw)
             assert running.isdisjoint(step.start)
             running = running - set(step.withdraw) | set(step.start)
-        phases = {place: execution.phase(place) for place in PLAN.places}
-        assert phases == {place: expected(past, place) for place in PLAN.places}
-        assert running == {place for place, phase in phases.items() if phase is PlanPhase.RUNNING}
+        phases = {position: execution.phase(position) for position in POSITIONS}
+        assert phases == {
+            position: expected(past, position) for position in PLAN.formulas_by_position
+        }
+        assert running == {
+            position for position, phase in phases.items() if phase is PlanPhase.RUNNING
+        }
     finished = {action for action, event in history if event is not Event.STARTED}
-    assert execution.ended == (finished == set(ACTIONS))
-    assert not (execution.ended and running)
+    assert execution.has_ended == (finished == set(ACTIONS))
+    assert not (execution.has_ended and running)
 
 
 @given(histories(), st.sampled_from(ACTIONS), st.sampled_from(Event))
@@ -95,13 +100,15 @@ def test_a_report_is_refused_exactly_when_it_fits_no_order(
     for report in history:
         execution.report(*report)
     own = [past for name, past in history if name == action]
-    before = {place: execution.phase(place) for place in PLAN.places}
+    before = {position: execution.phase(position) for position in POSITIONS}
     if [*own, event] in ORDERS:
         execution.report(action, event)
     else:
         with pytest.raises(CoordinationError, match=f"'{action}' cannot have"):
             execution.report(action, event)
-        assert before == {place: execution.phase(place) for place in PLAN.places}
+        assert before == {
+            position: execution.phase(position) for position in PLAN.formulas_by_position
+        }
 
 
 def begun(plan: Plan) -> tuple[PlanExecution, Step]:
@@ -119,8 +126,8 @@ def test_a_plan_stops_at_the_first_violation_if_it_is_to(
     violation: dict[str, bool], *, stop: bool
 ) -> None:
     execution, _ = begun(Plan('p', PLAN.actions, PLAN.formulas, stop_at_violation=stop))
-    step = execution.settle(WHOLE, **violation)
-    assert execution.ended == stop
+    step = execution.conclude(WHOLE, **violation)
+    assert execution.has_ended == stop
     before = tuple(FormulaPosition(action, 'BEFORE') for action in ACTIONS)
     assert step.withdraw == (before if stop else ())
     assert step.start == ()
@@ -128,8 +135,8 @@ def test_a_plan_stops_at_the_first_violation_if_it_is_to(
 
 def test_a_verdict_is_final() -> None:
     execution, _ = begun(PLAN)
-    execution.settle(WHOLE)
-    execution.settle(WHOLE, failed=True)
+    execution.conclude(WHOLE)
+    execution.conclude(WHOLE, failed=True)
     assert execution.phase(WHOLE) is PlanPhase.DECIDED
     assert WHOLE not in execution.end().withdraw
     assert execution.phase(WHOLE) is PlanPhase.DECIDED

@@ -1,1 +1,1 @@
-"""The life of one evaluation, from request to answer."""
+"""Life cycle of one evaluation, from request to answer."""

@@ -1,4 +1,4 @@
-"""What whoever asks about a formula is told."""
+"""Results of an evaluation, as its client sees them."""
 
 from __future__ import annotations
 
@@ -6,19 +6,19 @@ from dataclasses import dataclass
 from typing import Self
 
 from dyknow_common import DyKnowError, Verdict
-from dyknow_coordinator.grounding.ground import SymbolGrounding
+from dyknow_coordinator.grounding.feature_sources import SymbolGrounding
 
 
 @dataclass(frozen=True, slots=True)
 class Answer:
-    """What became of a formula.
+    """Outcome of the evaluation of a formula.
 
     Args:
-        verdict: UNDECIDED when there is an error, and only then.
+        verdict: UNDECIDED if and only if there is an error.
         decided_at: valid time of the deciding state in nanoseconds; None without a verdict.
-        canonical_formula: fully bracketed; empty when the formula could not be read.
-        explanation: for people: what decided it.
-        groundings: which streams were used.
+        canonical_formula: fully bracketed; empty if the formula could not be parsed.
+        explanation: the reason for the verdict, for people.
+        groundings: the streams used.
         error: why there is no verdict; its `code` is that of the exit status.
     """
 
@@ -30,7 +30,7 @@ class Answer:
     error: DyKnowError | None = None
 
     def check(self) -> Self:
-        """The answer itself, which has a verdict.
+        """Return this answer if it has a verdict.
 
         Raises:
             DyKnowError: why there is no verdict.
@@ -42,15 +42,15 @@ class Answer:
 
 @dataclass(frozen=True, slots=True)
 class Progress:
-    """How the evaluation of a formula goes.
+    """Report on an evaluation in progress.
 
     Args:
-        states_progressed: how many.
-        latest_valid_time: of the state progressed last, in nanoseconds.
-        residual_formula: what the rest of the states must satisfy.
-        presumably_false: whether it would be false if no further state came.
+        states_progressed: number of states so far.
+        latest_valid_time: of the last state, in nanoseconds.
+        residual_formula: the formula that the remaining states must satisfy.
+        presumably_false: True if the formula would be false without further states.
         streams: the specifications of the streams in use.
-        events: what has happened since the last progress was told.
+        events: what has happened since the last report.
     """
 
     states_progressed: int

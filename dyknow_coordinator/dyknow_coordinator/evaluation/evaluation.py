@@ -1,17 +1,17 @@
-"""The life of one evaluation: grounding, running, ended; the first end is the one that counts."""
+"""Life cycle of an evaluation: grounding, running, ended. Only the first end counts."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from enum import IntEnum
 
 from dyknow_common import DyKnowError, ExitCode, Verdict
 from dyknow_coordinator.errors import CoordinationError
+from dyknow_coordinator.evaluation.answer import Answer
 
 
 class EvaluationPhase(IntEnum):
-    """Where an evaluation is in its life; the numbers are those of EvaluationStatus."""
+    """Phase of an evaluation; the numbers are those of EvaluationStatus."""
 
     GROUNDING = 0
     RUNNING = 1
@@ -19,75 +19,58 @@ class EvaluationPhase(IntEnum):
     ENDED = 3
 
 
-_DOING = {
+_ACTIVITIES = {
     EvaluationPhase.GROUNDING: 'being grounded',
     EvaluationPhase.RUNNING: 'being evaluated',
     EvaluationPhase.INTERRUPTED: 'waiting for other streams',
+    EvaluationPhase.ENDED: 'no longer evaluated',
 }
 
 
-@dataclass(frozen=True, slots=True)
-class EvaluationOutcome:
-    """How an evaluation ended.
-
-    Args:
-        decided_at: valid time of the deciding state in nanoseconds; None without a verdict.
-        error: why there is no verdict.
-    """
-
-    verdict: Verdict = Verdict.UNDECIDED
-    decided_at: int | None = None
-    explanation: str = ''
-    error: DyKnowError | None = None
-
-
 class Evaluation:
-    """One formula on its way to an outcome.
+    """Evaluation of one formula, from its start to its answer.
 
     Args:
-        on_end: is told the outcome, once.
+        on_end: called once, with the answer (without formula and groundings).
     """
 
-    def __init__(self, on_end: Callable[[EvaluationOutcome], None]) -> None:
+    def __init__(self, on_end: Callable[[Answer], None]) -> None:
         self.phase = EvaluationPhase.GROUNDING
         self._on_end = on_end
 
     @property
     def has_ended(self) -> bool:
-        """Whether the outcome is known."""
+        """True if the answer is known."""
         return self.phase is EvaluationPhase.ENDED
 
-    def enter(self, phase: EvaluationPhase) -> None:
-        """Goes on to another phase; an evaluation that has ended stays ended."""
+    def set_phase(self, phase: EvaluationPhase) -> None:
+        """Set the phase, unless the evaluation has ended."""
         if not self.has_ended:
             self.phase = phase
 
     def decide(self, verdict: Verdict, decided_at: int, explanation: str) -> None:
-        """The reasoning engine knows the verdict."""
-        self._end(EvaluationOutcome(verdict, decided_at, explanation))
+        """End with a verdict; `decided_at` is a valid time in nanoseconds."""
+        self._end(Answer(verdict, decided_at, explanation=explanation))
 
     def fail(self, error: DyKnowError) -> None:
-        """Something that the evaluation needs went wrong."""
-        self._end(EvaluationOutcome(error=error))
+        """End with an error."""
+        self._end(Answer(error=error))
 
-    def lose(self, what: str) -> None:
-        """A node that the evaluation needs is gone."""
-        text = f'{what} is gone; the formula was {self._doing()}'
+    def fail_unavailable(self, what: str) -> None:
+        """End because something that the evaluation needs has died: `node x`."""
+        text = f'{what} is gone; the formula was {_ACTIVITIES[self.phase]}'
         self.fail(CoordinationError(text, ExitCode.UNAVAILABLE))
 
-    def expire(self, seconds: float) -> None:
-        """The caller's time is over."""
-        text = f'no verdict within {seconds:g} s (the formula was {self._doing()})'
+    def expire(self, timeout_s: float) -> None:
+        """End because the timeout of the client has passed."""
+        text = f'no verdict within {timeout_s:g} s (the formula was {_ACTIVITIES[self.phase]})'
         self.fail(CoordinationError(text, ExitCode.TIMEOUT))
 
-    def cancel(self, why: str = 'cancelled by the caller') -> None:
-        """The caller wants no answer any more."""
-        self.fail(CoordinationError(why, ExitCode.CANCELLED))
+    def cancel(self, reason: str = 'cancelled by the caller') -> None:
+        """End because the client needs no answer any more."""
+        self.fail(CoordinationError(reason, ExitCode.CANCELLED))
 
-    def _doing(self) -> str:
-        return _DOING.get(self.phase, 'over')
-
-    def _end(self, outcome: EvaluationOutcome) -> None:
+    def _end(self, answer: Answer) -> None:
         if not self.has_ended:
             self.phase = EvaluationPhase.ENDED
-            self._on_end(outcome)
+            self._on_end(answer)

@@ -1,31 +1,30 @@
-"""What has happened to an evaluation."""
+"""Events in the life of an evaluation."""
 
 from __future__ import annotations
 
+from collections import deque
 from typing import Final
 
-MOST: Final = 20
-"""How many of the latest events are kept."""
+MAX_EVENTS: Final = 20
 
 
 class History:
-    """Events in their order, of which the latest are kept."""
+    """The latest MAX_EVENTS events, and the number of all."""
 
     def __init__(self) -> None:
         self.count = 0
-        self._events: list[str] = []
+        self._events: deque[str] = deque(maxlen=MAX_EVENTS)
 
     @property
     def latest(self) -> tuple[str, ...]:
-        """The latest events."""
+        """The latest events, the oldest first."""
         return tuple(self._events)
 
     def add(self, event: str) -> None:
-        """Adds an event."""
+        """Add an event."""
         self.count += 1
-        self._events = [*self._events, event][-MOST:]
+        self._events.append(event)
 
     def since(self, count: int) -> tuple[str, ...]:
-        """The events after the first ones, as far as they are kept."""
-        new = min(self.count - count, len(self._events))
-        return tuple(self._events[len(self._events) - new :])
+        """Return the events after the first `count`, without those already dropped."""
+        return self.latest[max(0, len(self._events) - (self.count - count)) :]

@@ -1,32 +1,32 @@
-"""What callers ask of the coordinator."""
+"""Requests to evaluate a formula."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
 from dyknow_common import NO_CONSTRAINTS, StreamConstraints
-from dyknow_coordinator.grounding.grounding import Grounding
+from dyknow_coordinator.grounding.feature_sources import Grounding
 
 
 @dataclass(frozen=True, slots=True)
 class EvaluationRequest:
-    """Whether a formula holds from now on.
+    """Request to evaluate a formula from now on.
 
     Args:
-        formula: its text.
+        formula: in the formula language.
         grounding: how its symbols find their streams.
         constraints: of the state stream.
-        timeout: seconds of the wall clock after which no answer is wanted; None: none.
-        name: what operators see; by default the formula.
-        plan: the plan that it belongs to.
-        action: the action of that plan.
-        restart_on_change: whether it begins anew when a sort in it gets or loses objects.
+        timeout_s: limit in seconds of the wall clock; None for no limit.
+        name: the name that operators see; empty for the formula itself.
+        plan: name of the plan that the formula belongs to, if any.
+        action: name of the action of that plan.
+        restart_on_change: restart when a sort in the formula gains or loses objects.
     """
 
     formula: str
     grounding: Grounding = Grounding.AUTO
     constraints: StreamConstraints = NO_CONSTRAINTS
-    timeout: float | None = None
+    timeout_s: float | None = None
     name: str = ''
     plan: str = ''
     action: str = ''

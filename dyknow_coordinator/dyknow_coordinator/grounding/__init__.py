@@ -1,1 +1,1 @@
-"""Grounding: from the symbols of a formula to a state stream."""
+"""Grounding: the streams for the symbols of a formula, joined in a state stream (section V)."""

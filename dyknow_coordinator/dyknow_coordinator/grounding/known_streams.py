@@ -1,4 +1,4 @@
-"""What is known of the streams of a system: what they are made from, whether they are there."""
+"""Known streams: their sources, and whether these are available."""
 
 from __future__ import annotations
 
@@ -7,20 +7,20 @@ from dataclasses import dataclass, field
 from functools import lru_cache
 
 from dyknow_common import DyKnowError
-from dyknow_coordinator.grounding.grounding import FeatureSource
+from dyknow_coordinator.grounding.feature_sources import FeatureSource
 from dyknow_stream_processing import FreeNames, StreamDeclaration, free_names, parse_specification
 
 
 @dataclass(frozen=True, slots=True)
 class KnownStream:
-    """A stream as the stream manager tells it.
+    """A stream, as the stream manager reports it.
 
     Args:
-        specification: how it is made; empty for a topic that some other program publishes.
-        topic: empty while it does not flow.
-        engine: the node that makes it, or made it last.
-        received: when the latest message of each topic that it is made of came, nanoseconds by
-            the clock of the engine; 0 before the first.
+        specification: empty for a topic that another program publishes.
+        topic: empty while the stream is not published.
+        engine: the node that makes the stream, or made it last.
+        received: for each topic that the stream is made from, the time at which the engine
+            received the latest message, in nanoseconds; 0 before the first.
     """
 
     name: str
@@ -32,12 +32,12 @@ class KnownStream:
 
 
 class KnownStreams:
-    """All streams that the stream manager told of.
+    """All streams that the stream manager reports.
 
     Args:
         streams: those streams.
-        is_published: whether anybody publishes a topic.
-        absolute: the absolute name of a topic.
+        is_published: tells if a topic has a publisher.
+        absolute: returns the absolute name of a topic.
     """
 
     def __init__(
@@ -52,32 +52,27 @@ class KnownStreams:
         self._absolute = absolute
 
     def get(self, name: str) -> KnownStream | None:
-        """A stream by its name; None where there is none."""
+        """Return a stream by its name; None if there is none."""
         return self._streams.get(name)
 
-    def flowing(self) -> frozenset[str]:
-        """The names of the streams that flow."""
+    def published(self) -> frozenset[str]:
+        """Return the names of the streams that are published."""
         return frozenset(stream.name for stream in self._by_topic.values())
 
-    def silent_topics(self, name: str, limit: int) -> tuple[str, ...]:
-        """The topics of a stream that are silent while others are not.
-
-        Args:
-            name: of the stream.
-            limit: nanoseconds since the latest sample of any.
-        """
+    def silent_topics(self, name: str, limit_ns: int) -> tuple[str, ...]:
+        """Return the topics of a stream that lag its most recent topic by more than a limit."""
         stream = self._streams.get(name)
         received = stream.received if stream else {}
         newest = max(received.values(), default=0)
-        return tuple(topic for topic, latest in received.items() if newest - latest > limit)
+        return tuple(topic for topic, latest in received.items() if newest - latest > limit_ns)
 
     def origins(self, source: FeatureSource) -> frozenset[str]:
-        """All streams and topics that a source is made from, directly or not, by name.
+        """Return the names of all streams and topics that a source is made from, transitively.
 
-        Streams that are declared within others are among them.
+        Streams that are declared within others are included.
         """
         found: set[str] = set()
-        pending = [free_names_of(source)]
+        pending = [_source_names(source)]
         while pending:
             names = pending.pop()
             for name in (names.streams | names.topics) - found:
@@ -91,34 +86,40 @@ class KnownStreams:
                     pending.append(_free_names(stream.specification))
         return frozenset(found - {''})
 
-    def is_there(self, source: FeatureSource) -> bool:
-        """Whether the streams and topics that a source names are there."""
-        names = free_names_of(source)
-        return all(map(self._has_stream, names.streams)) and all(
+    def is_available(self, source: FeatureSource) -> bool:
+        """Return True if all streams and topics that a source names are published."""
+        names = _source_names(source)
+        return all(map(self._is_stream_published, names.streams)) and all(
             map(self._is_published, names.topics)
         )
 
-    def _has_stream(self, name: str) -> bool:
+    def affected(self, sources: Iterable[FeatureSource], origin: str) -> tuple[FeatureSource, ...]:
+        """Return the sources that are affected by a fault.
+
+        Args:
+            sources: the sources in use.
+            origin: the stream or topic at fault: a name, or the text of an unnamed stream.
+        """
+        names = _names_in(origin)
+        return tuple(
+            source for source in sources if source.stream in names or names & self.origins(source)
+        )
+
+    def _is_stream_published(self, name: str) -> bool:
         stream = self._streams.get(name)
         if stream is None:
-            return self._is_published(f'dyknow/streams/{name}')
+            return self._is_published(stream_topic(name))
         return bool(stream.topic) and self._is_published(stream.topic)
 
 
-def suspects(
-    chosen: Iterable[FeatureSource], origin: str, streams: KnownStreams
-) -> tuple[FeatureSource, ...]:
-    """The sources in which something went wrong, given where it did.
+def stream_topic(name: str) -> str:
+    """Return the topic of a stream, relative to the namespace of its engine."""
+    return f'dyknow/streams/{name}'
 
-    Args:
-        chosen: the sources in use.
-        origin: the name of a stream or a topic, or the text of an unnamed part of a stream.
-        streams: from which it is known what sources are made from.
-    """
-    names = _names_in(origin)
-    return tuple(
-        source for source in chosen if source.stream in names or names & streams.origins(source)
-    )
+
+def _source_names(source: FeatureSource) -> FreeNames:
+    """Return the streams and topics that a source names."""
+    return _free_names(';\n'.join([*source.units, source.declaration]))
 
 
 def _names_in(origin: str) -> frozenset[str]:
@@ -127,11 +128,6 @@ def _names_in(origin: str) -> frozenset[str]:
     except DyKnowError:
         return frozenset({origin, f'/{origin}'})  # A topic.
     return found.streams | found.topics | {origin}
-
-
-def free_names_of(source: FeatureSource) -> FreeNames:
-    """The streams and topics that a source names."""
-    return _free_names(';\n'.join([*source.units, source.declaration]))
 
 
 @lru_cache(maxsize=4096)

@@ -1,12 +1,22 @@
-"""Plans whose execution is monitored: which formulas are evaluated after which report.
+"""Plans whose execution is monitored: which formulas are evaluated after which reports.
 
-A plan is a set of actions, in whatever order they turn out to be executed, and formulas that must
-hold around them.
+A plan is a set of actions, executed in any order, and formulas that must hold around them. Example:
+a plan with a formula `p`, an action `fly` with three formulas (`b` BEFORE, `w` WHILE_EXECUTING and
+`a` AFTER), and an action `land`. The formulas are evaluated in these periods:
+
+    report        begin     fly started   fly succeeded   land started   land succeeded
+    p               |---------------------------------------------------------|
+    b               |------------|
+    w                            |-------------|
+    a                                          |------------------------------|
+
+So `begin()` starts `p` and `b`; `report('fly', STARTED)` withdraws `b` and starts `w`. A formula
+with a verdict is not withdrawn. The plan ends when all actions have succeeded or failed.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from enum import Enum, IntEnum
 from typing import Final
@@ -29,7 +39,7 @@ class Holds(IntEnum):
 
 
 class Event(IntEnum):
-    """What is reported of an action; the numbers are those of ReportPlanAction."""
+    """Report on an action; the numbers are those of ReportPlanAction."""
 
     STARTED = 0
     SUCCEEDED = 1
@@ -37,7 +47,7 @@ class Event(IntEnum):
 
 
 class PlanPhase(IntEnum):
-    """Where a formula of a plan is; the numbers are those of PlanVerdict."""
+    """Phase of a formula of a plan; the numbers are those of PlanVerdict."""
 
     PENDING = 0
     RUNNING = 1
@@ -58,8 +68,9 @@ class PlanFormula:
     """A formula that monitors the execution of a plan.
 
     Args:
-        name: unique among those of its action, or of the whole plan.
-        holds: when; without a meaning for a formula of the whole plan.
+        name: unique among the formulas of its action, or of the whole plan.
+        formula: in the formula language.
+        holds: when it must hold; ignored for a formula of the whole plan.
     """
 
     name: str
@@ -77,7 +88,7 @@ class PlanAction:
 
 @dataclass(frozen=True, slots=True)
 class FormulaPosition:
-    """Where a formula stands in its plan.
+    """Position of a formula in its plan.
 
     Args:
         action: the name of its action; empty for a formula of the whole plan.
@@ -93,6 +104,8 @@ class Plan:
     """Actions, and formulas that must hold around them.
 
     Args:
+        name: unique among the plans that are monitored.
+        actions: at least one.
         formulas: hold from the start of the plan to its end.
         stop_at_violation: end as soon as a formula is false or cannot be evaluated.
     """
@@ -103,41 +116,55 @@ class Plan:
     stop_at_violation: bool = False
 
     @property
-    def places(self) -> dict[FormulaPosition, PlanFormula]:
+    def formulas_by_position(self) -> dict[FormulaPosition, PlanFormula]:
         """All formulas, those of the whole plan first.
 
         Raises:
-            CoordinationError: when the plan makes no sense; names what is at fault.
+            CoordinationError: if the plan is invalid; names the part at fault.
         """
         if not self.name:
             raise CoordinationError('the plan has no name; reports of its actions need one')
         if not self.actions:
             raise CoordinationError(
-                f"plan '{self.name}' has no actions, so it would be over at once; for formulas "
-                'alone there is MonitorFormula'
+                f"plan '{self.name}' has no actions, so it would end at once; for formulas "
+                'without actions use MonitorFormula'
             )
         _require_distinct((each.name for each in self.actions), f"action of plan '{self.name}'")
-        of_plan = _places('', self.formulas, f"formula of plan '{self.name}'")
-        of_actions = [
-            _places(action.name, action.formulas, f"formula of action '{action.name}'")
-            for action in self.actions
-        ]
-        return {place: formula for each in (of_plan, *of_actions) for place, formula in each}
+        _require_distinct((each.name for each in self.formulas), f"formula of plan '{self.name}'")
+        found = {FormulaPosition('', each.name): each for each in self.formulas}
+        for action in self.actions:
+            names = (each.name for each in action.formulas)
+            _require_distinct(names, f"formula of action '{action.name}'")
+            found |= {FormulaPosition(action.name, each.name): each for each in action.formulas}
+        return found
+
+
+def _require_distinct(names: Iterable[str], kind: str) -> None:
+    seen: set[str] = set()
+    for name in names:
+        if not name:
+            raise CoordinationError(f'one {kind} has no name; give it one')
+        if name in seen:
+            raise CoordinationError(f"another {kind} is called '{name}'; names must differ")
+        seen.add(name)
 
 
 @dataclass(frozen=True, slots=True)
 class PlanVerdict:
-    """What is known of a formula of a plan.
+    """Status of a formula of a plan.
 
     Args:
-        formula: its canonical text, once that is known.
-        presumably_false: of one that was withdrawn: it would have been false then.
+        position: of the formula in the plan.
+        formula: its canonical text; the text as requested until that is known.
+        phase: of the formula.
+        verdict: UNDECIDED until it is known.
+        presumably_false: True if the formula was withdrawn and would have been false then.
         decided_at: valid time of the deciding state in nanoseconds; None without a verdict.
-        explanation: for people: what decided it.
+        explanation: the reason for the verdict, for people.
         error: why it cannot be evaluated.
     """
 
-    place: FormulaPosition
+    position: FormulaPosition
     formula: str
     phase: PlanPhase = PlanPhase.PENDING
     verdict: Verdict = Verdict.UNDECIDED
@@ -148,17 +175,17 @@ class PlanVerdict:
 
     @property
     def is_violation(self) -> bool:
-        """Whether the formula is false or cannot be evaluated."""
+        """True if the formula is false or cannot be evaluated."""
         return self.verdict is Verdict.FALSE or self.error is not None
 
 
 @dataclass(frozen=True, slots=True)
 class PlanOutcome:
-    """How the monitoring of a plan ended.
+    """Outcome of the monitoring of a plan.
 
     Args:
         verdicts: of all formulas.
-        error: why it was not monitored to its end.
+        error: why the plan was not monitored to its end.
     """
 
     verdicts: tuple[PlanVerdict, ...] = ()
@@ -172,7 +199,7 @@ class PlanOutcome:
 
 @dataclass(frozen=True, slots=True)
 class Step:
-    """What to do next: first withdraw formulas, then start others."""
+    """Next step of an execution: formulas to withdraw, then formulas to start."""
 
     withdraw: tuple[FormulaPosition, ...] = ()
     start: tuple[FormulaPosition, ...] = ()
@@ -188,9 +215,9 @@ _ENDS: Final = {
     Event.SUCCEEDED: {Holds.WHILE_EXECUTING},
     Event.FAILED: {Holds.BEFORE, Holds.WHILE_EXECUTING, Holds.FROM_START},
 }
-_NEXT: Final = {
+_TRANSITIONS: Final = {
     (_State.PENDING, Event.STARTED): _State.EXECUTING,
-    # It is given up before it was begun: only so can a plan end that goes no further.
+    # An action that will not be started has failed: a plan that is given up can end.
     (_State.PENDING, Event.FAILED): _State.FAILED,
     (_State.EXECUTING, Event.SUCCEEDED): _State.SUCCEEDED,
     (_State.EXECUTING, Event.FAILED): _State.FAILED,
@@ -198,39 +225,39 @@ _NEXT: Final = {
 
 
 class PlanExecution:
-    """How far the execution of a plan is, and the phase of each of its formulas.
+    """States of the actions of a plan, and the phase of each of its formulas.
 
-    A formula whose time never came stays PENDING to the end.
+    A formula whose period does not begin stays PENDING to the end.
 
     Raises:
-        CoordinationError: when the plan makes no sense; names what is at fault.
+        CoordinationError: if the plan is invalid; names the part at fault.
     """
 
     def __init__(self, plan: Plan) -> None:
         self.plan = plan
-        self.ended = False
-        self._formulas = plan.places
+        self.has_ended = False
+        self._formulas = plan.formulas_by_position
         self._phases = dict.fromkeys(self._formulas, PlanPhase.PENDING)
         self._actions = {action.name: _State.PENDING for action in plan.actions}
 
-    def phase(self, place: FormulaPosition) -> PlanPhase:
-        """Where a formula is."""
-        return self._phases[place]
+    def phase(self, position: FormulaPosition) -> PlanPhase:
+        """Return the phase of a formula."""
+        return self._phases[position]
 
     def begin(self) -> Step:
-        """The plan starts."""
+        """Start the plan."""
         first = (
-            place
-            for place, formula in self._formulas.items()
-            if not place.action or formula.holds is Holds.BEFORE
+            position
+            for position, formula in self._formulas.items()
+            if not position.action or formula.holds is Holds.BEFORE
         )
-        return Step(start=self._move(first, PlanPhase.PENDING, PlanPhase.RUNNING))
+        return Step(start=self._set_phases(first, PlanPhase.PENDING, PlanPhase.RUNNING))
 
     def report(self, action: str, event: Event) -> Step:
-        """An action has started, succeeded or failed.
+        """Apply a report on an action.
 
         Raises:
-            CoordinationError: when that cannot be; says what can.
+            CoordinationError: if the report is impossible; names the possible ones.
         """
         if action not in self._actions:
             raise CoordinationError(
@@ -238,79 +265,62 @@ class PlanExecution:
                 f'(it has: {", ".join(self._actions)})',
                 ExitCode.NOT_FOUND,
             )
-        state = self._actions[action]
-        following = _NEXT.get((state, event))
-        if following is None or self.ended:
-            raise CoordinationError(self._refusal(action, state, event))
+        following = _TRANSITIONS.get((self._actions[action], event))
+        if following is None or self.has_ended:
+            raise CoordinationError(self._refusal(action, event))
         self._actions[action] = following
         if not {_State.PENDING, _State.EXECUTING} & set(self._actions.values()):
             return self.end()
-        over, due = self._around(action, _ENDS[event]), self._around(action, _STARTS[event])
+        over, due = self._positions(action, _ENDS[event]), self._positions(action, _STARTS[event])
         return Step(
-            withdraw=self._move(over, PlanPhase.RUNNING, PlanPhase.WITHDRAWN),
-            start=self._move(due, PlanPhase.PENDING, PlanPhase.RUNNING),
+            withdraw=self._set_phases(over, PlanPhase.RUNNING, PlanPhase.WITHDRAWN),
+            start=self._set_phases(due, PlanPhase.PENDING, PlanPhase.RUNNING),
         )
 
-    def settle(
-        self, place: FormulaPosition, *, failed: bool = False, violated: bool = False
+    def conclude(
+        self, position: FormulaPosition, *, failed: bool = False, violated: bool = False
     ) -> Step:
-        """A running formula has a verdict, or cannot be evaluated.
+        """Record that a running formula has a verdict, or cannot be evaluated.
 
         Args:
-            place: of the formula.
+            position: of the formula.
             failed: it cannot be evaluated.
             violated: its verdict is false.
         """
-        if self._phases[place] is not PlanPhase.RUNNING:
+        if self._phases[position] is not PlanPhase.RUNNING:
             return Step()
-        self._phases[place] = PlanPhase.FAILED if failed else PlanPhase.DECIDED
+        self._phases[position] = PlanPhase.FAILED if failed else PlanPhase.DECIDED
         return self.end() if self.plan.stop_at_violation and (failed or violated) else Step()
 
     def end(self) -> Step:
-        """The plan is over: nothing runs any more."""
-        self.ended = True
-        return Step(withdraw=self._move(self._formulas, PlanPhase.RUNNING, PlanPhase.WITHDRAWN))
-
-    def _around(self, action: str, holds: set[Holds]) -> Iterable[FormulaPosition]:
-        return (
-            place
-            for place, formula in self._formulas.items()
-            if place.action == action and formula.holds in holds
+        """End the plan, and withdraw all running formulas."""
+        self.has_ended = True
+        return Step(
+            withdraw=self._set_phases(self._formulas, PlanPhase.RUNNING, PlanPhase.WITHDRAWN)
         )
 
-    def _move(
-        self, places: Iterable[FormulaPosition], before: PlanPhase, after: PlanPhase
+    def _positions(self, action: str, holds: set[Holds]) -> Iterator[FormulaPosition]:
+        return (
+            position
+            for position, formula in self._formulas.items()
+            if position.action == action and formula.holds in holds
+        )
+
+    def _set_phases(
+        self, positions: Iterable[FormulaPosition], before: PlanPhase, after: PlanPhase
     ) -> tuple[FormulaPosition, ...]:
-        moved = tuple(place for place in places if self._phases[place] is before)
-        self._phases.update(dict.fromkeys(moved, after))
-        return moved
+        """Change the phase of those formulas that are in the phase `before`; return them."""
+        changed = tuple(position for position in positions if self._phases[position] is before)
+        self._phases.update(dict.fromkeys(changed, after))
+        return changed
 
-    def _refusal(self, action: str, state: _State, event: Event) -> str:
-        reported = f"'{action}' cannot have {_done(event)}: "
-        if self.ended:
-            return f"{reported}plan '{self.plan.name}' is over"
-        possible = [_done(each) for before, each in _NEXT if before is state]
+    def _refusal(self, action: str, event: Event) -> str:
+        """Return why a report is impossible."""
+        state = self._actions[action]
+        refused = f"'{action}' cannot have {event.name.lower()}: "
+        if self.has_ended:
+            return f"{refused}plan '{self.plan.name}' is over"
+        possible = [each.name.lower() for before, each in _TRANSITIONS if before is state]
         if not possible:
-            return f'{reported}it {state.value} already, and that is its end'
-        return f'{reported}it {state.value}; report that it has {" or ".join(possible)}'
-
-
-def _done(event: Event) -> str:
-    return event.name.lower()
-
-
-def _places(
-    action: str, formulas: tuple[PlanFormula, ...], what: str
-) -> list[tuple[FormulaPosition, PlanFormula]]:
-    _require_distinct((formula.name for formula in formulas), what)
-    return [(FormulaPosition(action, formula.name), formula) for formula in formulas]
-
-
-def _require_distinct(names: Iterable[str], what: str) -> None:
-    seen: set[str] = set()
-    for name in names:
-        if not name:
-            raise CoordinationError(f'one {what} has no name; give it one')
-        if name in seen:
-            raise CoordinationError(f"another {what} is called '{name}'; names must differ")
-        seen.add(name)
+            return f'{refused}it {state.value} already, which is final'
+        return f'{refused}it {state.value}; report that it has {" or ".join(possible)}'

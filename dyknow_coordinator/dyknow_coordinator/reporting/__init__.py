@@ -1,1 +1,1 @@
-"""Evaluations, as operators see them."""
+"""Reports on evaluations, for operators."""

@@ -1,4 +1,4 @@
-"""What an operator sees of an evaluation, and whether it is a reason to worry."""
+"""Status and diagnosis of an evaluation, for operators."""
 
 from __future__ import annotations
 
@@ -8,28 +8,31 @@ from enum import IntEnum
 
 from dyknow_common import DyKnowError, ExitCode, Verdict, round_duration, round_time
 from dyknow_coordinator.evaluation.evaluation import EvaluationPhase
-from dyknow_coordinator.grounding.ground import SymbolGrounding
+from dyknow_coordinator.grounding.feature_sources import SymbolGrounding
 
 
 @dataclass(frozen=True, slots=True)
 class EvaluationStatus:
-    """A formula that is evaluated, or was a little while ago; times are in nanoseconds.
+    """Status of an evaluation that runs or ended recently; times are in nanoseconds.
 
     Args:
-        name: what the caller calls it.
-        formula: its canonical text; as it was asked for, until that is known.
-        started: when it was asked for.
-        plan: the plan that it belongs to; empty where there is none.
-        action: the action of the plan that it belongs to.
+        name: given by the client; the formula if it gave none.
+        formula: the canonical text; the text as requested until that is known.
+        phase: of the evaluation.
+        started: time of the request.
+        plan: the plan that it belongs to, if any.
+        action: the action of that plan.
         formula_group_id: of its formula group at the reasoning engine.
         state_stream: the topic of its states.
         groundings: of its ground features.
         events: what has happened to it, the latest last.
-        states_progressed: how many states it was progressed over.
-        latest_valid_time: of the state progressed last; None before the first.
-        residual_formula: what the rest of the states must satisfy.
-        presumably_false: it would be false if no further state came.
+        states_progressed: number of states so far.
+        latest_valid_time: of the last state; None before the first.
+        residual_formula: the formula that the remaining states must satisfy.
+        presumably_false: True if the formula would be false without further states.
+        verdict: UNDECIDED until it is known.
         decided_at: valid time of the deciding state; None without a verdict.
+        explanation: the reason for the verdict.
         error: why there is no verdict.
     """
 
@@ -54,7 +57,7 @@ class EvaluationStatus:
 
 
 class Level(IntEnum):
-    """How bad something is; the numbers are those of diagnostic_msgs/msg/DiagnosticStatus."""
+    """Severity; the numbers are those of diagnostic_msgs/msg/DiagnosticStatus."""
 
     OK = 0
     WARN = 1
@@ -63,31 +66,31 @@ class Level(IntEnum):
 
 @dataclass(frozen=True, slots=True)
 class Diagnosis:
-    """Whether an evaluation is a reason to worry, and why, in a line."""
+    """Severity of the status of an evaluation, with the reason in one line."""
 
     level: Level
     text: str
 
 
 def diagnose(status: EvaluationStatus, now: int, silence_limit: int) -> Diagnosis:
-    """How an evaluation is.
+    """Return the diagnosis of an evaluation.
 
     - ERROR: the formula is false, or something failed and it cannot be evaluated.
-    - WARN: it may become false or may never be decided: it is presumably false, interrupted, or
-      without a new state or without streams for too long; or the caller's time ran out first.
-    - OK: all else, also what the caller has cancelled, who knows why.
+    - WARN: the formula may become false or may never be decided: it is presumably false,
+      interrupted, or without streams or states for too long; or its timeout has passed.
+    - OK: otherwise, also after a cancellation, which the client requested.
 
     Args:
         status: of the evaluation.
         now: the time, nanoseconds.
-        silence_limit: how long it may take until the next state comes, nanoseconds.
+        silence_limit: the longest time between two states, nanoseconds.
     """
     match status.phase:
         case EvaluationPhase.ENDED:
             return _diagnosis_of_ended(status)
         case EvaluationPhase.INTERRUPTED:
-            why = status.events[-1] if status.events else 'other streams are being found'
-            return Diagnosis(Level.WARN, f'interrupted: {why}')
+            reason = status.events[-1] if status.events else 'other streams are being found'
+            return Diagnosis(Level.WARN, f'interrupted: {reason}')
         case EvaluationPhase.GROUNDING:
             return _diagnosis_of_waiting(status, now, silence_limit)
         case EvaluationPhase.RUNNING:
@@ -95,7 +98,7 @@ def diagnose(status: EvaluationStatus, now: int, silence_limit: int) -> Diagnosi
 
 
 def outcome(status: EvaluationStatus) -> str:
-    """What is known, in a word or two: `running`, `presumably false`, `true`, `timeout`."""
+    """Return the status in one or two words: `running`, `presumably false`, `true`, `timeout`."""
     if status.error is not None:
         return status.error.code.name.lower().replace('_', ' ')
     if status.phase is EvaluationPhase.ENDED:
@@ -106,7 +109,7 @@ def outcome(status: EvaluationStatus) -> str:
 
 
 def details(status: EvaluationStatus) -> Iterator[tuple[str, str]]:
-    """All that is known of an evaluation, as pairs of what it is and a text; nothing is empty."""
+    """Yield names and texts of all that is known about an evaluation, without empty texts."""
     decided, latest = status.decided_at, status.latest_valid_time
     known = (
         ('formula', status.formula),
@@ -123,15 +126,21 @@ def details(status: EvaluationStatus) -> Iterator[tuple[str, str]]:
         ('residual formula', status.residual_formula),
         ('state stream', status.state_stream),
         ('streams', '\n'.join(f'{each.symbol}: {each.stream}' for each in status.groundings)),
-        ('stand-ins', '\n'.join(_stand_ins(status))),
+        (
+            'stand-ins',
+            '\n'.join(
+                f'{each.symbol}: {stand_in}'
+                for each in status.groundings
+                for stand_in in each.stand_ins
+            ),
+        ),
         ('events', '\n'.join(status.events)),
     )
-    return ((what, text) for what, text in known if text)
+    return ((name, text) for name, text in known if text)
 
 
-def _stand_ins(status: EvaluationStatus) -> Iterator[str]:
-    for each in status.groundings:
-        yield from (f'{each.symbol}: {stand_in}' for stand_in in each.stand_ins)
+_LEVELS = {ExitCode.CANCELLED: Level.OK, ExitCode.TIMEOUT: Level.WARN}
+"""Severity of the ends without a verdict that are no fault of a node or a stream."""
 
 
 def _diagnosis_of_ended(status: EvaluationStatus) -> Diagnosis:
@@ -139,12 +148,8 @@ def _diagnosis_of_ended(status: EvaluationStatus) -> Diagnosis:
         text = f'{outcome(status)}: {status.error.message}'
         return Diagnosis(_LEVELS.get(status.error.code, Level.ERROR), text)
     level = Level.ERROR if status.verdict is Verdict.FALSE else Level.OK
-    why = f': {status.explanation}' if status.explanation else ''
-    return Diagnosis(level, f'{outcome(status)}{why}')
-
-
-_LEVELS = {ExitCode.CANCELLED: Level.OK, ExitCode.TIMEOUT: Level.WARN}
-"""What is no fault of anything, among the ends without a verdict."""
+    reason = f': {status.explanation}' if status.explanation else ''
+    return Diagnosis(level, f'{outcome(status)}{reason}')
 
 
 def _diagnosis_of_waiting(status: EvaluationStatus, now: int, silence_limit: int) -> Diagnosis:
@@ -161,6 +166,5 @@ def _diagnosis_of_running(status: EvaluationStatus, now: int, silence_limit: int
     if silence > silence_limit:
         return Diagnosis(Level.WARN, f'no state has come for {round_duration(silence)}')
     if status.presumably_false:
-        text = 'presumably false: it is, unless a later state makes it true'
-        return Diagnosis(Level.WARN, text)
+        return Diagnosis(Level.WARN, 'presumably false: only a later state can make it true')
     return Diagnosis(Level.OK, 'undecided')

@@ -25,12 +25,7 @@ _VERDICTS = {Verdict.TRUE: 'green', Verdict.FALSE: 'bold red', Verdict.UNDECIDED
 
 
 def evaluation_table(statuses: Iterable[EvaluationStatus], now: int) -> Table:
-    """Return a table with a line for each evaluation.
-
-    Args:
-        statuses: of the evaluations.
-        now: the time, nanoseconds.
-    """
+    """Return a table with a line for each evaluation; `now` is in nanoseconds."""
     rows = [
         (
             status.name,

@@ -1,4 +1,4 @@
-"""What touches ROS: the node that answers whether formulas hold, and FormulaClient to ask it."""
+"""ROS layer: the coordinator node, and FormulaClient to call it."""
 
 from dyknow_coordinator.ros.client.formula_client import FormulaClient, Monitor
 from dyknow_coordinator.ros.client.plan_monitor import PlanMonitor

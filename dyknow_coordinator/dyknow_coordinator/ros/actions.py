@@ -1,46 +1,86 @@
-"""Actions as every node of DyKnow offers them."""
+"""Action servers whose goals end in any case."""
 
 from __future__ import annotations
 
-from collections.abc import Awaitable, Callable
+from collections.abc import Awaitable, Callable, Iterator
+from contextlib import contextmanager
 from typing import Any
 
 from rclpy.action import ActionServer, CancelResponse
 from rclpy.qos import QoSProfile
 
+from dyknow_common import DyKnowError, ExitCode
 from dyknow_common.ros import SERVICE, DyKnowNode, snake_case
-from dyknow_coordinator.ros.evaluation.client_watch import ClientWatch
+from dyknow_coordinator.ros.client_watch import ClientWatch
 
 
-def serve_action(
-    node: DyKnowNode,
-    action_type: Any,
-    execute: Callable[[Any], Awaitable[Any]],
-    cancel: Callable[[Any], CancelResponse],
-    abandon: Callable[[], None],
-) -> ActionServer:
-    """Offers an action under the private name that its type gives it.
+class CancellingActionServer:
+    """Action server that cancels goals on request, and all goals when no client is left.
 
     Args:
-        node: that has it.
+        node: the server's node.
         action_type: `MonitorFormula` is offered as `~/monitor_formula`.
-        execute: pursues a goal, and returns its result.
-        cancel: is told the goal that its client wants cancelled.
-        abandon: is called while no client of the action is left on the graph.
+        execute: pursues a goal and returns its result.
     """
-    name = snake_case(action_type.__name__)
-    server = ActionServer(
-        node,
-        action_type,
-        f'~/{name}',
-        execute,
-        callback_group=node.reentrant,
-        cancel_callback=cancel,
-        # The defaults drop goals without a word when many come at once.
-        goal_service_qos_profile=SERVICE,
-        result_service_qos_profile=SERVICE,
-        cancel_service_qos_profile=SERVICE,
-        feedback_pub_qos_profile=QoSProfile(depth=SERVICE.depth),
-    )
-    ClientWatch(node, f'{node.get_fully_qualified_name()}/{name}/_action/get_result', abandon)
-    return server
+
+    def __init__(
+        self, node: DyKnowNode, action_type: Any, execute: Callable[[Any], Awaitable[Any]]
+    ) -> None:
+        self._name = snake_case(action_type.__name__)
+        self._running: dict[bytes, Callable[..., None]] = {}
+        self._server = ActionServer(
+            node,
+            action_type,
+            f'~/{self._name}',
+            execute,
+            callback_group=node.reentrant,
+            cancel_callback=self._on_cancel,
+            # The default profiles drop goals without an error when many arrive at once.
+            goal_service_qos_profile=SERVICE,
+            result_service_qos_profile=SERVICE,
+            cancel_service_qos_profile=SERVICE,
+            feedback_pub_qos_profile=QoSProfile(depth=SERVICE.depth),
+        )
+        service = f'{node.get_fully_qualified_name()}/{self._name}/_action/get_result'
+        ClientWatch(node, service, self._on_clients_gone)
+
+    def destroy(self) -> None:
+        """Destroy the action server."""
+        self._server.destroy()
+
+    @contextmanager
+    def running(self, goal: Any, cancel: Callable[..., None]) -> Iterator[None]:
+        """Keep a goal cancellable within the context.
+
+        Args:
+            goal: the handle of the goal.
+            cancel: called without arguments on request of the client, or with a reason.
+        """
+        key = bytes(goal.goal_id.uuid)
+        self._running[key] = cancel
+        if goal.is_cancel_requested:
+            cancel()
+        try:
+            yield
+        finally:
+            del self._running[key]
+
+    def _on_cancel(self, goal: Any) -> CancelResponse:
+        cancel = self._running.get(bytes(goal.goal_id.uuid))
+        if cancel is not None:
+            cancel()
+        return CancelResponse.ACCEPT
+
+    def _on_clients_gone(self) -> None:
+        for cancel in list(self._running.values()):
+            cancel(f'no client of ~/{self._name} is left')
+
+
+def finish_goal(goal: Any, error: DyKnowError | None) -> None:
+    """Set the final state of a goal."""
+    if error is None:
+        goal.succeed()
+    elif error.code is ExitCode.CANCELLED and goal.is_cancel_requested:
+        goal.canceled()
+    else:
+        goal.abort()

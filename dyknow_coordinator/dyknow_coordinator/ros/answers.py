@@ -1,10 +1,10 @@
-"""Questions and answers as messages."""
+"""Requests, answers and progress as messages of EvaluateFormula and MonitorFormula."""
 
 from __future__ import annotations
 
 from typing import Any
 
-from dyknow_common import SECOND_NS
+from dyknow_common import SECOND_NS, Verdict
 from dyknow_common.ros import (
     constraints_from_message,
     fill_exit_status,
@@ -12,62 +12,91 @@ from dyknow_common.ros import (
     time_to_nanoseconds,
 )
 from dyknow_coordinator.errors import CoordinationError
-from dyknow_coordinator.evaluation.evaluation import EvaluationOutcome
+from dyknow_coordinator.evaluation.answer import Answer, Progress
 from dyknow_coordinator.evaluation.request import EvaluationRequest
-from dyknow_coordinator.grounding.grounding import Grounding
-from dyknow_coordinator.ros.evaluation.formula_evaluation import FormulaEvaluation
-from dyknow_coordinator.ros.reporting.evaluation_messages import grounding_to_message
+from dyknow_coordinator.grounding.feature_sources import Grounding
+from dyknow_coordinator.ros.reporting.evaluation_messages import (
+    error_from_status,
+    symbol_grounding_from_message,
+    symbol_grounding_to_message,
+)
 
 
-def question_from_message(
-    goal: Any, default_timeout: float, timeout_limit: float
+def request_from_message(
+    message: Any, default_timeout_s: float, max_timeout_s: float
 ) -> EvaluationRequest:
-    """What a request of EvaluateFormula, or a goal of MonitorFormula, asks.
+    """Return the content of a request of EvaluateFormula or a goal of MonitorFormula.
 
     Args:
-        goal: the message.
-        default_timeout: seconds, where it names none.
-        timeout_limit: the most that a timeout may be, seconds; 0: any.
+        message: the request or goal.
+        default_timeout_s: used if the message has none.
+        max_timeout_s: upper bound of the timeout; 0 for none.
 
     Raises:
-        DyKnowError: for what makes no sense.
+        DyKnowError: if the request is invalid.
     """
-    if not goal.formula.strip():
+    if not message.formula.strip():
         raise CoordinationError('the formula is empty; write one, such as always p')
-    timeout = time_to_nanoseconds(goal.timeout) / SECOND_NS
-    if timeout < 0:
-        raise CoordinationError(f'the timeout of {timeout:g} s is negative')
-    timeout = timeout or default_timeout
+    timeout_s = time_to_nanoseconds(message.timeout) / SECOND_NS
+    if timeout_s < 0:
+        raise CoordinationError(f'the timeout of {timeout_s:g} s is negative')
+    timeout_s = timeout_s or default_timeout_s
     return EvaluationRequest(
-        formula=goal.formula,
-        grounding=grounding_of(goal),
-        constraints=constraints_from_message(goal.constraints),
-        timeout=min(timeout, timeout_limit) if timeout_limit else timeout,
-        name=getattr(goal, 'name', ''),
-        restart_on_change=getattr(goal, 'restart_on_change', False),
+        formula=message.formula,
+        grounding=requested_grounding(message),
+        constraints=constraints_from_message(message.constraints),
+        timeout_s=min(timeout_s, max_timeout_s) if max_timeout_s else timeout_s,
+        name=getattr(message, 'name', ''),
+        restart_on_change=getattr(message, 'restart_on_change', False),
     )
 
 
-def grounding_of(goal: Any) -> Grounding:
-    """How symbols are to be grounded.
+def requested_grounding(message: Any) -> Grounding:
+    """Return how the symbols in a request or goal are to be grounded.
 
     Raises:
-        CoordinationError: for a number that stands for no way.
+        CoordinationError: if the number is unknown.
     """
-    if goal.grounding not in set(Grounding):
+    if message.grounding not in set(Grounding):
         raise CoordinationError(
-            f'there is no grounding {goal.grounding}; use AUTO (0), SYNTACTIC (1) or SEMANTIC (2)'
+            f'there is no grounding {message.grounding}; use AUTO (0), SYNTACTIC (1) or '
+            'SEMANTIC (2)'
         )
-    return Grounding(goal.grounding)
+    return Grounding(message.grounding)
 
 
-def fill_answer(answer: Any, evaluation: FormulaEvaluation, outcome: EvaluationOutcome) -> None:
-    """Writes an outcome into the response of the service or the result of the action."""
-    answer.verdict = int(outcome.verdict)
-    answer.canonical_formula = evaluation.canonical_formula
-    answer.explanation = outcome.explanation
-    answer.groundings = [grounding_to_message(each) for each in evaluation.groundings]
-    if outcome.decided_at is not None:
-        answer.decided_at = nanoseconds_to_time(outcome.decided_at)
-    if outcome.error is not None:
-        fill_exit_status(answer.exit_status, outcome.error)
+def fill_answer(message: Any, answer: Answer) -> None:
+    """Write an answer into a response of EvaluateFormula or a result of MonitorFormula."""
+    message.verdict = int(answer.verdict)
+    message.canonical_formula = answer.canonical_formula
+    message.explanation = answer.explanation
+    message.groundings = [symbol_grounding_to_message(each) for each in answer.groundings]
+    if answer.decided_at is not None:
+        message.decided_at = nanoseconds_to_time(answer.decided_at)
+    if answer.error is not None:
+        fill_exit_status(message.exit_status, answer.error)
+
+
+def answer_from_message(message: Any) -> Answer:
+    """Return the answer in a response of EvaluateFormula or a result of MonitorFormula."""
+    error = error_from_status(message.exit_status)
+    return Answer(
+        verdict=Verdict(message.verdict),
+        decided_at=None if error is not None else time_to_nanoseconds(message.decided_at),
+        canonical_formula=message.canonical_formula,
+        explanation=message.explanation,
+        groundings=tuple(symbol_grounding_from_message(each) for each in message.groundings),
+        error=error,
+    )
+
+
+def progress_from_message(message: Any) -> Progress:
+    """Return the progress in the feedback of MonitorFormula."""
+    return Progress(
+        states_progressed=message.states_progressed,
+        latest_valid_time=time_to_nanoseconds(message.latest_valid_time),
+        residual_formula=message.residual_formula,
+        presumably_false=message.presumably_false,
+        streams=tuple(message.streams),
+        events=tuple(message.events),
+    )

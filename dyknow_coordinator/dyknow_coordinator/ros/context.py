@@ -1,4 +1,4 @@
-"""What the parts of the coordinator have in common."""
+"""Shared parts of the coordinator."""
 
 from __future__ import annotations
 
@@ -7,36 +7,40 @@ from dataclasses import dataclass
 
 from dyknow_common import SECOND_NS
 from dyknow_common.ros import DyKnowNode
-from dyknow_coordinator.ros.evaluation.cleanup import Cleanup
-from dyknow_coordinator.ros.evaluation.results import Results
+from dyknow_coordinator.grounding.known_streams import stream_topic
+from dyknow_coordinator.ros.cleanup import Cleanup
+from dyknow_coordinator.ros.results import Results
 from dyknow_coordinator.ros.service_clients import ServiceClients
 from dyknow_coordinator.ros.streams_mirror import StreamsMirror
 
 
 @dataclass(frozen=True, slots=True)
 class CoordinatorContext:
-    """What every evaluation works with.
+    """Parts of the coordinator that every evaluation uses.
 
     Args:
         node: the coordinator.
-        clients: the services that it calls.
+        clients: clients of the services that it calls.
         streams: all streams of the system.
         results: of the reasoning engine.
-        disposal: ends what is not needed any more.
-        names: of formula groups and streams of states; unique in the system.
+        cleanup: destroys unused streams and formula groups.
+        names: of formula groups and state streams; unique in the system.
     """
 
     node: DyKnowNode
     clients: ServiceClients
     streams: StreamsMirror
     results: Results
-    disposal: Cleanup
+    cleanup: Cleanup
     names: Iterator[str]
 
-    def wall_time(self) -> float:
-        """Seconds of a clock that goes on while simulated time stands still."""
+    def wall_time_s(self) -> float:
+        """Return the time of a clock that does not depend on simulated time."""
         return float(self.node.wall_clock.now().nanoseconds) / SECOND_NS
 
     def state_topic(self, name: str) -> str:
-        """Where engines in the namespace of the coordinator publish a stream of states."""
-        return self.node.resolve_topic_name(f'dyknow/streams/{name}')
+        """Return the topic of a state stream, if an engine in the coordinator's namespace has it.
+
+        So the reasoning engine can subscribe before the stream exists.
+        """
+        return self.node.resolve_topic_name(stream_topic(name))

@@ -1,4 +1,4 @@
-"""The evaluations command: which formulas are evaluated, and what has become of each."""
+"""The evaluations command: show the formulas that are evaluated, and their status."""
 
 from __future__ import annotations
 
@@ -22,19 +22,19 @@ from dyknow_coordinator.ros.reporting.evaluation_messages import status_from_mes
 
 
 def document(report: Any, name: str) -> dict[str, Any]:
-    """A report, or what it says of the evaluations of one name, as JSON.
+    """Return a report as JSON; if a name is given, only the evaluations of that name.
 
     Raises:
-        CoordinationError: NOT_FOUND, when there is none of that name.
+        CoordinationError: NOT_FOUND, if there is none of that name.
     """
     return {'evaluations': [as_json(status) for status in _statuses(report, name)]}
 
 
 def rendered(report: Any, name: str) -> RenderableType:
-    """A report, or what it says of the evaluations of one name, for the terminal.
+    """Return a report for the terminal; if a name is given, the details of its evaluations.
 
     Raises:
-        CoordinationError: NOT_FOUND, when there is none of that name.
+        CoordinationError: NOT_FOUND, if there is none of that name.
     """
     statuses = _statuses(report, name)
     if name:
@@ -54,18 +54,22 @@ def _statuses(report: Any, name: str) -> list[EvaluationStatus]:
 
 
 def options(arguments: Sequence[str]) -> argparse.Namespace:
-    """The options on the command line."""
+    """Return the options on the command line."""
     parser = argparse.ArgumentParser(
         prog='evaluations',
-        description=f'{__doc__} Exit code 0: shown, 1: no such evaluation, 2: nobody reports.',
+        description=f'{__doc__} Exit code 0: shown, 1: no such evaluation, 2: no report received.',
     )
     parser.add_argument(
-        'name', nargs='?', default='', metavar='NAME', help='show all about evaluations so called'
+        'name',
+        nargs='?',
+        default='',
+        metavar='NAME',
+        help='show all details of the evaluations of this name',
     )
     add_report_options(parser, 'stream_reasoning_coordinator', 'the coordinator')
     return parser.parse_args(arguments)
 
 
 def main() -> int:
-    """The executable evaluations."""
+    """Run the executable evaluations."""
     return ReportCommand('evaluations', EvaluationStatusArray, document, rendered).run(options)

@@ -6,79 +6,57 @@ from collections.abc import Callable
 from typing import Any
 
 from dyknow_interfaces.action import MonitorFormula
-from rclpy.action import CancelResponse
 
-from dyknow_common import DyKnowError, ExitCode
-from dyknow_common.ros import DyKnowNode, fill_exit_status
-from dyknow_coordinator.evaluation.evaluation import EvaluationOutcome
+from dyknow_common import DyKnowError
+from dyknow_common.ros import DyKnowNode
+from dyknow_coordinator.evaluation.answer import Answer
 from dyknow_coordinator.evaluation.request import EvaluationRequest
-from dyknow_coordinator.ros.actions import serve_action
+from dyknow_coordinator.ros.actions import CancellingActionServer, finish_goal
 from dyknow_coordinator.ros.answers import fill_answer
 from dyknow_coordinator.ros.evaluation.formula_evaluation import FormulaEvaluation
 
 
 class MonitorFormulaServer:
-    """Evaluates formulas for the clients of an action, who hear how it goes and may cancel.
+    """Evaluates formulas for clients that get feedback and may cancel.
 
     Args:
-        start: begins an evaluation.
-        question: what a goal asks.
+        node: offers the action.
+        start: starts an evaluation.
+        read_request: returns the content of a goal.
     """
 
     def __init__(
         self,
         node: DyKnowNode,
         start: Callable[[EvaluationRequest], FormulaEvaluation],
-        question: Callable[[Any], EvaluationRequest],
+        read_request: Callable[[Any], EvaluationRequest],
     ) -> None:
         self._start = start
-        self._question = question
-        self._evaluations: dict[bytes, FormulaEvaluation] = {}
-        self._action = serve_action(
-            node, MonitorFormula, self._monitor, self._cancel, self._abandon
-        )
+        self._read_request = read_request
+        self.server = CancellingActionServer(node, MonitorFormula, self._execute)
 
-    def destroy(self) -> None:
-        """Frees the action server."""
-        self._action.destroy()
-
-    async def _monitor(self, goal: Any) -> Any:
-        result = MonitorFormula.Result()
+    async def _execute(self, goal: Any) -> Any:
         try:
-            evaluation = self._start(self._question(goal.request))
+            evaluation = self._start(self._read_request(goal.request))
         except DyKnowError as error:
-            fill_exit_status(result.exit_status, error)
-            goal.abort()
-            return result
-        key = bytes(goal.goal_id.uuid)
-        self._evaluations[key] = evaluation
-        evaluation.on_progress = _Feedback(goal, evaluation).publish
-        if goal.is_cancel_requested:
-            evaluation.cancel()
-        outcome = await evaluation.outcome
-        del self._evaluations[key]
-        fill_answer(result, evaluation, outcome)
-        _finish(goal, outcome)
+            answer = Answer(error=error)
+        else:
+            evaluation.on_progress = _Feedback(goal, evaluation).publish
+            with self.server.running(goal, evaluation.cancel):
+                answer = await evaluation.outcome
+        result = MonitorFormula.Result()
+        fill_answer(result, answer)
+        finish_goal(goal, answer.error)
         return result
-
-    def _cancel(self, goal: Any) -> CancelResponse:
-        evaluation = self._evaluations.get(bytes(goal.goal_id.uuid))
-        if evaluation is not None:
-            evaluation.cancel()
-        return CancelResponse.ACCEPT
-
-    def _abandon(self) -> None:
-        for evaluation in list(self._evaluations.values()):
-            evaluation.cancel('no client of ~/monitor_formula is left')
 
 
 class _Feedback:
-    """Tells the client of a goal how its formula is."""
+    """Publishes the progress of a formula to the client of its goal."""
 
     def __init__(self, goal: Any, evaluation: FormulaEvaluation) -> None:
         self._goal = goal
         self._evaluation = evaluation
-        self._told = 0
+        self._published_events = 0
 
     def publish(self) -> None:
         evaluation, progress = self._evaluation, self._evaluation.progress
@@ -86,21 +64,12 @@ class _Feedback:
             return
         feedback = MonitorFormula.Feedback(
             streams=[each.stream for each in evaluation.groundings],
-            events=evaluation.history.since(self._told),
+            events=evaluation.history.since(self._published_events),
         )
         if progress is not None:
             feedback.states_progressed = progress.states_progressed
             feedback.latest_valid_time = progress.latest_valid_time
             feedback.residual_formula = progress.residual_formula
             feedback.presumably_false = progress.presumably_false
-        self._told = evaluation.history.count
+        self._published_events = evaluation.history.count
         self._goal.publish_feedback(feedback)
-
-
-def _finish(goal: Any, outcome: EvaluationOutcome) -> None:
-    if outcome.error is None:
-        goal.succeed()
-    elif outcome.error.code is ExitCode.CANCELLED and goal.is_cancel_requested:
-        goal.canceled()
-    else:
-        goal.abort()

@@ -1,4 +1,4 @@
-"""The services that the coordinator calls, as awaitable functions on plain data."""
+"""Services that the coordinator calls, as awaitable functions on plain data."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ _SERVICES: Final = {
 
 
 class ServiceClients:
-    """The nodes that the coordinator orchestrates."""
+    """Clients of the nodes that the coordinator orchestrates."""
 
     def __init__(self, node: DyKnowNode) -> None:
         names = {
@@ -48,38 +48,30 @@ class ServiceClients:
             for role in (*_SERVICES, 'stream_semantics_manager')
         }
 
-        def peer(role: str) -> RemoteNode:
-            return RemoteNode(node, names[role], services=_SERVICES[role])
-
-        self.stream_manager = peer('stream_manager')
-        self.ontology_manager = peer('ontology_manager')
-        self.semantic_matching_engine = peer('semantic_matching_engine')
-        self.stream_reasoning_engine = peer('stream_reasoning_engine')
+        self.nodes = tuple(
+            RemoteNode(node, names[role], services=services) for role, services in _SERVICES.items()
+        )
+        (
+            self.stream_manager,
+            self.ontology_manager,
+            self.semantic_matching_engine,
+            self.stream_reasoning_engine,
+        ) = self.nodes
         self.streams_topic = f'{names["stream_manager"]}/streams'
         self.progress_topic = f'{names["stream_reasoning_engine"]}/progress'
         self.version_topics = tuple(
             f'{names[role]}/version' for role in ('ontology_manager', 'stream_semantics_manager')
         )
 
-    @property
-    def peers(self) -> tuple[RemoteNode, ...]:
-        """The nodes that are called."""
-        return (
-            self.stream_manager,
-            self.ontology_manager,
-            self.semantic_matching_engine,
-            self.stream_reasoning_engine,
-        )
-
     async def create_group(self, name: str) -> int:
-        """The id of a new formula group."""
+        """Create a formula group; return its id."""
         response = await self.stream_reasoning_engine.call(
             FormulaGroupCreate, formula_group_name=name
         )
         return int(response.formula_group_id)
 
     async def add_formula(self, group_id: int, name: str, formula: str) -> tuple[int, str]:
-        """The id and the canonical text of a formula that is now in the group."""
+        """Add a formula to a group; return its id and its canonical text."""
         response = await self._call_group(
             FormulaGroupAddFormula,
             formula_group_id=group_id,
@@ -89,7 +81,7 @@ class ServiceClients:
         return int(response.formula_id), str(response.canonical_formula)
 
     async def symbols(self, group_id: int) -> tuple[Symbol, ...]:
-        """The symbols of a group; ground features once its evaluation has begun."""
+        """Return the symbols of a group; with ground features once its domains are known."""
         response = await self._call_group(FormulaGroupExtractSymbols, formula_group_id=group_id)
         return tuple(
             Symbol(SymbolKind(symbol.kind), symbol.name, tuple(symbol.arguments))
@@ -97,12 +89,12 @@ class ServiceClients:
         )
 
     async def instances(self, sort: str) -> tuple[str, ...]:
-        """The objects of a sort."""
+        """Return the objects of a sort."""
         response = await self.ontology_manager.call(ConceptGetInstances, concept_name=sort)
         return tuple(response.instances)
 
     async def matching_streams(self, concept: str) -> tuple[str, ...]:
-        """Stream specifications for a concept, best first."""
+        """Return the specifications of the streams that match a concept, best first."""
         response = await self.semantic_matching_engine.call(FindAllMatchingStreams, concept=concept)
         return tuple(response.stream_specifications)
 
@@ -115,7 +107,15 @@ class ServiceClients:
         *,
         gap: bool = False,
     ) -> None:
-        """Lets the reasoning engine listen to states, or to others, after a gap or not."""
+        """Start the evaluation of a group, or switch it to another state stream.
+
+        Args:
+            group_id: of the group.
+            domains: the objects of each sort.
+            state_stream: the topic of the states.
+            result_topic: the topic on which the engine publishes results.
+            gap: states may be missing between the two streams.
+        """
         await self._call_group(
             FormulaGroupEvaluate,
             formula_group_id=group_id,
@@ -128,7 +128,7 @@ class ServiceClients:
     async def create_stream(
         self, name: str, specification: str, constraints: StreamConstraints
     ) -> tuple[str, str]:
-        """The topics of a new stream and of its violations."""
+        """Create a stream; return its topic and the topic of its violations."""
         response = await self.stream_manager.call(
             StreamCreateFromSpec,
             spec=StreamSpec(
@@ -140,30 +140,30 @@ class ServiceClients:
         return str(response.stream_topic), str(response.stream_constraint_violation_topic)
 
     async def topic(self, stream: str) -> tuple[str, str]:
-        """The topic of a stream, and the type of its messages."""
+        """Return the topic of a stream, and the type of its messages."""
         response = await self.stream_manager.call(StreamGetTopic, stream_name=stream)
         return str(response.topic_name), str(response.message_type)
 
     async def destroy_stream(self, name: str) -> None:
-        """Ends a stream."""
+        """Destroy a stream."""
         await self.stream_manager.call(StreamDestroy, stream_name=name)
 
     async def remove_formula(self, group_id: int, formula_id: int) -> None:
-        """Takes a formula out of a group."""
+        """Remove a formula from a group."""
         await self._call_group(
             FormulaGroupRemoveFormula, formula_group_id=group_id, formula_id=formula_id
         )
 
     async def destroy_group(self, group_id: int) -> None:
-        """Ends a formula group."""
+        """Destroy a formula group."""
         await self.stream_reasoning_engine.call(FormulaGroupDestroy, formula_group_id=group_id)
 
     async def _call_group(self, service_type: Any, **fields: Any) -> Any:
-        """The response of a service about a formula group that was there a moment ago."""
+        """Call a service for a formula group that exists unless its engine was restarted."""
         try:
             return await self.stream_reasoning_engine.call(service_type, **fields)
         except DyKnowError as error:
             if error.code is not ExitCode.NOT_FOUND:
                 raise
-            text = f'node {self.stream_reasoning_engine.name} was started anew: {error}'
+            text = f'node {self.stream_reasoning_engine.name} was restarted: {error}'
             raise CoordinationError(text, ExitCode.UNAVAILABLE) from None

@@ -1,4 +1,4 @@
-"""The streams of the system, as the stream manager tells them."""
+"""Mirror of the streams of the system, as the stream manager reports them."""
 
 from __future__ import annotations
 
@@ -15,47 +15,47 @@ from dyknow_coordinator.grounding.known_streams import KnownStream, KnownStreams
 from dyknow_coordinator.grounding.stream_fields import field_names
 from dyknow_stream_processing.ros import message_class, scalar_fields, source_type
 
-LIMIT: Final = 1.0
-"""Seconds within which the stream manager tells of a stream that it has made."""
+REPORT_TIMEOUT_S: Final = 1.0
+"""Time within which the stream manager reports a stream that it has created."""
+
+POLL_PERIOD_S: Final = 0.05
 
 NO_TOPIC: Final = '/_no_topic'
 """A topic that nobody publishes."""
-
-POLL: Final = 0.05
-"""Seconds between two looks."""
 
 
 class StreamsMirror:
     """Follows the stream manager's `~/streams`.
 
     Args:
+        node: the coordinator.
         topic: of the stream manager.
-        on_change: is called when a stream has begun to flow, or flows no more.
+        on_change: called when the set of published streams has changed.
     """
 
     def __init__(self, node: DyKnowNode, topic: str, on_change: Callable[[], None]) -> None:
         self._node = node
-        self.known = self._knowing(())
+        self.known = self._known_streams(())
         self._on_change = on_change
         node.create_subscription(
             StreamStatusArray,
             topic,
-            self._hear,
+            self._on_report,
             LATCHED,
             callback_group=node.reentrant,
             event_callbacks=NO_SUBSCRIPTION_EVENTS,
         )
 
-    async def hear_of(self, name: str) -> None:
-        """Waits for a moment until a stream is told of: one that was just made may not be yet."""
+    async def wait_for(self, name: str) -> None:
+        """Wait until a new stream is reported, for at most REPORT_TIMEOUT_S."""
         deadlines = self._node.deadlines
-        limit = deadlines.after(LIMIT)
+        limit = deadlines.after(REPORT_TIMEOUT_S)
         while self.known.get(name) is None and not limit.done():
-            await deadlines.after(POLL)
+            await deadlines.after(POLL_PERIOD_S)
         limit.cancel()
 
     def fields(self, name: str) -> tuple[str, ...]:
-        """The fields of a stream.
+        """Return the fields of a stream.
 
         Raises:
             CoordinationError: NOT_FOUND.
@@ -71,13 +71,13 @@ class StreamsMirror:
         found = source_type(self._node, topic)
         return tuple(found.fields or ()) if found else ()
 
-    def _hear(self, message: Any) -> None:
-        before = self.known.flowing()
-        self.known = self._knowing([self._known(status) for status in message.streams])
-        if self.known.flowing() != before:
+    def _on_report(self, message: Any) -> None:
+        before = self.known.published()
+        self.known = self._known_streams(map(self._known_stream, message.streams))
+        if self.known.published() != before:
             self._on_change()
 
-    def _known(self, status: StreamStatus) -> KnownStream:
+    def _known_stream(self, status: StreamStatus) -> KnownStream:
         before = self.known.get(status.name)
         return KnownStream(
             status.name,
@@ -88,7 +88,7 @@ class StreamsMirror:
             received={each.topic: time_to_nanoseconds(each.latest) for each in status.sources},
         )
 
-    def _knowing(self, streams: Iterable[KnownStream]) -> KnownStreams:
+    def _known_streams(self, streams: Iterable[KnownStream]) -> KnownStreams:
         return KnownStreams(streams, self._is_published, self._absolute)
 
     def _is_published(self, topic: str) -> bool:
@@ -98,4 +98,4 @@ class StreamsMirror:
         try:
             return self._node.resolve_topic_name(topic)
         except (ValueError, RuntimeError, InvalidTopicNameException):
-            return NO_TOPIC  # What makes streams says why it cannot be one.
+            return NO_TOPIC  # The stream manager reports why the name is invalid.

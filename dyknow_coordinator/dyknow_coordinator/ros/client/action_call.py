@@ -1,11 +1,11 @@
-"""One goal of an action of another node: sent once the node is there, and ended in any case."""
+"""One goal of an action of another node: sent when the node is available, and ended in any case."""
 
 from __future__ import annotations
 
 import threading
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Final
 
 from rclpy.action import ActionClient
 from rclpy.task import Future
@@ -13,158 +13,158 @@ from rclpy.task import Future
 from dyknow_common import SECOND_NS, DyKnowError, ExitCode
 from dyknow_common.ros import NodeAdapter, RemoteNode
 
-POLL = 0.02
-"""Seconds between two looks for a server that discovery has not found yet."""
+POLL_PERIOD_S: Final = 0.02
+"""Time between two checks for a server that has not been discovered."""
 
-GRACE = 5.0
-"""Seconds beyond the time that an evaluation may take, after which its server is given up."""
+GRACE_S: Final = 5.0
+"""Time beyond the timeout of an evaluation after which its server is given up."""
 
 
 @dataclass(frozen=True, slots=True)
-class Limits:
-    """How long a goal may take, in seconds.
+class GoalTimeouts:
+    """Time limits of a goal, in seconds.
 
     Args:
-        wait: for its server to be there.
-        work: from then on; None where it has no end of its own.
+        server_s: for the server to be available.
+        result_s: for the result, from then on; None for no limit.
     """
 
-    wait: float
-    work: float | None
+    server_s: float
+    result_s: float | None
 
 
 class ActionCall:
-    """A goal on its way to a result.
+    """A goal, from its request to its result.
 
-    It is made of callbacks, not of a task, so that it goes on whichever executor spins the node.
+    It consists of callbacks, not of a task, so it works with any executor.
 
     Args:
+        node: of the client.
+        server: the node that offers the action.
         client: of the action.
-        on_end: is given the result, or else what went wrong; once.
-        on_feedback: is given each feedback.
+        goal: the goal message.
+        timeouts: of the goal.
+        on_end: called once, with the result or an error.
+        on_feedback: called with each feedback.
+
+    Attributes:
+        accepted: a future that is done when the goal is accepted or the call has ended.
     """
 
     def __init__(
         self,
-        guest: NodeAdapter,
-        peer: RemoteNode,
+        node: NodeAdapter,
+        server: RemoteNode,
         client: ActionClient,
         goal: Any,
-        limits: Limits,
+        timeouts: GoalTimeouts,
         *,
         on_end: Callable[[Any, DyKnowError | None], None],
         on_feedback: Callable[[Any], None],
     ) -> None:
         self.accepted: Future = Future()
-        self._guest = guest
-        self._peer = peer
+        self._node = node
+        self._server = server
         self._client = client
         self._goal = goal
-        self._limits = limits
+        self._timeouts = timeouts
         self._on_end = on_end
         self._on_feedback = on_feedback
         self._handle: Any = None
-        self._sent = self._ended = self._unwanted = False
-        self._limit: Future = Future()
-        # Executors of several threads may bring two ends at once.
+        self._is_sent = self._has_ended = self._is_cancelled = False
+        self._timeout: Future = Future()
+        # A multi-threaded executor may run two callbacks that end the call at once.
         self._lock = threading.Lock()
-        self._until = guest.wall_clock.now().nanoseconds + round(limits.wait * SECOND_NS)
-        if self._ready:
+        self._deadline = node.wall_clock.now().nanoseconds + round(timeouts.server_s * SECOND_NS)
+        if self._is_server_ready():
             self._send()
         else:
-            self._look_again()
-
-    @property
-    def ended(self) -> bool:
-        """Whether there is a result, or never will be."""
-        return self._ended
+            self._poll_later()
 
     def cancel(self) -> None:
-        """Wants no result any more; the server tells what it knows, if it can."""
-        if self._ended:
+        """Cancel the goal; the result is then that of the server, if it answers in time."""
+        if self._has_ended:
             return
-        self._unwanted = True
-        if not self._sent:
+        self._is_cancelled = True
+        if not self._is_sent:
             self.fail(DyKnowError('cancelled by the caller', ExitCode.CANCELLED))
             return
         if self._handle is not None:
             self._handle.cancel_goal_async()
-        self._fail_after(GRACE, 'is cancelled, and', ExitCode.CANCELLED)
+        self._fail_after(GRACE_S, 'is cancelled, and', ExitCode.CANCELLED)
 
     def fail(self, error: DyKnowError) -> None:
-        """Ends without a result; what the server still does for it is cancelled."""
-        if self._handle is not None and not self._ended:
-            self._unwanted = True
+        """End with an error, and cancel the goal at the server."""
+        if self._handle is not None and not self._has_ended:
+            self._is_cancelled = True
             self._handle.cancel_goal_async()
         self._end(None, error)
 
-    @property
-    def _ready(self) -> bool:
-        return bool(self._peer.alive and self._client.server_is_ready())
+    def _is_server_ready(self) -> bool:
+        return bool(self._server.alive and self._client.server_is_ready())
 
-    def _look_again(self) -> None:
-        self._guest.deadlines.after(POLL).add_done_callback(lambda _: self._look())
+    def _poll_later(self) -> None:
+        self._node.deadlines.after(POLL_PERIOD_S).add_done_callback(lambda _: self._poll())
 
-    def _look(self) -> None:
-        if self._ended:
+    def _poll(self) -> None:
+        if self._has_ended:
             return
-        if self._ready:
+        if self._is_server_ready():
             self._send()
-        elif self._guest.wall_clock.now().nanoseconds > self._until:
-            self.fail(self._peer.unavailable('is not running'))
+        elif self._node.wall_clock.now().nanoseconds > self._deadline:
+            self.fail(self._server.unavailable('is not running'))
         else:
-            self._look_again()
+            self._poll_later()
 
     def _send(self) -> None:
-        self._sent = True
-        self._peer.on_lost.append(self._lost)
-        self._fail_after(GRACE, 'was sent, and', ExitCode.UNAVAILABLE)
-        sending = self._client.send_goal_async(
+        self._is_sent = True
+        self._server.on_lost.append(self._on_server_lost)
+        self._fail_after(GRACE_S, 'was sent, and', ExitCode.UNAVAILABLE)
+        response = self._client.send_goal_async(
             self._goal, lambda message: self._on_feedback(message.feedback)
         )
-        sending.add_done_callback(self._taken)
+        response.add_done_callback(self._on_response)
 
-    def _taken(self, sending: Future) -> None:
-        handle = sending.result()
+    def _on_response(self, response: Future) -> None:
+        handle = response.result()
         if not handle.accepted:
-            self.fail(self._peer.unavailable('has refused the goal'))
+            self.fail(self._server.unavailable('has refused the goal'))
             return
         self._handle = handle
-        if self._unwanted or self._ended:
+        if self._is_cancelled or self._has_ended:
             handle.cancel_goal_async()
-        elif self._limits.work is None:
-            self._limit.cancel()
+        elif self._timeouts.result_s is None:
+            self._timeout.cancel()
         else:
-            self._fail_after(self._limits.work + GRACE, 'has no result:', ExitCode.TIMEOUT)
+            self._fail_after(self._timeouts.result_s + GRACE_S, 'has no result:', ExitCode.TIMEOUT)
         if not self.accepted.done():
             self.accepted.set_result(None)
         handle.get_result_async().add_done_callback(
             lambda done: self._end(done.result().result, None)
         )
 
-    def _lost(self) -> None:
+    def _on_server_lost(self) -> None:
         self._handle = None
-        self.fail(self._peer.unavailable('has died'))
+        self.fail(self._server.unavailable('has died'))
 
-    def _fail_after(self, seconds: float, what: str, code: ExitCode) -> None:
-        self._limit.cancel()
-        text = f'the goal {what} {self._peer.name} has not answered within {seconds:g} s'
-        self._limit = self._guest.deadlines.after(seconds)
-        self._limit.add_done_callback(lambda done: self._expire(done, DyKnowError(text, code)))
+    def _fail_after(self, delay_s: float, what: str, code: ExitCode) -> None:
+        self._timeout.cancel()
+        text = f'the goal {what} {self._server.name} has not answered within {delay_s:g} s'
+        self._timeout = self._node.deadlines.after(delay_s)
+        self._timeout.add_done_callback(lambda done: self._expire(done, DyKnowError(text, code)))
 
-    def _expire(self, limit: Future, error: DyKnowError) -> None:
-        if not limit.cancelled():
+    def _expire(self, timeout: Future, error: DyKnowError) -> None:
+        if not timeout.cancelled():
             self.fail(error)
 
     def _end(self, result: Any, error: DyKnowError | None) -> None:
         with self._lock:
-            if self._ended:
+            if self._has_ended:
                 return
-            self._ended = True
-        self._limit.cancel()
-        if self._lost in self._peer.on_lost:
-            self._peer.on_lost.remove(self._lost)
+            self._has_ended = True
+        self._timeout.cancel()
+        if self._on_server_lost in self._server.on_lost:
+            self._server.on_lost.remove(self._on_server_lost)
         if not self.accepted.done():
-            # Whoever waits for it goes on; `ended` tells why.
             self.accepted.set_result(None)
         self._on_end(result, error)

@@ -1,10 +1,10 @@
-"""A plan that is being monitored, as its executor sees it."""
+"""Handle of a plan that is being monitored."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
-from typing import Any
+from typing import Any, Final
 
 from dyknow_interfaces.srv import ReportPlanAction
 from rclpy.task import Future
@@ -19,89 +19,82 @@ from dyknow_coordinator.plans.plan import (
     PlanVerdict,
 )
 from dyknow_coordinator.ros.client.action_call import ActionCall
-from dyknow_coordinator.ros.reporting.evaluation_messages import error_of
+from dyknow_coordinator.ros.reporting.evaluation_messages import error_from_status
 
-PATIENCE = 3.0
-"""Seconds to wait for the coordinator to be there for a report."""
+SERVER_TIMEOUT_S: Final = 3.0
+"""Time to wait for the coordinator before a report fails."""
 
-LIMIT = 5.0
-"""Seconds that a report may take."""
+REPORT_TIMEOUT_S: Final = 5.0
 
 
 class PlanMonitor:
-    """A plan that is being monitored; its executor reports how the actions go.
+    """Handle of a plan that is being monitored; its executor reports the progress of the actions.
 
     Attributes:
-        outcome: a future of the `PlanOutcome`; await it, or look whether it is `done()`.
+        outcome: a future of the `PlanOutcome`; await it, or check `done()`.
     """
 
     def __init__(
-        self, name: str, peer: RemoteNode, on_verdict: Callable[[PlanVerdict], Any]
+        self, name: str, coordinator: RemoteNode, on_verdict: Callable[[PlanVerdict], Any]
     ) -> None:
         self.name = name
         self.outcome: Future = Future()
-        self.errand: ActionCall | None = None
-        self._peer = peer
+        self.call: ActionCall | None = None
+        self._coordinator = coordinator
         self._on_verdict = on_verdict
-        self._told: dict[FormulaPosition, PlanVerdict] = {}
+        self._published: dict[FormulaPosition, PlanVerdict] = {}
 
     async def started(self, action: str) -> None:
-        """Reports that an action has begun; returns when its formulas are being started.
+        """Report that an action has started; return when its formulas are being started.
 
         Raises:
-            DyKnowError: when that cannot be, or cannot be told.
+            DyKnowError: if the report is impossible, or cannot be sent.
         """
         await self._report(action, Event.STARTED)
 
     async def succeeded(self, action: str) -> None:
-        """Reports that an action has reached its goal.
-
-        Raises:
-            DyKnowError: when that cannot be, or cannot be told.
-        """
+        """Report that an action has reached its goal; raises like `started`."""
         await self._report(action, Event.SUCCEEDED)
 
     async def failed(self, action: str) -> None:
-        """Reports that an action has not reached its goal, or will not be begun.
-
-        Raises:
-            DyKnowError: when that cannot be, or cannot be told.
-        """
+        """Report that an action has failed or will not be started; raises like `started`."""
         await self._report(action, Event.FAILED)
 
     def cancel(self) -> None:
-        """Has the plan monitored no more: the outcome is then CANCELLED."""
-        if self.errand is not None:
-            self.errand.cancel()
+        """End the monitoring of the plan: the outcome is then CANCELLED."""
+        if self.call is not None:
+            self.call.cancel()
 
-    def tell(self, verdict: PlanVerdict) -> None:
-        """Something new is known of a formula."""
+    def update(self, verdict: PlanVerdict) -> None:
+        """Pass on a new status of a formula, unless the plan has ended."""
         if not self.outcome.done():
-            self._tell_new(verdict)
+            self._publish(verdict)
 
     def end(self, outcome: PlanOutcome) -> None:
-        """The plan is over; the outcome may overtake the last verdicts."""
+        """Set the outcome; it may arrive before the last verdicts."""
         self.outcome.set_result(outcome)
         for verdict in outcome.verdicts:
             if verdict.phase is not PlanPhase.PENDING:
-                self._tell_new(verdict)
+                self._publish(verdict)
 
-    def _tell_new(self, verdict: PlanVerdict) -> None:
-        # Errors are equal only to themselves; the phase tells that there is one.
-        known = replace(verdict, error=None)
-        if self._told.get(verdict.place) != known:
-            self._told[verdict.place] = known
+    def _publish(self, verdict: PlanVerdict) -> None:
+        # Errors are never equal; the phase shows that there is one.
+        comparable = replace(verdict, error=None)
+        if self._published.get(verdict.position) != comparable:
+            self._published[verdict.position] = comparable
             self._on_verdict(verdict)
 
     async def _report(self, action: str, event: Event) -> None:
-        if self.errand is not None:
-            await self.errand.accepted
+        if self.call is not None:
+            await self.call.accepted
         if self.outcome.done():
             raise self.outcome.result().error or CoordinationError(
                 f"plan '{self.name}' is over; nothing can be reported of '{action}'"
             )
         request = ReportPlanAction.Request(plan=self.name, action=action, event=int(event))
-        response: Any = await self._peer.request(ReportPlanAction, request, PATIENCE, LIMIT)
-        error = error_of(response.exit_status)
+        response: Any = await self._coordinator.request(
+            ReportPlanAction, request, SERVER_TIMEOUT_S, REPORT_TIMEOUT_S
+        )
+        error = error_from_status(response.exit_status)
         if error is not None:
             raise error

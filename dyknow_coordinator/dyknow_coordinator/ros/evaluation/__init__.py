@@ -1,1 +1,1 @@
-"""Evaluation of formulas by calls to the other nodes."""
+"""Evaluation of formulas over state streams."""

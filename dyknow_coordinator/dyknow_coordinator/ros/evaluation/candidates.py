@@ -1,69 +1,68 @@
-"""Finding the streams that carry the features of a formula (step 5)."""
+"""Search for the streams that carry the features of a formula (step 5)."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 
 from dyknow_common import DyKnowError, ExitCode, Symbol
-from dyknow_coordinator.grounding.grounding import (
+from dyknow_coordinator.grounding.feature_sources import (
     Candidates,
     FeatureSource,
     Grounding,
-    concept_of,
-    features,
-    only_field,
-    referenced,
-    sorts,
-    sources,
+    parse_sources,
+    referenced_source,
+    single_field_source,
 )
+from dyknow_coordinator.grounding.symbols import concept_query, feature_symbols, sort_names
 from dyknow_coordinator.ros.context import CoordinatorContext
 
 
 async def find_candidates(
-    facilities: CoordinatorContext, symbols: Sequence[Symbol], grounding: Grounding
+    context: CoordinatorContext, symbols: Sequence[Symbol], grounding: Grounding
 ) -> Candidates:
-    """The sources of all features among symbols, by meaning or by name.
+    """Return the sources of all features among symbols.
 
     Raises:
-        DyKnowError: when a feature makes no sense, or a node that is needed is not there.
+        DyKnowError: if a feature is invalid, or a node that is needed is unavailable.
     """
     found: list[FeatureSource] = []
     nearest: dict[str, str] = {}
-    sort_names = sorts(symbols)
-    for symbol in features(symbols):
+    sorts = sort_names(symbols)
+    for symbol in feature_symbols(symbols):
         try:
             if symbol.is_reference:
-                found.append(referenced(symbol))
+                found.append(referenced_source(symbol))
             elif grounding is Grounding.SYNTACTIC:
-                found.append(await _named(facilities, symbol))
+                found.append(await _named_source(context, symbol))
             else:
-                concept = concept_of(symbol, sort_names)
-                found += sources(await facilities.clients.matching_streams(concept))
+                query = concept_query(symbol, sorts)
+                found += parse_sources(await context.clients.matching_streams(query))
         except DyKnowError as error:
             if error.code is not ExitCode.NOT_FOUND:
                 raise
-            named = await _if_stream(facilities, symbol) if grounding is Grounding.AUTO else None
-            if named is not None:
-                found.append(named)
+            source = await _fallback(context, symbol) if grounding is Grounding.AUTO else None
+            if source is not None:
+                found.append(source)
             else:
                 nearest[str(symbol)] = error.message
     return Candidates(tuple(found), nearest)
 
 
-async def _if_stream(facilities: CoordinatorContext, symbol: Symbol) -> FeatureSource | None:
+async def _fallback(context: CoordinatorContext, symbol: Symbol) -> FeatureSource | None:
+    """Return the stream that a symbol names, if there is one."""
     if not symbol.may_be_stream:
         return None
     try:
-        return await _named(facilities, symbol)
+        return await _named_source(context, symbol)
     except DyKnowError as error:
         if error.code is not ExitCode.NOT_FOUND:
             raise
         return None
 
 
-async def _named(facilities: CoordinatorContext, symbol: Symbol) -> FeatureSource:
-    """The source of a symbol that is the name of a stream with one field."""
-    # Who mistypes a name hears of those that there are.
-    await facilities.clients.topic(symbol.name)
-    await facilities.streams.hear_of(symbol.name)
-    return only_field(symbol, facilities.streams.fields(symbol.name))
+async def _named_source(context: CoordinatorContext, symbol: Symbol) -> FeatureSource:
+    """Return the source of a symbol that is the name of a stream with one field."""
+    # For an unknown name, the error of the stream manager lists the known ones.
+    await context.clients.topic(symbol.name)
+    await context.streams.wait_for(symbol.name)
+    return single_field_source(symbol, context.streams.fields(symbol.name))

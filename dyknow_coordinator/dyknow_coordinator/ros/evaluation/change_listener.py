@@ -1,4 +1,4 @@
-"""Changes of what streams mean and of which objects there are, as the semantic nodes tell them."""
+"""Changes of annotations and objects, as the semantic nodes report them."""
 
 from __future__ import annotations
 
@@ -9,16 +9,17 @@ from dyknow_interfaces.msg import SemanticsVersion
 
 from dyknow_common.ros import LATCHED, NO_SUBSCRIPTION_EVENTS, DyKnowNode
 
-DELAYS: Final = (0.3, 2.0)
-"""Seconds after a change at which one looks: soon, and when the last node must have heard of it."""
+DELAYS_S: Final = (0.3, 2.0)
+"""Times of reactions to a change: soon, and when every node must have received it."""
 
 
 class ChangeListener:
-    """Tells of changes; once for many that come together.
+    """Reports changes; changes in quick succession are reported together.
 
     Args:
-        topics: the `~/version` of each node that tells changes.
-        on_change: is called at each of `DELAYS` after a change.
+        node: the coordinator.
+        topics: the `~/version` of each node that reports changes.
+        on_change: called DELAYS_S after a change.
     """
 
     def __init__(
@@ -26,24 +27,23 @@ class ChangeListener:
     ) -> None:
         self._node = node
         self._on_change = on_change
-        self._due: set[float] = set()
+        self._pending: set[float] = set()
         for topic in topics:
             node.create_subscription(
                 SemanticsVersion,
                 topic,
-                self._hear,
+                self._on_version,
                 LATCHED,
                 callback_group=node.reentrant,
                 event_callbacks=NO_SUBSCRIPTION_EVENTS,
             )
 
-    def _hear(self, _version: Any) -> None:
-        for delay in DELAYS:
-            if delay not in self._due:
-                self._due.add(delay)
-                look = self._node.deadlines.after(delay)
-                look.add_done_callback(lambda _, delay=delay: self._look(delay))
+    def _on_version(self, _version: Any) -> None:
+        for delay_s in set(DELAYS_S) - self._pending:
+            self._pending.add(delay_s)
+            due = self._node.deadlines.after(delay_s)
+            due.add_done_callback(lambda _, delay_s=delay_s: self._report(delay_s))
 
-    def _look(self, delay: float) -> None:
-        self._due.discard(delay)
+    def _report(self, delay_s: float) -> None:
+        self._pending.discard(delay_s)
         self._on_change()

@@ -1,23 +1,38 @@
-"""Formula groups: formulas that are evaluated over the same states (VI-A.6)."""
+"""Formula groups: formulas that are evaluated over the same states (VI-A.6).
+
+Example: two clients request a formula each, over the same feature of the same vehicle.
+
+    client A: always Power[uav1] < 150       client B: eventually Power[uav1] > 90
+    group 7 is created with A's formula
+    stream states_1 is created               group 8 is created with B's formula, to find its
+    states s1, s2: A is progressed           symbols, domains and candidates (the same as A's)
+    B's formula is added to group 7          group 8 is destroyed
+    states s3, s4: A and B are progressed
+    A is decided: its formula is removed
+    states s5, s6: B is progressed
+    B is decided: group 7 and stream states_1 are destroyed
+
+A formula may join a group with the same constraints and ground features, and at least its domains,
+if it would choose the same streams now.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from typing import Protocol
 
 from rclpy.task import Future
 
 from dyknow_common import DyKnowError
 from dyknow_coordinator.evaluation.evaluation import EvaluationPhase
-from dyknow_coordinator.grounding.ground import GroundedFormula
+from dyknow_coordinator.grounding.state_specification import FormulaInputs
 from dyknow_coordinator.ros.context import CoordinatorContext
 from dyknow_coordinator.ros.evaluation.candidates import find_candidates
-from dyknow_coordinator.ros.evaluation.results import ResultListener
 from dyknow_coordinator.ros.evaluation.state_supervisor import StateObserver, StateSupervisor
+from dyknow_coordinator.ros.results import ResultListener
 
 
 class GroupMember(StateObserver, ResultListener, Protocol):
-    """The evaluation of one formula, as its group sees it."""
+    """The evaluation of one formula, as its group uses it."""
 
     name: str
     """The name of the formula at the reasoning engine."""
@@ -30,158 +45,156 @@ class EvaluationGroup:
     """The formulas of a group of the reasoning engine, and their states.
 
     Args:
+        context: of the coordinator.
         group_id: at the reasoning engine.
-        name: of the group, and of the stream of states that it listens to already.
-        ground: what its formulas are evaluated over.
+        name: of the group, and of the state stream that the engine has subscribed to.
+        inputs: the inputs of its formulas.
     """
 
     def __init__(
-        self, facilities: CoordinatorContext, group_id: int, name: str, ground: GroundedFormula
+        self, context: CoordinatorContext, group_id: int, name: str, inputs: FormulaInputs
     ) -> None:
         self.group_id = group_id
-        self.states = StateSupervisor(facilities, group_id, name, ground, self)
-        self._facilities = facilities
+        self.states = StateSupervisor(context, group_id, name, inputs, self)
+        self._context = context
         self._phase = EvaluationPhase.GROUNDING
         self._members: dict[int, GroupMember] = {}
         self._joining = 0
-        self._failure: DyKnowError | None = None
+        self._error: DyKnowError | None = None
 
     @property
     def has_ended(self) -> bool:
-        """Whether its last formula has left."""
+        """True if its last formula has left."""
         return self._phase is EvaluationPhase.ENDED
 
-    def suits(self, ground: GroundedFormula) -> bool:
-        """Whether a formula can be evaluated over its states."""
-        own = self.states.ground
+    def accepts(self, inputs: FormulaInputs) -> bool:
+        """Return True if a formula with the given inputs can join."""
+        own = self.states.inputs
         return (
             not self.has_ended
-            and self._failure is None
-            and ground.constraints == own.constraints
-            and ground.domains.items() <= own.domains.items()
-            and sorted(ground.features) == sorted(own.features)
-            and self.states.suits(ground.candidates)
+            and self._error is None
+            and inputs.constraints == own.constraints
+            and inputs.domains.items() <= own.domains.items()
+            and sorted(inputs.features) == sorted(own.features)
+            and self.states.would_choose_from(inputs.candidates)
         )
 
-    async def begin(self, evaluation: GroupMember, formula_id: int) -> None:
-        """Has the states made for the first formula, which is in the group already.
+    async def start(self, member: GroupMember, formula_id: int) -> None:
+        """Create the state stream for the first formula, which the engine's group has already.
 
         Raises:
-            DyKnowError: when they cannot be made; then its formulas, too, are told.
+            DyKnowError: if the stream cannot be created; then the formulas fail, too.
         """
-        self._claim(evaluation, formula_id)
+        self._add_member(member, formula_id)
         try:
-            await self.states.begin()
+            await self.states.start()
         except DyKnowError as error:
             self.fail(error)
             raise
 
-    async def join(self, evaluation: GroupMember, formula: str) -> None:
-        """Adds another formula; it begins with the next state.
+    async def join(self, member: GroupMember, formula: str) -> None:
+        """Add another formula; its first state is the next one.
 
         Raises:
-            DyKnowError: when it cannot be added.
+            DyKnowError: if it cannot be added.
         """
         self._joining += 1
         try:
-            formula_id, _ = await self._facilities.clients.add_formula(
-                self.group_id, evaluation.name, formula
+            formula_id, _ = await self._context.clients.add_formula(
+                self.group_id, member.name, formula
             )
-            if self._failure is not None:
-                raise self._failure
-            if evaluation.outcome.done():
-                # It has left already.
-                self._facilities.node.spawn(self._remove, formula_id)
+            if self._error is not None:
+                raise self._error
+            if member.outcome.done():
+                # The evaluation has ended meanwhile.
+                self._context.node.spawn(self._remove, formula_id)
                 return
-            self._claim(evaluation, formula_id)
+            self._add_member(member, formula_id)
         finally:
             self._joining -= 1
             self._end_if_empty()
 
-    def leave(self, evaluation: GroupMember) -> None:
-        """Goes on without a formula; ends with the last one."""
+    def leave(self, leaving: GroupMember) -> None:
+        """Remove a formula; end with the last one."""
         for formula_id, member in list(self._members.items()):
-            if member is evaluation:
+            if member is leaving:
                 del self._members[formula_id]
-                self._facilities.results.release(self.group_id, formula_id)
+                self._context.results.unregister(self.group_id, formula_id)
                 if self._members or self._joining:
-                    self._facilities.node.spawn(self._remove, formula_id)
+                    self._context.node.spawn(self._remove, formula_id)
         self._end_if_empty()
 
-    async def look_for_streams(self) -> None:
-        """Looks which streams carry its features now."""
-        ground = self.states.ground
+    async def update_candidates(self) -> None:
+        """Search again for the streams that carry its features."""
+        inputs = self.states.inputs
         try:
-            candidates = await find_candidates(self._facilities, ground.symbols, ground.grounding)
+            candidates = await find_candidates(self._context, inputs.symbols, inputs.grounding)
         except DyKnowError as error:
-            # Those that it has are good until somebody says otherwise.
-            self._facilities.node.get_logger().info(f'{self.states.stream}: {error}')
+            # The streams in use are kept.
+            self._context.node.get_logger().info(f'{self.states.stream}: {error}')
             return
         if not self.has_ended:
-            self.states.take(candidates)
+            self.states.update_candidates(candidates)
 
-    def note_phase(self, phase: EvaluationPhase) -> None:
-        """The states flow now, or are interrupted."""
+    def set_phase(self, phase: EvaluationPhase) -> None:
+        """Set the phase of all formulas."""
         if not self.has_ended:
             self._phase = phase
-        for member in self._all():
-            member.note_phase(phase)
+        for member in list(self._members.values()):
+            member.set_phase(phase)
 
-    def tell(self, event: str) -> None:
-        """Something has happened to the states."""
-        for member in self._all():
-            member.tell(event)
+    def add_event(self, event: str) -> None:
+        """Record an event in the histories of all formulas."""
+        for member in list(self._members.values()):
+            member.add_event(event)
 
     def fail(self, error: DyKnowError) -> None:
-        """There can be no more states."""
-        self._failure = error
-        for member in self._all():
+        """End the evaluation of all formulas with an error."""
+        self._error = error
+        for member in list(self._members.values()):
             member.fail(error)
 
-    def _all(self) -> Iterator[GroupMember]:
-        yield from list(self._members.values())
-
-    def _claim(self, evaluation: GroupMember, formula_id: int) -> None:
-        self._members[formula_id] = evaluation
-        evaluation.note_phase(self._phase)
-        self._facilities.results.claim(self.group_id, formula_id, evaluation)
+    def _add_member(self, member: GroupMember, formula_id: int) -> None:
+        self._members[formula_id] = member
+        member.set_phase(self._phase)
+        self._context.results.register(self.group_id, formula_id, member)
 
     def _end_if_empty(self) -> None:
         if not (self._members or self._joining or self.has_ended):
             self._phase = EvaluationPhase.ENDED
             self.states.end()
-            self._facilities.disposal.end_group(self.group_id)
+            self._context.cleanup.destroy_group(self.group_id)
 
     async def _remove(self, formula_id: int) -> None:
         try:
-            await self._facilities.clients.remove_formula(self.group_id, formula_id)
+            await self._context.clients.remove_formula(self.group_id, formula_id)
         except DyKnowError as error:
             # The group may have ended meanwhile.
-            self._facilities.node.get_logger().info(str(error))
+            self._context.node.get_logger().info(str(error))
 
 
 class EvaluationGroups:
     """All groups of the coordinator."""
 
-    def __init__(self, facilities: CoordinatorContext) -> None:
-        self._facilities = facilities
+    def __init__(self, context: CoordinatorContext) -> None:
+        self._context = context
         self._groups: list[EvaluationGroup] = []
 
     def running(self) -> list[EvaluationGroup]:
-        """Those that have not ended."""
+        """Return the groups that have not ended."""
         self._groups = [group for group in self._groups if not group.has_ended]
         return list(self._groups)
 
-    def suitable(self, ground: GroundedFormula) -> EvaluationGroup | None:
-        """A group over whose states a formula can be evaluated."""
-        return next((group for group in self.running() if group.suits(ground)), None)
+    def find(self, inputs: FormulaInputs) -> EvaluationGroup | None:
+        """Return a group that a formula with the given inputs can join."""
+        return next((group for group in self.running() if group.accepts(inputs)), None)
 
-    def create(self, group_id: int, name: str, ground: GroundedFormula) -> EvaluationGroup:
-        """A new group.
+    def create(self, group_id: int, name: str, inputs: FormulaInputs) -> EvaluationGroup:
+        """Create a group.
 
         Raises:
             CoordinationError: NOT_FOUND, naming the features that no stream carries.
         """
-        group = EvaluationGroup(self._facilities, group_id, name, ground)
+        group = EvaluationGroup(self._context, group_id, name, inputs)
         self._groups.append(group)
         return group

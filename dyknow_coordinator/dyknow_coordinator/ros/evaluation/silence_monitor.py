@@ -1,4 +1,4 @@
-"""Streams that fall silent, and topics that nobody publishes any more."""
+"""Monitor of the topics that streams in use are made from."""
 
 from __future__ import annotations
 
@@ -6,51 +6,51 @@ from collections.abc import Iterator
 from typing import Final
 
 from dyknow_common import SECOND_NS
-from dyknow_coordinator.grounding.known_streams import suspects
 from dyknow_coordinator.ros.context import CoordinatorContext
 from dyknow_coordinator.ros.evaluation.evaluation_group import EvaluationGroup, EvaluationGroups
 
-PERIOD: Final = 1.0
-"""Seconds between two looks."""
+PERIOD_S: Final = 1.0
 
 
 class SilenceMonitor:
-    """Has streams replaced of which nothing comes, where others carry the same.
+    """Replaces streams whose topics are silent, if others carry the same feature.
 
-    A stream without constraints breaks none by silence: where nothing can replace it, it is waited
-    for, and operators are warned.
+    A stream without constraints breaks none by being silent. If nothing can replace it, its
+    evaluations wait, and operators get a warning.
 
     Args:
-        limit: seconds of silence.
+        context: of the coordinator.
+        groups: the groups to monitor.
+        limit_s: a topic is silent after this time without a message.
     """
 
     def __init__(
-        self, facilities: CoordinatorContext, groups: EvaluationGroups, limit: float
+        self, context: CoordinatorContext, groups: EvaluationGroups, limit_s: float
     ) -> None:
-        self._facilities = facilities
+        self._context = context
         self._groups = groups
-        self._limit = limit
-        self._seen: dict[str, int] = {}
-        facilities.node.create_timer(PERIOD, self._look, clock=facilities.node.wall_clock)
+        self._limit_s = limit_s
+        self._first_seen: dict[str, int] = {}
+        context.node.create_timer(PERIOD_S, self._check, clock=context.node.wall_clock)
 
-    def _look(self) -> None:
-        groups, now = self._groups.running(), self._facilities.node.now()
+    def _check(self) -> None:
+        groups, now = self._groups.running(), self._context.node.now()
         names = [group.states.stream for group in groups]
-        self._seen = {name: self._seen.get(name, now) for name in names}
+        self._first_seen = {name: self._first_seen.get(name, now) for name in names}
         for group in groups:
-            known = self._facilities.streams.known
+            known = self._context.streams.known
             for topic in self._silent_topics(group):
-                silent = suspects(group.states.chosen, topic, known)
+                silent = known.affected(group.states.chosen, topic)
                 group.states.replace_silent(
-                    silent, f"nothing has come of topic '{topic}' for {self._limit:g} s"
+                    silent, f"topic '{topic}' has been silent for {self._limit_s:g} s"
                 )
 
     def _silent_topics(self, group: EvaluationGroup) -> Iterator[str]:
-        """The topics of which nothing has come for a while, or since the stream was made."""
-        stream = self._facilities.streams.known.get(group.states.stream)
+        """Yield the topics without a message within the limit and since the stream exists."""
+        stream = self._context.streams.known.get(group.states.stream)
         if stream is not None:
-            seen = self._seen[stream.name]
-            oldest = self._facilities.node.now() - round(self._limit * SECOND_NS)
-            yield from (
-                topic for topic, latest in stream.received.items() if max(latest, seen) < oldest
-            )
+            first_seen = self._first_seen[stream.name]
+            oldest = self._context.node.now() - round(self._limit_s * SECOND_NS)
+            for topic, latest in stream.received.items():
+                if max(latest, first_seen) < oldest:
+                    yield topic

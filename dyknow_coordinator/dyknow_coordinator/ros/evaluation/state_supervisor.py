@@ -1,6 +1,24 @@
-"""The states of a formula group, made of the best streams that there are.
+"""Supervision of the states of a formula group.
 
-When those fail, others are taken (step 13); when better ones come, so are these (section IX).
+The states are made from the best available source of each ground feature. When a source fails,
+another one replaces it (step 13); when a better one appears, it replaces the one in use
+(section IX). Example: two streams carry `Power[uav1]`, `a` (better) and `b`.
+
+With a gap, because a stream breaks:
+
+     0.0 s  state stream states_1, made from a, is created; the phase is RUNNING
+     4.0 s  a breaks max_delay: states_1 is destroyed, a is excluded for EXCLUSION_S, INTERRUPTED
+     4.1 s  the reasoning engine is switched to states_2, with a gap
+     4.2 s  states_2, made from b, is created: RUNNING. If this is not achieved RESUME_TIMEOUT_S
+            after the violation, the formulas fail
+
+Without a gap, because a better stream is available:
+
+    20.0 s  the set of published streams changes; a is published and no longer excluded
+    20.1 s  the reasoning engine is switched to states_3, without a gap: it progresses the states of
+            states_2 until those of states_3 have caught up
+    20.2 s  states_3, made from a, is created
+    20.5 s  the engine has unsubscribed from states_2, which is destroyed
 """
 
 from __future__ import annotations
@@ -13,91 +31,92 @@ from dyknow_common import DyKnowError, ExitCode, round_duration
 from dyknow_common.ros import time_to_nanoseconds
 from dyknow_coordinator.errors import CoordinationError
 from dyknow_coordinator.evaluation.evaluation import EvaluationPhase
-from dyknow_coordinator.grounding.ground import GroundedFormula
-from dyknow_coordinator.grounding.grounding import Candidates, FeatureSource, state_specification
-from dyknow_coordinator.grounding.known_streams import suspects
+from dyknow_coordinator.grounding.feature_sources import Candidates, FeatureSource
+from dyknow_coordinator.grounding.state_specification import FormulaInputs, state_specification
 from dyknow_coordinator.ros.context import CoordinatorContext
 from dyknow_coordinator.ros.evaluation.state_stream import StateStream
+from dyknow_stream_processing import ViolationKind
 
-RESUME_LIMIT: Final = 1.5
-"""Seconds within which other streams must flow when those in use have failed."""
+RESUME_TIMEOUT_S: Final = 1.5
+"""Time within which other streams must replace those that failed."""
 
-REST: Final = 10.0
-"""Seconds for which a stream that failed is not taken again."""
+EXCLUSION_S: Final = 10.0
+"""Time for which a stream that failed is not chosen again."""
 
-ABSENCE: Final = 1.0
-"""Seconds for which there may be no annotation of a feature."""
+ABSENCE_TIMEOUT_S: Final = 1.0
+"""Time for which a feature may have no annotation: they are replaced one after the other."""
 
-NEXT_REPORT: Final = 1.2
-"""Seconds until the stream manager has told how streams are now."""
+NEXT_REPORT_S: Final = 1.2
+"""Time after which the stream manager has reported the current status of all streams."""
 
-POLL: Final = 0.1
-"""Seconds between two attempts."""
+POLL_PERIOD_S: Final = 0.1
 
-# What befell samples on their way: the stream itself broke nothing, and may be taken again.
-_PASSING: Final = frozenset({'lost', 'source'})
+_TRANSIENT: Final = frozenset({ViolationKind.LOST, ViolationKind.SOURCE})
+"""Violations on the way of the samples: the stream itself may be chosen again."""
 
 
 class StateObserver(Protocol):
-    """Who is told what becomes of the states."""
+    """Receiver of changes of the states."""
 
-    def note_phase(self, phase: EvaluationPhase) -> None:
-        """They flow now, or are interrupted."""
+    def set_phase(self, phase: EvaluationPhase) -> None:
+        """Set the phase: RUNNING or INTERRUPTED."""
 
-    def tell(self, event: str) -> None:
-        """Something that people should know has happened to them."""
+    def add_event(self, event: str) -> None:
+        """Record an event, for people."""
 
     def fail(self, error: DyKnowError) -> None:
-        """There can be no more of them."""
+        """Record that there are no more states."""
 
 
 @dataclass(frozen=True, slots=True)
 class StateFault:
-    """Why states cannot be made of the streams in use any more.
+    """Reason to replace the streams in use.
 
     Args:
-        error: what the callers are told if there is no other way.
-        passing: whether the streams themselves are not at fault, and may be taken again.
+        error: the error of the formulas if nothing can replace them.
+        transient: True if the streams themselves are not at fault, and may be chosen again.
     """
 
     error: CoordinationError
-    passing: bool
+    transient: bool
 
 
 class StateSupervisor:
-    """The states of a formula group.
+    """Creates the states of a formula group, and replaces their streams.
 
     Args:
-        group_id: at the reasoning engine, which listens already to the first stream of states.
+        context: of the coordinator.
+        group_id: at the reasoning engine, which has subscribed to the first state stream.
         name: of that stream.
-        ground: what the formulas of the group are evaluated over.
+        inputs: the inputs of the formulas.
+        observer: receives all changes.
     """
 
     def __init__(
         self,
-        facilities: CoordinatorContext,
+        context: CoordinatorContext,
         group_id: int,
         name: str,
-        ground: GroundedFormula,
+        inputs: FormulaInputs,
         observer: StateObserver,
     ) -> None:
-        self.ground = ground
-        self._facilities = facilities
+        self.inputs = inputs
+        self._context = context
         self._group_id = group_id
         self._observer = observer
         self._failed: dict[FeatureSource, float] = {}
-        self._troubles: list[StateFault] = []
+        self._faults: list[StateFault] = []
         self._missing_since: float | None = None
         self._is_changing = False
         self._has_ended = False
-        self.chosen = self._choose()
+        self.chosen = self._choose(inputs.candidates)
         self._stream = self._new_stream(name)
-        # Those that are to be used, or were used and are still listened to.
+        # Streams that will be used, or were used and have not been unsubscribed from.
         self._others: list[StateStream] = []
 
     @property
     def stream(self) -> str:
-        """The name of the stream of states."""
+        """The name of the state stream."""
         return self._stream.name
 
     @property
@@ -105,242 +124,234 @@ class StateSupervisor:
         """The topic of the states."""
         return self._stream.topic
 
-    def suits(self, candidates: Candidates) -> bool:
-        """Whether these candidates would lead to the same streams now."""
-        return self._chosen_of(candidates) == self.chosen
+    def would_choose_from(self, candidates: Candidates) -> bool:
+        """Return True if the same streams would be chosen from other candidates now."""
+        return self._choose(candidates) == self.chosen
 
-    async def begin(self) -> None:
-        """Has the states made (steps 9 to 11).
+    async def start(self) -> None:
+        """Create the state stream (steps 9 to 11).
 
         Raises:
-            DyKnowError: when they cannot be made.
+            DyKnowError: if it cannot be created.
         """
         if self.chosen:
-            await self._request(self._stream, self.chosen, gap=False)
-        self._observer.note_phase(EvaluationPhase.RUNNING)
+            await self._create(self._stream, self.chosen, gap=False)
+        self._observer.set_phase(EvaluationPhase.RUNNING)
 
     def end(self) -> None:
-        """Has no more states made."""
+        """Destroy the state stream."""
         self._has_ended = True
-        self._end_streams()
+        self._destroy_streams()
 
-    def take(self, candidates: Candidates) -> None:
-        """Goes over to better streams, where there are any among these, without losing a state.
-
-        Where nothing carries a feature any more, it goes on for a while: annotations are replaced
-        one after the other.
-        """
+    def update_candidates(self, candidates: Candidates) -> None:
+        """Use new candidates, and switch to better streams among them without a gap."""
         try:
-            candidates.choose(self.ground.features)
+            candidates.choose(self.inputs.features)
         except CoordinationError as error:
-            self._miss(error)
+            self._on_missing(error)
             return
         self._missing_since = None
-        self.ground = replace(self.ground, candidates=candidates)
+        self.inputs = replace(self.inputs, candidates=candidates)
         self.improve()
 
     def improve(self) -> None:
-        """Goes over to better streams, where any have come, without losing a state."""
+        """Switch to better streams, if any are available now, without a gap."""
         if not (self._is_changing or self._has_ended) and self.chosen:
             self._is_changing = True
-            self._facilities.node.spawn(self._improve)
+            self._context.node.spawn(self._improve)
 
-    def replace_silent(self, silent: Sequence[FeatureSource], why: str) -> None:
-        """Goes over to other streams, where they are there, since nothing comes of some."""
-        self._avoid(silent)
-        others = set(self._choose()) - set(self.chosen)
-        are_there = all(map(self._facilities.streams.known.is_there, others))
-        # Those that have failed themselves would be left again at once, and so for ever.
-        if others and are_there and not any(map(self._rests, others)):
-            error = CoordinationError(why, ExitCode.UNAVAILABLE)
-            self._interrupt(StateFault(error, passing=True))
+    def replace_silent(self, silent: Sequence[FeatureSource], reason: str) -> None:
+        """Replace silent sources, if others are available."""
+        self._exclude(silent)
+        others = set(self._choose(self.inputs.candidates)) - set(self.chosen)
+        available = all(map(self._context.streams.known.is_available, others))
+        # Sources that have failed would be replaced again at once, without end.
+        if others and available and not any(map(self._is_excluded, others)):
+            error = CoordinationError(reason, ExitCode.UNAVAILABLE)
+            self._interrupt(StateFault(error, transient=True))
 
-    def _miss(self, error: CoordinationError) -> None:
-        now = self._facilities.wall_time()
+    def _on_missing(self, error: CoordinationError) -> None:
+        now = self._context.wall_time_s()
         if self._missing_since is None:
             self._missing_since = now
-        elif now - self._missing_since > ABSENCE:
+        elif now - self._missing_since > ABSENCE_TIMEOUT_S:
             self._observer.fail(error)
 
     def _new_stream(self, name: str) -> StateStream:
-        node, disposal = self._facilities.node, self._facilities.disposal
-        return StateStream(node, disposal, name, self._violated, self._engine_lost)
+        return StateStream(self._context, name, self._on_violation, self._on_engine_lost)
 
-    def _choose(self) -> tuple[FeatureSource, ...]:
-        return self._chosen_of(self.ground.candidates)
-
-    def _chosen_of(self, candidates: Candidates) -> tuple[FeatureSource, ...]:
+    def _choose(self, candidates: Candidates) -> tuple[FeatureSource, ...]:
         return candidates.choose(
-            self.ground.features,
-            lambda source: not self._rests(source),
-            self._facilities.streams.known.is_there,
+            self.inputs.features,
+            lambda source: not self._is_excluded(source),
+            self._context.streams.known.is_available,
         )
 
-    def _avoid(self, sources: Iterable[FeatureSource]) -> None:
-        self._failed.update(dict.fromkeys(sources, self._facilities.wall_time()))
+    def _exclude(self, sources: Iterable[FeatureSource]) -> None:
+        self._failed.update(dict.fromkeys(sources, self._context.wall_time_s()))
 
-    def _violated(self, stream: StateStream, violation: Any) -> None:
-        if self._has_ended or stream not in (self._stream, *self._others):
+    def _is_excluded(self, source: FeatureSource) -> bool:
+        limit = self._context.wall_time_s() - EXCLUSION_S
+        return self._failed.get(source, limit) > limit
+
+    def _is_obsolete(self, stream: StateStream) -> bool:
+        return self._has_ended or stream not in (self._stream, *self._others)
+
+    def _on_violation(self, stream: StateStream, violation: Any) -> None:
+        if self._is_obsolete(stream):
             return
-        if violation.constraint in _PASSING:
-            error = CoordinationError(_text(violation), ExitCode.UNAVAILABLE)
-            self._interrupt(StateFault(error, passing=True))
+        if violation.constraint in _TRANSIENT:
+            error = CoordinationError(_describe(violation), ExitCode.UNAVAILABLE)
+            self._interrupt(StateFault(error, transient=True))
         elif violation.stream_name == stream.name:
-            self._facilities.node.spawn(self._look_for_silent, stream, violation)
+            self._context.node.spawn(self._find_silent_sources, stream, violation)
         else:
-            known = self._facilities.streams.known
-            self._blame(suspects(self.chosen, violation.stream_name, known), violation)
+            known = self._context.streams.known
+            self._replace(known.affected(self.chosen, violation.stream_name), violation)
 
-    async def _look_for_silent(self, stream: StateStream, violation: Any) -> None:
-        """Finds out which streams have made the states break the caller's constraints."""
-        self._observer.note_phase(EvaluationPhase.INTERRUPTED)
-        # The stream manager tells each second of which topics something has come.
-        await self._facilities.node.deadlines.after(NEXT_REPORT)
+    async def _find_silent_sources(self, stream: StateStream, violation: Any) -> None:
+        """Find the sources because of which the states break the client's constraints."""
+        self._observer.set_phase(EvaluationPhase.INTERRUPTED)
+        await self._context.node.deadlines.after(NEXT_REPORT_S)
         if not self._has_ended and stream is self._stream:
-            known = self._facilities.streams.known
+            known = self._context.streams.known
             allowed = time_to_nanoseconds(violation.allowed)
             silent = known.silent_topics(stream.name, allowed)
-            blamed = [each for topic in silent for each in suspects(self.chosen, topic, known)]
-            self._blame(blamed, violation)
+            sources = [each for topic in silent for each in known.affected(self.chosen, topic)]
+            self._replace(sources, violation)
 
-    def _blame(self, sources: Sequence[FeatureSource], violation: Any) -> None:
-        error = CoordinationError(_text(violation), ExitCode.CONSTRAINT_VIOLATION)
-        # Where it cannot be told which of them failed, none is taken as if nothing had been.
-        self._avoid(sources or self.chosen)
-        self._interrupt(StateFault(error, passing=False))
+    def _replace(self, sources: Sequence[FeatureSource], violation: Any) -> None:
+        error = CoordinationError(_describe(violation), ExitCode.CONSTRAINT_VIOLATION)
+        # If the source at fault is unknown, all are excluded: the fault must not go unnoticed.
+        self._exclude(sources or self.chosen)
+        self._interrupt(StateFault(error, transient=False))
 
-    def _engine_lost(self, stream: StateStream) -> None:
-        if self._has_ended or stream not in (self._stream, *self._others):
+    def _on_engine_lost(self, stream: StateStream) -> None:
+        if self._is_obsolete(stream):
             return
-        known = self._facilities.streams.known.get(stream.name)
-        maker = 'the stream_processing_engine that made the states'
+        known = self._context.streams.known.get(stream.name)
+        engine = 'the stream_processing_engine that made the states'
         if known is not None and known.engine:
-            maker = f'node {known.engine}, the stream processing engine that made the states,'
-        error = CoordinationError(f'{maker} is gone', ExitCode.UNAVAILABLE)
-        self._interrupt(StateFault(error, passing=True))
+            engine = f'node {known.engine}, the stream processing engine that made the states,'
+        error = CoordinationError(f'{engine} is gone', ExitCode.UNAVAILABLE)
+        self._interrupt(StateFault(error, transient=True))
 
-    def _interrupt(self, trouble: StateFault) -> None:
-        self._troubles.append(trouble)
-        self._observer.note_phase(EvaluationPhase.INTERRUPTED)
+    def _interrupt(self, fault: StateFault) -> None:
+        self._faults.append(fault)
+        self._observer.set_phase(EvaluationPhase.INTERRUPTED)
         if not self._is_changing:
             self._is_changing = True
-            self._facilities.node.spawn(self._recover)
+            self._context.node.spawn(self._recover)
 
     async def _recover(self) -> None:
-        """Goes on with other streams, or fails."""
-        limit = self._facilities.node.deadlines.after(RESUME_LIMIT)
+        """Switch to other streams because of faults, or fail."""
+        limit = self._context.node.deadlines.after(RESUME_TIMEOUT_S)
         limit.add_done_callback(lambda _: self._give_up())
-        while self._troubles and not self._has_ended:
-            trouble, count = _worst(self._troubles), len(self._troubles)
-            chosen = self._choose()
-            if not trouble.passing and any(map(self._rests, chosen)):
-                self._observer.fail(trouble.error)
+        while self._faults and not self._has_ended:
+            fault, count = _worst(self._faults), len(self._faults)
+            chosen = self._choose(self.inputs.candidates)
+            if not fault.transient and any(map(self._is_excluded, chosen)):
+                self._observer.fail(fault.error)
                 break
             try:
-                await self._go_over(chosen, gap=True)
+                await self._switch(chosen, gap=True)
             except DyKnowError as error:
-                self._facilities.node.get_logger().info(f'{self.stream}: {error}')
-                await self._facilities.node.deadlines.after(POLL)
+                self._context.node.get_logger().info(f'{self.stream}: {error}')
+                await self._context.node.deadlines.after(POLL_PERIOD_S)
             else:
-                del self._troubles[:count]
-                self._observer.tell(f'{trouble.error.message}; {self._now_used()}')
+                del self._faults[:count]
+                self._observer.add_event(f'{fault.error.message}; {self._description()}')
         limit.cancel()
         self._is_changing = False
         if not self._has_ended:
-            self._observer.note_phase(EvaluationPhase.RUNNING)
+            self._observer.set_phase(EvaluationPhase.RUNNING)
 
     def _give_up(self) -> None:
-        if self._troubles and not self._has_ended:
-            self._observer.fail(_worst(self._troubles).error)
+        if self._faults and not self._has_ended:
+            self._observer.fail(_worst(self._faults).error)
 
     async def _improve(self) -> None:
         try:
-            chosen = self._choose()
+            chosen = self._choose(self.inputs.candidates)
             if chosen != self.chosen:
-                await self._go_over(chosen, gap=False)
-                self._observer.tell(f'other streams are better now; {self._now_used()}')
+                await self._switch(chosen, gap=False)
+                self._observer.add_event(f'other streams are better now; {self._description()}')
         except DyKnowError as error:
-            self._observer.tell(f'a better stream cannot be used: {error}')
+            self._observer.add_event(f'a better stream cannot be used: {error}')
         await self._recover()
 
-    def _rests(self, source: FeatureSource) -> bool:
-        """Whether a source has failed of late."""
-        limit = self._facilities.wall_time() - REST
-        return self._failed.get(source, limit) > limit
-
-    async def _go_over(self, chosen: tuple[FeatureSource, ...], *, gap: bool) -> None:
-        """Has the reasoning engine take states of other streams."""
-        stream = self._new_stream(next(self._facilities.names))
+    async def _switch(self, chosen: tuple[FeatureSource, ...], *, gap: bool) -> None:
+        """Switch the reasoning engine to a new state stream."""
+        stream = self._new_stream(next(self._context.names))
         if gap:
-            # What else befalls the former streams is of no interest any more.
-            self._end_streams()
+            # Further faults of the former streams do not matter.
+            self._destroy_streams()
             self._stream = stream
         else:
             self._others.append(stream)
         try:
-            await self._listen(stream, gap=gap)
-            await self._request(stream, chosen, gap=gap)
+            await self._evaluate(stream, gap=gap)
+            await self._create(stream, chosen, gap=gap)
         except DyKnowError:
-            stream.end()
+            stream.destroy()
             if not gap and stream in self._others:
                 self._others.remove(stream)
-                await self._listen(self._stream, gap=False)
+                await self._evaluate(self._stream, gap=False)
             raise
         self.chosen = chosen
         if not gap and stream in self._others:
             self._others.remove(stream)
             self._others.append(self._stream)
-            self._facilities.node.spawn(self._retire, self._stream)
+            self._context.node.spawn(self._retire, self._stream)
             self._stream = stream
 
-    def _end_streams(self) -> None:
+    def _destroy_streams(self) -> None:
         for stream in (self._stream, *self._others):
-            stream.end()
+            stream.destroy()
         self._others.clear()
 
-    async def _request(
+    async def _create(
         self, stream: StateStream, chosen: tuple[FeatureSource, ...], *, gap: bool
     ) -> None:
         specification = state_specification(chosen)
-        as_expected = await stream.request(
-            self._facilities.clients, specification, self.ground.constraints
-        )
+        as_expected = await stream.create(specification, self.inputs.constraints)
         if not as_expected:
-            await self._listen(stream, gap=gap)
+            await self._evaluate(stream, gap=gap)
 
-    async def _listen(self, stream: StateStream, *, gap: bool) -> None:
-        await self._facilities.clients.evaluate_group(
+    async def _evaluate(self, stream: StateStream, *, gap: bool) -> None:
+        """Have the reasoning engine evaluate the group over a state stream."""
+        await self._context.clients.evaluate_group(
             self._group_id,
-            self.ground.domains,
+            self.inputs.domains,
             stream.topic,
-            self._facilities.results.topic,
+            self._context.results.topic,
             gap=gap,
         )
 
     async def _retire(self, former: StateStream) -> None:
-        """Ends a stream once the reasoning engine does not listen to it any more."""
-        while former in self._others and self._is_listened_to(former.topic):
-            await self._facilities.node.deadlines.after(POLL)
+        """Destroy a stream once the reasoning engine has unsubscribed from it."""
+        while former in self._others and self._is_subscribed(former.topic):
+            await self._context.node.deadlines.after(POLL_PERIOD_S)
         if former in self._others:
             self._others.remove(former)
-            former.end()
+            former.destroy()
 
-    def _is_listened_to(self, topic: str) -> bool:
-        name = self._facilities.clients.stream_reasoning_engine.name.rpartition('/')[2]
-        infos = self._facilities.node.get_subscriptions_info_by_topic(topic)
+    def _is_subscribed(self, topic: str) -> bool:
+        name = self._context.clients.stream_reasoning_engine.name.rpartition('/')[2]
+        infos = self._context.node.get_subscriptions_info_by_topic(topic)
         return any(info.node_name == name for info in infos)
 
-    def _now_used(self) -> str:
+    def _description(self) -> str:
         return f'states are made of {", ".join(sorted(map(str, self.chosen)))}'
 
 
-def _worst(troubles: Sequence[StateFault]) -> StateFault:
-    """The latest, and one that streams are to be blamed for before others."""
-    return next((each for each in reversed(troubles) if not each.passing), troubles[-1])
+def _worst(faults: Sequence[StateFault]) -> StateFault:
+    """Return the latest fault of the streams themselves; if there is none, the latest."""
+    return next((each for each in reversed(faults) if not each.transient), faults[-1])
 
 
-def _text(violation: Any) -> str:
-    """What a caller is told of a violation."""
+def _describe(violation: Any) -> str:
+    """Return the description of a violation for clients."""
     observed, allowed = map(time_to_nanoseconds, (violation.observed, violation.allowed))
     measured = (
         f' ({violation.constraint}: {round_duration(observed)} observed, '

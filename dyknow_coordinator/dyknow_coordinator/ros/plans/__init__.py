@@ -1,1 +1,1 @@
-"""The plan monitoring interfaces of the coordinator."""
+"""Monitoring of plans: the action, the service and their messages."""

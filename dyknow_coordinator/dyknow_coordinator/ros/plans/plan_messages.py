@@ -1,4 +1,4 @@
-"""Between messages and plans."""
+"""Conversion between plans and their messages."""
 
 from __future__ import annotations
 
@@ -21,11 +21,11 @@ from dyknow_coordinator.plans.plan import (
     PlanPhase,
     PlanVerdict,
 )
-from dyknow_coordinator.ros.reporting.evaluation_messages import error_of
+from dyknow_coordinator.ros.reporting.evaluation_messages import error_from_status
 
 
 def plan_to_goal(plan: Plan) -> Any:
-    """A goal of MonitorPlan, with defaults for all else."""
+    """Return a goal of MonitorPlan, without grounding and constraints."""
     return MonitorPlan.Goal(
         name=plan.name,
         actions=[
@@ -38,10 +38,10 @@ def plan_to_goal(plan: Plan) -> Any:
 
 
 def plan_from_goal(goal: Any) -> Plan:
-    """The plan in a goal of MonitorPlan.
+    """Return the plan in a goal of MonitorPlan.
 
     Raises:
-        CoordinationError: when a formula holds at no time that there is.
+        CoordinationError: if the period of a formula is unknown.
     """
     return Plan(
         name=goal.name,
@@ -55,10 +55,10 @@ def plan_from_goal(goal: Any) -> Plan:
 
 
 def verdict_to_message(verdict: PlanVerdict) -> Any:
-    """A PlanVerdict message."""
+    """Return a PlanVerdict message."""
     message = PlanVerdictMessage(
-        action=verdict.place.action,
-        formula_name=verdict.place.formula,
+        action=verdict.position.action,
+        formula_name=verdict.position.formula,
         formula=verdict.formula,
         phase=int(verdict.phase),
         verdict=int(verdict.verdict),
@@ -73,18 +73,18 @@ def verdict_to_message(verdict: PlanVerdict) -> Any:
 
 
 def verdict_from_message(message: Any) -> PlanVerdict:
-    """The verdict in a PlanVerdict message."""
+    """Return the verdict in a PlanVerdict message."""
     verdict = Verdict(message.verdict)
     decided = verdict is not Verdict.UNDECIDED
     return PlanVerdict(
-        place=FormulaPosition(message.action, message.formula_name),
+        position=FormulaPosition(message.action, message.formula_name),
         formula=message.formula,
         phase=PlanPhase(message.phase),
         verdict=verdict,
         presumably_false=message.presumably_false,
         decided_at=time_to_nanoseconds(message.decided_at) if decided else None,
         explanation=message.explanation,
-        error=error_of(message.exit_status),
+        error=error_from_status(message.exit_status),
     )
 
 
@@ -105,5 +105,5 @@ def _holds(message: Any) -> Holds:
     except ValueError:
         known = ', '.join(f'{each.name} ({each.value})' for each in Holds)
         raise CoordinationError(
-            f"formula '{message.name}' holds at no time {message.holds}; use one of {known}"
+            f"formula '{message.name}' has the unknown value {message.holds} of holds; use {known}"
         ) from None

@@ -1,4 +1,4 @@
-"""The action ~/monitor_plan and the service ~/report_plan_action."""
+"""The action `~/monitor_plan` and the service `~/report_plan_action`."""
 
 from __future__ import annotations
 
@@ -8,15 +8,14 @@ from typing import Any, Protocol
 
 from dyknow_interfaces.action import MonitorPlan
 from dyknow_interfaces.srv import ReportPlanAction
-from rclpy.action import CancelResponse
 from rclpy.task import Future
 
 from dyknow_common import DyKnowError, ExitCode, StreamConstraints, Verdict
 from dyknow_common.ros import DyKnowNode, constraints_from_message, fill_exit_status
 from dyknow_coordinator.errors import CoordinationError
-from dyknow_coordinator.evaluation.evaluation import EvaluationOutcome
+from dyknow_coordinator.evaluation.answer import Answer
 from dyknow_coordinator.evaluation.request import EvaluationRequest
-from dyknow_coordinator.grounding.grounding import Grounding
+from dyknow_coordinator.grounding.feature_sources import Grounding
 from dyknow_coordinator.plans.plan import (
     Event,
     FormulaPosition,
@@ -26,17 +25,17 @@ from dyknow_coordinator.plans.plan import (
     PlanVerdict,
     Step,
 )
-from dyknow_coordinator.ros.actions import serve_action
-from dyknow_coordinator.ros.answers import grounding_of
+from dyknow_coordinator.ros.actions import CancellingActionServer, finish_goal
+from dyknow_coordinator.ros.answers import requested_grounding
 from dyknow_coordinator.ros.plans.plan_messages import plan_from_goal, verdict_to_message
 
 
 class PlanFormulaEvaluation(Protocol):
-    """What is asked of the evaluation of a formula."""
+    """The evaluation of a formula, as far as a plan needs it."""
 
     @property
     def outcome(self) -> Future:
-        """Is given its `EvaluationOutcome`."""
+        """A future of its `Answer`."""
 
     @property
     def canonical_formula(self) -> str:
@@ -44,10 +43,10 @@ class PlanFormulaEvaluation(Protocol):
 
     @property
     def presumably_false(self) -> bool:
-        """Whether it would be false if no further state came."""
+        """True if the formula would be false without further states."""
 
     def cancel(self) -> None:
-        """Ends it without a verdict; a second time does nothing."""
+        """End without a verdict; has no effect after the end."""
 
 
 Start = Callable[[EvaluationRequest], PlanFormulaEvaluation]
@@ -55,16 +54,21 @@ Start = Callable[[EvaluationRequest], PlanFormulaEvaluation]
 
 
 class MonitoredPlan:
-    """A plan that is being executed, and the evaluations that go on for it.
+    """A plan that is being executed, and the evaluations of its formulas.
 
     Args:
+        plan: the plan.
         grounding: of all formulas.
         constraints: of the states of all formulas.
         start: starts evaluations.
-        tell: is told of every change.
+        on_change: called for every change of the status of a formula.
+
+    Attributes:
+        ended: a future that is done at the end of the plan.
+        error: why the plan ended early.
 
     Raises:
-        CoordinationError: when the plan makes no sense.
+        CoordinationError: if the plan is invalid.
     """
 
     def __init__(
@@ -73,99 +77,99 @@ class MonitoredPlan:
         grounding: Grounding,
         constraints: StreamConstraints,
         start: Start,
-        tell: Callable[[PlanVerdict], None],
+        on_change: Callable[[PlanVerdict], None],
     ) -> None:
-        self.over: Future = Future()
-        self.is_cancelled = False
+        self.ended: Future = Future()
+        self.error: CoordinationError | None = None
         self._execution = PlanExecution(plan)
         self._grounding = grounding
         self._constraints = constraints
         self._start = start
-        self._tell = tell
-        self._verdicts = {
-            place: PlanVerdict(place, formula.formula) for place, formula in plan.places.items()
-        }
+        self._on_change = on_change
         self._evaluations: dict[FormulaPosition, PlanFormulaEvaluation] = {}
+        self._verdicts = {
+            position: PlanVerdict(position, formula.formula)
+            for position, formula in plan.formulas_by_position.items()
+        }
 
     @property
     def verdicts(self) -> tuple[PlanVerdict, ...]:
-        """Of all formulas."""
+        """Status of all formulas."""
         return tuple(self._verdicts.values())
 
     def begin(self) -> None:
-        """The plan starts."""
-        self._follow(self._execution.begin())
+        """Start the plan."""
+        self._take(self._execution.begin())
 
     def report(self, action: str, event: Event) -> None:
-        """An action has started, succeeded or failed.
+        """Apply a report on an action.
 
         Raises:
-            CoordinationError: when that cannot be.
+            CoordinationError: if the report is impossible.
         """
-        self._follow(self._execution.report(action, event))
+        self._take(self._execution.report(action, event))
 
-    def cancel(self) -> None:
-        """Ends the plan before its end."""
-        if not self._execution.ended:
-            self.is_cancelled = True
-            self._follow(self._execution.end())
+    def cancel(self, reason: str = 'the plan was cancelled before its end') -> None:
+        """End the plan early."""
+        if not self._execution.has_ended:
+            self.error = CoordinationError(reason, ExitCode.CANCELLED)
+            self._take(self._execution.end())
 
-    def _follow(self, step: Step) -> None:
-        for place in step.withdraw:
-            evaluation = self._evaluations.pop(place)
-            self._change(
-                place,
-                formula=evaluation.canonical_formula or self._verdicts[place].formula,
+    def _take(self, step: Step) -> None:
+        for position in step.withdraw:
+            evaluation = self._evaluations.pop(position)
+            self._update(
+                position,
+                formula=evaluation.canonical_formula or self._verdicts[position].formula,
                 phase=PlanPhase.WITHDRAWN,
                 presumably_false=evaluation.presumably_false,
             )
             evaluation.cancel()
-        for place in step.start:
-            self._evaluate(place)
-        if self._execution.ended and not self.over.done():
-            self.over.set_result(None)
+        for position in step.start:
+            self._evaluate(position)
+        if self._execution.has_ended and not self.ended.done():
+            self.ended.set_result(None)
 
-    def _evaluate(self, place: FormulaPosition) -> None:
-        question = EvaluationRequest(
-            formula=self._verdicts[place].formula,
+    def _evaluate(self, position: FormulaPosition) -> None:
+        request = EvaluationRequest(
+            formula=self._verdicts[position].formula,
             grounding=self._grounding,
             constraints=self._constraints,
-            timeout=None,
-            name=place.formula,
+            name=position.formula,
             plan=self._execution.plan.name,
-            action=place.action,
+            action=position.action,
         )
-        evaluation = self._evaluations[place] = self._start(question)
-        self._change(place, phase=PlanPhase.RUNNING)
-        evaluation.outcome.add_done_callback(lambda done: self._conclude(place, done.result()))
+        evaluation = self._evaluations[position] = self._start(request)
+        self._update(position, phase=PlanPhase.RUNNING)
+        evaluation.outcome.add_done_callback(lambda done: self._conclude(position, done.result()))
 
-    def _conclude(self, place: FormulaPosition, outcome: EvaluationOutcome) -> None:
-        if self._execution.phase(place) is not PlanPhase.RUNNING:
-            return  # It was withdrawn.
-        evaluation = self._evaluations.pop(place)
-        step = self._execution.settle(
-            place,
-            failed=outcome.error is not None,
-            violated=outcome.verdict is Verdict.FALSE,
+    def _conclude(self, position: FormulaPosition, answer: Answer) -> None:
+        if self._execution.phase(position) is not PlanPhase.RUNNING:
+            return  # The formula was withdrawn.
+        del self._evaluations[position]
+        step = self._execution.conclude(
+            position,
+            failed=answer.error is not None,
+            violated=answer.verdict is Verdict.FALSE,
         )
-        self._change(
-            place,
-            formula=evaluation.canonical_formula or self._verdicts[place].formula,
-            phase=self._execution.phase(place),
-            verdict=outcome.verdict,
-            decided_at=outcome.decided_at,
-            explanation=outcome.explanation,
-            error=outcome.error,
+        self._update(
+            position,
+            formula=answer.canonical_formula or self._verdicts[position].formula,
+            phase=self._execution.phase(position),
+            verdict=answer.verdict,
+            decided_at=answer.decided_at,
+            explanation=answer.explanation,
+            error=answer.error,
         )
-        self._follow(step)
+        self._take(step)
 
-    def _change(self, place: FormulaPosition, **news: Any) -> None:
-        self._verdicts[place] = replace(self._verdicts[place], **news)
-        self._tell(self._verdicts[place])
+    def _update(self, position: FormulaPosition, **changes: Any) -> None:
+        self._verdicts[position] = replace(self._verdicts[position], **changes)
+        self._on_change(self._verdicts[position])
 
 
 class PlanMonitoring:
-    """The plans that are monitored for callers.
+    """All monitored plans.
 
     Args:
         node: offers the action and the service.
@@ -175,33 +179,29 @@ class PlanMonitoring:
     def __init__(self, node: DyKnowNode, start: Start) -> None:
         self._start = start
         self._plans: dict[str, MonitoredPlan] = {}
-        self._goals: dict[bytes, MonitoredPlan] = {}
         node.serve(ReportPlanAction, self._report)
-        self._action = serve_action(node, MonitorPlan, self._monitor, self._cancel, self._abandon)
+        self.server = CancellingActionServer(node, MonitorPlan, self._execute)
 
-    def destroy(self) -> None:
-        """Frees the action server."""
-        self._action.destroy()
-
-    async def _monitor(self, goal: Any) -> Any:
+    async def _execute(self, goal: Any) -> Any:
         result = MonitorPlan.Result()
-        name, key = goal.request.name, bytes(goal.goal_id.uuid)
+        name = goal.request.name
         try:
-            monitored = self._plans[name] = self._goals[key] = self._plan(goal)
+            plan = self._plans[name] = self._monitored_plan(goal)
         except DyKnowError as error:
             fill_exit_status(result.exit_status, error)
-            goal.abort()
+            finish_goal(goal, error)
             return result
-        monitored.begin()
-        if goal.is_cancel_requested:
-            monitored.cancel()
-        await monitored.over
-        del self._plans[name], self._goals[key]
-        result.verdicts = [verdict_to_message(verdict) for verdict in monitored.verdicts]
-        _finish(goal, result, monitored)
+        plan.begin()
+        with self.server.running(goal, plan.cancel):
+            await plan.ended
+        del self._plans[name]
+        result.verdicts = [verdict_to_message(verdict) for verdict in plan.verdicts]
+        if plan.error is not None:
+            fill_exit_status(result.exit_status, plan.error)
+        finish_goal(goal, plan.error)
         return result
 
-    def _plan(self, goal: Any) -> MonitoredPlan:
+    def _monitored_plan(self, goal: Any) -> MonitoredPlan:
         request = goal.request
         if request.name in self._plans:
             raise CoordinationError(
@@ -209,46 +209,24 @@ class PlanMonitoring:
                 ExitCode.ALREADY_EXISTS,
             )
 
-        def tell(verdict: PlanVerdict) -> None:
+        def publish(verdict: PlanVerdict) -> None:
             goal.publish_feedback(MonitorPlan.Feedback(verdict=verdict_to_message(verdict)))
 
         return MonitoredPlan(
             plan_from_goal(request),
-            grounding_of(request),
+            requested_grounding(request),
             constraints_from_message(request.constraints),
             self._start,
-            tell,
+            publish,
         )
 
     def _report(self, request: Any, _: Any) -> None:
         if request.plan not in self._plans:
-            there = f'these are: {", ".join(self._plans)}' if self._plans else 'there is none'
+            known = f'these are: {", ".join(self._plans)}' if self._plans else 'there is none'
             raise CoordinationError(
-                f"no plan '{request.plan}' is monitored ({there})", ExitCode.NOT_FOUND
+                f"no plan '{request.plan}' is monitored ({known})", ExitCode.NOT_FOUND
             )
         if request.event not in set(Event):
             known = ', '.join(f'{each.name} ({each.value})' for each in Event)
             raise CoordinationError(f'there is no event {request.event}; use {known}')
         self._plans[request.plan].report(request.action, Event(request.event))
-
-    def _cancel(self, goal: Any) -> CancelResponse:
-        monitored = self._goals.get(bytes(goal.goal_id.uuid))
-        if monitored is not None:
-            monitored.cancel()
-        return CancelResponse.ACCEPT
-
-    def _abandon(self) -> None:
-        for plan in list(self._plans.values()):
-            plan.cancel()
-
-
-def _finish(goal: Any, result: Any, monitored: MonitoredPlan) -> None:
-    if not monitored.is_cancelled:
-        goal.succeed()
-        return
-    text = 'the plan was cancelled before its end'
-    fill_exit_status(result.exit_status, CoordinationError(text, ExitCode.CANCELLED))
-    if goal.is_cancel_requested:
-        goal.canceled()
-    else:
-        goal.abort()

@@ -1,4 +1,4 @@
-"""EvaluationStatus messages, both ways."""
+"""Conversion between evaluation statuses and their messages."""
 
 from __future__ import annotations
 
@@ -11,13 +11,12 @@ from dyknow_common import DyKnowError, ExitCode, Verdict
 from dyknow_common.ros import fill_exit_status, nanoseconds_to_time, time_to_nanoseconds
 from dyknow_coordinator.errors import CoordinationError
 from dyknow_coordinator.evaluation.evaluation import EvaluationPhase
-from dyknow_coordinator.grounding.ground import SymbolGrounding
-from dyknow_coordinator.grounding.grounding import Grounding
+from dyknow_coordinator.grounding.feature_sources import Grounding, SymbolGrounding
 from dyknow_coordinator.reporting.evaluation_status import EvaluationStatus
 
 
 def status_to_message(status: EvaluationStatus) -> StatusMessage:
-    """An EvaluationStatus message; times that are absent are zero."""
+    """Return an EvaluationStatus message; absent times are zero."""
     return StatusMessage(
         name=status.name,
         plan=status.plan,
@@ -27,7 +26,7 @@ def status_to_message(status: EvaluationStatus) -> StatusMessage:
         started=nanoseconds_to_time(status.started),
         formula_group_id=status.formula_group_id,
         state_stream=status.state_stream,
-        groundings=[grounding_to_message(each) for each in status.groundings],
+        groundings=[symbol_grounding_to_message(each) for each in status.groundings],
         events=list(status.events),
         states_progressed=status.states_progressed,
         latest_valid_time=_time(status.latest_valid_time),
@@ -41,7 +40,7 @@ def status_to_message(status: EvaluationStatus) -> StatusMessage:
 
 
 def status_from_message(message: StatusMessage) -> EvaluationStatus:
-    """What an EvaluationStatus message tells."""
+    """Return the status in an EvaluationStatus message."""
     return EvaluationStatus(
         name=message.name,
         plan=message.plan,
@@ -51,7 +50,7 @@ def status_from_message(message: StatusMessage) -> EvaluationStatus:
         started=time_to_nanoseconds(message.started),
         formula_group_id=message.formula_group_id,
         state_stream=message.state_stream,
-        groundings=tuple(grounding_from_message(each) for each in message.groundings),
+        groundings=tuple(symbol_grounding_from_message(each) for each in message.groundings),
         events=tuple(message.events),
         states_progressed=message.states_progressed,
         latest_valid_time=time_to_nanoseconds(message.latest_valid_time) or None,
@@ -60,12 +59,12 @@ def status_from_message(message: StatusMessage) -> EvaluationStatus:
         verdict=Verdict(message.verdict),
         decided_at=time_to_nanoseconds(message.decided_at) or None,
         explanation=message.explanation,
-        error=error_of(message.exit_status),
+        error=error_from_status(message.exit_status),
     )
 
 
-def grounding_to_message(grounding: SymbolGrounding) -> GroundingMessage:
-    """A SymbolGrounding message."""
+def symbol_grounding_to_message(grounding: SymbolGrounding) -> GroundingMessage:
+    """Return a SymbolGrounding message."""
     return GroundingMessage(
         symbol=grounding.symbol,
         grounding=int(grounding.grounding),
@@ -74,8 +73,8 @@ def grounding_to_message(grounding: SymbolGrounding) -> GroundingMessage:
     )
 
 
-def grounding_from_message(message: GroundingMessage) -> SymbolGrounding:
-    """What a SymbolGrounding message tells."""
+def symbol_grounding_from_message(message: GroundingMessage) -> SymbolGrounding:
+    """Return the grounding in a SymbolGrounding message."""
     return SymbolGrounding(
         message.symbol, Grounding(message.grounding), message.stream, tuple(message.stand_ins)
     )
@@ -92,7 +91,7 @@ def _exit_status(error: DyKnowError | None) -> ExitStatus:
     return exit_status
 
 
-def error_of(exit_status: ExitStatus) -> DyKnowError | None:
-    """The error that an exit status tells of; None on SUCCESS."""
+def error_from_status(exit_status: ExitStatus) -> DyKnowError | None:
+    """Return the error in an exit status; None on SUCCESS."""
     code = ExitCode(exit_status.code)
     return None if code is ExitCode.SUCCESS else CoordinationError(exit_status.message, code)

@@ -1,4 +1,4 @@
-"""What operators hear of evaluations: the latched `~/evaluations`, and `/diagnostics`."""
+"""Reports for operators: the latched topic `~/evaluations`, and `/diagnostics`."""
 
 from __future__ import annotations
 
@@ -15,58 +15,58 @@ from dyknow_coordinator.evaluation.evaluation import EvaluationPhase
 from dyknow_coordinator.reporting.evaluation_status import EvaluationStatus, details, diagnose
 from dyknow_coordinator.ros.reporting.evaluation_messages import status_to_message
 
-PERIOD = 1.0
-"""Seconds between two reports."""
+PERIOD_S = 1.0
 
-SETTLING = 0.2
-"""Seconds in which changes gather: hundreds of evaluations change together, and all are told."""
+COLLECTION_S = 0.2
+"""Time in which changes are collected: hundreds of evaluations change together."""
 
 DIAGNOSTICS = QoSProfile(depth=1)
-"""As those who publish diagnostics do (diagnostic_updater)."""
+"""The profile of diagnostic_updater."""
 
 NO_HARDWARE = 'none'
-"""The hardware of diagnostics that concern none, by convention."""
+"""The hardware id of diagnostics that concern no hardware, by convention."""
 
 
 class EvaluationsReport:
-    """Publishes what becomes of evaluations, for people and for programs that look on.
+    """Publishes the status of all evaluations.
 
-    `~/evaluations` comes soon after each change, and each second while anything runs and somebody
-    listens; `/diagnostics` comes each second where somebody listens.
+    `~/evaluations` is published soon after each change, and each second while an evaluation runs
+    and there is a subscriber; `/diagnostics` each second if there is a subscriber.
 
     Args:
-        statuses: of all evaluations, in the order in which they were asked for.
-        silence_limit: seconds without a state after which there is reason to worry.
+        node: the coordinator.
+        statuses: returns the status of all evaluations, in the order of their requests.
+        silence_limit_s: time without a state after which operators get a warning.
     """
 
     def __init__(
         self,
         node: DyKnowNode,
         statuses: Callable[[], Iterable[EvaluationStatus]],
-        silence_limit: float = 5.0,
+        silence_limit_s: float = 5.0,
     ) -> None:
         self._node = node
         self._statuses = statuses
-        self._silence_limit = round(silence_limit * SECOND_NS)
-        self._due = False
+        self._silence_limit_ns = round(silence_limit_s * SECOND_NS)
+        self._is_pending = False
         self._evaluations = node.create_publisher(
             EvaluationStatusArray, '~/evaluations', LATCHED, event_callbacks=NO_PUBLISHER_EVENTS
         )
         self._diagnostics = node.create_publisher(
             DiagnosticArray, '/diagnostics', DIAGNOSTICS, event_callbacks=NO_PUBLISHER_EVENTS
         )
-        node.create_timer(PERIOD, self._end_period, clock=node.wall_clock)
-        # That there are none is told too: then who looks on knows that the coordinator lives.
-        self.changed()
+        node.create_timer(PERIOD_S, self._publish_periodically, clock=node.wall_clock)
+        # Publish an empty report too, so observers know that the coordinator is alive.
+        self.publish_soon()
 
-    def changed(self) -> None:
-        """Has a report published soon; one for many changes that come together."""
-        if not self._due:
-            self._due = True
-            self._node.deadlines.after(SETTLING).add_done_callback(lambda _: self._tell_changes())
+    def publish_soon(self) -> None:
+        """Publish a report soon: one for all changes within COLLECTION_S."""
+        if not self._is_pending:
+            self._is_pending = True
+            due = self._node.deadlines.after(COLLECTION_S)
+            due.add_done_callback(lambda _: self._publish_changes())
 
-    def _end_period(self) -> None:
-        # Whoever comes later has the last change at once, and all that is new after a second.
+    def _publish_periodically(self) -> None:
         watched = self._evaluations.get_subscription_count() > 0
         diagnosed = self._diagnostics.get_subscription_count() > 0
         statuses = list(self._statuses()) if watched or diagnosed else []
@@ -75,8 +75,8 @@ class EvaluationsReport:
         if diagnosed:
             self._publish_diagnostics(statuses)
 
-    def _tell_changes(self) -> None:
-        self._due = False
+    def _publish_changes(self) -> None:
+        self._is_pending = False
         self._publish_evaluations(self._statuses())
 
     def _publish_evaluations(self, statuses: Iterable[EvaluationStatus]) -> None:
@@ -97,13 +97,13 @@ class EvaluationsReport:
         seen: Counter[str] = Counter()
         for status in statuses:
             seen[status.name] += 1
-            # Those who show diagnostics keep one for each name.
+            # Tools for diagnostics keep one status for each name.
             number = f' ({seen[status.name]})' if seen[status.name] > 1 else ''
-            diagnosis = diagnose(status, now, self._silence_limit)
+            diagnosis = diagnose(status, now, self._silence_limit_ns)
             yield DiagnosticStatus(
                 level=bytes([diagnosis.level]),
                 name=f'{reporter}: {status.name}{number}',
                 message=diagnosis.text,
                 hardware_id=NO_HARDWARE,
-                values=[KeyValue(key=what, value=text) for what, text in details(status)],
+                values=[KeyValue(key=name, value=text) for name, text in details(status)],
             )

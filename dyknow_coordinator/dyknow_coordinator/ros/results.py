@@ -1,4 +1,4 @@
-"""What the reasoning engine tells of formulas, given to those who asked for them."""
+"""Results and progress reports of the reasoning engine."""
 
 from __future__ import annotations
 
@@ -8,36 +8,37 @@ from dyknow_interfaces.msg import FormulaProgress, FormulaResult
 
 from dyknow_common.ros import LATCHED_HISTORY, NO_SUBSCRIPTION_EVENTS, DyKnowNode
 
-_MOST_UNCLAIMED: Final = 1000
+_MAX_UNCLAIMED: Final = 1000
 _PROGRESS_DEPTH: Final = 1000
 
 
 class ResultListener(Protocol):
-    """Who wants to know of a formula."""
+    """Receiver of the result and the progress of one formula."""
 
-    def receive(self, result: Any) -> None:
-        """Takes its result."""
+    def receive_result(self, result: Any) -> None:
+        """Receive a FormulaResult message."""
 
-    def note_progress(self, progress: Any) -> None:
-        """Takes a report on how far it has come."""
+    def receive_progress(self, progress: Any) -> None:
+        """Receive a FormulaProgress message."""
 
 
 class Results:
-    """Receives results and reports, by formula group and formula.
+    """Passes results and progress reports to the listeners of their formulas.
 
     Args:
+        node: the coordinator.
         progress_topic: of the reasoning engine.
     """
 
     def __init__(self, node: DyKnowNode, progress_topic: str) -> None:
-        # One for each run: nobody listens to those of a former run, whose groups are ended then.
+        # Each run of the coordinator has its own topic: results of former runs are obsolete.
         self.topic = f'{node.get_fully_qualified_name()}/results_{node.born:x}'
         self._listeners: dict[tuple[int, int], ResultListener] = {}
-        # A result may come before the answer that says which formula it is about.
+        # A result may arrive before the response that contains the id of its formula.
         self._unclaimed: dict[tuple[int, int], Any] = {}
         subscriptions = (
-            (FormulaResult, self.topic, self._receive, LATCHED_HISTORY),
-            (FormulaProgress, progress_topic, self._note_progress, _PROGRESS_DEPTH),
+            (FormulaResult, self.topic, self._on_result, LATCHED_HISTORY),
+            (FormulaProgress, progress_topic, self._on_progress, _PROGRESS_DEPTH),
         )
         for message_type, topic, callback, quality_of_service in subscriptions:
             node.create_subscription(
@@ -49,27 +50,27 @@ class Results:
                 event_callbacks=NO_SUBSCRIPTION_EVENTS,
             )
 
-    def claim(self, group_id: int, formula_id: int, listener: ResultListener) -> None:
-        """Tells somebody of a formula from now on."""
+    def register(self, group_id: int, formula_id: int, listener: ResultListener) -> None:
+        """Register the listener of a formula; it gets a result that has already arrived."""
         key = group_id, formula_id
         self._listeners[key] = listener
         if key in self._unclaimed:
-            listener.receive(self._unclaimed.pop(key))
+            listener.receive_result(self._unclaimed.pop(key))
 
-    def release(self, group_id: int, formula_id: int) -> None:
-        """Tells nobody of a formula any more."""
+    def unregister(self, group_id: int, formula_id: int) -> None:
+        """Remove the listener of a formula."""
         self._listeners.pop((group_id, formula_id), None)
 
-    def _receive(self, result: Any) -> None:
+    def _on_result(self, result: Any) -> None:
         key = result.formula_group_id, result.formula_id
         if key in self._listeners:
-            self._listeners[key].receive(result)
+            self._listeners[key].receive_result(result)
             return
         self._unclaimed[key] = result
-        while len(self._unclaimed) > _MOST_UNCLAIMED:
+        if len(self._unclaimed) > _MAX_UNCLAIMED:
             del self._unclaimed[next(iter(self._unclaimed))]
 
-    def _note_progress(self, progress: Any) -> None:
+    def _on_progress(self, progress: Any) -> None:
         listener = self._listeners.get((progress.formula_group_id, progress.formula_id))
         if listener is not None:
-            listener.note_progress(progress)
+            listener.receive_progress(progress)

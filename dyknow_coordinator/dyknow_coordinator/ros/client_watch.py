@@ -1,4 +1,4 @@
-"""Whether those who ask are still there."""
+"""Watch on the clients of a service or an action."""
 
 from __future__ import annotations
 
@@ -7,27 +7,27 @@ from typing import Final
 
 from dyknow_common.ros import DyKnowNode
 
-PERIOD: Final = 1.0
-"""Seconds between two looks."""
+PERIOD_S: Final = 1.0
 
 
 class ClientWatch:
-    """Notices that nobody on the graph can take an answer any more.
+    """Detects that a service has no client left on the ROS graph.
 
     Args:
-        service: by which one asks, its absolute name; an action has a hidden one for its results.
-        on_gone: is called when no client of it is left, at each look.
+        node: the server.
+        service: the absolute name of the service; of an action, the hidden one for its results.
+        on_gone: called every second while no client is left.
     """
 
     def __init__(self, node: DyKnowNode, service: str, on_gone: Callable[[], None]) -> None:
         self._node = node
         self._service = service
         self._on_gone = on_gone
-        # One look may miss a client that is just being discovered.
         self._missed = 0
-        node.create_timer(PERIOD, self._look, clock=node.wall_clock)
+        node.create_timer(PERIOD_S, self._check, clock=node.wall_clock)
 
-    def _look(self) -> None:
+    def _check(self) -> None:
         self._missed = 0 if self._node.count_clients(self._service) else self._missed + 1
+        # One check may miss a client that is just being discovered.
         if self._missed > 1:
             self._on_gone()

@@ -1,0 +1,52 @@
+"""State streams: the sources of all ground features of a formula, synchronised."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from itertools import chain, count
+
+from dyknow_common import StreamConstraints, Symbol
+from dyknow_coordinator.grounding.feature_sources import Candidates, FeatureSource, Grounding
+
+
+@dataclass(frozen=True)
+class FormulaInputs:
+    """Inputs of the evaluation of a formula.
+
+    Args:
+        symbols: of the formula, before its domains were fixed.
+        grounding: how its symbols find their streams.
+        features: the ground features that each state must hold.
+        candidates: the sources found for them.
+        domains: the objects of each sort.
+        constraints: of the state stream.
+    """
+
+    symbols: tuple[Symbol, ...]
+    grounding: Grounding
+    features: tuple[str, ...]
+    candidates: Candidates
+    domains: Mapping[str, tuple[str, ...]]
+    constraints: StreamConstraints
+
+
+def state_specification(sources: Iterable[FeatureSource]) -> str:
+    """Return the specification of the state stream: all sources, synchronised (step 6)."""
+    distinct = _with_distinct_names(sources)
+    units = dict.fromkeys(unit for source in distinct for unit in source.units)
+    declarations = dict.fromkeys(source.declaration for source in distinct)
+    names = dict.fromkeys(source.stream for source in distinct)
+    return ';\n'.join([*units, *declarations, f'sink sync({", ".join(names)})'])
+
+
+def _with_distinct_names(sources: Iterable[FeatureSource]) -> Sequence[FeatureSource]:
+    """Rename sources such that no two different streams have the same name."""
+    declared: dict[str, str] = {}
+    result = []
+    for source in sources:
+        names = chain([source.stream], (f'{source.stream}_{number}' for number in count(2)))
+        name = next(each for each in names if declared.get(each, str(source)) == str(source))
+        declared[name] = str(source)
+        result.append(replace(source, stream=name, declaration=f'stream {name} = {source}'))
+    return result
