@@ -1,7 +1,15 @@
 """Errors of streams."""
 
-from dyknow_common import DyKnowError
+from collections.abc import Iterable
+
+from dyknow_common import DyKnowError, ExitCode
 
 
 class StreamError(DyKnowError):
     """A stream cannot be created, found or kept."""
+
+
+def unknown_stream(name: str, known: Iterable[str]) -> StreamError:
+    """Return the error about a stream that does not exist, given those that do."""
+    listed = ', '.join(known) or 'none'
+    return StreamError(f"there is no stream '{name}' (there are: {listed})", ExitCode.NOT_FOUND)

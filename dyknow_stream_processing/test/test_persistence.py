@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from dyknow_common import DyKnowError, StreamConstraints
-from dyknow_stream_processing.management.persistence import read_memory, write_memory
+from dyknow_stream_processing.management.persistence import streams_from_json, streams_to_json
 from dyknow_stream_processing.management.registry import CreatedStream, RegisteredStream
 from dyknow_stream_processing.ros.management.persistence_files import PersistenceFile, read_streams
 
@@ -16,7 +16,7 @@ POWER = CreatedStream(
 
 
 def test_what_is_written_is_read() -> None:
-    battery, power = read_memory(write_memory([BATTERY, POWER]))
+    battery, power = streams_from_json(streams_to_json([BATTERY, POWER]))
     assert battery == BATTERY
     assert isinstance(power, CreatedStream)
     assert (power.name, power.specification) == (POWER.name, POWER.specification)
@@ -36,7 +36,7 @@ def test_what_is_written_is_read() -> None:
 )
 def test_what_is_no_memory(text: str, words: str) -> None:
     with pytest.raises(DyKnowError, match=words):
-        read_memory(text)
+        streams_from_json(text)
 
 
 def test_the_file_holds_what_was_written_last(tmp_path: Path) -> None:

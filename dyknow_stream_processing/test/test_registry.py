@@ -69,7 +69,7 @@ def test_the_engine_with_the_fewest_streams_is_chosen(registry: StreamRegistry) 
 
 
 def test_the_streams_of_a_lost_engine_wait_for_another(registry: StreamRegistry) -> None:
-    registry.lose(E1)
+    registry.withdraw_all(E1)
     assert [stream.name for stream in registry.waiting()] == ['a', 'b', 'waiting']
     assert registry.names() == ('battery', 'c')
     assert registry.waiting()[0].message == '/e1 is gone'
@@ -77,7 +77,7 @@ def test_the_streams_of_a_lost_engine_wait_for_another(registry: StreamRegistry)
 
 def test_what_an_engine_is_asked_for_is_left_to_whoever_asks(registry: StreamRegistry) -> None:
     registry.assign('waiting', E2)
-    registry.lose(E2)
+    registry.withdraw_all(E2)
     assert [stream.name for stream in registry.waiting()] == ['c']
 
 
@@ -100,7 +100,9 @@ def test_relative_topics_mean_the_same_on_engines_elsewhere() -> None:
         'source (v: float) "/robot1/battery";\n'
         'sink sync("/robot1/battery", "/robot1/gps", "/clock")'
     )
-    told = registry.told(FAR, 'y', 'select a from "gps"', NO_CONSTRAINTS, '/far/dyknow/streams/y')
+    told = registry.reported_stream(
+        FAR, 'y', 'select a from "gps"', NO_CONSTRAINTS, '/far/dyknow/streams/y'
+    )
     assert told.specification == 'sink select a from "/far/gps"'
 
 
@@ -135,7 +137,7 @@ def test_a_stream_that_others_are_made_from_is_kept(registry: StreamRegistry) ->
 def test_a_stream_is_made_anew_when_its_sources_move(registry: StreamRegistry) -> None:
     registry.add(created('x', 'select a from a'))
     registry.place('x', E2, '/dyknow/streams/x', {'a': '/dyknow/streams/a'})
-    registry.lose(E1)
+    registry.withdraw_all(E1)
     assert registry.outdated() == ()  # It is not known yet where `a` will be.
     place(registry, 'a', '/e4')
     assert registry.outdated() == ()  # The topic is the same.
@@ -168,13 +170,13 @@ def test_what_a_manager_before_asked_for_is_understood_again() -> None:
     assert '"/dyknow/streams/c"' in text
 
     after = StreamRegistry()
-    told = after.told(E2, 'x', text, NO_CONSTRAINTS, '/dyknow/streams/x')
+    told = after.reported_stream(E2, 'x', text, NO_CONSTRAINTS, '/dyknow/streams/x')
     after.add(told)
     assert after.made_from('c') == ()  # Nothing is known of `c` yet.
     after.add(created('c'))
     place(after, 'c', FAR)
     assert after.made_from('c') == ('x',)
-    after.recognise()
+    after.restore_names()
     assert [stream.name for stream in after.outdated()] == ['x']
     known = after.get('x')
     assert isinstance(known, CreatedStream)
@@ -185,12 +187,18 @@ def test_a_copy_is_told_from_another_stream_of_the_name(registry: StreamRegistry
     registry.add(created('x', 'select a from a'))
     registry.place('x', E2, '/dyknow/streams/x', {'a': '/dyknow/streams/a'})
     text, _ = registry.text_for(created('x', 'select a from a'), E2)
-    assert registry.is_copy(registry.told('/e9', 'x', text, NO_CONSTRAINTS, ''))
-    assert registry.is_copy(registry.told('/e9', 'x', 'select a from a', NO_CONSTRAINTS, ''))
-    assert not registry.is_copy(registry.told('/e9', 'x', 'select b from a', NO_CONSTRAINTS, ''))
+    assert registry.is_copy(registry.reported_stream('/e9', 'x', text, NO_CONSTRAINTS, ''))
+    assert registry.is_copy(
+        registry.reported_stream('/e9', 'x', 'select a from a', NO_CONSTRAINTS, '')
+    )
+    assert not registry.is_copy(
+        registry.reported_stream('/e9', 'x', 'select b from a', NO_CONSTRAINTS, '')
+    )
     late = StreamConstraints(max_delay=1)
-    assert not registry.is_copy(registry.told('/e9', 'x', text, late, ''))
-    assert not registry.is_copy(registry.told('/e9', 'battery', text, NO_CONSTRAINTS, ''))
+    assert not registry.is_copy(registry.reported_stream('/e9', 'x', text, late, ''))
+    assert not registry.is_copy(
+        registry.reported_stream('/e9', 'battery', text, NO_CONSTRAINTS, '')
+    )
 
 
 def test_what_an_engine_makes_already_is_taken_over() -> None:
@@ -199,9 +207,9 @@ def test_what_an_engine_makes_already_is_taken_over() -> None:
     registry.add(created('c'))
     registry.add(created('x', 'select a from c'))
     text = 'stream c = "/odd/place/c";\nsink select a from c'
-    told = registry.told(E2, 'x', text, NO_CONSTRAINTS, '/dyknow/streams/x')
+    told = registry.reported_stream(E2, 'x', text, NO_CONSTRAINTS, '/dyknow/streams/x')
     assert registry.is_copy(told)
-    registry.take_over(told)
+    registry.adopt(told)
     assert registry.topic('x') == '/dyknow/streams/x'
     place(registry, 'c', E1)
     assert [stream.name for stream in registry.outdated()] == ['x']
@@ -240,10 +248,10 @@ def test_a_name_that_no_text_can_mention(name: str) -> None:
 
 def test_an_account_tells_what_the_manager_and_the_engine_know(registry: StreamRegistry) -> None:
     told = StreamReport('a', StreamState.FLOWING, samples=7)
-    flowing = registry.account(registry.find('a'), told)
+    flowing = registry.report(registry.find('a'), told)
     assert (flowing.samples, flowing.engine, flowing.topic) == (7, E1, '/dyknow/streams/a')
     registry.release('waiting', 'no unit', failed=True)
-    failed = registry.account(registry.find('waiting'), None)
+    failed = registry.report(registry.find('waiting'), None)
     assert (failed.state, failed.message, failed.engine) == (StreamState.FAILED, 'no unit', '')
-    battery = registry.account(registry.find('battery'), None)
+    battery = registry.report(registry.find('battery'), None)
     assert (battery.state, battery.topic) == (StreamState.REGISTERED, '/uav1/battery')

@@ -4,7 +4,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from dyknow_stream_processing import Sample
-from dyknow_stream_processing.reporting.stream_report import STILL, Flow, FlowMeter
+from dyknow_stream_processing.reporting.stream_report import NO_FLOW, Flow, FlowMeter
 
 SECOND = 1_000_000_000
 
@@ -23,12 +23,12 @@ def test_each_period_is_measured_by_itself(periods: list[list[int]]) -> None:
         if delays:
             assert flow == Flow(len(delays) / 2, sum(delays) // len(delays), max(delays))
         else:
-            assert flow == STILL
+            assert flow == NO_FLOW
 
 
 def test_nothing_flows_while_time_stands_still() -> None:
     meter = FlowMeter(SECOND)
     meter.note(sample(5))
-    assert meter.measure(SECOND) == STILL
+    assert meter.measure(SECOND) == NO_FLOW
     meter.note(sample(5))
     assert meter.measure(2 * SECOND) == Flow(1.0, 5, 5)

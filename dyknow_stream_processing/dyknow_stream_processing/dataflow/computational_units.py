@@ -25,8 +25,7 @@ from typing import Any, Final
 
 from dyknow_common import Value, ValueType
 from dyknow_stream_processing.dataflow import built_in_units as units
-from dyknow_stream_processing.dataflow.operators import Operator
-from dyknow_stream_processing.dataflow.scheduler import Scheduler
+from dyknow_stream_processing.dataflow.operators import Wiring
 from dyknow_stream_processing.dataflow.synchronisation import SynchronisedOperator, Values
 from dyknow_stream_processing.errors import StreamError
 from dyknow_stream_processing.language.specification import UnitArgument, UnitDeclaration
@@ -85,14 +84,12 @@ class UnitOperator(SynchronisedOperator):
 
     def __init__(
         self,
-        scheduler: Scheduler,
-        label: str,
-        inputs: Sequence[Operator],
+        wiring: Wiring,
         unit: Unit,
         declaration: UnitDeclaration,
         arguments: Sequence[UnitArgument],
     ) -> None:
-        super().__init__(scheduler, label, inputs)
+        super().__init__(wiring)
         named = {each.name: each.value for each in arguments}
         self._call: Unit = _instance(unit, declaration.name, named)
         self._takes_time = _takes_time(self._call)

@@ -17,7 +17,7 @@ emitted. Without one, the gap is a violation as soon as no sample valid at 12 ca
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from heapq import heappop, heappush
 from itertools import count
 
@@ -29,8 +29,8 @@ from dyknow_common import (
     round_duration,
     round_time,
 )
-from dyknow_stream_processing.dataflow.operators import NO_PROMISE, Operator
-from dyknow_stream_processing.dataflow.scheduler import BEGINNING, Scheduler
+from dyknow_stream_processing.dataflow.operators import NO_PROMISE, Operator, Wiring
+from dyknow_stream_processing.dataflow.scheduler import BEGINNING
 from dyknow_stream_processing.violation import Fault, ViolationKind
 
 
@@ -67,14 +67,9 @@ class ReorderOperator(Operator):
     _sorts = True
 
     def __init__(
-        self,
-        scheduler: Scheduler,
-        label: str,
-        inputs: Sequence[Operator],
-        max_delay: int | None = None,
-        shortest_period: int | None = None,
+        self, wiring: Wiring, max_delay: int | None = None, shortest_period: int | None = None
     ) -> None:
-        super().__init__(scheduler, label, inputs)
+        super().__init__(wiring)
         self.timed = self.timed or max_delay is not None
         self._max_delay = max_delay
         self._min_gap = 2 * (shortest_period or 0)
@@ -148,15 +143,8 @@ class ReorderOperator(Operator):
 class BoundsOperator(Operator):
     """Filter that drops samples outside the start time and the end time (nanoseconds)."""
 
-    def __init__(
-        self,
-        scheduler: Scheduler,
-        label: str,
-        inputs: Sequence[Operator],
-        start: int | None,
-        end: int | None,
-    ) -> None:
-        super().__init__(scheduler, label, inputs)
+    def __init__(self, wiring: Wiring, start: int | None, end: int | None) -> None:
+        super().__init__(wiring)
         self._start = start
         self._end = end
 
@@ -183,14 +171,8 @@ class PeriodOperator(Operator):
     sample, as if the next one had the same delay.
     """
 
-    def __init__(
-        self,
-        scheduler: Scheduler,
-        label: str,
-        inputs: Sequence[Operator],
-        constraints: StreamConstraints,
-    ) -> None:
-        super().__init__(scheduler, label, inputs)
+    def __init__(self, wiring: Wiring, constraints: StreamConstraints) -> None:
+        super().__init__(wiring)
         self._shortest = constraints.shortest_period or 0
         self._longest = constraints.longest_period or 0
         self._end = constraints.end_time

@@ -10,7 +10,7 @@ from dyknow_common import ExitCode, StreamConstraints, Value, ValueType
 from dyknow_stream_processing.dataflow.operator_graph import OperatorGraph
 from dyknow_stream_processing.dataflow.operators import Operator
 from dyknow_stream_processing.dataflow.scheduler import BEGINNING, Scheduler
-from dyknow_stream_processing.errors import StreamError
+from dyknow_stream_processing.errors import StreamError, unknown_stream
 from dyknow_stream_processing.language.required_fields import total_demand
 from dyknow_stream_processing.language.resolution import Fields, Resolved, resolve
 from dyknow_stream_processing.language.specification import Specification
@@ -201,10 +201,7 @@ class Dataflow:
 
     def _find(self, name: str) -> _RunningStream:
         if name not in self._streams:
-            known = ', '.join(self._streams) or 'none'
-            raise StreamError(
-                f"there is no stream '{name}' (there are: {known})", ExitCode.NOT_FOUND
-            )
+            raise unknown_stream(name, self._streams)
         return self._streams[name]
 
     def _fields_of(self, topic: str) -> Fields | None:

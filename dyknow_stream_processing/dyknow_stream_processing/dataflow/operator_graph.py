@@ -14,7 +14,12 @@ from dyknow_stream_processing.dataflow.constraint_checks import (
     PeriodOperator,
     ReorderOperator,
 )
-from dyknow_stream_processing.dataflow.operators import MergeOperator, Operator, SourceOperator
+from dyknow_stream_processing.dataflow.operators import (
+    MergeOperator,
+    Operator,
+    SourceOperator,
+    Wiring,
+)
 from dyknow_stream_processing.dataflow.scheduler import Scheduler
 from dyknow_stream_processing.dataflow.selection import SelectOperator
 from dyknow_stream_processing.dataflow.synchronisation import LinearSyncOperator, SyncOperator
@@ -145,7 +150,8 @@ class OperatorGraph:
     ) -> Operator:
         key = (kind, label, tuple(map(id, inputs)), details)
         if key not in self._operators:
-            operator = self._operators[key] = kind(self._scheduler, label, inputs, *details)
+            wiring = Wiring(self._scheduler, label, tuple(inputs))
+            operator = self._operators[key] = kind(wiring, *details)
             for port, each in enumerate(inputs):
                 each.consumers.append((operator, port))
         return self._operators[key]

@@ -16,7 +16,8 @@ and then of rank, so each operator wakes after the inputs whose `certain_at` it 
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import ClassVar, Final, Protocol
 
 from dyknow_common import Value
@@ -43,21 +44,30 @@ class StreamObserver(Protocol):
         """Report a violation that an operator has detected."""
 
 
-class Operator:
-    """One step of a dataflow.
+@dataclass(frozen=True, slots=True)
+class Wiring:
+    """The surroundings of an operator.
 
     Args:
         scheduler: wakes the operator.
-        label: a text that states what it computes.
+        label: a text that states what the operator computes.
         inputs: the operators whose samples it receives.
     """
+
+    scheduler: Scheduler
+    label: str
+    inputs: tuple[Operator, ...]
+
+
+class Operator:
+    """One step of a dataflow."""
 
     _sorts: ClassVar[bool | None] = None
     """True if it emits in the order of valid times, False if not; `None`: if its inputs do."""
 
-    def __init__(self, scheduler: Scheduler, label: str, inputs: Sequence[Operator]) -> None:
-        self.label = label
-        self.inputs = tuple(inputs)
+    def __init__(self, wiring: Wiring) -> None:
+        self.label = wiring.label
+        self.inputs = inputs = wiring.inputs
         ordered = all(each.in_order for each in inputs) if self._sorts is None else self._sorts
         self.in_order: bool = ordered
         """True if it emits samples in the order of valid times."""
@@ -68,7 +78,7 @@ class Operator:
         self.consumers: list[tuple[Operator, int]] = []
         self.listeners: list[StreamObserver] = []
         self.observers: list[StreamObserver] = []
-        self._scheduler = scheduler
+        self._scheduler = wiring.scheduler
 
     def receive(
         self, port: int, valid_time: int, fields: Mapping[str, Value], watermark: int, now: int
@@ -142,14 +152,8 @@ class SourceOperator(Operator):
 
     _sorts = False
 
-    def __init__(
-        self,
-        scheduler: Scheduler,
-        topic: str,
-        inputs: Sequence[Operator],
-        receipt_time: bool,  # noqa: FBT001
-    ) -> None:
-        super().__init__(scheduler, topic, inputs)
+    def __init__(self, wiring: Wiring, receipt_time: bool) -> None:  # noqa: FBT001
+        super().__init__(wiring)
         self.timed = self._receipt_time = receipt_time
 
     def push(self, valid_time: int, fields: Mapping[str, Value], now: int) -> None:
@@ -173,9 +177,9 @@ class MergeOperator(Operator):
 
     _sorts = False
 
-    def __init__(self, scheduler: Scheduler, label: str, inputs: Sequence[Operator]) -> None:
-        super().__init__(scheduler, label, inputs)
-        self._watermarks = [each.watermark for each in inputs]
+    def __init__(self, wiring: Wiring) -> None:
+        super().__init__(wiring)
+        self._watermarks = [each.watermark for each in self.inputs]
 
     def receive(
         self, port: int, valid_time: int, fields: Mapping[str, Value], watermark: int, now: int

@@ -7,8 +7,8 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Final
 
 from dyknow_common import Value, ValueType
-from dyknow_stream_processing.dataflow.operators import Operator
-from dyknow_stream_processing.dataflow.scheduler import BEGINNING, Scheduler
+from dyknow_stream_processing.dataflow.operators import Operator, Wiring
+from dyknow_stream_processing.dataflow.scheduler import BEGINNING
 from dyknow_stream_processing.language.specification import Condition, Selection, value_text
 from dyknow_stream_processing.language.type_rules import comparable_types
 from dyknow_stream_processing.sample import missing_text
@@ -28,14 +28,9 @@ class SelectOperator(Operator):
     """Some fields of those samples of its source that satisfy all conditions."""
 
     def __init__(
-        self,
-        scheduler: Scheduler,
-        label: str,
-        inputs: Sequence[Operator],
-        selections: Sequence[Selection],
-        conditions: Sequence[Condition],
+        self, wiring: Wiring, selections: Sequence[Selection], conditions: Sequence[Condition]
     ) -> None:
-        super().__init__(scheduler, label, inputs)
+        super().__init__(wiring)
         self._tests = [(condition.field, _test(condition)) for condition in conditions]
         self._selections = [(_namer(each), each.field) for each in selections]
         self._constant_names: Mapping[str, str] | None = None

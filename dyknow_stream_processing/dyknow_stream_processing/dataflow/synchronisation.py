@@ -15,13 +15,13 @@ a `max_delay` of 10 ms on b, tick 2 is emitted without another sample of b when 
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import ClassVar, Final
 
 from dyknow_common import Value, round_duration, round_time
 from dyknow_stream_processing.dataflow.approximations import LinearTrack, Track
-from dyknow_stream_processing.dataflow.operators import Operator
-from dyknow_stream_processing.dataflow.scheduler import BEGINNING, Scheduler
+from dyknow_stream_processing.dataflow.operators import Operator, Wiring
+from dyknow_stream_processing.dataflow.scheduler import BEGINNING
 from dyknow_stream_processing.language.type_rules import collision_text
 from dyknow_stream_processing.violation import Fault, ViolationKind
 
@@ -54,16 +54,9 @@ class SynchronisedOperator(Operator):
     _sorts = True
     _track: ClassVar[type[Track]] = Track
 
-    def __init__(
-        self,
-        scheduler: Scheduler,
-        label: str,
-        inputs: Sequence[Operator],
-        start: int | None = None,
-        period: int | None = None,
-    ) -> None:
-        super().__init__(scheduler, label, inputs)
-        self._tracks = [self._track(each) for each in inputs]
+    def __init__(self, wiring: Wiring, start: int | None = None, period: int | None = None) -> None:
+        super().__init__(wiring)
+        self._tracks = [self._track(each) for each in self.inputs]
         self._period = period
         self._next_tick = None if period is None else start
         self._target: int | None = None

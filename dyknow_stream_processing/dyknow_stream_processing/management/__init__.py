@@ -1,1 +1,1 @@
-"""Registration and placement of streams on engines, without ROS."""
+"""Registry of streams and their placement on engines, without ROS."""

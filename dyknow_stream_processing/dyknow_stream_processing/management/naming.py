@@ -1,4 +1,4 @@
-"""Names of streams, and the convention by which they name topics (paper, VI-A.2)."""
+"""Names of streams, and the convention that relates them to topics (paper, VI-A.2)."""
 
 from __future__ import annotations
 
@@ -15,30 +15,29 @@ _PLACEHOLDER: Final = '<name>'
 
 
 def check_name(name: str) -> None:
-    """Checks that a text of the stream language can mention a stream by a name.
+    """Check that a specification can refer to a stream by a name.
 
     Raises:
-        StreamError: when it cannot.
+        StreamError: if it cannot.
     """
+    fault = ''
     if not _NAME.fullmatch(name):
-        raise StreamError(
-            f"'{name}' cannot be the name of a stream; use letters, digits and _, "
-            f'beginning with a letter'
-        )
-    try:
-        parse_specification(f'sink {name}')
-    except LanguageError:
-        raise StreamError(
-            f"'{name}' cannot be the name of a stream, for it is a word of the stream language"
-        ) from None
+        fault = 'use letters, digits and _, beginning with a letter'
+    else:
+        try:
+            parse_specification(f'sink {name}')
+        except LanguageError:
+            fault = 'it is a keyword of the stream language'
+    if fault:
+        raise StreamError(f"'{name}' cannot be the name of a stream; {fault}")
 
 
 @dataclass(frozen=True, slots=True)
 class NamingConvention:
-    """The topic of a stream that nobody named explicitly, such as `dyknow/streams/<name>`.
+    """Topics of streams that nobody has named explicitly, such as `dyknow/streams/<name>`.
 
     Raises:
-        StreamError: when the pattern does not hold `<name>` once.
+        StreamError: if the pattern does not contain `<name>` once.
     """
 
     pattern: str
@@ -51,9 +50,9 @@ class NamingConvention:
             )
 
     def topic(self, name: str) -> str:
-        """The topic of a stream, absolute or relative as the convention is."""
+        """Return the topic of a stream; it is relative if the pattern is."""
         return self.pattern.replace(_PLACEHOLDER, name)
 
-    def holds(self, name: str, topic: str) -> bool:
-        """Whether a topic is that of a stream in some namespace."""
+    def matches(self, name: str, topic: str) -> bool:
+        """Return true if a topic is that of a stream in some namespace."""
         return f'/{topic}'.endswith('/' + self.topic(name).lstrip('/'))

@@ -1,4 +1,4 @@
-"""What a stream manager keeps in a file over its own restart, and that of everybody else."""
+"""Text format in which a stream manager keeps its streams over a restart."""
 
 from __future__ import annotations
 
@@ -13,39 +13,39 @@ from dyknow_stream_processing.language.parsing import parse_specification
 from dyknow_stream_processing.management.registry import CreatedStream, RegisteredStream, Stream
 
 
-def write_memory(streams: Iterable[Stream]) -> str:
-    """A text that holds what is needed to make streams anew; times are in nanoseconds."""
-    entries = [_entry(stream) for stream in streams]
+def streams_to_json(streams: Iterable[Stream]) -> str:
+    """Return a text from which streams can be recreated; times are in nanoseconds."""
+    entries = [_to_entry(stream) for stream in streams]
     return json.dumps({'streams': entries}, indent=2, ensure_ascii=False) + '\n'
 
 
-def read_memory(text: str) -> tuple[Stream, ...]:
-    """The streams in a text of `write_memory`; those that engines make wait for one.
+def streams_from_json(text: str) -> tuple[Stream, ...]:
+    """Return the streams in a text of `streams_to_json`; created ones wait for an engine.
 
     Raises:
-        StreamError: when it is not such a text.
-        LanguageError: when a specification in it is none.
+        StreamError: if the text has another format.
+        LanguageError: if a specification in it is wrong.
     """
     try:
-        return tuple(_stream(entry) for entry in json.loads(text)['streams'])
+        return tuple(_from_entry(entry) for entry in json.loads(text)['streams'])
     except (ValueError, KeyError, TypeError) as error:
         raise StreamError(
             f'it is not what a stream manager wrote ({type(error).__name__}: {error}); delete it'
         ) from None
 
 
-def _entry(stream: Stream) -> dict[str, Any]:
+def _to_entry(stream: Stream) -> dict[str, Any]:
     if isinstance(stream, RegisteredStream):
         return asdict(stream)
-    demands = {key: value for key, value in asdict(stream.constraints).items() if value is not None}
+    constraints = asdict(stream.constraints)
     return {
         'name': stream.name,
         'specification': stream.specification,
-        'constraints': demands,
+        'constraints': {key: value for key, value in constraints.items() if value is not None},
     }
 
 
-def _stream(entry: dict[str, Any]) -> Stream:
+def _from_entry(entry: dict[str, Any]) -> Stream:
     if 'specification' not in entry:
         return RegisteredStream(**entry)
     specification = entry['specification']

@@ -1,4 +1,9 @@
-"""What the stream manager knows: every stream, its topic, and the engine that makes it (VI-A.2)."""
+"""Registry of all streams: their topics and the engines that make them (paper, VI-A.2).
+
+A specification in the registry refers to other streams by name. An engine knows only the names of
+its own streams. `text_for` therefore adds an alias for each other stream, `stream a = "/topic";`,
+and texts reported by engines are read with these aliases removed.
+"""
 
 from __future__ import annotations
 
@@ -8,7 +13,7 @@ from functools import lru_cache
 from typing import Final
 
 from dyknow_common import ExitCode, StreamConstraints
-from dyknow_stream_processing.errors import StreamError
+from dyknow_stream_processing.errors import StreamError, unknown_stream
 from dyknow_stream_processing.language.parsing import parse_specification
 from dyknow_stream_processing.language.resolution import free_names
 from dyknow_stream_processing.language.specification import Specification
@@ -22,7 +27,7 @@ from dyknow_stream_processing.management.relocation import (
 from dyknow_stream_processing.reporting.stream_report import SAMPLE_TYPE, StreamReport, StreamState
 
 DEFAULT_CONVENTION: Final = NamingConvention('dyknow/streams/<name>')
-"""Where engines publish streams, unless they are told otherwise."""
+"""The topics on which engines publish streams by default."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,13 +35,13 @@ class CreatedStream:
     """A stream that an engine makes.
 
     Args:
-        specification: its text, as it was asked for or as an engine tells it.
-        engine: the node that makes it, or is just asked to; none while it waits for one.
-        topic: where its samples are; empty until an engine makes it.
-        sources: the topics of the streams that it is made from and that others publish.
-        message: why it waits or cannot be made; where, when and why it was made anew.
-        lost: why its last engine makes it no more; empty where it never had another.
-        failed: whether it cannot be made, for reasons that time alone does not mend.
+        specification: the text, as it was requested or as an engine reports it.
+        engine: the node that makes it or is asked to; `None` while it waits for an engine.
+        topic: the topic of its samples; empty until an engine makes it.
+        sources: the topics of the streams that it is made from and that other nodes publish.
+        message: why it waits or failed; where, when and why it was recreated.
+        lost: why its last engine no longer makes it; empty if it had none.
+        failed: True if it cannot be made and a later attempt would fail for the same reason.
     """
 
     name: str
@@ -52,13 +57,13 @@ class CreatedStream:
 
     @property
     def waits(self) -> bool:
-        """Whether no engine makes it or is asked to."""
+        """True if no engine makes it or is asked to."""
         return self.engine is None
 
 
 @dataclass(frozen=True, slots=True)
 class RegisteredStream:
-    """A topic of some other program that was given a stream name."""
+    """A topic of another program that was registered under a stream name."""
 
     name: str
     topic: str
@@ -72,9 +77,9 @@ class StreamRegistry:
     """All streams of a system, by name.
 
     Args:
-        convention: by which names and topics belong together where nothing else is known.
-        namespace: that of the manager: relative topics in specifications are meant in it.
-        published: the absolute name and the type of a topic, if anybody publishes it.
+        convention: relates names to topics of streams that are not in the registry.
+        namespace: the namespace of the manager, for relative topics in specifications.
+        published: returns the absolute name and the type of a topic if it has publishers.
     """
 
     def __init__(
@@ -90,53 +95,50 @@ class StreamRegistry:
         self._streams: dict[str, Stream] = {}
 
     def streams(self) -> tuple[Stream, ...]:
-        """All streams, in the order in which they became known."""
+        """Return all streams, in the order in which they were added."""
         return tuple(self._streams.values())
 
     def names(self) -> tuple[str, ...]:
-        """The streams that flow, sorted; those that wait for an engine are not among them."""
+        """Return the names of the streams that have a topic, sorted."""
         return tuple(sorted(name for name, stream in self._streams.items() if stream.topic))
 
     def waiting(self) -> tuple[CreatedStream, ...]:
-        """The streams that no engine makes, in the order in which they were asked for."""
+        """Return the streams that wait for an engine, in the order of the requests."""
         return tuple(each for each in self._created() if each.waits)
 
     def get(self, name: str) -> Stream | None:
-        """A stream that was created or registered; none where there is none."""
+        """Return a stream that was created or registered; `None` if there is none."""
         return self._streams.get(name)
 
     def find(self, name: str) -> Stream:
-        """A stream that was created or registered, or that the naming convention gives a topic.
+        """Return a stream that was created or registered, or whose topic the convention gives.
 
         Raises:
-            StreamError: NOT_FOUND, naming the streams that there are.
+            StreamError: NOT_FOUND, naming the existing streams.
         """
         if name in self._streams:
             return self._streams[name]
         found = self._published(self._convention.topic(name))
         if found is None:
-            raise self._unknown(name)
+            raise unknown_stream(name, self.names())
         return RegisteredStream(name, *found)
 
     def topic(self, name: str) -> str:
-        """The topic of a stream.
+        """Return the topic of a stream.
 
         Raises:
-            StreamError: NOT_FOUND, or UNAVAILABLE while it is not made.
+            StreamError: NOT_FOUND, or UNAVAILABLE while no engine makes it.
         """
         stream = self.find(name)
         if stream.topic:
             return stream.topic
+        reason = 'waits for a stream processing engine'
         if isinstance(stream, CreatedStream) and stream.failed:
-            raise StreamError(
-                f"stream '{name}' cannot be made: {stream.message}", ExitCode.UNAVAILABLE
-            )
-        raise StreamError(
-            f"stream '{name}' waits for a stream processing engine", ExitCode.UNAVAILABLE
-        )
+            reason = f'cannot be made: {stream.message}'
+        raise StreamError(f"stream '{name}' {reason}", ExitCode.UNAVAILABLE)
 
     def add(self, stream: Stream) -> None:
-        """Makes a stream known.
+        """Add a stream.
 
         Raises:
             StreamError: ALREADY_EXISTS.
@@ -152,14 +154,14 @@ class StreamRegistry:
         self._set(stream)
 
     def remove(self, name: str) -> Stream:
-        """Forgets a stream.
+        """Remove a stream that no other stream is made from, and return it.
 
         Raises:
-            StreamError: NOT_FOUND, naming the streams that there are; INVALID_ARGUMENT, naming
-                those that are made from it.
+            StreamError: NOT_FOUND, naming the existing streams; INVALID_ARGUMENT, naming the
+                streams that are made from it.
         """
         if name not in self._streams:
-            raise self._unknown(name)
+            raise unknown_stream(name, self.names())
         users = self.made_from(name)
         if users:
             raise StreamError(
@@ -169,41 +171,41 @@ class StreamRegistry:
         return self.forget(name)
 
     def forget(self, name: str) -> Stream:
-        """Forgets a stream that is no more, whatever is made from it."""
+        """Remove a stream that no longer exists, even if others are made from it."""
         self.version += 1
         return self._streams.pop(name)
 
     def assign(self, name: str, engine: str) -> None:
-        """Notes that an engine is asked to make a stream."""
+        """Record that an engine is asked to make a stream."""
         self._change(name, engine=engine, topic='')
 
     def place(
         self, name: str, engine: str, topic: str, sources: Mapping[str, str], message: str = ''
     ) -> None:
-        """Notes that an engine makes a stream now."""
+        """Record that an engine makes a stream."""
         self._change(
             name, engine=engine, topic=topic, sources=sources, message=message, failed=False
         )
 
     def release(self, name: str, message: str, *, failed: bool = False) -> None:
-        """Notes that no engine makes a stream that was asked for, and why."""
+        """Record that no engine makes a requested stream, and why."""
         self._change(name, engine=None, topic='', message=message, failed=failed)
 
     def withdraw(self, name: str, lost: str) -> None:
-        """Notes that a stream that flowed has to be made anew, and why."""
+        """Record that a stream must be recreated, and why."""
         self._change(name, engine=None, topic='', message=lost, lost=lost)
 
-    def lose(self, engine: str) -> None:
-        """Notes that an engine is gone: its streams wait for another.
+    def withdraw_all(self, engine: str) -> None:
+        """Record that an engine is gone: its streams must be recreated.
 
-        Those that it was just asked for are left to whoever asked.
+        A stream that it was only asked for stays assigned: the caller handles the failed request.
         """
         for stream in self.made_by(engine):
             if stream.topic:
                 self.withdraw(stream.name, f'{engine} is gone')
 
-    def recognise(self) -> None:
-        """Notes which topics in what engines told stand for streams, before those move."""
+    def restore_names(self) -> None:
+        """Replace aliases in reported texts by names of streams, before their topics change."""
         for stream in self._created():
             found = self._aliases(stream)
             if found:
@@ -212,44 +214,47 @@ class StreamRegistry:
                 self._change(stream.name, specification=text, sources=sources)
 
     def made_by(self, engine: str) -> tuple[CreatedStream, ...]:
-        """The streams of an engine, and those that it is asked for."""
+        """Return the streams that an engine makes or is asked to make."""
         return tuple(each for each in self._created() if each.engine == engine)
 
     def made_from(self, name: str) -> tuple[str, ...]:
-        """The names of the streams that are made from a stream, sorted."""
-        users = [each.name for each in self._created() if name in self._sources_by_name(each)]
-        return tuple(sorted(users))
+        """Return the names of the streams that are made from a stream, sorted."""
+        return tuple(sorted(each.name for each in self._created() if name in self._inputs(each)))
 
     def outdated(self) -> tuple[CreatedStream, ...]:
-        """The streams that read from where what they are made from is no more.
+        """Return the streams that read from a topic that is no longer the topic of their input.
 
-        What an engine makes from one of its own streams goes on with that as it was, so it is
-        outdated with it.
+        If an engine makes a stream from another of its own streams, it does so without a topic. The
+        stream is then outdated whenever the other one is.
         """
         made = [each for each in self._created() if each.topic]
-        found = {each.name: each for each in made if self._reads_elsewhere(each)}
-        new = list(found.values())
-        while new:
-            new = [
+        topics = {each.name: each.topic for each in self._streams.values() if each.topic}
+        found = [
+            each
+            for each in made
+            if any(topics.get(name, topic) != topic for name, topic in each.sources.items())
+        ]
+        for source in found:  # The list grows in the loop.
+            found += [
                 each
                 for each in made
-                if each.name not in found and any(self._is_local(each, one) for one in new)
+                if each not in found
+                and each.engine == source.engine
+                and source.name not in each.sources
+                and source.name in self._inputs(each)
             ]
-            found.update((each.name, each) for each in new)
-        return tuple(found.values())
+        return tuple(found)
 
     def least_loaded(self, engines: Iterable[str]) -> str | None:
-        """The engine with the fewest streams; none where there is no engine."""
+        """Return the engine with the fewest streams; `None` if there is no engine."""
         return min(engines, key=lambda engine: (len(self.made_by(engine)), engine), default=None)
 
     def text_for(self, stream: CreatedStream, engine: str) -> tuple[str, Mapping[str, str]]:
-        """A specification as an engine can make it, and the topics of other streams in it.
-
-        Names that the engine does not know become topics.
+        """Return a specification with aliases for an engine, and the topics of these aliases.
 
         Raises:
-            LanguageError: when the text is no specification.
-            StreamError: NOT_FOUND or UNAVAILABLE, for a stream that it is made of.
+            LanguageError: if the text is not a specification.
+            StreamError: NOT_FOUND or UNAVAILABLE, for a stream that it is made from.
         """
         parsed = self._original(stream)
         sources: dict[str, str] = {}
@@ -259,25 +264,11 @@ class StreamRegistry:
             known = self.find(name)
             if not (known.topic and isinstance(known, CreatedStream) and known.engine == engine):
                 sources[name] = self.topic(name)
-        if namespace_of(engine) != self._namespace:
+        if _namespace(engine) != self._namespace:
             parsed = with_absolute_topics(parsed, self._namespace)
         return str(with_aliases(parsed, sources)), sources
 
-    def is_copy(self, told: CreatedStream) -> bool:
-        """Whether what an engine tells of a stream is just what is known of it."""
-        known = self._streams.get(told.name)
-        if not isinstance(known, CreatedStream) or known.constraints != told.constraints:
-            return False
-        plain = without(_parsed(told.specification), self._told_sources(known, told))
-        return self._meaning(plain) == self._meaning(self._original(known))
-
-    def take_over(self, told: CreatedStream) -> None:
-        """Notes that an engine makes a stream already that waits."""
-        known = self._streams[told.name]
-        if isinstance(known, CreatedStream) and told.engine is not None:
-            self.place(told.name, told.engine, told.topic, self._told_sources(known, told))
-
-    def told(
+    def reported_stream(
         self,
         engine: str,
         name: str,
@@ -285,78 +276,34 @@ class StreamRegistry:
         constraints: StreamConstraints,
         topic: str,
     ) -> CreatedStream:
-        """A stream as its engine tells it; its relative topics are meant where the engine is."""
-        if namespace_of(engine) != self._namespace:
-            parsed = with_absolute_topics(_parsed(specification), namespace_of(engine))
+        """Return a stream as its engine reports it, in whose namespace its relative topics are."""
+        if _namespace(engine) != self._namespace:
+            parsed = with_absolute_topics(_parsed(specification), _namespace(engine))
             specification = str(parsed)
         return CreatedStream(name, specification, constraints, engine, topic)
 
-    def _created(self) -> Iterable[CreatedStream]:
-        return [each for each in self._streams.values() if isinstance(each, CreatedStream)]
-
-    def _set(self, stream: Stream) -> None:
-        self.version += 1
-        self._streams[stream.name] = stream
-
-    def _change(self, name: str, **values: object) -> None:
-        stream = self._streams.get(name)
-        if isinstance(stream, CreatedStream):
-            self._set(replace(stream, **values))  # type: ignore[arg-type]
-
-    def _unknown(self, name: str) -> StreamError:
-        known = ', '.join(self.names()) or 'none'
-        return StreamError(f"there is no stream '{name}' (there are: {known})", ExitCode.NOT_FOUND)
-
-    def _aliases(self, stream: CreatedStream) -> Mapping[str, str]:
-        """Those topics in a text that stand for streams: `text_for` put them there."""
-        found = aliases(_parsed(stream.specification))
-        return {
-            name: topic
-            for name, topic in found.items()
-            if name != stream.name and self._belongs(name, topic)
-        }
-
-    def _belongs(self, name: str, topic: str) -> bool:
-        known = self._streams.get(name)
-        return known is not None and (
-            known.topic == topic
-            or (isinstance(known, CreatedStream) and self._convention.holds(name, topic))
+    def is_copy(self, reported: CreatedStream) -> bool:
+        """Return true if a reported stream is equivalent to the known stream of its name."""
+        known = self._streams.get(reported.name)
+        if not isinstance(known, CreatedStream) or known.constraints != reported.constraints:
+            return False
+        parsed = _parsed(reported.specification)
+        plain = without(parsed, self._sources(known, reported))
+        one, other = (
+            str(with_absolute_topics(each, self._namespace))
+            for each in (plain, self._original(known))
         )
+        return one == other
 
-    def _original(self, stream: CreatedStream) -> Specification:
-        """A specification with the streams that it is made from as names."""
-        return without(_parsed(stream.specification), self._aliases(stream))
+    def adopt(self, reported: CreatedStream) -> None:
+        """Record that an engine already makes a stream that waits."""
+        known = self._streams[reported.name]
+        if isinstance(known, CreatedStream) and reported.engine is not None:
+            sources = self._sources(known, reported)
+            self.place(reported.name, reported.engine, reported.topic, sources)
 
-    def _meaning(self, specification: Specification) -> str:
-        """What tells streams apart: the text that all engines understand alike."""
-        return str(with_absolute_topics(specification, self._namespace))
-
-    def _told_sources(self, known: CreatedStream, told: CreatedStream) -> Mapping[str, str]:
-        """The topics that an engine was told for the streams that one is made from."""
-        names = self._sources_by_name(known)
-        found = aliases(_parsed(told.specification))
-        return {name: topic for name, topic in found.items() if name in names}
-
-    def _sources_by_name(self, stream: CreatedStream) -> frozenset[str]:
-        return free_names(self._original(stream)).streams
-
-    def _reads_elsewhere(self, stream: CreatedStream) -> bool:
-        for name, topic in stream.sources.items():
-            source = self._streams.get(name)
-            if source is not None and source.topic not in ('', topic):
-                return True
-        return False
-
-    def _is_local(self, stream: CreatedStream, source: CreatedStream) -> bool:
-        """Whether an engine makes a stream from another one without its topic."""
-        return (
-            stream.engine == source.engine
-            and source.name not in stream.sources
-            and source.name in self._sources_by_name(stream)
-        )
-
-    def account(self, stream: Stream, reported: StreamReport | None) -> StreamReport:
-        """What is known of a stream, with what its engine reported of it."""
+    def report(self, stream: Stream, reported: StreamReport | None) -> StreamReport:
+        """Return the report of a stream, from the registry and from the report of its engine."""
         if isinstance(stream, RegisteredStream):
             return StreamReport(
                 stream.name,
@@ -375,18 +322,54 @@ class StreamRegistry:
             constraints=stream.constraints,
         )
 
+    def _created(self) -> list[CreatedStream]:
+        return [each for each in self._streams.values() if isinstance(each, CreatedStream)]
 
-def namespace_of(node: str) -> str:
-    """`/robot1/stream_processing_engine` -> `/robot1`; the root is empty."""
-    return node.rpartition('/')[0]
+    def _set(self, stream: Stream) -> None:
+        self.version += 1
+        self._streams[stream.name] = stream
+
+    def _change(self, name: str, **values: object) -> None:
+        stream = self._streams.get(name)
+        if isinstance(stream, CreatedStream):
+            self._set(replace(stream, **values))  # type: ignore[arg-type]
+
+    def _aliases(self, stream: CreatedStream) -> Mapping[str, str]:
+        """Return the aliases in a text that stand for known streams, as `text_for` adds them."""
+        found = {}
+        for name, topic in aliases(_parsed(stream.specification)).items():
+            known = self._streams.get(name)
+            if known is not None and name != stream.name:
+                is_created = isinstance(known, CreatedStream)
+                if known.topic == topic or (is_created and self._convention.matches(name, topic)):
+                    found[name] = topic
+        return found
+
+    def _original(self, stream: CreatedStream) -> Specification:
+        """Return a specification that refers to other streams by name instead of by alias."""
+        return without(_parsed(stream.specification), self._aliases(stream))
+
+    def _inputs(self, stream: CreatedStream) -> frozenset[str]:
+        return free_names(self._original(stream)).streams
+
+    def _sources(self, known: CreatedStream, reported: CreatedStream) -> Mapping[str, str]:
+        """Return the topics from which an engine reads the streams that a stream is made from."""
+        names = self._inputs(known)
+        found = aliases(_parsed(reported.specification))
+        return {name: topic for name, topic in found.items() if name in names}
 
 
 def engines_missing(engines: Iterable[str]) -> StreamError:
-    """The error for a stream that no engine can make now, given those that were ever seen."""
+    """Return the error if no engine is running, given all engines that were ever found."""
     known = ', '.join(sorted(engines)) or 'none was ever seen'
     return StreamError(
         f'no stream processing engine is running ({known}); start one', ExitCode.UNAVAILABLE
     )
+
+
+def _namespace(node: str) -> str:
+    """Return `/robot1` for `/robot1/stream_processing_engine`; the root namespace is empty."""
+    return node.rpartition('/')[0]
 
 
 @lru_cache(maxsize=4096)

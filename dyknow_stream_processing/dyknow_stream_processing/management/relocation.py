@@ -1,4 +1,4 @@
-"""Specifications that mean the same on every engine: aliases for streams, absolute topics."""
+"""Specifications with the same meaning on every engine: aliases for streams, absolute topics."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from dyknow_stream_processing.language.specification import (
 
 
 def aliases(specification: Specification) -> Mapping[str, str]:
-    """The topics that a text merely gives names to and uses by them: `stream a = "/topic"`."""
+    """Return the names that a text gives to topics and uses: `stream a = "/topic"; sink a`."""
     used = {
         reference.name
         for each in specification.declarations
@@ -39,7 +39,7 @@ def aliases(specification: Specification) -> Mapping[str, str]:
 
 
 def without(specification: Specification, names: Collection[str]) -> Specification:
-    """A specification without some of its streams: their names mean what they mean outside."""
+    """Return a specification without its declarations of some names, which refer to others then."""
     kept = tuple(
         each
         for each in specification.declarations
@@ -49,7 +49,7 @@ def without(specification: Specification, names: Collection[str]) -> Specificati
 
 
 def with_aliases(specification: Specification, topics: Mapping[str, str]) -> Specification:
-    """A specification in which names stand for topics."""
+    """Return a specification that begins with aliases for topics, given by name."""
     declared = [
         StreamDeclaration(name, StreamReference(topic, is_topic=True))
         for name, topic in topics.items()
@@ -58,35 +58,28 @@ def with_aliases(specification: Specification, topics: Mapping[str, str]) -> Spe
 
 
 def with_absolute_topics(specification: Specification, namespace: str) -> Specification:
-    """A specification whose relative topics are those of a namespace, such as `/robot1`."""
-    sources = {
-        each.name for each in specification.declarations if isinstance(each, SourceDeclaration)
-    }
-    moving = _Moving(namespace.rstrip('/'), frozenset(sources))
-    declared = tuple(moving.declaration(each) for each in specification.declarations)
-    return replace(specification, declarations=declared)
+    """Return a specification whose relative topics are in a namespace, such as `/robot1`."""
+    declared = specification.declarations
+    sources = {each.name for each in declared if isinstance(each, SourceDeclaration)}
+    prefix = namespace.rstrip('/')
 
+    def absolute(topic: str) -> str:
+        return f'{prefix}/{topic}' if topic and topic[0] not in '/~' else topic
 
-class _Moving:
-    def __init__(self, namespace: str, sources: frozenset[str]) -> None:
-        self._namespace = namespace
-        self._sources = sources
-
-    def declaration(self, declaration: Declaration) -> Declaration:
-        if isinstance(declaration, SourceDeclaration):
-            return replace(declaration, name=self._absolute(declaration.name))
-        if isinstance(declaration, StreamDeclaration | SinkDeclaration):
-            return replace(declaration, stream=self._term(declaration.stream))
-        return declaration
-
-    def _term(self, term: Term) -> Term:
+    def moved(term: Term) -> Term:
         if isinstance(term, StreamReference):
-            if term.is_topic or term.name in self._sources:
-                return replace(term, name=self._absolute(term.name), is_topic=True)
+            if term.is_topic or term.name in sources:
+                return replace(term, name=absolute(term.name), is_topic=True)
             return term
         if isinstance(term, Select):
-            return replace(term, source=self._term(term.source))
-        return replace(term, inputs=tuple(map(self._term, term.inputs)))
+            return replace(term, source=moved(term.source))
+        return replace(term, inputs=tuple(map(moved, term.inputs)))
 
-    def _absolute(self, topic: str) -> str:
-        return f'{self._namespace}/{topic}' if topic and topic[0] not in '/~' else topic
+    def moved_declaration(declaration: Declaration) -> Declaration:
+        if isinstance(declaration, SourceDeclaration):
+            return replace(declaration, name=absolute(declaration.name))
+        if isinstance(declaration, StreamDeclaration | SinkDeclaration):
+            return replace(declaration, stream=moved(declaration.stream))
+        return declaration
+
+    return replace(specification, declarations=tuple(map(moved_declaration, declared)))

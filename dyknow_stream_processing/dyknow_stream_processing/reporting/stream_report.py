@@ -1,4 +1,4 @@
-"""What has become of a stream, for people and for programs that look on."""
+"""Reports of streams: state, counts, rate and delays."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ SAMPLE_TYPE: Final = 'dyknow_interfaces/msg/Sample'
 
 
 class StreamState(IntEnum):
-    """Whether a stream flows; the numbers are those of dyknow_interfaces/msg/StreamStatus."""
+    """The state of a stream; the numbers are those of dyknow_interfaces/msg/StreamStatus."""
 
     FLOWING = 0
     WAITING = 1
@@ -24,12 +24,12 @@ class StreamState(IntEnum):
 
 @dataclass(frozen=True, slots=True)
 class Flow:
-    """How a stream flowed over a period of time.
+    """Rate and delays of a stream over a period of time.
 
     Args:
         rate: samples per second.
-        mean_delay: from valid time to available time, nanoseconds.
-        max_delay: the longest of the period.
+        mean_delay: the mean time from valid time to available time, nanoseconds.
+        max_delay: the longest one.
     """
 
     rate: float = 0.0
@@ -37,48 +37,48 @@ class Flow:
     max_delay: int = 0
 
 
-STILL: Final = Flow()
+NO_FLOW: Final = Flow()
 """The flow of a stream without samples."""
 
 
 class FlowMeter:
-    """Measures the flow of a stream, period by period.
+    """Measurement of the flow of a stream, period by period.
 
     Args:
-        begun: when the first period begins, nanoseconds.
+        start: the start of the first period, nanoseconds.
     """
 
-    def __init__(self, begun: int) -> None:
-        self._begun = begun
+    def __init__(self, start: int) -> None:
+        self._start = start
         self._samples = 0
         self._delays = 0
         self._max_delay = 0
 
     def note(self, sample: Sample) -> None:
-        """Takes a sample of the period."""
+        """Count a sample of the current period."""
         delay = sample.available_time - sample.valid_time
         self._max_delay = max(delay, self._max_delay) if self._samples else delay
         self._delays += delay
         self._samples += 1
 
     def measure(self, now: int) -> Flow:
-        """Ends a period and begins another; the flow is still where no time has passed."""
-        samples, elapsed = self._samples, now - self._begun
-        delays, max_delay = self._delays, self._max_delay
-        self._begun, self._samples, self._delays, self._max_delay = now, 0, 0, 0
-        if not samples or elapsed <= 0:
-            return STILL
-        return Flow(samples * SECOND_NS / elapsed, delays // samples, max_delay)
+        """End a period and start the next; return no flow if no time (nanoseconds) has passed."""
+        flow, elapsed = NO_FLOW, now - self._start
+        if self._samples and elapsed > 0:
+            rate = self._samples * SECOND_NS / elapsed
+            flow = Flow(rate, self._delays // self._samples, self._max_delay)
+        self._start, self._samples, self._delays, self._max_delay = now, 0, 0, 0
+        return flow
 
 
 @dataclass(frozen=True, slots=True)
 class SourceReport:
-    """A topic that streams are made of, and what has come of it.
+    """A topic that streams are made of.
 
     Args:
         topic: its absolute name.
-        samples: how many were received since the engine has listened.
-        latest: when the latest one came, nanoseconds; None before the first.
+        samples: the number of samples received since the engine subscribed.
+        latest: the time of receipt of the latest one, nanoseconds; `None` before the first.
     """
 
     topic: str
@@ -88,13 +88,13 @@ class SourceReport:
 
 @dataclass(frozen=True, slots=True)
 class StreamReport:
-    """A stream and what has come of it since it was made.
+    """A stream and its counts since it was created.
 
     Args:
-        message: why it waits or cannot be made; where and when it was made anew.
-        engine: the node that makes it; empty where none does.
-        topic: where its samples are; empty where there are none.
-        drops: how many samples were dropped, by reason.
+        message: why it waits or failed; where, when and why it was recreated.
+        engine: the node that makes it; empty if none does.
+        topic: the topic of its samples; empty if there is none.
+        drops: the number of dropped samples, by reason.
         sources: the topics that it is made of.
         flow: over the last second.
     """
@@ -111,4 +111,4 @@ class StreamReport:
     violations: int = 0
     drops: Mapping[str, int] = field(default_factory=dict)
     sources: tuple[SourceReport, ...] = ()
-    flow: Flow = STILL
+    flow: Flow = NO_FLOW
