@@ -48,7 +48,7 @@ def absence(owner: str, fields: Collection[str], path: str) -> str:
             return f'{lack}: {beyond}'
     inside = [each for each in fields if _shape(each).startswith((f'{shape}.', f'{shape}['))]
     if inside:
-        return f'{lack}: it is no single value; ask for {_suggestion(path, inside)}'
+        return f'{lack}: it is not a single value; ask for {_suggestion(path, inside)}'
     return f'{lack} (it has: {", ".join(sorted(fields)) or "none"})'
 
 

@@ -1,16 +1,9 @@
-"""Between real ROS messages and the data of the core."""
+"""Between messages of ROS and times and constraints of the core."""
 
-import pytest
-from dyknow_interfaces.msg import Field
-from dyknow_interfaces.msg import Sample as SampleMessage
-from geometry_msgs.msg import PoseStamped
 from hypothesis import given
 from hypothesis import strategies as st
-from nav_msgs.msg import Odometry
-from sensor_msgs.msg import BatteryState, Imu
-from std_msgs.msg import Bool, String
 
-from dyknow_common import ExitCode, StreamConstraints, ValueType
+from dyknow_common import StreamConstraints
 from dyknow_common.ros import (
     constraints_from_message,
     constraints_to_message,
@@ -18,18 +11,6 @@ from dyknow_common.ros import (
     nanoseconds_to_time,
     time_to_nanoseconds,
 )
-from dyknow_stream_processing import Sample, StreamError
-from dyknow_stream_processing.ros import (
-    extractor,
-    message_class,
-    sample_fields,
-    sample_to_message,
-    scalar_fields,
-    valid_time_reader,
-)
-
-COVARIANCES = ('orientation', 'angular_velocity', 'linear_acceleration')
-VALUES = st.one_of(st.booleans(), st.integers(), st.floats(allow_nan=False), st.text())
 
 
 @given(st.integers(0, 2**31 * 10**9 - 1))
@@ -46,69 +27,7 @@ def test_a_duration_too_long_becomes_the_longest() -> None:
     assert nanoseconds_to_duration(10**20).sec == 2**31 - 1
 
 
-@given(st.dictionaries(st.text(min_size=1), VALUES))
-def test_fields_come_back_with_their_types(fields: dict[str, bool | int | float | str]) -> None:
-    found = sample_fields(sample_to_message(Sample(5, 6, fields)))
-    assert found == fields
-    assert {name: type(value) for name, value in found.items()} == {
-        name: type(value) for name, value in fields.items()
-    }
-
-
-@pytest.mark.parametrize(('kind', 'value'), [('int', '1.5'), ('boolean', 'yes'), ('image', 'x')])
-def test_a_field_that_is_not_of_its_type_is_named(kind: str, value: str) -> None:
-    message = SampleMessage(fields=[Field(type=kind, name='a', value=value)])
-    with pytest.raises(StreamError, match=f"field 'a' holds '{value}'"):
-        sample_fields(message)
-
-
 @given(st.integers(1, 10**12), st.integers(1, 10**12))
 def test_constraints_come_back(period: int, delay: int) -> None:
     constraints = StreamConstraints(sample_period=period, max_delay=delay, start_time=delay)
     assert constraints_from_message(constraints_to_message(constraints)) == constraints
-
-
-def test_nested_fields_are_found_with_their_types() -> None:
-    fields = scalar_fields(Odometry)
-    assert fields['pose.pose.position.z'] is ValueType.FLOAT
-    assert fields['header.stamp.sec'] is ValueType.INT
-    assert fields['child_frame_id'] is ValueType.STRING
-    assert scalar_fields(BatteryState)['present'] is ValueType.BOOLEAN
-    assert fields['pose.covariance[0..35]'] is ValueType.FLOAT
-
-
-def test_the_fields_asked_for_are_read_and_no_others() -> None:
-    message = PoseStamped()
-    message.pose.position.x = 2.5
-    message.header.frame_id = 'map'
-    read = extractor(PoseStamped, ['pose.position.x', 'header.frame_id'])
-    assert read(message) == {'header.frame_id': 'map', 'pose.position.x': 2.5}
-
-
-def test_without_a_wish_all_single_values_are_read() -> None:
-    assert extractor(Bool, None)(Bool(data=True)) == {'data': True}
-    elements = {f'{name}_covariance[0..8]' for name in COVARIANCES}
-    assert set(extractor(Imu, None)(Imu())) == set(scalar_fields(Imu)) - elements
-
-
-def test_a_field_that_is_not_there_is_answered_with_those_that_are() -> None:
-    with pytest.raises(
-        StreamError, match=r"std_msgs/msg/String has no field 'text' \(it has: data\)"
-    ):
-        extractor(String, ['text'])
-
-
-def test_only_messages_with_a_header_have_a_stamp() -> None:
-    message = BatteryState()
-    message.header.stamp.sec = 3
-    stamp = valid_time_reader(BatteryState)
-    assert stamp is not None
-    assert stamp(message) == 3_000_000_000
-    assert valid_time_reader(Bool) is None
-
-
-@pytest.mark.parametrize('name', ['no_msgs/msg/Thing', 'std_msgs/msg/Thing', 'std_msgs', ''])
-def test_a_type_that_is_not_installed(name: str) -> None:
-    with pytest.raises(StreamError, match='not installed') as error:
-        message_class(name)
-    assert error.value.code is ExitCode.NOT_FOUND

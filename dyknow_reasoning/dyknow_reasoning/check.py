@@ -9,7 +9,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from dyknow_common import DyKnowError, Verdict, round_time
+from dyknow_common import DyKnowError, Verdict, open_text, read_text, round_time
 from dyknow_reasoning.errors import ReasoningError
 from dyknow_reasoning.formula_group import FormulaGroup
 from dyknow_reasoning.progression.instances import Domains
@@ -76,12 +76,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """
     options = _parser().parse_args(arguments)
     try:
-        with Path(options.trace).open(encoding='utf-8', newline='') as lines:
+        with open_text(Path(options.trace), 'trace', ReasoningError) as lines:
             formulas = [*options.formula, *_read_formulas(options.formulas)]
             if not formulas:
                 raise ReasoningError('there is no formula to check; give one, or --formulas FILE')
             results = check_trace(formulas, _domains(options.domain), read_trace(lines))
-    except (DyKnowError, OSError, UnicodeDecodeError) as error:
+    except DyKnowError as error:
         sys.stderr.write(f'{error}\n')
         return _BAD_INPUT
     for result in results:
@@ -121,7 +121,7 @@ def _parser() -> argparse.ArgumentParser:
 def _read_formulas(path: str | None) -> list[str]:
     if path is None:
         return []
-    lines = Path(path).read_text(encoding='utf-8').splitlines()
+    lines = read_text(Path(path), 'formulas', ReasoningError).splitlines()
     return [line for line in lines if line.strip() and not line.lstrip().startswith('#')]
 
 

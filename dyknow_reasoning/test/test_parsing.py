@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dyknow_common import LanguageError, TextPosition
+from dyknow_common import NANOSECONDS, LanguageError, TextPosition
 from dyknow_reasoning import FormulaGroup, parse_formula
 from dyknow_reasoning.language.formula import (
     Always,
@@ -142,6 +142,13 @@ def test_intervals(text: str, start: int, end: int | None) -> None:
     assert parse_formula(f'always{text} p') == Always(p, interval)
     assert parse_formula(f'eventually {text} (p)') == Eventually(p, interval)
     assert parse_formula(f'p until{text} q') == Until(p, q, interval)
+
+
+@pytest.mark.parametrize('unit', NANOSECONDS)
+def test_all_units_of_time(unit: str) -> None:
+    assert canonical(f'always[0, 5.0 {unit}] p') == canonical(
+        f'always[0, {5 * NANOSECONDS[unit]} ns] p'
+    )
 
 
 def test_a_round_bracket_may_open_a_formula() -> None:

@@ -79,7 +79,7 @@ def test_words_keep_their_places() -> None:
     content = annotation.contents[0]
     assert content.feature.position == TextPosition(2, 3)
     assert content.feature.arguments[0].position == TextPosition(2, 9)
-    assert content.unit_place == TextPosition(2, 16)
+    assert content.unit_position == TextPosition(2, 16)
     assert (annotation.ranges[0].position, annotation.ranges[0].sort_position) == (
         TextPosition(3, 13),
         TextPosition(3, 18),

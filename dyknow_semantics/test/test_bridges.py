@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import pytest
@@ -19,6 +20,7 @@ from dyknow_semantics import (
     parse_bridges,
     parse_concept,
 )
+from dyknow_semantics.matching.bridges import LANGUAGE
 
 RDF_TYPE = 'http://www.w3.org/1999/02/22-rdf-syntax-ns#type'
 SUBCLASS_OF = 'http://www.w3.org/2000/01/rdf-schema#subClassOf'
@@ -185,4 +187,11 @@ def test_bridges_survive_writing_and_reading(written: list[Bridge]) -> None:
 
 def test_names_keep_their_places() -> None:
     (bridge,) = parse_bridges('# a comment\n a:b into\n  c;')
-    assert (bridge.source_place, bridge.target_place) == (TextPosition(2, 2), TextPosition(3, 3))
+    assert (bridge.source_position, bridge.target_position) == (
+        TextPosition(2, 2),
+        TextPosition(3, 3),
+    )
+
+
+def test_the_grammar_has_all_relations() -> None:
+    assert set(re.findall('[a-z]{2,}', LANGUAGE.pattern('RELATION'))) == set(Relation)

@@ -103,7 +103,7 @@ def test_certain_fields(run: Any) -> None:
         (['std_msgs/Bool'], "message type 'std_msgs/Bool' is not installed"),
         (['std_msgs/msg/Thing'], "message type 'std_msgs/msg/Thing' is not installed"),
         (['std_msgs/msg/Bool', '--fields', 'x'], "has no field 'x' (it has: data)"),
-        (['sensor_msgs/msg/Image', '--fields', 'data'], 'no single value; ask for data[0]'),
+        (['sensor_msgs/msg/Image', '--fields', 'data'], 'not a single value; ask for data[0]'),
         (['std_msgs/msg/Bool', 'std_msgs/msg/Int8', '--fields', 'data'], 'a single message type'),
         (['std_msgs/msg/Byte', 'no_msgs/msg/Byte'], "are called 'Byte'"),
         (['std_msgs/msg/Bool', '--output', '/no/such/folder/a.py'], 'No such file or directory'),

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import re
+from enum import StrEnum
+
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -28,6 +31,7 @@ from dyknow_stream_processing import (
     made,
     parse_specification,
 )
+from dyknow_stream_processing.language.specification import LANGUAGE
 
 EXAMPLE = """
 source (pose.pose.position.z: float, twist.twist.linear.x: float) "/uav1/odometry";  # a comment
@@ -218,3 +222,17 @@ def test_nonsense_is_a_language_error_or_sense(text: str) -> None:
         assert 'stream specification' in str(error)  # noqa: PT017
     else:
         assert parse_specification(str(specification)) == specification
+
+
+@given(st.from_regex(LANGUAGE.pattern('FIELD'), fullmatch=True, alphabet='abcZ_019.[]'))
+def test_all_paths_are_written_without_quotes(path: str) -> None:
+    assert str(parse_specification(f'select {path} as b from c')) == (
+        f'sink select {path} as b from c'
+    )
+
+
+@pytest.mark.parametrize(
+    ('terminal', 'words'), [('TYPE', ValueType), ('APPROXIMATION', Approximation)]
+)
+def test_words_of_the_grammar_and_the_code_agree(terminal: str, words: type[StrEnum]) -> None:
+    assert set(re.findall('[a-z]+', LANGUAGE.pattern(terminal))) == set(words)

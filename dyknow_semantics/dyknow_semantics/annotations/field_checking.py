@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from functools import partial
 
 from dyknow_common import ExitCode, TextPosition, ValueType, absence, listed_as
 from dyknow_semantics.annotations.annotation import ANNOTATION, Annotation
@@ -25,14 +26,7 @@ def check_fields(
             feature (a float feature may have an int field), and a field that names objects but is
             not a string.
     """
-
-    def field_type(field: str, position: TextPosition) -> ValueType:
-        listed = listed_as(fields, field)
-        if listed is None:
-            message = absence(owner, fields, field)
-            raise ANNOTATION.error(message, annotation.text, position, ExitCode.NOT_FOUND)
-        return fields[listed]
-
+    field_type = partial(_field_type, annotation, owner, fields)
     for content in annotation.contents:
         feature = knowledge.feature(content.feature.name)
         found = field_type(content.field, content.feature.position)
@@ -53,3 +47,17 @@ def check_fields(
                 annotation.text,
                 key.position,
             )
+
+
+def _field_type(
+    annotation: Annotation,
+    owner: str,
+    fields: Mapping[str, ValueType],
+    field: str,
+    position: TextPosition,
+) -> ValueType:
+    listed = listed_as(fields, field)
+    if listed is None:
+        message = absence(owner, fields, field)
+        raise ANNOTATION.error(message, annotation.text, position, ExitCode.NOT_FOUND)
+    return fields[listed]

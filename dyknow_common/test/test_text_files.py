@@ -1,0 +1,39 @@
+"""Errors of files that cannot be read."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from dyknow_common import DyKnowError, ExitCode, open_text, read_file, read_text
+
+
+def test_a_missing_file(tmp_path: Path) -> None:
+    message = f'cannot read the streams in {tmp_path}/a: No such file'
+    with pytest.raises(DyKnowError, match=message) as error:
+        read_text(tmp_path / 'a', 'streams', DyKnowError)
+    assert error.value.code is ExitCode.NOT_FOUND
+
+
+def test_a_file_in_another_encoding(tmp_path: Path) -> None:
+    path = tmp_path / 'a'
+    path.write_bytes(b'a\n\xff\n')
+    with pytest.raises(DyKnowError, match='it is not in UTF-8'):
+        read_text(path, 'streams', DyKnowError)
+    with (
+        pytest.raises(DyKnowError, match='it is not in UTF-8'),
+        open_text(path, 'streams', DyKnowError) as lines,
+    ):
+        list(lines)
+
+
+def test_errors_of_the_parser_name_the_file(tmp_path: Path) -> None:
+    def parse(text: str) -> None:
+        raise DyKnowError(text, ExitCode.ALREADY_EXISTS)
+
+    path = tmp_path / 'a'
+    path.write_text('b', encoding='utf-8')
+    with pytest.raises(DyKnowError, match=f'^{path}: b$') as error:
+        read_file(path, 'streams', parse, DyKnowError)
+    assert error.value.code is ExitCode.ALREADY_EXISTS
