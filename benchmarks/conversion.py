@@ -1,7 +1,7 @@
-"""How long it takes to convert messages to samples and samples to messages.
+"""Cost of the conversion between messages and samples.
 
-What rclpy itself needs for the same message, measured in the same run, stands beside it: to make it
-new and to serialise it, to deserialise it. Equality is checked before anything is timed.
+The baseline is the time of rclpy for the same message in the same run: to construct, serialise and
+deserialise it. Equality is checked before the measurement.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from dyknow_stream_processing.ros import (
     extractor,
     message_conversion,
     sample_fields,
-    stamp_of,
+    valid_time_reader,
 )
 
 SIZES = (10, 100, 1000)
@@ -34,28 +34,27 @@ ODOMETRY_GOAL = 3.0
 """Microseconds for a sample of three fields of an Odometry message."""
 
 REPETITIONS = 7
-SECONDS = 0.05
-"""How long one repetition takes at least."""
+MIN_REPETITION_S = 0.05
 
 _MICROSECONDS = 1e6
 
 
 def microseconds(function: Callable[[], object]) -> float:
-    """What one call takes, in the fastest of several repetitions."""
+    """Return the time of one call, in the fastest of several repetitions."""
     timer = Timer(function)
     number, taken = timer.autorange()
-    number = max(1, round(number * SECONDS / taken))
+    number = max(1, round(number * MIN_REPETITION_S / taken))
     return min(timer.repeat(REPETITIONS, number)) / number * _MICROSECONDS
 
 
 def odometry_row() -> dict[str, Any]:
-    """From an Odometry message to a sample of three fields."""
+    """Return the cost of a sample of three fields of an Odometry message."""
     message = Odometry()
     message.header.stamp.sec = 7
     message.pose.pose.position.z, message.twist.twist.linear.x = 12.5, 1.5
     message.pose.covariance[35] = 0.25
     message = deserialize_message(serialize_message(message), Odometry)
-    extract, stamp = extractor(Odometry, ODOMETRY_FIELDS), stamp_of(Odometry)
+    extract, stamp = extractor(Odometry, ODOMETRY_FIELDS), valid_time_reader(Odometry)
     assert stamp is not None
 
     def convert() -> Sample:
@@ -74,7 +73,7 @@ def odometry_row() -> dict[str, Any]:
 
 
 def sample_row(size: int) -> dict[str, Any]:
-    """A Sample message with a number of fields, made and read; microseconds for each field."""
+    """Return the cost to build and read a Sample message, in microseconds for each field."""
     numbers = np.random.default_rng(size).normal(100.0, 30.0, size).tolist()
     sample = Sample(5, 6, {f'Power[uav{i}]': number for i, number in enumerate(numbers)})
     texts = [(name, repr(value)) for name, value in sample.fields.items()]
@@ -106,7 +105,7 @@ def _deserialisation(message: Any) -> float:
 
 
 def main() -> None:
-    """Prints a table, or JSON."""
+    """Measure and print a table or JSON."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
     parser.add_argument('--json', action='store_true', help='print JSON')
     as_json = parser.parse_args().json

@@ -1,4 +1,4 @@
-"""What it costs to have formulas evaluated by all of DyKnow, beside a chain of bare rclpy nodes.
+"""Cost of evaluations by all nodes of DyKnow, compared with a chain of bare rclpy nodes.
 
 python benchmarks/coordinator.py [--json] [--quick]
     [--only grounding|verdict|formulas|vehicles|at_once]
@@ -17,61 +17,62 @@ import robots
 from dyknow_interfaces.msg import FormulaResult
 from parts import measure
 from processes import Client, summary, use_private_domain, wait_for_line, worker
-from whole import Whole, ask, timed
+from running_system import RunningSystem, ask, timed
 
+from dyknow_common import SECOND_NS
 from dyknow_common.ros import time_to_nanoseconds
 
 UNSTAMPED = 'always "/robot/level".data < 5'
 STAMPED = 'always "/uav1/battery".current < 5'
 HIGH = 9.0
-"""A level at which these are false."""
+"""A level that makes these formulas false."""
 
 AT_ONCE = 'forall u in UAV: Power[u] > 0'
-"""What the first state decides."""
+"""A formula that the first state decides."""
 
 chance = random.Random(1)  # noqa: S311
 
 
 def grounding(*, quick: bool) -> Any:
-    """From the call to the verdict of the first state: three vehicles at 100 Hz, one at a time."""
+    """Measure the time from a call to the verdict of the first state: three vehicles at 100 Hz."""
     number = 20 if quick else 100
-    with Whole(3, 100.0) as whole:
-        # The caller's client and the coordinator find each other: no formula is evaluated yet.
-        refused = whole.ask('')
-        whole.client.spin_until(refused.done, 'the refusal of an empty formula')
+    with RunningSystem(3, 100.0) as system:
+        # An empty formula makes the client and the coordinator discover each other.
+        refused = system.ask('')
+        system.client.spin_until(refused.done, 'the refusal of an empty formula')
         delays = []
         for _ in range(number):
             begun = time.time_ns()
-            future = whole.ask(AT_ONCE)
+            future = system.ask(AT_ONCE)
             ended = timed(future)
-            whole.client.spin_until(lambda: bool(ended), 'the answer')  # noqa: B023
+            system.client.spin_until(lambda: bool(ended), 'the answer')  # noqa: B023
             answer = future.result()
             assert answer.verdict == FormulaResult.TRUE, answer
             decided = time_to_nanoseconds(answer.decided_at)
-            assert decided > begun - robots.SECOND // 10, (decided - begun, answer)
+            assert decided > begun - SECOND_NS // 10, (decided - begun, answer)
             delays.append(ended[0] - begun)
-            # Evaluations begin at any time between two messages.
-            whole.wait(chance.uniform(0.05, 0.1))
+            # Start evaluations at random times between two messages.
+            system.wait(chance.uniform(0.05, 0.1))
     return {'first_us': round(delays[0] / 1e3), **summary(delays[1:])}
 
 
 def verdict(*, quick: bool) -> Any:
-    """From a sample that makes a formula false to the answer."""
+    """Measure the time from a sample that makes a formula false to the answer."""
     number = 10 if quick else 100
     rows = {}
-    with Whole(1, 20.0, progress_period=0.2) as whole:
+    with RunningSystem(1, 20.0, progress_period=0.2) as system:
 
         def asked(formula: str) -> Any:
-            known = set(whole.progress)
-            future = whole.ask(formula)
-            whole.wait_for_running(1, known)
+            known = set(system.progress)
+            future = system.ask(formula)
+            system.wait_for_running(1, known)
             return future
 
         for name, topic, formula in (
             ('unstamped', robots.ROBOT, UNSTAMPED),
             ('stamped', 'uav1', STAMPED),
         ):
-            decide = _decider(whole.client, whole.fleet, topic)
+            decide = _decider(system.client, system.fleet, topic)
             found = [decide(asked(formula)) for _ in range(number)]
             rows[name] = {'dyknow': summary(found)}
     for name, topic in (('unstamped', robots.ROBOT), ('stamped', 'uav1')):
@@ -88,7 +89,7 @@ def _bare_delays(topic: str, number: int) -> list[int]:
         for role in relays.ROLES:
             wait_for_line(stack.enter_context(worker(role, program=relays.PROGRAM)))
         fleet = stack.enter_context(worker(20.0, 'uav1', robots.ROBOT, program=robots.PROGRAM))
-        stack.callback(robots.dismiss, fleet)
+        stack.callback(robots.stop, fleet)
         wait_for_line(fleet)
         client = Client()
         stack.callback(client.close)
@@ -100,20 +101,20 @@ def _bare_delays(topic: str, number: int) -> list[int]:
             return future
 
         found = asked()
-        while not found.done():  # The nodes may not have found each other yet.
-            robots.order(fleet, 'send', topic, HIGH)
+        while not found.done():  # The nodes may not have discovered each other yet.
+            robots.command(fleet, 'send', topic, HIGH)
             _wait(client, 0.2)
         return [decide(asked()) for _ in range(number)]
 
 
 def _decider(client: Client, fleet: Any, topic: str) -> Callable[[Any], int]:
-    """Publishes the sample that decides; how long the answer takes then, nanoseconds."""
+    """Return a function that publishes the deciding sample and returns the delay in nanoseconds."""
 
     def decide(future: Any) -> int:
         ended = timed(future)
         _wait(client, chance.uniform(0.0, 0.05))
         assert not future.done(), future.result()
-        sent = int(robots.order(fleet, 'send', topic, HIGH))
+        sent = int(robots.command(fleet, 'send', topic, HIGH))
         client.spin_until(lambda: bool(ended), 'the answer')
         answer = future.result()
         assert answer.verdict == FormulaResult.FALSE, answer
@@ -130,17 +131,17 @@ def _wait(client: Client, seconds: float) -> None:
 
 
 def formulas(*, quick: bool) -> Any:
-    """A hundred formulas over a fleet of ten at 20 Hz."""
+    """Measure a hundred formulas over a fleet of ten at 20 Hz."""
     return _load(vehicles=10, rate=20.0, number=100, seconds=4.0 if quick else 15.0)
 
 
 def vehicles(*, quick: bool) -> Any:
-    """One quantified formula over fifty vehicles at 10 Hz."""
+    """Measure one quantified formula over fifty vehicles at 10 Hz."""
     return _load(vehicles=50, rate=10.0, number=1, seconds=4.0 if quick else 15.0)
 
 
 def at_once(*, quick: bool) -> Any:
-    """1, 10 and 100 evaluations at once, over three vehicles at 10 Hz."""
+    """Measure 1, 10 and 100 simultaneous evaluations over three vehicles at 10 Hz."""
     seconds = 3.0 if quick else 10.0
     return [
         {'evaluations': number, **_load(vehicles=3, rate=10.0, number=number, seconds=seconds)}
@@ -149,22 +150,22 @@ def at_once(*, quick: bool) -> Any:
 
 
 def _load(vehicles: int, rate: float, number: int, seconds: float) -> dict[str, Any]:
-    """What formulas that differ in their limits cost while they run, and whether they are right."""
-    with Whole(vehicles, rate) as whole:
-        idle = whole.costs(seconds / 2)
-        to_first_state = _answer_times(whole, number)
-        known = set(whole.progress)
+    """Return the cost of running formulas that differ in their limits; check their verdicts."""
+    with RunningSystem(vehicles, rate) as system:
+        idle = system.costs(seconds / 2)
+        to_first_state = _answer_times(system, number)
+        known = set(system.progress)
         limits = [100.0 + each for each in range(number)]
         futures = {
-            limit: whole.ask(f'forall u in UAV: always Power[u] < {limit!r}') for limit in limits
+            limit: system.ask(f'forall u in UAV: always Power[u] < {limit!r}') for limit in limits
         }
-        whole.wait_for_running(number, known)
-        running = whole.costs(seconds)
-        counted, lost = _states(whole, known, rate)
+        system.wait_for_running(number, known)
+        running = system.costs(seconds)
+        counted, lost = _states(system, known, rate)
         middle = limits[number // 2]
-        whole.order('set', f'uav{vehicles}', middle)
+        system.command('set', f'uav{vehicles}', middle)
         below = [future for limit, future in futures.items() if limit <= middle]
-        whole.client.spin_until(lambda: all(each.done() for each in below), 'the verdicts', 60.0)
+        system.client.spin_until(lambda: all(each.done() for each in below), 'the verdicts', 60.0)
         assert all(each.result().verdict == FormulaResult.FALSE for each in below)
         assert not any(future.done() for limit, future in futures.items() if limit > middle)
     return {
@@ -177,12 +178,12 @@ def _load(vehicles: int, rate: float, number: int, seconds: float) -> dict[str, 
     }
 
 
-def _answer_times(whole: Whole, number: int) -> dict[str, float]:
-    """How long so many evaluations that begin at once take to their first state."""
+def _answer_times(system: RunningSystem, number: int) -> dict[str, float]:
+    """Return the times until simultaneous evaluations have their first state."""
     begun = time.time_ns()
-    futures = [whole.ask(AT_ONCE) for _ in range(number)]
+    futures = [system.ask(AT_ONCE) for _ in range(number)]
     times = [timed(each) for each in futures]
-    whole.client.spin_until(lambda: all(times), 'the first answers', 120.0)
+    system.client.spin_until(lambda: all(times), 'the first answers', 120.0)
     wrong = [each.result() for each in futures if each.result().verdict != FormulaResult.TRUE]
     assert not wrong, wrong[:3]
     ended = sorted(each[0] - begun for each in times)
@@ -193,21 +194,21 @@ def _answer_times(whole: Whole, number: int) -> dict[str, float]:
     }
 
 
-def _states(whole: Whole, known: set[tuple[int, int]], rate: float) -> tuple[int, int]:
-    """How many states the formulas were progressed over, and how many of the fleet are missing.
+def _states(system: RunningSystem, known: set[tuple[int, int]], rate: float) -> tuple[int, int]:
+    """Return the number of states that the formulas were progressed over, and of missing states.
 
-    The fleet stamps the messages of all vehicles with the ticks of the clock, so each is a state.
+    The messages of all vehicles have the same stamp at each tick, so each tick is a state.
     """
     counted, lost = 0, 0
-    for key in whole.progress.keys() - known:
-        (first, begun), (last, ended) = whole.progress[key][0], whole.progress[key][-1]
+    for key in system.progress.keys() - known:
+        (first, begun), (last, ended) = system.progress[key][0], system.progress[key][-1]
         counted += last - first
-        lost += round((ended - begun) * rate / robots.SECOND) - (last - first)
+        lost += round((ended - begun) * rate / SECOND_NS) - (last - first)
     return counted, lost
 
 
 def main() -> None:
-    """Measures and prints."""
+    """Measure and print."""
     use_private_domain()
     measure(__doc__, grounding, verdict, formulas, vehicles, at_once)
 

@@ -1,4 +1,4 @@
-"""The operators by themselves: microseconds for each sample that goes in."""
+"""Cost of the operators without ROS, in microseconds for each input sample."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from collections.abc import Callable, Sequence
 from dyknow_common import NO_CONSTRAINTS
 from dyknow_stream_processing import Dataflow, Sample, load_units, parse_specification
 
-PERIOD = 10_000_000
+PERIOD_NS = 10_000_000
 REPETITIONS = 5
 
 Input = tuple[str, Sample]
@@ -17,7 +17,7 @@ Rows = list[tuple[int, dict[str, object]]]
 
 
 def core_rows(samples: int) -> list[dict[str, object]]:
-    """Select, merge and sync, against an obvious reference that gives the same."""
+    """Return the costs of select, merge and sync, and of a reference with the same result."""
     select = 'select x as a, y as b from "/t0" where x >= 0'
     rows = [
         _row('select', select, _inputs(1, samples), _reference_select),
@@ -35,16 +35,16 @@ def _sync_text(number: int) -> str:
 
 
 def _inputs(number: int, samples: int) -> list[Input]:
-    """About so many samples, of topics at one rate."""
+    """Return about so many samples, of topics with the same rate."""
     return [
-        (f'/t{topic}', Sample(tick * PERIOD, tick * PERIOD + topic, {'x': tick, 'y': 0.5}))
+        (f'/t{topic}', Sample(tick * PERIOD_NS, tick * PERIOD_NS + topic, {'x': tick, 'y': 0.5}))
         for tick in range(1, 1 + samples // number)
         for topic in range(number)
     ]
 
 
 def _states(number: int, samples: int) -> list[Input]:
-    """The same, each topic with a field of its own."""
+    """Return the same samples; each topic has a field of its own."""
     return [
         (topic, Sample(sample.valid_time, sample.available_time, {topic: sample.fields['x']}))
         for topic, sample in _inputs(number, samples)
@@ -57,7 +57,7 @@ def _row(
     made: list[Sample] = []
     _run(text, inputs, made.append)
     rows = [(each.valid_time, dict(each.fields)) for each in made]
-    assert rows == reference(inputs), f'{work}: not what the reference gives'
+    assert rows == reference(inputs), f'{work}: differs from the reference'
     times = [_run(text, inputs, lambda _: None) for _ in range(REPETITIONS)]
     baseline = []
     for _ in range(REPETITIONS):
@@ -95,7 +95,7 @@ def _reference_merge(inputs: Sequence[Input]) -> Rows:
 
 
 def _reference_sync(inputs: Sequence[Input]) -> Rows:
-    """All topics have one rate: each tick is complete with the sample of the last of them."""
+    """Combine the samples of each tick; all topics have the same rate."""
     states: dict[int, dict[str, object]] = {}
     for topic, sample in inputs:
         state = states.setdefault(sample.valid_time, {})

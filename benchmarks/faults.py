@@ -1,4 +1,4 @@
-"""Random faults of topics and nodes, by a generator that is seeded."""
+"""Random faults of topics and nodes, by a seeded generator."""
 
 from __future__ import annotations
 
@@ -11,10 +11,10 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
 from processes import ENGINE, MANAGER
-from whole import FAR_ENGINE, REASONER, Whole
+from running_system import FAR_ENGINE, REASONER, RunningSystem
 
 NODES = (ENGINE, FAR_ENGINE, REASONER, MANAGER, 'semantic_matching_engine')
-"""Those that formulas are evaluated by; the others hold what is known, and are asked."""
+"""The nodes that evaluate formulas; the others hold data without a copy elsewhere."""
 
 HIGH = 500.0
 """A level that makes formulas false."""
@@ -24,22 +24,22 @@ CALM = 1.0
 
 @dataclass
 class Faults:
-    """Makes something go wrong now and then, and right again later.
+    """Injects faults at random times and repairs them later.
 
     Args:
-        nodes: those that are killed and stopped.
+        nodes: the nodes to kill and to stop.
     """
 
-    whole: Whole
+    system: RunningSystem
     chance: random.Random
     nodes: Sequence[str]
-    happened: Counter[str] = field(default_factory=Counter)
+    injected: Counter[str] = field(default_factory=Counter)
     _due: list[tuple[float, Callable[[], None]]] = field(default_factory=list)
     _next: float = 0.0
-    _ill: set[str] = field(default_factory=set)
+    _failed: set[str] = field(default_factory=set)
 
-    def turn(self) -> None:
-        """Does what is due."""
+    def step(self) -> None:
+        """Inject and repair the faults that are due."""
         now = time.monotonic()
         for each in [each for each in self._due if each[0] <= now]:
             self._due.remove(each)
@@ -51,73 +51,77 @@ class Faults:
             fault = self.chance.choice((*topics, *nodes, self._raise, self._raise))
             fault()
 
-    def heal(self) -> None:
-        """Makes all go right again, at once."""
+    def repair_all(self) -> None:
+        """Repair all faults at once, and inject no more."""
         self._next = float('inf')
-        for _, mend in sorted(self._due, key=lambda each: each[0]):
-            mend()
+        for _, repair in sorted(self._due, key=lambda each: each[0]):
+            repair()
         self._due.clear()
 
-    def _for(self, seconds: float, mend: Callable[[], None]) -> None:
-        self._due.append((time.monotonic() + seconds, mend))
+    def _repair_after(self, seconds: float, repair: Callable[[], None]) -> None:
+        self._due.append((time.monotonic() + seconds, repair))
 
     def _pause(self) -> None:
-        name = self.chance.choice(self.whole.batteries)
-        self.happened['topic silent'] += 1
-        self.whole.order('pause', name)
-        self._for(self.chance.uniform(0.2, 3.0), lambda: self.whole.order('resume', name) and None)
+        name = self.chance.choice(self.system.batteries)
+        self.injected['topic silent'] += 1
+        self.system.command('pause', name)
+        self._repair_after(
+            self.chance.uniform(0.2, 3.0), lambda: self.system.command('resume', name) and None
+        )
 
     def _delay(self) -> None:
-        name = self.chance.choice(self.whole.batteries)
-        self.happened['topic late'] += 1
-        self.whole.order('late', name, self.chance.uniform(50, 600))
-        self._for(self.chance.uniform(0.5, 2.0), lambda: self.whole.order('late', name, 0) and None)
+        name = self.chance.choice(self.system.batteries)
+        self.injected['topic late'] += 1
+        self.system.command('late', name, self.chance.uniform(50, 600))
+        self._repair_after(
+            self.chance.uniform(0.5, 2.0), lambda: self.system.command('late', name, 0) and None
+        )
 
     def _confuse(self) -> None:
-        name, how = self.chance.choice(self.whole.batteries), self.chance.choice(('twice', 'swap'))
-        self.happened[f'topic {how}'] += 1
-        self.whole.order(how, name)
+        name, how = self.chance.choice(self.system.batteries), self.chance.choice(('twice', 'swap'))
+        self.injected[f'topic {how}'] += 1
+        self.system.command(how, name)
 
     def _raise(self) -> None:
-        """No fault: a level goes high for a while, on all batteries of a vehicle."""
-        names = self.chance.choice(list(self.whole.sources.values()))
-        self.happened['level high'] += 1
+        """Raise the level of all batteries of a vehicle for a while, which is no fault."""
+        names = self.chance.choice(list(self.system.sources.values()))
+        self.injected['level high'] += 1
         self._set(names, HIGH)
-        self._for(self.chance.uniform(0.05, 1.5), lambda: self._set(names, CALM))
+        self._repair_after(self.chance.uniform(0.05, 1.5), lambda: self._set(names, CALM))
 
     def _set(self, names: tuple[str, ...], level: float) -> None:
         for name in names:
-            self.whole.order('set', name, level)
+            self.system.command('set', name, level)
 
     def _stop(self) -> None:
-        node = self._well()
+        node = self._choose_node()
         if node:
-            self.happened[f'{node} stopped'] += 1
-            pid = self.whole.pids[node]
+            self.injected[f'{node} stopped'] += 1
+            pid = self.system.pids[node]
             os.killpg(pid, signal.SIGSTOP)
 
-            def go_on() -> None:
+            def resume() -> None:
                 os.killpg(pid, signal.SIGCONT)
-                self._ill.discard(node)
+                self._failed.discard(node)
 
-            self._for(self.chance.uniform(0.2, 4.0), go_on)
+            self._repair_after(self.chance.uniform(0.2, 4.0), resume)
 
     def _kill(self) -> None:
-        node = self._well()
+        node = self._choose_node()
         if node:
-            self.happened[f'{node} killed'] += 1
-            self.whole.kill(node)
+            self.injected[f'{node} killed'] += 1
+            self.system.kill(node)
 
             def restart() -> None:
-                self.whole.start(node)
-                self._for(3.0, lambda: self._ill.discard(node))
+                self.system.start(node)
+                self._repair_after(3.0, lambda: self._failed.discard(node))
 
-            self._for(self.chance.uniform(0.0, 3.0), restart)
+            self._repair_after(self.chance.uniform(0.0, 3.0), restart)
 
-    def _well(self) -> str:
-        """A node to fail; none where one is ill already, or none is to."""
-        if self._ill or not self.nodes:
+    def _choose_node(self) -> str:
+        """Return a node to fail; empty if a node has failed already or none may fail."""
+        if self._failed or not self.nodes:
             return ''
         node = self.chance.choice(self.nodes)
-        self._ill.add(node)
+        self._failed.add(node)
         return node

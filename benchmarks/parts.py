@@ -9,17 +9,17 @@ from typing import Any
 
 
 def measure(description: str | None, *functions: Callable[..., Any]) -> None:
-    """Measures the parts that the command line asks for, and prints what they found.
+    """Measure the parts chosen on the command line, and print their results.
 
     Args:
         description: of the benchmark.
-        functions: its parts; each takes `quick`, and returns a row or a list of them.
+        functions: its parts; each has a parameter `quick` and returns a row or a list of rows.
     """
     parts = {each.__name__: each for each in functions}
     parser = argparse.ArgumentParser(description=description)
     parser.add_argument('--json', action='store_true', help='print one JSON object')
     parser.add_argument('--only', choices=parts, action='append')
-    parser.add_argument('--quick', action='store_true', help='shorter, less exact')
+    parser.add_argument('--quick', action='store_true', help='shorter and less exact')
     arguments = parser.parse_args()
     found = {name: parts[name](quick=arguments.quick) for name in arguments.only or parts}
     if arguments.json:

@@ -1,4 +1,4 @@
-"""What the benchmarks share: processes in a private ROS domain, and what they cost."""
+"""Processes in a private ROS domain, and their costs."""
 
 from __future__ import annotations
 
@@ -26,19 +26,19 @@ WORKERS = Path(__file__).with_name('workers.py')
 PACKAGE = 'dyknow_stream_processing'
 ENGINE = 'stream_processing_engine'
 MANAGER = 'stream_manager'
-LIMIT = 30.0
-"""Seconds after which a wait has failed."""
+TIMEOUT_S = 30.0
+"""Time after which a wait has failed."""
 
 
 def use_private_domain() -> None:
-    """Makes this process, and those that it starts, hear nobody else."""
+    """Isolate this process and its children from other ROS processes."""
     os.environ['ROS_DOMAIN_ID'] = str(1 + os.getpid() % 100)
     os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
 
 
 @contextmanager
 def worker(*arguments: object, program: Path = WORKERS) -> Iterator[subprocess.Popen[str]]:
-    """A process of workers.py, or of another program; it is ended with the block."""
+    """Run a process of workers.py, or of another program, until the end of the block."""
     with subprocess.Popen(
         [sys.executable, str(program), *map(str, arguments)],
         stdin=subprocess.PIPE,
@@ -53,19 +53,19 @@ def worker(*arguments: object, program: Path = WORKERS) -> Iterator[subprocess.P
 
 
 def wait_for_line(process: subprocess.Popen[str]) -> None:
-    """Waits until a worker says that it has begun."""
+    """Wait until a worker prints that it has started."""
     if process.stdout is None or not process.stdout.readline():
-        raise RuntimeError('a worker ended before it began')
+        raise RuntimeError('a worker ended before it started')
 
 
 def result_of(process: subprocess.Popen[str]) -> Any:
-    """What a worker found out, once it ends."""
+    """Wait for the end of a worker and return its result."""
     output, _ = process.communicate(timeout=600.0)
     return json.loads(output.splitlines()[-1])
 
 
 class Client:
-    """A node that asks for streams and waits."""
+    """A node that calls services and waits."""
 
     def __init__(self) -> None:
         rclpy.init()
@@ -75,16 +75,18 @@ class Client:
         self._clients: dict[str, Any] = {}
 
     def close(self) -> None:
-        """Leaves the graph."""
+        """Destroy the node."""
         self._executor.shutdown()
         self.node.destroy_node()
         rclpy.try_shutdown()
 
-    def spin_until(self, condition: Callable[[], bool], what: str, limit: float = LIMIT) -> None:
-        """Runs callbacks until a condition holds.
+    def spin_until(
+        self, condition: Callable[[], bool], what: str, limit: float = TIMEOUT_S
+    ) -> None:
+        """Run callbacks until a condition holds.
 
         Raises:
-            TimeoutError: when it does not come to hold.
+            TimeoutError: if it does not hold in time.
         """
         end = time.monotonic() + limit
         while not condition():
@@ -93,7 +95,7 @@ class Client:
             self._executor.spin_once(timeout_sec=0.05)
 
     def request(self, service_type: Any, service: str, **fields: Any) -> Any:
-        """The future of the response of a service."""
+        """Call a service and return the future of its response."""
         if service not in self._clients:
             self._clients[service] = self.node.create_client(
                 service_type, service, qos_profile=SERVICE
@@ -103,13 +105,13 @@ class Client:
         return client.call_async(service_type.Request(**fields))
 
     def call(self, service_type: Any, service: str, **fields: Any) -> Any:
-        """The response of a service."""
+        """Call a service and return its response."""
         future = self.request(service_type, service, **fields)
         self.spin_until(future.done, service)
         return future.result()
 
     def create(self, name: str, specification: str, node: str = ENGINE) -> str:
-        """Has a stream made; the topic that it is on."""
+        """Create a stream and return its topic."""
         spec = StreamCreateFromSpec.Request().spec
         spec.name, spec.specification = name, specification
         answer = self.call(StreamCreateFromSpec, f'{node}/stream_create_from_spec', spec=spec)
@@ -120,7 +122,7 @@ class Client:
 
 @contextmanager
 def nodes(*executables: str) -> Iterator[tuple[Client, dict[str, int]]]:
-    """Nodes of streams and a client, with the ids of the processes."""
+    """Run nodes for streams and a client; yield the client and the process ids."""
     client = Client()
     try:
         with tempfile.TemporaryDirectory() as folder, Launcher(Path(folder)) as launcher:
@@ -133,35 +135,35 @@ def nodes(*executables: str) -> Iterator[tuple[Client, dict[str, int]]]:
 
 
 def processor_time(process: int) -> float:
-    """Seconds that a process has computed, its system calls included."""
+    """Return the processor time of a process in seconds, including system calls."""
     fields = Path(f'/proc/{process}/stat').read_text(encoding='ascii').rpartition(')')[2].split()
     return (int(fields[11]) + int(fields[12])) / os.sysconf('SC_CLK_TCK')
 
 
 def resident_memory(process: int) -> float:
-    """The memory that a process holds, MB."""
+    """Return the resident memory of a process, MB."""
     pages = int(Path(f'/proc/{process}/statm').read_text(encoding='ascii').split()[1])
     return pages * os.sysconf('SC_PAGE_SIZE') / 1e6
 
 
 def growth_per_minute(found: Sequence[tuple[float, float]], warm_up: float) -> float:
-    """How much a quantity grows, by least squares.
+    """Return the growth of a quantity, by least squares.
 
     Args:
-        found: times in seconds, and what it was then.
-        warm_up: the part at the beginning that does not count.
+        found: times in seconds, with the values.
+        warm_up: the fraction at the beginning to ignore.
     """
     times, sizes = zip(*found[int(len(found) * warm_up) :], strict=True)
     return round(statistics.linear_regression(times, sizes).slope * 60, 3)
 
 
 def percentile(values: Sequence[float], percent: float) -> float:
-    """The least value that so many percent of the values do not exceed."""
+    """Return the smallest value that the given percentage of the values do not exceed."""
     return sorted(values)[min(int(len(values) * percent / 100), len(values) - 1)]
 
 
 def summary(nanoseconds: Sequence[int]) -> dict[str, float]:
-    """Median and 99th percentile of delays, microseconds."""
+    """Return the median and 99th percentile of delays, microseconds."""
     return {
         'median_us': round(statistics.median(nanoseconds) / 1e3, 1),
         'p99_us': round(percentile(nanoseconds, 99) / 1e3, 1),

@@ -1,4 +1,4 @@
-"""How fast formulas are progressed, beside other tools in the same run.
+"""Speed of progression, compared with other tools in the same run.
 
 `python benchmarks/progression.py [--json] [--peers PYTHON] [--memory]`; see README.md.
 """
@@ -19,10 +19,9 @@ import numpy as np
 
 from dyknow_reasoning import FormulaGroup
 
-MS = 1_000_000
-PERIOD = 100 * MS
+PERIOD_NS = 100_000_000
 REPETITIONS = 5
-LAST_MILLION = 10
+MILLIONS = 10
 NO_LIMIT = 1 << 62
 RESPONSE = 'always (Alt[x] > 2 -> eventually[0, 5 s] Alt[x] < 2)'
 PAPER = 'always (not p[x] -> eventually[0, 1000] always[0, 999] p[x])'
@@ -38,34 +37,34 @@ STREAMS = {
 }
 
 
-def group_of(text: str, objects: int, *, apart: bool = False) -> FormulaGroup:
-    """A formula for each of some objects: quantified, or apart."""
+def group_of(text: str, objects: int, *, separate: bool = False) -> FormulaGroup:
+    """Return a group of one quantified formula, or of a separate formula for each object."""
     names = [f'o{index}' for index in range(objects)]
     group = FormulaGroup(node_limit=NO_LIMIT)
-    for name in names if apart else ():
+    for name in names if separate else ():
         group.add_formula(name, text.replace('[x]', f'[{name}]'))
-    if not apart:
+    if not separate:
         group.add_formula('all', f'forall x in S: {text}')
     group.begin({'S': names})
     return group
 
 
 def times_of(states: int, *, regular: bool) -> list[int]:
-    """Valid times: a period, or half to one and a half of it."""
+    """Return valid times with a fixed period, or with random steps around it."""
     if regular:
-        return [index * PERIOD for index in range(states)]
-    steps = np.random.default_rng(1).integers(PERIOD // 2, 3 * PERIOD // 2, states)
+        return [index * PERIOD_NS for index in range(states)]
+    steps = np.random.default_rng(1).integers(PERIOD_NS // 2, 3 * PERIOD_NS // 2, states)
     found: list[int] = np.cumsum(steps).tolist()
     return found
 
 
 def repeated(run: Callable[[], float]) -> float:
-    """The median of some runs."""
+    """Return the median of some runs."""
     return median(run() for _ in range(REPETITIONS))
 
 
 def one_formula(text: str, feature: str, wave: Sequence[Any], *, regular: bool) -> float:
-    """Microseconds for a state, each a dict of one value."""
+    """Return the microseconds for a state, a dict of one value."""
     states = 50_000
     times = times_of(states, regular=regular)
     cycle = [{f'{feature}[o0]': value} for value in wave]
@@ -76,14 +75,14 @@ def one_formula(text: str, feature: str, wave: Sequence[Any], *, regular: bool) 
         begin = process_time()
         for time, state in zip(times, values, strict=True):
             if progress(time, state):
-                raise AssertionError('the stream was to keep the formula undecided')
+                raise AssertionError('the stream must keep the formula undecided')
         return (process_time() - begin) / states * 1e6
 
     return repeated(run)
 
 
 def growing(*, regular: bool) -> list[float]:
-    """Microseconds for each state of a formula of which ever more remains, and never the same."""
+    """Return the microseconds for each state of a formula that grows and never repeats."""
     states = 3000
     rng = np.random.default_rng(6)
     truths = (rng.random((states, 4)) < [0.5, 0.6, 0.8, 0.8]) | (np.arange(states) % 7 == 0)[
@@ -103,7 +102,7 @@ def growing(*, regular: bool) -> list[float]:
 
 
 def from_dicts(group: FormulaGroup, feature: str, objects: int, wave: Sequence[Any]) -> list[float]:
-    """Microseconds for each of some states, dicts of a value for each object."""
+    """Return the microseconds for each state, a dict with a value for each object."""
     rng = np.random.default_rng(2)
     phases = rng.integers(0, len(wave), objects).tolist()
     distinct = len(wave)
@@ -117,14 +116,14 @@ def from_dicts(group: FormulaGroup, feature: str, objects: int, wave: Sequence[A
     costs = []
     for index in range(max(distinct, min(1000, 3_000_000 // objects))):
         begin = process_time()
-        results = group.progress(index * PERIOD, states[index % distinct])
+        results = group.progress(index * PERIOD_NS, states[index % distinct])
         costs.append((process_time() - begin) * 1e6)
         assert not results
     return costs
 
 
 def recorded(text: str, feature: str, wave: Sequence[Any], objects: int, *, regular: bool) -> float:
-    """Nanoseconds for a state and an object, from columns at once."""
+    """Return the nanoseconds for a state and an object in a recording of columns."""
     states = 2000
     phases = np.random.default_rng(3).integers(0, len(wave), objects).tolist()
     cycle = np.array((list(wave) * (2 + 2 * states // len(wave)))[: 2 * states + len(wave)])
@@ -141,7 +140,7 @@ def recorded(text: str, feature: str, wave: Sequence[Any], objects: int, *, regu
 
 
 def check_equality() -> None:
-    """All ways to progress tell the same, over streams that violate the formulas."""
+    """Check that all execution paths agree, over streams that violate the formulas."""
     rng = np.random.default_rng(4)
     objects, states = 30, 600
     for text, feature, data in (
@@ -152,8 +151,8 @@ def check_equality() -> None:
         columns = {f'{feature}[o{index}]': row for index, row in enumerate(data)}
         for regular in (True, False):
             times = times_of(states, regular=regular)
-            at_once = group_of(text, objects, apart=True).progress_many(times, columns)
-            group = group_of(text, objects, apart=True)
+            at_once = group_of(text, objects, separate=True).progress_many(times, columns)
+            group = group_of(text, objects, separate=True)
             rows = [dict(zip(columns, row.tolist(), strict=True)) for row in data.T]
             each = [
                 one
@@ -175,19 +174,19 @@ def check_equality() -> None:
             assert verdicts == {(one.name, one.verdict, one.decided_at) for one in alone}
 
 
-def nothing(_time: int, _values: dict[str, bool]) -> list[object]:
-    """The least that a function of a time and a state can do."""
+def do_nothing(_time: int, _values: dict[str, bool]) -> list[object]:
+    """Return no results."""
     return []
 
 
-def yardstick() -> float:
-    """Microseconds of the loop around `progress`: how fast this machine is at the moment."""
+def baseline() -> float:
+    """Return the microseconds of the loop that calls `progress`: the speed of this machine."""
     times, state = times_of(50_000, regular=True), {'p': True}
 
     def run() -> float:
         begin = process_time()
         for time in times:
-            if nothing(time, state):
+            if do_nothing(time, state):
                 raise AssertionError
         return (process_time() - begin) / len(times) * 1e6
 
@@ -195,8 +194,8 @@ def yardstick() -> float:
 
 
 def measurements() -> Iterator[tuple[str, str, float]]:
-    """What is measured, its unit, and its value."""
-    yield 'the loop around progress, as a yardstick', 'us a state', yardstick()
+    """Yield the name, the unit and the value of each measurement."""
+    yield 'the loop that calls progress, as a baseline', 'us a state', baseline()
     for regular in (True, False):
         kind = 'regular' if regular else 'irregular'
         microseconds = f'us a state, {kind}'
@@ -211,9 +210,9 @@ def measurements() -> Iterator[tuple[str, str, float]]:
         yield 'nested formula that grows, mean', microseconds, sum(costs) / len(costs)
         yield 'nested formula that grows, worst state', microseconds, max(costs)
     for name, wave in STREAMS.items():
-        group = group_of(PAPER, 1000, apart=True)
+        group = group_of(PAPER, 1000, separate=True)
         cost = median(from_dicts(group, 'p', 1000, wave))
-        yield f'figure 8, 1000 formulas apart, {name}', 'formulas in 100 ms', 1000 * 100e3 / cost
+        yield f'figure 8, 1000 separate formulas, {name}', 'formulas in 100 ms', 1000 * 100e3 / cost
     for name, wave in STREAMS.items():
         cost = recorded(PAPER, 'p', wave, 20_000, regular=True)
         yield f'figure 8, 20000 instances, {name}', 'formulas in 100 ms', 100e6 / cost
@@ -229,7 +228,7 @@ def measurements() -> Iterator[tuple[str, str, float]]:
 
 
 def growth() -> Iterator[tuple[str, str, float]]:
-    """How the cost grows."""
+    """Yield costs for growing windows, numbers of formulas and numbers of objects."""
     for seconds in (1, 10, 100):
         text = RESPONSE.replace('5 s', f'{10 * seconds} s')
         for regular in (True, False):
@@ -238,7 +237,7 @@ def growth() -> Iterator[tuple[str, str, float]]:
             yield f'window of {10 * seconds} s', f'us a state, {kind}', cost
     for formulas in (10, 100, 1000, 10_000):
         cost = median(
-            from_dicts(group_of(PAPER, formulas, apart=True), 'p', formulas, STREAMS['often'])
+            from_dicts(group_of(PAPER, formulas, separate=True), 'p', formulas, STREAMS['often'])
         )
         yield f'{formulas} formulas', 'us a state', cost
     for objects in (10, 100, 1000, 10_000):
@@ -247,23 +246,23 @@ def growth() -> Iterator[tuple[str, str, float]]:
 
 
 def memory() -> Iterator[tuple[str, str, float]]:
-    """Resident memory over ten million states, at irregular times."""
+    """Yield the resident memory over ten million states at irregular times."""
     group = group_of(POWER, 1)
     cycle = [{'Power[o0]': value} for value in SURGES]
-    steps = np.random.default_rng(5).integers(PERIOD // 2, 3 * PERIOD // 2, 1000).tolist()
+    steps = np.random.default_rng(5).integers(PERIOD_NS // 2, 3 * PERIOD_NS // 2, 1000).tolist()
     time, index = 0, 0
-    for million in range(LAST_MILLION + 1):
-        if million in {1, LAST_MILLION}:
+    for million in range(MILLIONS + 1):
+        if million in {1, MILLIONS}:
             pages = int(Path('/proc/self/statm').read_text(encoding='utf-8').split()[1])
             yield f'resident after {million} million states', 'MiB', pages * 4096 / 2**20
-        for _ in range(0 if million == LAST_MILLION else 1_000_000):
+        for _ in range(0 if million == MILLIONS else 1_000_000):
             time += steps[index % 1000]
             assert not group.progress(time, cycle[index % len(cycle)])
             index += 1
 
 
 def peers(python: str) -> Iterator[tuple[str, str, float]]:
-    """What other tools need, in their own environment."""
+    """Yield the costs of other tools, which run in their own environment."""
     script = Path(__file__).with_name('progression_peers.py')
     values = json.dumps([SAWTOOTH[index % len(SAWTOOTH)] for index in range(50_000)])
     done = subprocess.run(
@@ -277,7 +276,7 @@ def peers(python: str) -> Iterator[tuple[str, str, float]]:
 
 
 def main() -> None:
-    """Checks, measures and prints."""
+    """Check, measure and print."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument('--json', action='store_true', help='print a line of JSON for each figure')
     parser.add_argument('--peers', metavar='PYTHON', help='of an environment with the other tools')

@@ -1,8 +1,8 @@
-"""What other tools need for a state of `always (x > 2 -> eventually[0, 5 s] x < 2)`.
+"""Cost of other tools for a state of `always (x > 2 -> eventually[0, 5 s] x < 2)`.
 
-Runs in the environment of those tools, started by progression.py; prints JSON. Each tool is given
-the form of the formula that it takes, and first has to tell a recording that violates it from one
-that does not.
+progression.py starts this script in the environment of those tools; it prints JSON. Each tool gets
+the formula in its own form, and must first distinguish a recording that violates it from one that
+does not.
 """
 
 from __future__ import annotations
@@ -13,39 +13,39 @@ from collections.abc import Callable, Sequence
 from statistics import median
 from time import process_time
 
-PERIOD = 0.1
+PERIOD_S = 0.1
 STEPS = 50
 REPETITIONS = 5
 
 
 def sentil(values: Sequence[float]) -> bool:
-    """Online; a verdict for each state, some five seconds later."""
+    """Monitor online; SENTIL gives a verdict for each state about five seconds later."""
     import sentil as tool  # noqa: PLC0415
 
     monitor = tool.OnlineMonitor('(x > 2) -> (eventually[0, 5] (x < 2))')
     violated = False
     for index, value in enumerate(values):
-        verdict = monitor.update(index * PERIOD, {'x': value})
+        verdict = monitor.update(index * PERIOD_S, {'x': value})
         if verdict.resolved and not verdict.satisfied:
             violated = True
     return violated
 
 
 def mstlo(values: Sequence[float]) -> bool:
-    """Online, eager qualitative semantics; a verdict for each state."""
+    """Monitor online with eager qualitative semantics; mstlo gives a verdict for each state."""
     import mstlo_python as tool  # noqa: PLC0415
 
     formula = tool.parse_formula('(x > 2) -> (F[0, 5](x < 2))')
     monitor = tool.Monitor(formula, semantics='EagerQualitative')
     violated = False
     for index, value in enumerate(values):
-        for _, verdict in monitor.update('x', value, index * PERIOD).verdicts():
+        for _, verdict in monitor.update('x', value, index * PERIOD_S).verdicts():
             violated = violated or not verdict
     return violated
 
 
 def reelay(values: Sequence[float]) -> bool:
-    """Online, discrete time; past operators only: five seconds ago, and since then."""
+    """Monitor online in discrete time; reelay has past operators only."""
     import reelay as tool  # noqa: PLC0415
 
     monitor = tool.discrete_timed_monitor(
@@ -59,7 +59,7 @@ def reelay(values: Sequence[float]) -> bool:
 
 
 def rtamt(values: Sequence[float]) -> bool:
-    """Online, discrete time; the formula rewritten with past operators by the tool."""
+    """Monitor online in discrete time; RTAMT rewrites the formula with past operators."""
     import rtamt as tool  # noqa: PLC0415
 
     monitor = tool.StlDiscreteTimeSpecification()
@@ -77,12 +77,12 @@ def rtamt(values: Sequence[float]) -> bool:
 def measured(
     watch: Callable[[Sequence[float]], bool], values: Sequence[float]
 ) -> dict[str, object]:
-    """The median cost of a state, in microseconds, or why there is none."""
+    """Return the median cost of a state in microseconds, or the reason for its absence."""
     try:
         clean = ([3.0] * 20 + [1.0] * 20) * 10
         bad = [*clean[:100], *[3.0] * 100, *clean]
         if watch(clean) or not watch(bad):
-            return {'error': 'tells another verdict'}
+            return {'error': 'gives another verdict'}
         costs = []
         for _ in range(REPETITIONS):
             begin = process_time()
@@ -96,7 +96,7 @@ def measured(
 
 
 def main() -> None:
-    """Measures all tools over the values on standard input."""
+    """Measure all tools over the values on standard input."""
     values = json.load(sys.stdin)
     tools = {'sentil': sentil, 'mstlo': mstlo, 'reelay': reelay, 'rtamt': rtamt}
     fewer = {'rtamt': values[: len(values) // 10]}

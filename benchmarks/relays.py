@@ -1,4 +1,4 @@
-"""Bare rclpy nodes that pass on what the nodes of DyKnow would, each in a process of its own.
+"""Bare rclpy nodes that relay messages like the nodes of DyKnow, each in a process of its own.
 
 python benchmarks/relays.py samples|verdicts|answers
 """
@@ -25,11 +25,11 @@ from dyknow_common.ros import STREAM
 PROGRAM = Path(__file__)
 SERVICE_NAME = '/relayed/evaluate_formula'
 LIMIT = 5.0
-"""A level from which on a formula is false."""
+"""The smallest level that makes the formula false."""
 
 
 def samples(node: Node) -> None:
-    """As the stream processing engine: messages of the robots become samples."""
+    """Convert messages of the robots to samples, like the stream processing engine."""
     publisher = node.create_publisher(Sample, '/relayed/samples', STREAM)
 
     def publish(value: float) -> None:
@@ -45,21 +45,21 @@ def samples(node: Node) -> None:
 
 
 def verdicts(node: Node) -> None:
-    """As the stream reasoning engine: samples become results."""
+    """Convert samples to results, like the stream reasoning engine."""
     publisher = node.create_publisher(FormulaResult, '/relayed/results', STREAM)
 
-    def take(sample: Any) -> None:
+    def on_sample(sample: Any) -> None:
         value = float(sample.fields[0].value)
         if value >= LIMIT:
             result = FormulaResult(verdict=FormulaResult.FALSE, decided_at=sample.valid_time)
             result.explanation = f'false because level = {value}'
             publisher.publish(result)
 
-    node.create_subscription(Sample, '/relayed/samples', take, STREAM)
+    node.create_subscription(Sample, '/relayed/samples', on_sample, STREAM)
 
 
 def answers(node: Node) -> None:
-    """As the stream reasoning coordinator: a service that is answered by the next result."""
+    """Answer service calls with the next result, like the stream reasoning coordinator."""
     group = ReentrantCallbackGroup()
     waiting: list[Future] = []
 
@@ -71,19 +71,21 @@ def answers(node: Node) -> None:
         response.explanation = result.explanation
         return response
 
-    def take(result: Any) -> None:
+    def on_result(result: Any) -> None:
         while waiting:
             waiting.pop().set_result(result)
 
     node.create_service(EvaluateFormula, SERVICE_NAME, evaluate, callback_group=group)
-    node.create_subscription(FormulaResult, '/relayed/results', take, STREAM, callback_group=group)
+    node.create_subscription(
+        FormulaResult, '/relayed/results', on_result, STREAM, callback_group=group
+    )
 
 
 ROLES = {each.__name__: each for each in (samples, verdicts, answers)}
 
 
 def main() -> None:
-    """Relays until it is killed."""
+    """Relay messages until the process is killed."""
     rclpy.init()
     node = rclpy.create_node(f'relay_{sys.argv[1]}')
     ROLES[sys.argv[1]](node)

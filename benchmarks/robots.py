@@ -1,18 +1,19 @@
-"""A fleet for the benchmarks of the coordinator: a process that publishes what it is told to.
+"""A process that publishes the topics of a fleet, for the benchmarks of the coordinator.
 
 python benchmarks/robots.py RATE NAME...
 
-Every vehicle publishes its battery, all with one stamp for each tick of the clock; the current is
-the level of the vehicle. A robot publishes its level on a topic without stamps, at the same ticks.
-A line on the standard input is an order, and is answered by a line:
+Every vehicle publishes its battery; its current is the level of the vehicle. At each tick, the
+messages of all vehicles have the same stamp. A robot publishes its level on a topic without stamps
+at the same ticks. The process reads commands from the standard input, one in each line, and prints
+a line as the answer:
 
 - `set NAME LEVEL` changes a level from the next tick on.
-- `high` asks which stamps each name has published a level with that is higher than the calm one.
-- `send NAME LEVEL` publishes a level once, now; the answer is when, in nanoseconds.
-- `pause NAME`, `resume NAME`: the topic falls silent, and speaks again.
-- `late NAME MILLISECONDS`: its messages are sent so long after their stamps.
-- `twice NAME`, `swap NAME`: the next message is sent twice, or after the one that follows it.
-- `ticks` asks how many there were.
+- `high` returns, for each name, the stamps of levels above the calm one.
+- `send NAME LEVEL` publishes a level once, now, and returns the time in nanoseconds.
+- `pause NAME`, `resume NAME` stop the publication and continue it.
+- `late NAME MILLISECONDS` delays messages relative to their stamps.
+- `twice NAME`, `swap NAME` publish the next message twice, or after its successor.
+- `ticks` returns the number of ticks.
 """
 
 from __future__ import annotations
@@ -33,23 +34,21 @@ from rclpy.qos import QoSProfile
 from sensor_msgs.msg import BatteryState
 from std_msgs.msg import Float64
 
+from dyknow_common import SECOND_NS
 from dyknow_common.ros import nanoseconds_to_time
 
 PROGRAM = Path(__file__)
 ROBOT = 'robot'
-"""The one whose topic has no stamps."""
+"""The robot whose topic has no stamps."""
 
 CALM = 1.0
-"""The level of all at the beginning."""
+"""The initial level."""
 
-SECOND = 1_000_000_000
-
-LIMIT = 10.0
-"""Seconds that a fleet may take to end."""
+STOP_TIMEOUT_S = 10.0
 
 
 class Fleet:
-    """What the process publishes."""
+    """Publishers of the topics of a fleet."""
 
     def __init__(self, node: Node, names: Sequence[str], rate: float) -> None:
         quality = QoSProfile(depth=1000)
@@ -64,7 +63,7 @@ class Fleet:
         self._twice: set[str] = set()
         self._swapped: dict[str, Any] = {}
         self._delayed: list[tuple[int, str, Any]] = []
-        self._period = round(SECOND / rate)
+        self._period = round(SECOND_NS / rate)
         self._ticks = 0
         self._next = time.time_ns() // self._period * self._period + self._period
 
@@ -72,13 +71,13 @@ class Fleet:
         """Publishes at each tick and obeys, until the standard input ends."""
         while True:
             self._tick_if_due()
-            wait = max(0, self._next - time.time_ns()) / SECOND
+            wait = max(0, self._next - time.time_ns()) / SECOND_NS
             if select.select([sys.stdin], [], [], wait)[0]:
                 line = sys.stdin.readline()
                 if not line:
                     return
-                self._tick_if_due()  # Or the stamps on a topic would go back.
-                print(self._obey(*line.split()), flush=True)
+                self._tick_if_due()  # The stamps on a topic must not go back.
+                print(self._execute(*line.split()), flush=True)
 
     def _tick_if_due(self) -> None:
         while time.time_ns() >= self._next:
@@ -122,9 +121,9 @@ class Fleet:
         message.header.stamp = nanoseconds_to_time(stamp)
         return message
 
-    def _obey(self, order: str, name: str = '', number: str = '0') -> object:
+    def _execute(self, command: str, name: str = '', number: str = '0') -> object:
         answer: object = 'done'
-        match order:
+        match command:
             case 'set':
                 self._levels[name] = float(number)
             case 'send':
@@ -147,12 +146,12 @@ class Fleet:
             case 'high':
                 answer = json.dumps(self._high)
             case _:
-                answer = f'unknown order {order}'
+                answer = f'unknown command {command}'
         return answer
 
 
-def order(fleet: subprocess.Popen[str], *words: object) -> str:
-    """Gives a fleet an order, and returns its answer."""
+def command(fleet: subprocess.Popen[str], *words: object) -> str:
+    """Send a command to a fleet and return its answer."""
     if fleet.stdin is None or fleet.stdout is None:
         raise RuntimeError('the fleet has no pipes')
     fleet.stdin.write(' '.join(map(str, words)) + '\n')
@@ -160,15 +159,15 @@ def order(fleet: subprocess.Popen[str], *words: object) -> str:
     return fleet.stdout.readline().strip()
 
 
-def dismiss(fleet: subprocess.Popen[str]) -> None:
-    """Has a fleet end; killed, it may leave a lock in shared memory that others wait for."""
+def stop(fleet: subprocess.Popen[str]) -> None:
+    """Stop a fleet; a killed one may leave a lock in shared memory that others wait for."""
     if fleet.stdin is not None:
         fleet.stdin.close()
-    fleet.wait(LIMIT)
+    fleet.wait(STOP_TIMEOUT_S)
 
 
 def main() -> None:
-    """Publishes until the standard input ends."""
+    """Publish until the standard input ends."""
     rclpy.init()
     node = rclpy.create_node('fleet')
     fleet = Fleet(node, sys.argv[2:], float(sys.argv[1]))

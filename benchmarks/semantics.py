@@ -1,4 +1,4 @@
-"""What matching costs: alone, after a change, as a service; equality with a scan is checked first.
+"""Cost of matching: alone, after a change, as a service. Equality with a scan is checked first.
 
 python benchmarks/semantics.py [--json] [--only matching|changes|ontology|service] [--quick]
 """
@@ -53,7 +53,7 @@ CONCEPT = parse_concept('F0[u] for every u in UAV')
 
 
 def triples(features: int, objects: int) -> list[Triple]:
-    """An ontology of so many features of one sort, and of so many objects of it."""
+    """Return an ontology with features of one sort, and objects of that sort."""
     found: list[Triple] = [(f'{HERE}UAV', RDF_TYPE, OWL_CLASS)]
     for name in (f'{HERE}F{number}' for number in range(features)):
         found += [
@@ -67,7 +67,7 @@ def triples(features: int, objects: int) -> list[Triple]:
 
 
 def write_ontology(path: Path, features: int, objects: int) -> Path:
-    """The same as a file of N-Triples."""
+    """Write the same ontology to a file of N-Triples."""
     lines = [f'<{HERE[:-1]}> <{RDF_TYPE}> <http://www.w3.org/2002/07/owl#Ontology> .']
     for subject, predicate, value in triples(features, objects):
         text = f'<{value}>' if value.startswith('http') else json.dumps(value)
@@ -77,7 +77,7 @@ def write_ontology(path: Path, features: int, objects: int) -> Path:
 
 
 def annotations(specifications: int, relevant: int) -> dict[str, Annotation]:
-    """So many annotations, some of F0 and each other one of a feature of its own."""
+    """Return annotations: some of F0, and each other one of a feature of its own."""
     ssl = [
         f'stream s{number} contains '
         f'F{max(0, number - relevant + 1)}[uav{min(number, relevant - 1)}] = value;'
@@ -87,7 +87,7 @@ def annotations(specifications: int, relevant: int) -> dict[str, Annotation]:
 
 
 def milliseconds(function: Callable[[], object], repetitions: int) -> float:
-    """The median of what a call takes of the processor, which others use as well."""
+    """Return the median processor time of a call."""
     times = []
     for _ in range(repetitions):
         begun = time.thread_time()
@@ -97,13 +97,13 @@ def milliseconds(function: Callable[[], object], repetitions: int) -> float:
 
 
 def scan(found: dict[str, Annotation]) -> list[tuple[str, str]]:
-    """What matches, by a look at every annotation."""
+    """Return the matches by a scan of all annotations."""
     contents = ((each.stream, each.contents[0].feature) for each in found.values())
     return sorted((stream, str(feature)) for stream, feature in contents if feature.name == 'F0')
 
 
 def matching(*, quick: bool) -> Any:
-    """A concept, asked for again and again; the first answer after a start is apart."""
+    """Measure repeated requests for a concept, and the first one separately."""
     rows = []
     for specifications, relevant, features in (
         (2_000, 1, 2_000),
@@ -117,23 +117,23 @@ def matching(*, quick: bool) -> Any:
         matcher.set_annotations(known)
         begun = time.perf_counter()
         found = matcher.match(CONCEPT)
-        first = time.perf_counter() - begun
+        first_s = time.perf_counter() - begun
         carried = [(str(each.declaration.stream.inputs[0]), each.ground_feature) for each in found]
-        assert sorted(carried) == scan(known), 'not what the scan gives'
+        assert sorted(carried) == scan(known), 'differs from the scan'
         repetitions = 20 if quick else 200
         rows.append({
             'specifications': specifications,
             'relevant': relevant,
             'features': features,
             'ms': milliseconds(lambda: matcher.match(CONCEPT), repetitions),  # noqa: B023
-            'first_ms': round(first * 1e3, 4),
+            'first_ms': round(first_s * 1e3, 4),
             'scan_ms': milliseconds(lambda: scan(known), 5),  # noqa: B023
         })  # fmt: skip
     return rows
 
 
 def changes(*, quick: bool) -> Any:
-    """An annotation more, and an object more, of 2,000 annotations."""
+    """Measure the addition of an annotation and of an object to 2,000 annotations."""
     matcher = Matcher(Knowledge(triples(2_000, 10)))
     matcher.set_annotations(annotations(2_000, 10))
     text = 'stream new contains F0[uav0] = value;'
@@ -143,26 +143,26 @@ def changes(*, quick: bool) -> Any:
         matcher.add(text, new)
         matcher.remove(text)
 
-    worlds = [Knowledge(triples(2_000, number)) for number in (11, 10)] * (2 if quick else 10)
-    again = iter(worlds)
-    learning = milliseconds(lambda: matcher.set_knowledge(next(again)), len(worlds))
-    assert matcher.match(CONCEPT) == match_anew(2_000, 10)
+    ontologies = [Knowledge(triples(2_000, number)) for number in (11, 10)] * (2 if quick else 10)
+    changes = iter(ontologies)
+    object_change = milliseconds(lambda: matcher.set_knowledge(next(changes)), len(ontologies))
+    assert matcher.match(CONCEPT) == match_from_scratch(2_000, 10)
     return {
         'add_and_remove_annotation_ms': milliseconds(add_and_remove, 100),
-        'add_or_remove_object_ms': learning,
-        'everything_anew_ms': milliseconds(lambda: match_anew(2_000, 10), 2),
+        'add_or_remove_object_ms': object_change,
+        'rebuild_ms': milliseconds(lambda: match_from_scratch(2_000, 10), 2),
     }
 
 
-def match_anew(specifications: int, relevant: int) -> object:
-    """The answer of a matcher that begins with nothing, but for the parsing."""
+def match_from_scratch(specifications: int, relevant: int) -> object:
+    """Return the answer of a new matcher."""
     matcher = Matcher(Knowledge(triples(specifications, relevant)))
     matcher.set_annotations(annotations(specifications, relevant))
     return matcher.match(CONCEPT)
 
 
 def ontology(*, quick: bool) -> Any:
-    """Loading classes, and the instances of a sort."""
+    """Measure the loading of classes, and the instances of a sort."""
     classes, objects = (500, 1_000) if quick else (5_000, 10_000)
     with tempfile.TemporaryDirectory() as folder, Ontology() as loaded:
         path = write_ontology(Path(folder, 'benchmark.nt'), classes, 1)
@@ -181,7 +181,7 @@ def ontology(*, quick: bool) -> Any:
 
 
 def service(*, quick: bool) -> Any:
-    """The round trip of a request, beside that of a service that answers nothing at once."""
+    """Measure the round trip of a request, and that of a service with an empty answer."""
     use_private_domain()
     rounds = 50 if quick else 500
     with tempfile.TemporaryDirectory() as folder:
@@ -218,7 +218,7 @@ def _round_trips(client: Client, rounds: int) -> dict[str, float]:
         begun = time.perf_counter()
         future = services[name].call_async(request)
         client.spin_until(future.done, name)
-        if number >= 20:  # noqa: PLR2004 - the first ones find each other
+        if number >= 20:  # noqa: PLR2004 - the first calls include discovery
             times[name].append(time.perf_counter() - begun)
         if name == MATCHING_SERVICE and number >= 20:  # noqa: PLR2004
             assert len(future.result().stream_specifications) == 1, future.result()
@@ -231,7 +231,7 @@ def _round_trips(client: Client, rounds: int) -> dict[str, float]:
 
 
 def _changes_by_service(client: Client, rounds: int) -> dict[str, float]:
-    """What those wait for who list a sort, add an annotation, and then match anew."""
+    """Return the times to list a sort, to add an annotation, and to match after that."""
     times: dict[str, list[float]] = {'instances_ms': [], 'add_ms': [], 'match_after_add_ms': []}
     for number in range(rounds):
         ssl = f'stream new{number} contains F1[uav1] = value;'
@@ -254,7 +254,7 @@ def _changes_by_service(client: Client, rounds: int) -> dict[str, float]:
 
 
 def serve_nothing() -> None:
-    """A node with an empty service."""
+    """Run a node with a service that returns an empty answer."""
     rclpy.init()
     node = rclpy.create_node('empty')
     node.create_service(
@@ -265,7 +265,7 @@ def serve_nothing() -> None:
 
 
 def main() -> None:
-    """Measures and prints, or serves as the baseline."""
+    """Measure and print, or run the baseline."""
     if sys.argv[1:] == ['--serve-nothing']:
         serve_nothing()
     else:

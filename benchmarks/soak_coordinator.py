@@ -1,4 +1,4 @@
-"""All of DyKnow under load while nodes and topics fail at random: is each answer right?
+"""Correctness of all answers under load, while nodes and topics fail at random.
 
 python benchmarks/soak_coordinator.py [--minutes 20] [--seed 1] [--steady] [--logs FOLDER] [--json]
 """
@@ -18,7 +18,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
-import questions
+import random_requests
 from dyknow_interfaces.msg import EvaluationStatus, EvaluationStatusArray
 from dyknow_interfaces.srv import FormulaGroupDestroy
 from faults import NODES, Faults
@@ -30,61 +30,59 @@ from processes import (
     wait_for_line,
     worker,
 )
-from questions import LATITUDE, Clientele
-from whole import COORDINATOR, REASONER, Whole
+from random_requests import MAX_DELAY_S, RandomRequests
+from running_system import COORDINATOR, REASONER, RunningSystem
 
 from dyknow_common.ros import LATCHED
 
 VEHICLES = 3
 RATE = 20.0
 CONSTRAINTS = 'with max_delay = 300 ms, sample_period = 50 ms, sample_period_deviation = 20 ms'
-TURN = 0.1
-"""Seconds between two questions."""
+REQUEST_PERIOD_S = 0.1
 
-KILLED_CLIENTS = 15.0
-"""Seconds between two clients that are killed."""
+CLIENT_PERIOD_S = 15.0
+"""Time between two clients that are killed."""
 
-LIMIT = 0.5
-"""MB per minute that the memory of a node may seem to grow."""
+MAX_GROWTH = 0.5
+"""Maximum growth of the memory of a node, MB per minute."""
 
-LONG = 300.0
-"""Seconds that a node has to live for its growth to tell anything: it warms up for minutes."""
+MIN_LIFE_S = 300.0
+"""Minimum life of a node for its growth to count: it warms up for minutes."""
 
 WARM_UP = 0.4
-PATIENCE = 20.0
-"""Seconds to leave the graph in."""
+EXIT_TIMEOUT_S = 20.0
 
-REST = 60.0
-"""Seconds after the last answer in which what is not needed any more has to be gone."""
+CLEANUP_TIMEOUT_S = 60.0
+"""Time from the last answer until everything unused must be gone."""
 
 
-def soak(arguments: argparse.Namespace, tell: Callable[[dict[str, Any]], None]) -> None:
-    """Asks and breaks, then tells what came of it."""
+def soak(arguments: argparse.Namespace, report: Callable[[dict[str, Any]], None]) -> None:
+    """Send requests and inject faults, then report the results."""
     chance = random.Random(arguments.seed)  # noqa: S311
     lives: dict[tuple[str, int], list[tuple[float, float]]] = {}
     evaluations: list[Any] = []
-    with Whole(VEHICLES, RATE, 2, CONSTRAINTS, far=True, logs=arguments.logs) as whole:
-        whole.client.node.create_subscription(
+    with RunningSystem(VEHICLES, RATE, 2, CONSTRAINTS, far=True, logs=arguments.logs) as system:
+        system.client.node.create_subscription(
             EvaluationStatusArray, f'{COORDINATOR}/evaluations', evaluations.append, LATCHED
         )
-        clientele = Clientele(whole.client, list(whole.sources), chance)
-        faults = Faults(whole, chance, () if arguments.steady else NODES)
+        requests = RandomRequests(system.client, list(system.sources), chance)
+        faults = Faults(system, chance, () if arguments.steady else NODES)
         end = time.monotonic() + arguments.minutes * 60
         while time.monotonic() < end:
-            _one_client_is_killed(whole, clientele, faults, lives)
+            _run_with_killed_client(system, requests, faults, lives)
             evaluations[:] = evaluations[-1:]
-        faults.heal()
-        _wait_for_answers(whole, clientele)
-        left = _left(whole, evaluations)
-        high = json.loads(whole.order('high'))
-        codes = whole.stop()
-        tell(
+        faults.repair_all()
+        _wait_for_answers(system, requests)
+        left = _left(system, evaluations)
+        high = json.loads(system.command('high'))
+        codes = system.stop()
+        report(
             {
                 'minutes': arguments.minutes,
                 'seed': arguments.seed,
                 'steady': arguments.steady,
-                'faults': dict(sorted(faults.happened.items())),
-                **_account(clientele, whole.sources, high),
+                'faults': dict(sorted(faults.injected.items())),
+                **_summary(requests, system.sources, high),
                 'left_behind': left,
                 'exit_codes': codes,
                 **_memory(lives),
@@ -92,76 +90,78 @@ def soak(arguments: argparse.Namespace, tell: Callable[[dict[str, Any]], None]) 
         )
 
 
-def _one_client_is_killed(
-    whole: Whole,
-    clientele: Clientele,
+def _run_with_killed_client(
+    system: RunningSystem,
+    requests: RandomRequests,
     faults: Faults,
     lives: dict[tuple[str, int], list[tuple[float, float]]],
 ) -> None:
-    """Goes on for a while, in which a client asks and does not live to hear the answers."""
-    end = time.monotonic() + KILLED_CLIENTS
-    with worker(10.0, program=questions.PROGRAM) as client:
+    """Continue for a while, with a client that is killed before it gets its answers."""
+    end = time.monotonic() + CLIENT_PERIOD_S
+    with worker(10.0, program=random_requests.PROGRAM) as client:
         wait_for_line(client)
         while time.monotonic() < end:
-            clientele.turn()
-            faults.turn()
-            whole.wait(TURN)
-            if time.monotonic() > end - KILLED_CLIENTS * 0.7:
+            requests.send()
+            faults.step()
+            system.wait(REQUEST_PERIOD_S)
+            if time.monotonic() > end - CLIENT_PERIOD_S * 0.7:
                 client.kill()
     now = time.monotonic()
-    for name, pid in whole.pids.items():
+    for name, pid in system.pids.items():
         with suppress(FileNotFoundError, ProcessLookupError):
             lives.setdefault((name, pid), []).append((now, resident_memory(pid)))
 
 
-def _wait_for_answers(whole: Whole, clientele: Clientele) -> None:
-    longest = max(kind.timeout for kind in questions.KINDS.values()) + LATITUDE
+def _wait_for_answers(system: RunningSystem, requests: RandomRequests) -> None:
+    longest = max(kind.timeout for kind in random_requests.KINDS.values()) + MAX_DELAY_S
     with suppress(TimeoutError):
-        whole.client.spin_until(lambda: not clientele.open, 'the last answers', longest)
+        system.client.spin_until(lambda: not requests.open, 'the last answers', longest)
 
 
-def _left(whole: Whole, evaluations: Sequence[Any]) -> dict[str, Any]:
-    """What is there though nobody asks for it any more."""
+def _left(system: RunningSystem, evaluations: Sequence[Any]) -> dict[str, Any]:
+    """Return the streams, groups and evaluations that are left over."""
 
     def left() -> dict[str, Any]:
         statuses = evaluations[-1].evaluations if evaluations else []
         return {
-            'streams': sorted(whole.streams() ^ {f'{name}_power' for name in whole.batteries}),
-            'groups': _groups(whole),
+            'streams': sorted(system.streams() ^ {f'{name}_power' for name in system.batteries}),
+            'groups': _groups(system),
             'evaluations': sum(each.phase != EvaluationStatus.ENDED for each in statuses),
         }
 
     with suppress(TimeoutError):
-        whole.client.spin_until(lambda: not any(left().values()), 'nothing is left', REST)
+        system.client.spin_until(
+            lambda: not any(left().values()), 'nothing is left', CLEANUP_TIMEOUT_S
+        )
     return left()
 
 
-def _groups(whole: Whole) -> list[str]:
-    """The formula groups that there are, as the refusal to destroy another one names them."""
-    answer = whole.client.call(
+def _groups(system: RunningSystem) -> list[str]:
+    """Return the formula groups, which the engine names when it refuses to destroy another one."""
+    answer = system.client.call(
         FormulaGroupDestroy, f'{REASONER}/formula_group_destroy', formula_group_id=-1
     )
     there_are = answer.exit_status.message.partition('there are')[2]
     return re.findall(r'\d+', there_are)
 
 
-def _account(
-    clientele: Clientele, sources: dict[str, tuple[str, ...]], high: dict[str, list[int]]
+def _summary(
+    requests: RandomRequests, sources: dict[str, tuple[str, ...]], high: dict[str, list[int]]
 ) -> dict[str, Any]:
     stamps = {
         vehicle: [stamp for name in names for stamp in high.get(name, ())]
         for vehicle, names in sources.items()
     }
-    outcomes = Counter(f'{each.name}: {each.outcome}' for each in clientele.asked)
-    faults = [(each, each.fault(stamps)) for each in clientele.asked]
-    answered = [each for each in clientele.asked if each.ended is not None]
+    outcomes = Counter(f'{each.name}: {each.outcome}' for each in requests.asked)
+    faults = [(each, each.fault(stamps)) for each in requests.asked]
+    answered = [each for each in requests.asked if each.ended is not None]
     at_once = [
         round((each.ended - each.begun) * 1e9)
         for each in answered
         if each.name == 'true at once' and each.outcome == 'true' and each.ended is not None
     ]
     return {
-        'asked': len(clientele.asked),
+        'asked': len(requests.asked),
         'answered': len(answered),
         'outcomes': dict(sorted(outcomes.items())),
         'faulty_answers': [f'{each.name}: {fault}' for each, fault in faults if fault],
@@ -170,48 +170,48 @@ def _account(
 
 
 def _memory(lives: dict[tuple[str, int], list[tuple[float, float]]]) -> dict[str, Any]:
-    """How the memory of each node grew over the longest of its lives."""
+    """Return the growth of the memory of each node over the longest of its lives."""
     longest: dict[str, list[tuple[float, float]]] = {}
     for (name, _), found in lives.items():
         longest[name] = max(longest.get(name, []), found, key=len)
     growth = {
         name: growth_per_minute(found, WARM_UP)
         for name, found in longest.items()
-        if found[-1][0] - found[0][0] > LONG
+        if found[-1][0] - found[0][0] > MIN_LIFE_S
     }
     return {
         'memory_mb': {name: [found[0][1], found[-1][1]] for name, found in longest.items()},
         'growth_mb_per_minute': growth,
-        'flat': all(each < LIMIT for each in growth.values()),
+        'flat': all(each < MAX_GROWTH for each in growth.values()),
     }
 
 
 def main() -> None:
-    """Runs and prints; the exit code is 1 where anything is not as it should be."""
+    """Run and print; the exit code is 1 if a requirement is not met."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument('--minutes', type=float, default=20.0)
-    parser.add_argument('--seed', type=int, default=1, help='of the questions and faults')
+    parser.add_argument('--seed', type=int, default=1, help='of the requests and faults')
     parser.add_argument(
-        '--steady', action='store_true', help='no node fails: tells how the memory of each grows'
+        '--steady', action='store_true', help='no node fails: measures the growth of memory'
     )
-    parser.add_argument('--logs', type=Path, help='an existing folder for what the nodes print')
+    parser.add_argument('--logs', type=Path, help='an existing folder for the logs of the nodes')
     parser.add_argument('--json', action='store_true', help='print one JSON object')
     arguments = parser.parse_args()
     use_private_domain()
 
-    def tell(found: dict[str, Any]) -> None:
+    def report(found: dict[str, Any]) -> None:
         if arguments.json:
             print(json.dumps(found), flush=True)
         else:
             for name, value in found.items():
                 print(f'{name}: {value}', flush=True)
-        # The middleware may wait for ever for a lock in shared memory that a killed process held.
-        watch = threading.Timer(PATIENCE, os._exit, (_is_wrong(found),))
+        # The middleware may wait forever for a lock in shared memory that a killed process held.
+        watch = threading.Timer(EXIT_TIMEOUT_S, os._exit, (_is_wrong(found),))
         watch.daemon = True
         watch.start()
         raise SystemExit(_is_wrong(found))
 
-    soak(arguments, tell)
+    soak(arguments, report)
 
 
 def _is_wrong(found: dict[str, Any]) -> bool:

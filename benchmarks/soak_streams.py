@@ -1,4 +1,4 @@
-"""An engine and a manager under load for minutes: is their memory flat, is nothing lost?
+"""Memory and samples of an engine and a manager under load for minutes.
 
 python benchmarks/soak_streams.py [--minutes 10] [--json]
 """
@@ -12,7 +12,6 @@ from contextlib import suppress
 from itertools import count
 from typing import Any
 
-from accounts import Accounts
 from dyknow_interfaces.srv import StreamDestroy
 from processes import (
     ENGINE,
@@ -26,36 +25,37 @@ from processes import (
     use_private_domain,
     worker,
 )
+from stream_counts import StreamCounts
 from workers import FIELDS
 
 TOPICS = 10
 RATE = 50.0
-JITTER = 60.0
-"""Milliseconds by which stamps are late at most."""
+JITTER_MS = 60.0
+"""Maximum delay of messages after their stamps."""
 
 LASTING = {
-    # Half of the samples come too late, none is late, those out of order are dropped.
+    # Half of the samples are late; no sample is late; samples out of order are dropped.
     'punctual': ' with max_delay = 30 ms',
     'patient': ' with max_delay = 5 s',
     'plain': '',
 }
-PASSING = (
+TEMPORARY = (
     'stream a = select pose.pose.position.x as x from "/odometry0" with max_delay = 100 ms; '
     'stream b = select pose.pose.position.y as y from "/odometry1" with max_delay = 100 ms; '
     'stream s = sync(a, b) with sample_period = 20 ms, sample_period_deviation = 0 ms; sink s'
 )
-ALIVE = 5
-"""How many of the streams that come and go there are at a time."""
+MAX_TEMPORARY = 5
+"""Maximum number of temporary streams."""
 
-LIMIT = 0.25
-"""MB per minute that memory may seem to grow."""
+MAX_GROWTH = 0.25
+"""Maximum growth of memory, MB per minute."""
 
 WARM_UP = 0.4
-"""The part of the run in which the histories of violations, which are bounded, fill up."""
+"""The fraction of the run in which the bounded histories of violations fill up."""
 
 
 class Churn:
-    """Creates a stream and destroys the oldest, again and again."""
+    """Creates temporary streams and destroys the oldest ones."""
 
     def __init__(self, client: Client) -> None:
         self.created = 0
@@ -63,48 +63,48 @@ class Churn:
         self._alive: list[str] = []
         self._numbers = count()
 
-    def turn(self) -> None:
-        """Creates a stream, and destroys one where there are many."""
-        name = f'passing{next(self._numbers)}'
-        self._client.create(name, PASSING, MANAGER)
+    def step(self) -> None:
+        """Create a stream, and destroy the oldest one if there are many."""
+        name = f'temporary{next(self._numbers)}'
+        self._client.create(name, TEMPORARY, MANAGER)
         self.created += 1
         self._alive.append(name)
-        if len(self._alive) > ALIVE:
+        if len(self._alive) > MAX_TEMPORARY:
             service = f'{MANAGER}/stream_destroy'
             answer = self._client.call(StreamDestroy, service, stream_name=self._alive.pop(0))
             assert not answer.exit_status.code, answer.exit_status.message
 
 
 def soak(minutes: float) -> dict[str, Any]:
-    """Runs the load, and tells how memory grew and what became of the samples."""
+    """Run the load; return the growth of memory and the counts of samples."""
     memory: dict[str, list[tuple[float, float]]] = {ENGINE: [], MANAGER: []}
     messages = round(minutes * 60 * RATE)
     with nodes(ENGINE, MANAGER) as (client, processes):
-        accounts, churn = Accounts(client), Churn(client)
+        stream_counts, churn = StreamCounts(client), Churn(client)
         _create_lasting(client)
-        arguments = ('--number', TOPICS, '--rate', RATE, '--jitter', JITTER)
+        arguments = ('--number', TOPICS, '--rate', RATE, '--jitter', JITTER_MS)
         begun = time.monotonic()
         with worker('publish', *arguments, '--messages', messages) as publisher:
             while publisher.poll() is None:
-                churn.turn()
+                churn.step()
                 _wait(client, 0.5)
                 for name, found in memory.items():
                     found.append((time.monotonic() - begun, resident_memory(processes[name])))
             assert result_of(publisher)['sent'] == messages * TOPICS
-        lost = _lost(client, accounts, messages)
+        lost = _lost(client, stream_counts, messages)
         share = processor_time(processes[ENGINE]) / (time.monotonic() - begun)
     growth = {name: growth_per_minute(found, WARM_UP) for name, found in memory.items()}
     return {
         'minutes': minutes,
         'messages': messages * TOPICS,
         'streams_created': churn.created,
-        'samples_out': accounts.samples,
-        'dropped': accounts.dropped,
+        'samples_out': stream_counts.samples,
+        'dropped': stream_counts.dropped,
         'samples_lost': lost,
         'engine_processor_share': round(share, 2),
         'memory_mb': {name: [found[0][1], found[-1][1]] for name, found in memory.items()},
         'growth_mb_per_minute': growth,
-        'flat': all(each < LIMIT for each in growth.values()),
+        'flat': all(each < MAX_GROWTH for each in growth.values()),
     }
 
 
@@ -123,25 +123,25 @@ def _create_lasting(client: Client) -> None:
             client.create(f'{name}{topic}', text, MANAGER)
 
 
-def _lost(client: Client, accounts: Accounts, messages: int) -> int:
-    """How many samples neither came out of the lasting streams nor were counted as dropped."""
+def _lost(client: Client, stream_counts: StreamCounts, messages: int) -> int:
+    """Return the number of samples that the lasting streams neither emitted nor dropped."""
     names = [f'{name}{topic}' for name in LASTING for topic in range(TOPICS)]
 
     def missing() -> int:
-        return sum(messages - accounts.streams[name].total for name in names)
+        return sum(messages - stream_counts.streams[name].total for name in names)
 
     with suppress(TimeoutError):
-        client.spin_until(lambda: bool(accounts.streams) and not missing(), 'all samples')
+        client.spin_until(lambda: bool(stream_counts.streams) and not missing(), 'all samples')
     return missing()
 
 
 def _wait(client: Client, seconds: float) -> None:
     end = time.monotonic() + seconds
-    client.spin_until(lambda: time.monotonic() > end, 'the next turn')
+    client.spin_until(lambda: time.monotonic() > end, 'the next step')
 
 
 def main() -> None:
-    """Runs and prints; the exit code is 1 where memory grows or samples are lost."""
+    """Run and print; the exit code is 1 if memory grows or samples are lost."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument('--minutes', type=float, default=10.0)
     parser.add_argument('--json', action='store_true', help='print one JSON object')

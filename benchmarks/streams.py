@@ -1,4 +1,4 @@
-"""What streams cost: in the core, in a node, in an engine; each beside its baseline in one run.
+"""Cost of streams in the core, in a node and in an engine, with baselines in the same run.
 
 python benchmarks/streams.py [--json] [--only core|figure_6|relay|load] [--quick]
 """
@@ -7,7 +7,6 @@ from __future__ import annotations
 
 from typing import Any
 
-from accounts import Accounts
 from core import core_rows
 from parts import measure
 from processes import (
@@ -20,6 +19,7 @@ from processes import (
     wait_for_line,
     worker,
 )
+from stream_counts import StreamCounts
 from workers import FIELDS
 
 RELAY_STREAM = (
@@ -33,12 +33,12 @@ LOAD_RATE = 20.0
 
 
 def core(*, quick: bool) -> Any:
-    """Operators without ROS."""
+    """Measure the operators without ROS."""
     return core_rows(5_000 if quick else 50_000)
 
 
 def figure_6(*, quick: bool) -> Any:
-    """Delays of n StreamProxies, and of n bare subscriptions, to one topic at 100 Hz."""
+    """Measure the delays of n StreamProxies, and of n bare subscriptions, to a topic at 100 Hz."""
     seconds, repetitions = (2.0, 1) if quick else (4.0, 3)
     rows = []
     with worker('publish', '--rate', 100):
@@ -60,7 +60,7 @@ def _compared(number: int, found: dict[str, dict[str, float]]) -> dict[str, Any]
 
 
 def relay(*, quick: bool) -> Any:
-    """From a source at 100 Hz to a sink, through an engine and through a bare relay node."""
+    """Measure the delay from a source to a sink through an engine and through a bare relay node."""
     seconds, repetitions = (3.0, 1) if quick else (6.0, 4)
     delays: dict[str, list[int]] = {'engine': [], 'bare': [], 'direct': []}
     used: dict[str, float] = {'engine': 0.0, 'bare': 0.0}
@@ -82,7 +82,7 @@ def relay(*, quick: bool) -> Any:
 
 
 def _sink(topic: str, seconds: float, relay_process: int, delays: list[int]) -> float:
-    """Adds the delays of a topic, and returns what the relaying process computed meanwhile."""
+    """Add the delays of a topic; return the processor time of the relay."""
     with worker('sink', '--topic', topic, '--seconds', seconds) as process:
         # The start of the relay costs more than its work.
         wait_for_line(process)
@@ -92,10 +92,10 @@ def _sink(topic: str, seconds: float, relay_process: int, delays: list[int]) -> 
 
 
 def load(*, quick: bool) -> Any:
-    """An engine with 200 streams over 50 topics at 20 Hz: all are sent, one is measured."""
+    """Measure an engine with 200 streams over 50 topics at 20 Hz."""
     messages = 100 if quick else 400
     with nodes(ENGINE) as (client, processes):
-        accounts = Accounts(client)
+        stream_counts = StreamCounts(client)
         for number in range(STREAMS):
             client.create(f's{number}', f'select {FIELDS} from "/odometry{number % TOPICS}"')
         arguments = ('--number', TOPICS, '--rate', LOAD_RATE, '--messages', messages)
@@ -110,22 +110,23 @@ def load(*, quick: bool) -> Any:
                 sent = result_of(publisher)['sent']
             expected = sent * STREAMS // TOPICS
             client.spin_until(
-                lambda: accounts.samples + accounts.dropped >= expected, f'{expected} samples'
+                lambda: stream_counts.samples + stream_counts.dropped >= expected,
+                f'{expected} samples',
             )
             used = processor_time(processes[ENGINE]) - begun
             delays = result_of(sink)['delays']
         return {
             'messages': sent,
             'samples_expected': expected,
-            'samples_out': accounts.samples,
-            'dropped': accounts.dropped,
+            'samples_out': stream_counts.samples,
+            'dropped': stream_counts.dropped,
             'engine_processor_share': round(used / seconds, 2),
             'delay': summary(delays),
         }
 
 
 def main() -> None:
-    """Measures and prints."""
+    """Measure and print."""
     use_private_domain()
     measure(__doc__, core, figure_6, relay, load)
 

@@ -1,4 +1,4 @@
-"""The processes that the benchmarks measure, or that keep them busy; each prints one JSON line."""
+"""Processes that benchmarks measure, or that produce their load; each prints one line of JSON."""
 
 from __future__ import annotations
 
@@ -17,38 +17,39 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
 
+from dyknow_common import SECOND_NS
 from dyknow_common.ros import STREAM, nanoseconds_to_time, time_to_nanoseconds
 from dyknow_stream_processing.ros import StreamProxy
 
 FIELDS = 'pose.pose.position.x as x, pose.pose.position.y as y, twist.twist.linear.x as speed'
-WARM_UP = 0.5
-"""Seconds in which nothing is measured."""
+WARM_UP_S = 0.5
+"""Time without measurement."""
 
 
 class Outcome:
-    """What a role is for: the delays from the stamps of messages to their receipt, nanoseconds."""
+    """Result of a role: the delays from the stamps of messages to their receipt, nanoseconds."""
 
     def __init__(self) -> None:
         self.delays: list[int] = []
         self.sent = 0
         self.begun: float | None = None
 
-    def note(self, stamp: int) -> None:
-        """Takes the stamp of what is received now."""
+    def record(self, stamp: int) -> None:
+        """Record the stamp of a message that is received now."""
         now = time.time_ns()
         if self.begun is None:
             self.begun = time.monotonic()
             print('begun', flush=True)
-        if time.monotonic() > self.begun + WARM_UP:
+        if time.monotonic() > self.begun + WARM_UP_S:
             self.delays.append(now - stamp)
 
     def is_over(self, seconds: float) -> bool:
-        """Whether it has measured long enough, from the first message on."""
-        return self.begun is not None and time.monotonic() > self.begun + WARM_UP + seconds
+        """Return True if it has measured for so long from the first message on."""
+        return self.begun is not None and time.monotonic() > self.begun + WARM_UP_S + seconds
 
 
 def publish(node: Node, arguments: argparse.Namespace) -> Outcome:
-    """Publishes odometry on topics in turn; waits for subscribers to all if it is to end."""
+    """Publish odometry on topics in turn; with --messages, wait for subscribers to all first."""
     publishers = [
         node.create_publisher(Odometry, f'/odometry{number}', 100)
         for number in range(arguments.number)
@@ -57,14 +58,14 @@ def publish(node: Node, arguments: argparse.Namespace) -> Outcome:
     outcome = Outcome()
     chance = random.Random(1)  # noqa: S311
     begun: list[int] = []
-    period = 1_000_000_000 / (arguments.rate * arguments.number)
+    period = SECOND_NS / (arguments.rate * arguments.number)
 
     def tick() -> None:
         if not begun:
             if total is not None and not all(each.get_subscription_count() for each in publishers):
                 return
             begun.append(time.time_ns())
-        # What is due is sent, however late the timer is.
+        # All due messages are sent, also if the timer is late.
         while begun[0] + outcome.sent * period <= time.time_ns():
             _send(outcome.sent)
             outcome.sent += 1
@@ -83,14 +84,14 @@ def publish(node: Node, arguments: argparse.Namespace) -> Outcome:
 
 
 def bare(node: Node, arguments: argparse.Namespace) -> Outcome:
-    """Subscriptions as a user of rclpy writes them, that read the same fields."""
+    """Subscribe as a user of rclpy does, and read the same fields."""
     outcome = Outcome()
 
     def receive(message: Any) -> None:
         pose, twist = message.pose.pose.position, message.twist.twist.linear
         fields = {'x': pose.x, 'y': pose.y, 'speed': twist.x}
         assert len(fields) == 3  # noqa: PLR2004
-        outcome.note(time_to_nanoseconds(message.header.stamp))
+        outcome.record(time_to_nanoseconds(message.header.stamp))
 
     for _ in range(arguments.number):
         node.create_subscription(Odometry, '/odometry0', receive, 10)
@@ -98,19 +99,19 @@ def bare(node: Node, arguments: argparse.Namespace) -> Outcome:
 
 
 def proxy(node: Node, arguments: argparse.Namespace) -> Outcome:
-    """StreamProxies."""
+    """Make StreamProxies."""
     outcome = Outcome()
     for _ in range(arguments.number):
         StreamProxy(
             node,
             f'select {FIELDS} from "/odometry0"',
-            on_sample=lambda sample: outcome.note(sample.valid_time),
+            on_sample=lambda sample: outcome.record(sample.valid_time),
         )
     return outcome
 
 
 def relay(node: Node, _arguments: argparse.Namespace) -> Outcome:
-    """A node that subscribes and publishes a sample of as many fields."""
+    """Subscribe, and publish samples with the same number of fields."""
     publisher = node.create_publisher(Sample, '/relayed', STREAM)
 
     def receive(message: Any) -> None:
@@ -130,19 +131,19 @@ def relay(node: Node, _arguments: argparse.Namespace) -> Outcome:
 
 
 def sink(node: Node, arguments: argparse.Namespace) -> Outcome:
-    """Takes the samples of a topic."""
+    """Receive the samples of a topic."""
     outcome = Outcome()
     node.create_subscription(
         Sample,
         arguments.topic,
-        lambda sample: outcome.note(time_to_nanoseconds(sample.valid_time)),
+        lambda sample: outcome.record(time_to_nanoseconds(sample.valid_time)),
         STREAM,
     )
     return outcome
 
 
 def matched(node: Node, arguments: argparse.Namespace) -> Outcome:
-    """Subscribes to streams of the engine so that they are sent, and takes nothing."""
+    """Subscribe to streams of the engine, which then publishes them, and receive nothing."""
     for number in range(arguments.number):
         topic = f'/dyknow/streams/s{number}'
         node.create_subscription(Sample, topic, lambda _: None, QoSProfile(depth=1))
@@ -155,7 +156,7 @@ ROLES = {each.__name__: each for each in (publish, bare, proxy, relay, sink, mat
 
 
 def main() -> None:
-    """Plays a role for a time."""
+    """Run a role for a time."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument('role', choices=ROLES)
     parser.add_argument('--number', type=int, default=1, help='of topics or subscriptions')

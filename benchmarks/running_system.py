@@ -1,4 +1,4 @@
-"""All of DyKnow for a fleet, each node a process of its own, and what it costs."""
+"""All nodes of DyKnow for a fleet, each in a process of its own, and their costs."""
 
 from __future__ import annotations
 
@@ -29,6 +29,7 @@ from dyknow_bringup.processes.launcher import Launcher
 from dyknow_bringup.processes.processes import Process, SystemConfiguration, dyknow_processes
 from dyknow_bringup.resources import uav_ontology_path
 from dyknow_bringup.simulation.fleet import fleet_ontology, vehicle_names
+from dyknow_common import SECOND_NS
 from dyknow_common.ros import RUNNING, STATUS, nanoseconds_to_duration
 
 COORDINATOR = 'stream_reasoning_coordinator'
@@ -41,7 +42,7 @@ EVALUATE = f'{COORDINATOR}/evaluate_formula'
 def configure(
     sources: Mapping[str, Sequence[str]], folder: Path, constraints: str
 ) -> SystemConfiguration:
-    """The power of each vehicle, from the stamped messages of one battery or another.
+    """Return a configuration with the power of each vehicle from each of its batteries.
 
     Args:
         sources: the names of the batteries of each vehicle.
@@ -69,15 +70,15 @@ def configure(
     )
 
 
-class Whole:
-    """The nodes, a fleet and a client; ends with its block.
+class RunningSystem:
+    """The nodes, a fleet and a client; a context manager that stops them.
 
     Args:
-        batteries: how many each vehicle has.
+        batteries: the number for each vehicle.
         constraints: of the streams of the fleet, such as `with max_delay = 1 s`.
         progress_period: seconds between two reports of the reasoning engine on a formula.
-        far: whether there is a second stream processing engine, in a namespace of its own.
-        logs: a folder for what the nodes print; where there is none, it is forgotten.
+        far: True for a second stream processing engine, in a namespace of its own.
+        logs: a folder for the logs of the nodes; None: they are deleted.
     """
 
     def __init__(
@@ -112,7 +113,7 @@ class Whole:
         self.fleet = self._stack.enter_context(
             worker(self._rate, *self.batteries, robots.ROBOT, program=robots.PROGRAM)
         )
-        self._stack.callback(robots.dismiss, self.fleet)
+        self._stack.callback(robots.stop, self.fleet)
         wait_for_line(self.fleet)
         configuration = configure(self.sources, folder, self._constraints)
         self._processes = {
@@ -132,7 +133,7 @@ class Whole:
             self.start(node)
         self._wait_until_ready()
         self.client.node.create_subscription(
-            FormulaProgress, f'{REASONER}/progress', self._note, 1000
+            FormulaProgress, f'{REASONER}/progress', self._on_progress, 1000
         )
         return self
 
@@ -140,15 +141,15 @@ class Whole:
         self._stack.close()
 
     def start(self, node: str) -> None:
-        """Starts a node."""
+        """Start a node."""
         self.pids[node] = self._launchers[node].start(self._processes[node]).pid
 
     def kill(self, node: str) -> None:
-        """Ends a node without warning."""
+        """Kill a node."""
         self._launchers[node].kill(self._processes[node].executable)
 
     def stop(self) -> dict[str, int]:
-        """Ends all nodes; their exit codes."""
+        """Stop all nodes and return their exit codes."""
         codes = self._launchers[COORDINATOR].stop_all()
         if self._far:
             (codes[FAR_ENGINE],) = self._launchers[FAR_ENGINE].stop_all().values()
@@ -156,38 +157,38 @@ class Whole:
 
     @property
     def batteries(self) -> list[str]:
-        """The names of all."""
+        """The names of all batteries."""
         return [name for names in self.sources.values() for name in names]
 
-    def is_tidy(self) -> bool:
-        """Whether there are the streams of the fleet, and no others."""
+    def has_fleet_streams_only(self) -> bool:
+        """Return True if the only streams are those of the fleet."""
         return self.streams() == {f'{name}_power' for name in self.batteries}
 
-    def order(self, *words: object) -> str:
-        """Gives the fleet an order."""
-        return robots.order(self.fleet, *words)
+    def command(self, *words: object) -> str:
+        """Send a command to the fleet and return its answer."""
+        return robots.command(self.fleet, *words)
 
     def ask(self, formula: str, timeout: float = 600.0) -> Future:
-        """Asks the coordinator, and does not wait."""
+        """Send a formula to the coordinator and return the future of the answer."""
         return ask(self.client, EVALUATE, formula, timeout)
 
     def streams(self) -> set[str]:
-        """Those that the manager knows."""
+        """Return the names of the streams that the manager knows."""
         return set(self.client.call(ListStreams, f'{MANAGER}/list_streams').stream_names)
 
     def wait_for_running(self, number: int, known: set[tuple[int, int]]) -> None:
-        """Waits until states have come for so many formulas that were not known before."""
+        """Wait until so many formulas that are not in `known` have had a state."""
         self.client.spin_until(
             lambda: len(self.progress.keys() - known) >= number, f'{number} formulas run', 60.0
         )
 
     def wait(self, seconds: float) -> None:
-        """Lets time pass."""
+        """Run callbacks for a time."""
         end = time.monotonic() + seconds
         self.client.spin_until(lambda: time.monotonic() > end, 'time', seconds + 1)
 
     def costs(self, seconds: float) -> dict[str, dict[str, float]]:
-        """Share of a core, and memory in MB, of each node over a time."""
+        """Return the share of a core and the memory in MB of each node over a time."""
         begun, before = time.monotonic(), self._processor_times()
         self.wait(seconds)
         elapsed, after = time.monotonic() - begun, self._processor_times()
@@ -210,32 +211,34 @@ class Whole:
         return {name: processor_time(pid) for name, pid in self.pids.items()}
 
     def _wait_until_ready(self) -> None:
-        said: list[str] = []
+        messages: list[str] = []
         listener = self.client.node.create_subscription(
             DiagnosticStatus,
             f'{COORDINATOR}/status',
-            lambda status: said.append(status.message),
+            lambda status: messages.append(status.message),
             STATUS,
         )
-        self.client.spin_until(lambda: said[-1:] == [RUNNING], f'the coordinator runs: {said}')
+        self.client.spin_until(
+            lambda: messages[-1:] == [RUNNING], f'the coordinator runs: {messages}'
+        )
         self.client.node.destroy_subscription(listener)
-        self.client.spin_until(self.is_tidy, 'just the streams of the fleet')
+        self.client.spin_until(self.has_fleet_streams_only, 'just the streams of the fleet')
 
-    def _note(self, report: Any) -> None:
-        valid = report.latest_valid_time.sec * robots.SECOND + report.latest_valid_time.nanosec
+    def _on_progress(self, report: Any) -> None:
+        valid = report.latest_valid_time.sec * SECOND_NS + report.latest_valid_time.nanosec
         if report.states_progressed:
             key = (report.formula_group_id, report.formula_id)
             self.progress.setdefault(key, []).append((report.states_progressed, valid))
 
 
 def ask(client: Client, service: str, formula: str, timeout: float) -> Future:
-    """The future of an answer."""
+    """Call a service with a formula and return the future of the answer."""
     fields = {'formula': formula, 'timeout': nanoseconds_to_duration(round(timeout * 1e9))}
     return client.request(EvaluateFormula, service, **fields)
 
 
 def timed(future: Future, clock: Callable[[], int] = time.time_ns) -> list[int]:
-    """Is given the time at which a future is done, nanoseconds."""
+    """Return a list that gets the time at which a future is done, nanoseconds."""
     times: list[int] = []
     future.add_done_callback(lambda _: times.append(clock()))
     return times

@@ -1,4 +1,4 @@
-"""What an engine says of its streams on its topic `streams`."""
+"""Counts of samples that an engine reports on its topic `streams`."""
 
 from __future__ import annotations
 
@@ -12,37 +12,39 @@ from dyknow_common.ros import LATCHED
 
 
 @dataclass(frozen=True, slots=True)
-class Account:
-    """How many samples came out of a stream, and how many were dropped and counted."""
+class SampleCounts:
+    """Samples that a stream emitted, and those that it dropped and counted."""
 
     samples: int
     dropped: int
 
     @property
     def total(self) -> int:
-        """What went in."""
+        """The samples that the stream received."""
         return self.samples + self.dropped
 
 
-class Accounts:
-    """The latest accounts of all streams, by name."""
+class StreamCounts:
+    """The latest counts of all streams, by name."""
 
     def __init__(self, client: Client) -> None:
-        self.streams: dict[str, Account] = {}
-        client.node.create_subscription(StreamStatusArray, f'{ENGINE}/streams', self._take, LATCHED)
+        self.streams: dict[str, SampleCounts] = {}
+        client.node.create_subscription(
+            StreamStatusArray, f'{ENGINE}/streams', self._on_report, LATCHED
+        )
 
     @property
     def samples(self) -> int:
-        """Of all streams."""
+        """The samples that all streams emitted."""
         return sum(each.samples for each in self.streams.values())
 
     @property
     def dropped(self) -> int:
-        """In all streams."""
+        """The samples that all streams dropped."""
         return sum(each.dropped for each in self.streams.values())
 
-    def _take(self, report: Any) -> None:
+    def _on_report(self, report: Any) -> None:
         self.streams = {
-            each.name: Account(each.samples, sum(drop.count for drop in each.drops))
+            each.name: SampleCounts(each.samples, sum(drop.count for drop in each.drops))
             for each in report.streams
         }

@@ -1,6 +1,6 @@
-"""Random formulas over a fleet: how they are asked, and what may be answered.
+"""Random requests over a fleet, and their possible answers.
 
-python benchmarks/questions.py SECONDS asks three of them, as a client that is killed later.
+`python benchmarks/random_requests.py SECONDS` sends three formulas, as a client to be killed.
 """
 
 from __future__ import annotations
@@ -18,40 +18,40 @@ from dyknow_interfaces.msg import ExitStatus, FormulaResult
 from processes import Client
 from rclpy.action import ActionClient
 from rclpy.task import Future
-from robots import SECOND
-from whole import COORDINATOR, EVALUATE, ask
+from running_system import COORDINATOR, EVALUATE, ask
 
+from dyknow_common import SECOND_NS
 from dyknow_common.ros import nanoseconds_to_duration, time_to_nanoseconds
 
 PROGRAM = Path(__file__)
 
-LATITUDE = 6.0
-"""Seconds after its timeout within which each is answered."""
+MAX_DELAY_S = 6.0
+"""Maximum time from the timeout of a request to its answer."""
 
-WINDOW = 2
-"""Seconds of the windows in formulas."""
+WINDOW_S = 2
+"""Length of the windows in formulas."""
 
-MARGIN = SECOND // 4
-"""Nanoseconds at either end of a window that are given no thought: five states."""
+MARGIN_NS = SECOND_NS // 4
+"""Time at both ends of a window that is ignored: five states."""
 
-RESTING = SECOND
-"""Nanoseconds for which a value holds at most: a stream that is silent breaks its constraints."""
+MAX_AGE_NS = SECOND_NS
+"""Maximum age of a value: a silent stream violates its constraints."""
 
 FAILURES = frozenset({ExitStatus.UNAVAILABLE, ExitStatus.CONSTRAINT_VIOLATION, ExitStatus.TIMEOUT})
-"""What may become of any formula while nodes and topics fail."""
+"""Errors that any request may get while nodes and topics fail."""
 
 
 @dataclass(frozen=True)
 class Kind:
-    """A sort of question.
+    """A kind of request.
 
     Args:
-        formula: over a vehicle that is filled in.
-        verdicts: those that may be right.
-        failures: the other ends that it may come to.
+        formula: with a placeholder for a vehicle.
+        verdicts: the correct ones.
+        failures: the possible errors.
         timeout: seconds.
-        watches: whether its verdict depends on high levels.
-        cancelled_after: seconds, for one that is monitored.
+        watches: True if its verdict depends on high levels.
+        cancelled_after: seconds after which a monitored formula is cancelled; None: not monitored.
     """
 
     formula: str
@@ -71,14 +71,14 @@ _ALL = 'forall u in UAV: always Power[u] < 100'
 
 KINDS = {
     'true at once': Kind('forall u in UAV: Power[u] > 0', _TRUE),
-    'true soon': Kind(f'always[0 s, {WINDOW} s] Power[{{}}] < 1000', _TRUE),
-    'false soon': Kind(f'eventually[0 s, {WINDOW} s] Power[{{}}] > 1000', _FALSE),
-    'held': Kind(f'always[0 s, {WINDOW} s] Power[{{}}] < 100', _TRUE | _FALSE, watches=True),
+    'true soon': Kind(f'always[0 s, {WINDOW_S} s] Power[{{}}] < 1000', _TRUE),
+    'false soon': Kind(f'eventually[0 s, {WINDOW_S} s] Power[{{}}] > 1000', _FALSE),
+    'held': Kind(f'always[0 s, {WINDOW_S} s] Power[{{}}] < 100', _TRUE | _FALSE, watches=True),
     'held for ever': Kind('always Power[{}] < 100', _FALSE, watches=True),
     'held by all': Kind(_ALL, _FALSE, timeout=20.0, watches=True),
     'timeout': Kind('always Power[{}] < 1000', timeout=1.0),
     'cancelled': Kind('always Power[{}] < 1000', failures=_CANCELLED, cancelled_after=1.5),
-    'monitored': Kind(f'always[0 s, {WINDOW} s] Power[{{}}] < 1000', _TRUE, cancelled_after=30.0),
+    'monitored': Kind(f'always[0 s, {WINDOW_S} s] Power[{{}}] < 1000', _TRUE, cancelled_after=30.0),
     'bad syntax': Kind('always Power[{}] <', failures=_REFUSED),
     'bad type': Kind('Power[{}] and true', failures=_REFUSED),
     'unknown feature': Kind('always Powr[{}] < 100', failures=_UNKNOWN),
@@ -87,8 +87,8 @@ KINDS = {
 
 
 @dataclass
-class Asked:
-    """A question, and what became of it; times of the monotonic clock, seconds."""
+class Request:
+    """A request and its answer; times of the monotonic clock, seconds."""
 
     name: str
     vehicles: Sequence[str]
@@ -98,12 +98,12 @@ class Asked:
 
     @property
     def kind(self) -> Kind:
-        """Which sort it is of."""
+        """The kind of the request."""
         return KINDS[self.name]
 
     @property
     def outcome(self) -> str:
-        """In a word."""
+        """The outcome in a word or two."""
         if self.answer is None:
             return 'lost'
         code, verdict = self.answer.exit_status.code, self.answer.verdict
@@ -112,42 +112,42 @@ class Asked:
         return {FormulaResult.TRUE: 'true', FormulaResult.FALSE: 'false'}.get(verdict, 'undecided')
 
     def fault(self, high: Mapping[str, Sequence[int]]) -> str:
-        """What is wrong with the answer; empty where nothing is.
+        """Return the defect of the answer; empty if there is none.
 
         Args:
             high: the stamps of the high levels of each vehicle.
         """
         if self.ended is None:
             return 'not answered'
-        if self.ended - self.begun > self.kind.timeout + LATITUDE:
+        if self.ended - self.begun > self.kind.timeout + MAX_DELAY_S:
             return f'answered after {self.ended - self.begun:.1f} s: {self.outcome}'
         code, verdict = self.answer.exit_status.code, self.answer.verdict
         if code:
             return '' if code in self.kind.failures else f'error {self.answer.exit_status}'
         if verdict not in self.kind.verdicts:
             return f'verdict {verdict}'
-        return self._misjudged(high) if self.kind.watches else ''
+        return self._wrong_verdict(high) if self.kind.watches else ''
 
-    def _misjudged(self, high: Mapping[str, Sequence[int]]) -> str:
+    def _wrong_verdict(self, high: Mapping[str, Sequence[int]]) -> str:
         decided = time_to_nanoseconds(self.answer.decided_at)
         stamps = [stamp for vehicle in self.vehicles for stamp in high.get(vehicle, ())]
         if self.answer.verdict == FormulaResult.FALSE:
-            seen = any(decided - RESTING <= stamp <= decided for stamp in stamps)
+            seen = any(decided - MAX_AGE_NS <= stamp <= decided for stamp in stamps)
             return '' if seen else 'false, and no level was high'
-        begun = decided - WINDOW * SECOND + MARGIN
-        missed = [stamp for stamp in stamps if begun <= stamp <= decided - MARGIN]
+        begun = decided - WINDOW_S * SECOND_NS + MARGIN_NS
+        missed = [stamp for stamp in stamps if begun <= stamp <= decided - MARGIN_NS]
         return f'true, and {len(missed)} levels were high' if missed else ''
 
 
 @dataclass
-class Clientele:
-    """Those who ask; `turn` has them ask more."""
+class RandomRequests:
+    """Clients that send random requests."""
 
     client: Client
     vehicles: Sequence[str]
     chance: random.Random
-    most: int = 12
-    asked: list[Asked] = field(default_factory=list)
+    max_open: int = 12
+    asked: list[Request] = field(default_factory=list)
 
     def __post_init__(self) -> None:
         self._monitor = ActionClient(
@@ -155,19 +155,19 @@ class Clientele:
         )
 
     @property
-    def open(self) -> list[Asked]:
-        """The questions that are not answered yet."""
+    def open(self) -> list[Request]:
+        """The requests without an answer."""
         return [each for each in self.asked if each.ended is None]
 
-    def turn(self) -> None:
-        """Asks a question, unless many are open."""
-        if len(self.open) >= self.most:
+    def send(self) -> None:
+        """Send a request, unless many are open."""
+        if len(self.open) >= self.max_open:
             return
         name = self.chance.choice(list(KINDS))
         vehicle = self.chance.choice(self.vehicles)
         formula = KINDS[name].formula.format(vehicle)
         vehicles = [vehicle] if '{}' in KINDS[name].formula else self.vehicles
-        asked = Asked(name, vehicles, time.monotonic())
+        asked = Request(name, vehicles, time.monotonic())
         self.asked.append(asked)
 
         def end(answer: Any) -> None:
@@ -179,7 +179,7 @@ class Clientele:
         else:
             self._watch(formula, asked, end)
 
-    def _watch(self, formula: str, asked: Asked, end: Callable[[Any], None]) -> None:
+    def _watch(self, formula: str, asked: Request, end: Callable[[Any], None]) -> None:
         timeout = nanoseconds_to_duration(round(asked.kind.timeout * 1e9))
         goal = MonitorFormula.Goal(formula=formula, timeout=timeout)
 
@@ -190,7 +190,7 @@ class Clientele:
 
         self._monitor.send_goal_async(goal).add_done_callback(accepted)
 
-    def _cancel_later(self, handle: Any, asked: Asked) -> None:
+    def _cancel_later(self, handle: Any, asked: Request) -> None:
         def cancel() -> None:
             self.client.node.destroy_timer(timer)
             if asked.ended is None:
@@ -200,7 +200,7 @@ class Clientele:
 
 
 def main() -> None:
-    """Asks, and never comes to take the answers."""
+    """Send requests, and never receive the answers."""
     client = Client()
     for each in range(3):
         ask(client, EVALUATE, f'always Power[uav1] < 1{each}00', float(sys.argv[1]))
