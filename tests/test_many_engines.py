@@ -73,7 +73,7 @@ def test_no_stream_is_lost_when_an_engine_is_killed(nodes: StreamNodes) -> None:
     nodes.wait_for_samples()
     said = {each.key: each.value for each in nodes.status.values}
     for name in moved:
-        assert said[name].startswith(f'made anew on {TWO} at ')
+        assert said[name].startswith(f'recreated on {TWO} at ')
         assert said[name].endswith(f'{ONE} is gone')
     # Those that another engine makes went on.
     assert not said.keys() & (CHAIN.keys() - moved)
@@ -133,7 +133,7 @@ def test_a_manager_that_is_killed_learns_all_from_the_engines(nodes: StreamNodes
     nodes.wait_until_flowing('level', 'half')
     found = nodes.call(MANAGER, srv.StreamGetTopic, stream_name='level')
     assert found.topic_name == '/made/by_one/level'
-    # What a stream is made from is known again too: it follows to where that is made anew.
+    # What a stream is made from is known again too: it follows to where that is recreated.
     nodes.kill(ONE)
     nodes.wait_until_flowing('level', 'half', off=ONE)
     nodes.wait_for_samples()
@@ -155,7 +155,7 @@ def test_an_engine_dies_while_the_manager_is_down(nodes: StreamNodes, tmp_path: 
 
 
 def test_streams_follow_what_they_are_made_from(nodes: StreamNodes) -> None:
-    """When a stream is made anew in another namespace, its topic is another one."""
+    """When a stream is recreated in another namespace, its topic is another one."""
     nodes.start(FAR)
     nodes.start_manager()
     nodes.wait_for_engines(FAR)

@@ -7,7 +7,7 @@ from dataclasses import replace
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dyknow_stream_processing.ros.topics.publications import Publication, followed
+from dyknow_stream_processing.ros.topics.publications import Publication, next_request
 
 PUBLISHERS = st.frozensets(st.tuples(st.integers(1, 4)), min_size=1)
 FOUND = st.builds(Publication, st.sampled_from(['a/msg/A', 'b/msg/B']), PUBLISHERS)
@@ -23,7 +23,7 @@ OFFERS = st.builds(
 def test_every_publisher_is_heard(offers: list[Publication]) -> None:
     held = None
     for found in offers:
-        held = followed(held, found)
+        held = next_request(held, found)
         assert (held.type_name, held.publishers) == (found.type_name, found.publishers)
         assert found.reliable or not held.reliable
         assert found.latched or not held.latched
@@ -37,18 +37,18 @@ def test_nothing_is_heard_twice(first: Publication, others: list[Publication]) -
         staying = replace(
             found, type_name=first.type_name, publishers=found.publishers | first.publishers
         )
-        before, held = held, followed(held, staying)
-        assert before.asks_the_same_as(held) or not held.latched
+        before, held = held, next_request(held, staying)
+        assert before.suits(held) or not held.latched
 
 
 def test_other_publishers_are_matched_anew() -> None:
     weak = Publication('a/msg/A', frozenset({(1,)}), reliable=False)
     strong = Publication('a/msg/A', frozenset({(2,)}), latched=True)
-    assert followed(weak, strong) == strong
+    assert next_request(weak, strong) == strong
 
 
 def test_a_stronger_publisher_is_no_reason_to_subscribe_anew() -> None:
     weak = Publication('a/msg/A', frozenset({(1,)}), reliable=False)
     both = Publication('a/msg/A', frozenset({(1,), (2,)}), reliable=False)
     strong = replace(weak, reliable=True)
-    assert followed(followed(weak, both), strong) == weak
+    assert next_request(next_request(weak, both), strong) == weak

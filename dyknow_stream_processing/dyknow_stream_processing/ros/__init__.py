@@ -1,10 +1,10 @@
-"""What touches ROS: the parts that every node shares, StreamProxy, and the nodes of streams."""
+"""The ROS layer of streams: StreamProxy, messages and their fields, sequence gaps, and nodes."""
 
 from dyknow_stream_processing.ros.messages.conversions import extractor, message_conversion
 from dyknow_stream_processing.ros.messages.message_types import (
     message_class,
     scalar_fields,
-    stamp_of,
+    valid_time_reader,
 )
 from dyknow_stream_processing.ros.messages.message_values import FieldReader, without_element
 from dyknow_stream_processing.ros.messages.sample_messages import (
@@ -13,8 +13,10 @@ from dyknow_stream_processing.ros.messages.sample_messages import (
     sample_to_message,
 )
 from dyknow_stream_processing.ros.stream_proxy import StreamProxy
-from dyknow_stream_processing.ros.topics.sequence_gaps import SequenceGaps, publishers_of
+from dyknow_stream_processing.ros.topics.publications import publishers_of
+from dyknow_stream_processing.ros.topics.sequence_gaps import SequenceGaps
 from dyknow_stream_processing.ros.topics.topic_sources import source_type
+from dyknow_stream_processing.ros.topics.violation_relay import violations_topic
 
 __all__ = [
     'FieldReader',
@@ -29,6 +31,7 @@ __all__ = [
     'sample_to_message',
     'scalar_fields',
     'source_type',
-    'stamp_of',
+    'valid_time_reader',
+    'violations_topic',
     'without_element',
 ]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterator
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticStatus
@@ -32,11 +32,11 @@ from dyknow_stream_processing.ros.management.persistence_files import Persistenc
 from dyknow_stream_processing.ros.management.placement import Placement
 from dyknow_stream_processing.ros.messages.message_types import message_class
 from dyknow_stream_processing.ros.messages.stream_report_messages import StreamReportPublisher
-from dyknow_stream_processing.ros.topics.publications import published
+from dyknow_stream_processing.ros.topics.publications import find_publication
 
 
 class StreamManager(DyKnowNode):
-    """Serves what is known of streams, and has each new one made by an engine."""
+    """Node that keeps the registry of streams and places new ones on engines."""
 
     def __init__(self) -> None:
         super().__init__('stream_manager')
@@ -51,8 +51,8 @@ class StreamManager(DyKnowNode):
         memory = self.parameter(
             'memory', '', 'File that keeps all streams over a restart of the manager; empty: none.'
         )
-        period = self.parameter(
-            'discovery_period', 0.25, 'Seconds between two looks for new engines.', (0.01, 60.0)
+        discovery_period_s = self.parameter(
+            'discovery_period', 0.25, 'Seconds between two searches for new engines.', (0.01, 60.0)
         )
         self._registry = StreamRegistry(
             NamingConvention(convention), self.get_namespace(), self._published
@@ -64,26 +64,28 @@ class StreamManager(DyKnowNode):
             if self._registry.get(remembered.name) is None:
                 self._registry.add(remembered)
         self._memory.write(self._registry.streams())
-        self._engines = Engines(self, period, self._engine_reported, self._engine_lost)
-        self._placement = Placement(self, self._registry, self._engines, self._changed)
-        self._streams_report = StreamReportPublisher(self, self._engines.ready, self._accounts)
+        self._engines = Engines(
+            self, discovery_period_s, self._on_engine_report, self._on_engine_lost
+        )
+        self._placement = Placement(self, self._registry, self._engines, self._on_change)
+        self._report_publisher = StreamReportPublisher(self, self._engines.ready, self._reports)
         self.serve(StreamCreateFromSpec, self._create)
         self.serve(StreamDestroy, self._destroy)
         self.serve(ListStreams, self._list)
         self.serve(StreamRegister, self._register)
         self.serve(StreamGetTopic, self._get_topic)
-        self._changed()
+        self._on_change()
 
     async def _create(self, request: Any, response: Any) -> None:
         spec = request.spec
         check_name(spec.name)
         parse_specification(spec.specification)
         constraints = constraints_from_message(spec.constraints)
-        made = await self._placement.create(
+        created = await self._placement.create(
             CreatedStream(spec.name, spec.specification, constraints)
         )
-        response.stream_topic = made.stream_topic
-        response.stream_constraint_violation_topic = made.stream_constraint_violation_topic
+        response.stream_topic = created.stream_topic
+        response.stream_constraint_violation_topic = created.stream_constraint_violation_topic
 
     async def _destroy(self, request: Any, _response: Any) -> None:
         await self._placement.destroy(request.stream_name)
@@ -103,53 +105,54 @@ class StreamManager(DyKnowNode):
             raise StreamError(str(error)) from None
         topic = self.resolve_topic_name(request.topic_name)
         self._registry.add(RegisteredStream(request.stream_name, topic, request.message_type))
-        self._placement.settle()
-        self._changed()
+        self._placement.reconcile_soon()
+        self._on_change()
 
     def _get_topic(self, request: Any, response: Any) -> None:
         response.topic_name = self._registry.topic(request.stream_name)
         response.message_type = self._registry.find(request.stream_name).message_type
 
     def _published(self, topic: str) -> tuple[str, str] | None:
-        """The absolute name and the type of a topic that is published."""
+        """Return the absolute name and the type of a topic that is published."""
         try:
-            found = published(self, topic)
+            publication = find_publication(self, topic)
         except StreamError:
-            return None  # It has several types, or no topic can have that name.
-        return None if found is None else (self.resolve_topic_name(topic), found.type_name)
+            return None  # It has several types, or the name is invalid.
+        if publication is None:
+            return None
+        return self.resolve_topic_name(topic), publication.type_name
 
-    def _engine_reported(self, name: str) -> None:
+    def _on_engine_report(self, name: str) -> None:
         known = {stream.name for stream in self._registry.made_by(name) if stream.topic}
-        told = self._engines.report(name).keys()
-        if known != told or self._registry.waiting() or self._placement.conflicts:
-            self._placement.settle()
+        reported = self._engines.reports(name).keys()
+        if known != reported or self._registry.waiting() or self._placement.conflicts:
+            self._placement.reconcile_soon()
 
-    def _engine_lost(self, name: str) -> None:
+    def _on_engine_lost(self, name: str) -> None:
         self.get_logger().warning(f'stream processing engine {name} is gone')
-        self._registry.lose(name)
+        self._registry.withdraw_all(name)
         self._placement.forget_engine(name)
-        self._placement.settle()
-        self._changed()
+        self._placement.reconcile_soon()
+        self._on_change()
 
-    def _accounts(self) -> Iterable[StreamReport]:
+    def _reports(self) -> Iterator[StreamReport]:
         for stream in self._registry.streams():
-            engine = stream.engine if isinstance(stream, CreatedStream) else None
-            reported = None if engine is None else self._engines.report(engine).get(stream.name)
-            yield self._registry.account(stream, reported)
+            engine = getattr(stream, 'engine', None)
+            reported = self._engines.reports(engine).get(stream.name) if engine else None
+            yield self._registry.report(stream, reported)
 
-    def _changed(self) -> None:
-        """Tells all that the streams are not what they were."""
+    def _on_change(self) -> None:
         try:
             self._memory.write(self._registry.streams())
         except StreamError as error:
             self.get_logger().error(str(error), throttle_duration_sec=10.0)
-        self._streams_report.changed()
-        self._say_how_it_is()
+        self._report_publisher.publish_soon()
+        self._update_status()
 
-    def _say_how_it_is(self) -> None:
-        unmade = self._registry.waiting()
-        waiting = [stream.name for stream in unmade if not stream.failed]
-        failed = [stream.name for stream in unmade if stream.failed]
+    def _update_status(self) -> None:
+        unplaced = self._registry.waiting()
+        waiting = [stream.name for stream in unplaced if not stream.failed]
+        failed = [stream.name for stream in unplaced if stream.failed]
         level, message = DiagnosticStatus.OK, RUNNING
         if waiting:
             level, message = DiagnosticStatus.WARN, f'{len(waiting)} streams wait for an engine'
@@ -166,12 +169,12 @@ class StreamManager(DyKnowNode):
                 'streams': str(len(self._registry.names())),
                 'waiting': ' '.join(waiting),
                 'engines': ' '.join(self._engines.ready()),
-                **{stream.name: stream.message for stream in unmade if stream.message},
-                **self._placement.made_anew(),
+                **{stream.name: stream.message for stream in unplaced if stream.message},
+                **self._placement.recreated(),
             },
         )
 
 
 def main() -> int:
-    """The executable stream_manager."""
+    """Run the executable stream_manager."""
     return run(StreamManager)

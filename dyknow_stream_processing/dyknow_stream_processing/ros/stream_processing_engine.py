@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, Final
 
 from dyknow_interfaces.msg import ConstraintViolation, Sample
 from dyknow_interfaces.srv import ListStreams, StreamCreateFromSpec, StreamDestroy
@@ -29,7 +30,7 @@ from dyknow_stream_processing.errors import StreamError
 from dyknow_stream_processing.language.parsing import parse_specification
 from dyknow_stream_processing.management.naming import check_name
 from dyknow_stream_processing.reporting.stream_report import (
-    STILL,
+    NO_FLOW,
     Flow,
     FlowMeter,
     StreamReport,
@@ -38,16 +39,17 @@ from dyknow_stream_processing.reporting.stream_report import (
 from dyknow_stream_processing.ros.messages.sample_messages import SampleWriter
 from dyknow_stream_processing.ros.messages.stream_report_messages import StreamReportPublisher
 from dyknow_stream_processing.ros.topics.topic_sources import TopicSources, source_type
+from dyknow_stream_processing.ros.topics.violation_relay import violations_topic
 from dyknow_stream_processing.sample import Sample as DataSample
 from dyknow_stream_processing.violation import Violation
 
-WARNING_PERIOD = 1.0
-"""Seconds between two violations in the log; each is published."""
+WARNING_PERIOD_S: Final = 1.0
+"""Minimum time between two violations in the log; all are published."""
 
 
 @dataclass(slots=True)
 class _Output:
-    """What a stream is published on, and how it flows."""
+    """The publishers and the flow of a stream."""
 
     topic: str
     constraints: StreamConstraints
@@ -56,36 +58,33 @@ class _Output:
     meter: FlowMeter
     is_wanted: bool = False
     writer: SampleWriter = field(default_factory=SampleWriter)
-    flow: Flow = STILL
+    flow: Flow = NO_FLOW
 
 
 class StreamProcessingEngine(DyKnowNode):
-    """Publishes the streams that it is asked to make."""
+    """Node that makes and publishes streams on request."""
 
     def __init__(self) -> None:
         super().__init__('stream_processing_engine')
         self._prefix = self.parameter(
             'stream_prefix', 'dyknow/streams', 'Topics of streams are named <stream_prefix>/<name>.'
         )
-        self._check_prefix()
-        self._dataflow = Dataflow(load_units(), lambda topic: source_type(self, topic))
-        self._sources = TopicSources(self, self._dataflow)
-        self._outputs: dict[str, _Output] = {}
-        self._streams_report = StreamReportPublisher(
-            self, lambda: [self.get_fully_qualified_name()], self._accounts, self._end_period
-        )
-        self._warning = Throttle(WARNING_PERIOD)
-        self.serve(StreamCreateFromSpec, self._create)
-        self.serve(StreamDestroy, self._destroy)
-        self.serve(ListStreams, self._list)
-        # Who has no streams says so: only then is it given some.
-        self._streams_report.changed()
-
-    def _check_prefix(self) -> None:
         try:
             validate_topic_name(f'{self._prefix}/name')
         except InvalidTopicNameException as error:
             raise StreamError(f"stream_prefix '{self._prefix}' cannot be used: {error}") from None
+        self._dataflow = Dataflow(load_units(), lambda topic: source_type(self, topic))
+        self._sources = TopicSources(self, self._dataflow)
+        self._outputs: dict[str, _Output] = {}
+        self._report_publisher = StreamReportPublisher(
+            self, lambda: [self.get_fully_qualified_name()], self._reports, self._end_period
+        )
+        self._warning = Throttle(WARNING_PERIOD_S)
+        self.serve(StreamCreateFromSpec, self._create)
+        self.serve(StreamDestroy, self._destroy)
+        self.serve(ListStreams, self._list)
+        # Report an empty list too: only engines that have reported are given streams.
+        self._report_publisher.publish_soon()
 
     def _create(self, request: Any, response: Any) -> None:
         spec = request.spec
@@ -99,29 +98,23 @@ class StreamProcessingEngine(DyKnowNode):
             lambda sample: self._publish_sample(spec.name, sample),
             lambda violation: self._publish_violation(spec.name, violation),
         )
-        output = self._make_output(spec.name, constraints)
-        self._outputs[spec.name] = output
-        self._sources.refresh()
-        self._streams_report.changed()
-        response.stream_topic = output.topic
-        response.stream_constraint_violation_topic = f'{output.topic}/violations'
-
-    def _make_output(self, name: str, constraints: StreamConstraints) -> _Output:
-        topic = self.resolve_topic_name(f'{self._prefix}/{name}')
-        return _Output(
+        topic = self.resolve_topic_name(f'{self._prefix}/{spec.name}')
+        violations = violations_topic(topic)
+        self._outputs[spec.name] = _Output(
             topic=topic,
             constraints=constraints,
             samples=self.create_publisher(
                 Sample, topic, STREAM, event_callbacks=NO_PUBLISHER_EVENTS
             ),
             violations=self.create_publisher(
-                ConstraintViolation,
-                f'{topic}/violations',
-                VIOLATIONS,
-                event_callbacks=NO_PUBLISHER_EVENTS,
+                ConstraintViolation, violations, VIOLATIONS, event_callbacks=NO_PUBLISHER_EVENTS
             ),
             meter=FlowMeter(self.now()),
         )
+        self._sources.refresh()
+        self._report_publisher.publish_soon()
+        response.stream_topic = topic
+        response.stream_constraint_violation_topic = violations
 
     def _destroy(self, request: Any, _response: Any) -> None:
         self._dataflow.destroy(request.stream_name)
@@ -129,7 +122,7 @@ class StreamProcessingEngine(DyKnowNode):
         self.destroy_publisher(output.samples)
         self.destroy_publisher(output.violations)
         self._sources.refresh()
-        self._streams_report.changed()
+        self._report_publisher.publish_soon()
 
     def _list(self, _request: Any, response: Any) -> None:
         response.stream_names = sorted(self._dataflow.names())
@@ -141,30 +134,29 @@ class StreamProcessingEngine(DyKnowNode):
         samples = sum(self._dataflow.statistics(name).samples for name in self._outputs)
         self.set_status(RUNNING, {'streams': str(len(self._outputs)), 'samples': str(samples)})
 
-    def _accounts(self) -> list[StreamReport]:
-        return [self._account(name, output) for name, output in self._outputs.items()]
-
-    def _account(self, name: str, output: _Output) -> StreamReport:
-        statistics = self._dataflow.statistics(name)
-        return StreamReport(
-            name=name,
-            state=StreamState.FLOWING,
-            engine=self.get_fully_qualified_name(),
-            topic=output.topic,
-            specification=self._dataflow.specification(name),
-            constraints=output.constraints,
-            samples=statistics.samples,
-            violations=statistics.violations,
-            drops=statistics.drops,
-            sources=tuple(map(self._sources.account, self._dataflow.topics(name))),
-            flow=output.flow,
-        )
+    def _reports(self) -> Iterator[StreamReport]:
+        for name, output in self._outputs.items():
+            statistics = self._dataflow.statistics(name)
+            yield StreamReport(
+                name=name,
+                state=StreamState.FLOWING,
+                engine=self.get_fully_qualified_name(),
+                topic=output.topic,
+                specification=self._dataflow.specification(name),
+                constraints=output.constraints,
+                samples=statistics.samples,
+                violations=statistics.violations,
+                drops=statistics.drops,
+                sources=tuple(map(self._sources.report, self._dataflow.topics(name))),
+                flow=output.flow,
+            )
 
     def _publish_sample(self, name: str, sample: DataSample) -> None:
         output = self._outputs[name]
         output.meter.note(sample)
-        # Many streams are there for others of this engine alone, and messages are what costs most.
-        # Who has listened once learns by the numbers of messages what it missed while it was away.
+        # Publishing is what costs most, and only other streams of this engine use many streams.
+        # A stream that once had a subscriber stays published: a subscriber that was out of reach
+        # counts the samples that it missed by their sequence numbers.
         output.is_wanted = output.is_wanted or output.samples.get_subscription_count() > 0
         if output.is_wanted:
             output.samples.publish(output.writer.write(sample))
@@ -186,5 +178,5 @@ class StreamProcessingEngine(DyKnowNode):
 
 
 def main() -> int:
-    """The executable stream_processing_engine."""
+    """Run the executable stream_processing_engine."""
     return run(StreamProcessingEngine)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Callable, Collection, Mapping
-from typing import Any
+from typing import Any, Final
 
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
@@ -21,31 +21,31 @@ from dyknow_stream_processing.ros.topics.topic_sources import TopicSources, sour
 from dyknow_stream_processing.sample import Sample
 from dyknow_stream_processing.violation import Violation
 
-_TOPIC = re.compile(r'[~/]?[A-Za-z_][\w/]*')
-_NAME = 'proxy'
+_TOPIC: Final = re.compile(r'[~/]?[A-Za-z_][\w/]*')
+_NAME: Final = 'proxy'
 
 
 class StreamProxy:
     """A stream within a node, made of topics of any type.
 
     Topics may appear, disappear and come back with other publishers at any time. The valid time of
-    a sample is the stamp of the message's header, or the time of receipt where it has none.
+    a sample is the stamp of the message's header, or the time of receipt if it has none.
 
     Args:
-        node: the node that listens; its clock tells when samples are available.
+        node: the node that subscribes; its clock gives the available times.
         stream: the name of a topic, or a specification in the stream language.
-        on_sample: is given each sample, in the order of valid times.
-        on_violation: is told when a constraint is broken.
+        on_sample: receives each sample, in the order of valid times.
+        on_violation: receives each violation of a constraint.
         constraints: are added to those in the specification.
-        valid_time: the field of the type `builtin_interfaces/Time` that holds the valid time, as a
-            dotted path; where the specification names several topics, a mapping from some of them.
-        message_type: the class of the messages, to listen before anybody publishes them; where the
-            specification names several topics, a mapping from some of them.
+        valid_time: the dotted path of a field of the type `builtin_interfaces/Time` that holds the
+            valid time; a mapping by topic if the specification names several.
+        message_type: the message class, to subscribe before the topic is published; a mapping by
+            topic if the specification names several.
         quality_of_service: by default it is matched to the publishers of each topic.
 
     Raises:
-        LanguageError: when the specification makes no sense.
-        StreamError: when constraints contradict each other, or a topic has no such field of time.
+        LanguageError: if the specification is invalid.
+        StreamError: if constraints contradict each other, or a topic has no such field of time.
     """
 
     def __init__(
@@ -82,21 +82,21 @@ class StreamProxy:
 
     @property
     def statistics(self) -> Statistics:
-        """What has come of the stream so far: samples, violations and drops."""
+        """The numbers of samples, violations and drops so far."""
         return self._dataflow.statistics(_NAME)
 
     @property
     def drops(self) -> dict[str, int]:
-        """How many samples were dropped, by reason."""
+        """The numbers of dropped samples, by reason."""
         return dict(self.statistics.drops)
 
     def destroy(self) -> None:
-        """Stops listening; a second time does nothing."""
+        """Destroy all subscriptions; a second call does nothing."""
         self._sources.destroy()
 
 
 def _by_topic(argument: str, value: Any, topics: Collection[str]) -> Mapping[str, Any]:
-    """What is said of each topic; a single value is said of the only one."""
+    """Return an argument as a mapping by topic; a single value needs a single topic."""
     if value is None:
         return {}
     if isinstance(value, Mapping):

@@ -1,4 +1,4 @@
-"""The streams command: what has become of each stream."""
+"""The streams command: shows the state of each stream."""
 
 from __future__ import annotations
 
@@ -17,50 +17,46 @@ from dyknow_stream_processing.reporting.stream_table import as_json, stream_deta
 from dyknow_stream_processing.ros.messages.stream_report_messages import report_from_message
 
 
-def document(report: Any, name: str) -> dict[str, Any]:
-    """A report, or what it says of one stream, as JSON.
+def document(message: Any, name: str) -> dict[str, Any]:
+    """Return the reports of all streams, or of the named one, as JSON.
 
     Raises:
-        StreamError: NOT_FOUND, when the stream asked for is not there.
+        StreamError: NOT_FOUND, if there is no such stream.
     """
     if name:
-        return as_json(_find(report, name))
-    accounts = [as_json(report_from_message(status)) for status in report.streams]
-    return {'engines': list(report.engines), 'streams': accounts}
+        return as_json(_find(message, name))
+    reports = [as_json(report_from_message(status)) for status in message.streams]
+    return {'engines': list(message.engines), 'streams': reports}
 
 
-def rendered(report: Any, name: str) -> RenderableType:
-    """A report, or what it says of one stream, for the terminal.
-
-    Raises:
-        StreamError: NOT_FOUND, when the stream asked for is not there.
-    """
+def rendered(message: Any, name: str) -> RenderableType:
+    """Return what `document` returns, for the terminal."""
     if name:
-        return stream_details(_find(report, name), time_to_nanoseconds(report.stamp))
-    return stream_table(map(report_from_message, report.streams), list(report.engines))
+        return stream_details(_find(message, name), time_to_nanoseconds(message.stamp))
+    return stream_table(map(report_from_message, message.streams), list(message.engines))
 
 
-def _find(report: Any, name: str) -> StreamReport:
-    accounts = {status.name: report_from_message(status) for status in report.streams}
-    if name not in accounts:
-        known = ', '.join(accounts) or 'none'
+def _find(message: Any, name: str) -> StreamReport:
+    reports = {status.name: report_from_message(status) for status in message.streams}
+    if name not in reports:
+        known = ', '.join(reports) or 'none'
         raise StreamError(f"there is no stream '{name}' (there are: {known})", ExitCode.NOT_FOUND)
-    return accounts[name]
+    return reports[name]
 
 
 def options(arguments: Sequence[str]) -> argparse.Namespace:
-    """The options on the command line."""
+    """Return the options on the command line."""
     parser = argparse.ArgumentParser(
         prog='streams',
-        description=f'{__doc__} Exit code 0: shown, 1: no such stream, 2: nobody reports.',
+        description=f'{__doc__} Exit code 0: shown, 1: no such stream, 2: no node reports.',
     )
     parser.add_argument(
-        'name', nargs='?', default='', metavar='NAME', help='show all about this stream'
+        'name', nargs='?', default='', metavar='NAME', help='show the details of this stream'
     )
     add_report_options(parser, 'stream_manager', 'the stream manager, or the engine,')
     return parser.parse_args(arguments)
 
 
 def main() -> int:
-    """The executable streams."""
+    """Run the executable streams."""
     return ReportCommand('streams', StreamStatusArray, document, rendered).run(options)

@@ -1,8 +1,8 @@
-"""The stream processing engines on the graph: found by their services, known by their reports."""
+"""The stream processing engines on the ROS graph: found by their services, known by reports."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Mapping
 from functools import partial
 from typing import Any, Final
 
@@ -14,115 +14,108 @@ from dyknow_common.ros import LATCHED, NO_SUBSCRIPTION_EVENTS, DyKnowNode, Remot
 from dyknow_stream_processing.reporting.stream_report import StreamReport
 from dyknow_stream_processing.ros.messages.stream_report_messages import report_from_message
 
-INTRODUCTION: Final = 3.0
-"""Seconds within which an engine that was found says what it makes."""
+FIRST_REPORT_TIMEOUT_NS: Final = 3 * SECOND_NS
+"""Time within which an engine that was found reports its streams."""
 
 _SERVICES: Final = (StreamCreateFromSpec, StreamDestroy, ListStreams)
-_SERVICE = '/stream_create_from_spec'
-_SERVICE_TYPE = 'dyknow_interfaces/srv/StreamCreateFromSpec'
-# Managers make streams too, by having engines make them; by this service they are told apart.
-_MANAGER_SERVICE = '/stream_get_topic'
+_SERVICE: Final = '/stream_create_from_spec'
+_SERVICE_TYPE: Final = 'dyknow_interfaces/srv/StreamCreateFromSpec'
+_MANAGER_SERVICE: Final = '/stream_get_topic'
+"""Managers offer the services of engines, too; only they offer this one."""
 
 
 class Engines:
     """All stream processing engines, in any namespace.
 
     Args:
-        period: seconds between two looks for new ones.
-        on_report: is told the name of an engine that has reported its streams.
-        on_lost: is told the name of an engine that is gone.
+        discovery_period_s: seconds between two searches for new engines.
+        on_report: is called with the name of an engine that has reported its streams.
+        on_lost: is called with the name of an engine that is gone.
     """
 
     def __init__(
         self,
         node: DyKnowNode,
-        period: float,
+        discovery_period_s: float,
         on_report: Callable[[str], None],
         on_lost: Callable[[str], None],
     ) -> None:
         self._node = node
         self._on_report = on_report
         self._on_lost = on_lost
-        self._peers: dict[str, RemoteNode] = {}
-        self._found: dict[str, int] = {}
+        self._remotes: dict[str, RemoteNode] = {}
+        self._found_at: dict[str, int] = {}
         self._reports: dict[str, Mapping[str, StreamReport]] = {}
-        node.create_timer(period, self._discover, clock=node.wall_clock)
+        node.create_timer(discovery_period_s, self._discover, clock=node.wall_clock)
 
-    def seen(self) -> tuple[str, ...]:
-        """The names of all engines that were ever found."""
-        return tuple(self._peers)
+    def known(self) -> tuple[str, ...]:
+        """Return the names of all engines that were ever found."""
+        return tuple(self._remotes)
 
     def ready(self) -> tuple[str, ...]:
-        """The engines that live, and whose streams are known."""
-        return tuple(filter(self.is_ready, self._peers))
+        """Return the engines that are alive and have reported their streams."""
+        return tuple(filter(self.is_ready, self._remotes))
 
     def is_ready(self, name: str) -> bool:
-        """Whether an engine lives and its streams are known."""
-        return self._peers[name].alive and name in self._reports
+        """Return True if an engine is alive and has reported its streams."""
+        return self._remotes[name].alive and name in self._reports
 
-    def expects_more(self) -> bool:
-        """Whether an engine that was just found has yet to say what it makes."""
-        now = self._node.wall_clock.now().nanoseconds
+    def awaits_report(self) -> bool:
+        """Return True while an engine that was just found has yet to report its streams."""
+        earliest = self._node.wall_clock.now().nanoseconds - FIRST_REPORT_TIMEOUT_NS
         return any(
-            now - found < INTRODUCTION * SECOND_NS and not self.is_ready(name)
-            for name, found in self._found.items()
+            found_at > earliest and not self.is_ready(name)
+            for name, found_at in self._found_at.items()
         )
 
-    def report(self, name: str) -> Mapping[str, StreamReport]:
-        """What an engine said last of its streams, by their names."""
+    def reports(self, name: str) -> Mapping[str, StreamReport]:
+        """Return the latest reports of an engine, by stream name."""
         return self._reports.get(name, {})
 
     async def call(self, name: str, service_type: Any, **fields: Any) -> Any:
-        """The response of an engine's service.
+        """Return the response of an engine's service.
 
         Raises:
             DyKnowError: as `RemoteNode.call` does.
         """
-        return await self._peers[name].call(service_type, **fields)
+        return await self._remotes[name].call(service_type, **fields)
 
     def _discover(self) -> None:
-        for name in self._names():
-            if name not in self._peers:
-                self._meet(name)
+        services = dict(self._node.get_service_names_and_types())
+        for service, types in services.items():
+            name = service.removesuffix(_SERVICE)
+            is_manager = f'{name}{_MANAGER_SERVICE}' in services
+            if name == service or _SERVICE_TYPE not in types or is_manager:
+                continue
+            if name not in self._remotes:
+                self._add(name)
 
-    def _meet(self, name: str) -> None:
-        peer = RemoteNode(self._node, name, services=_SERVICES)
-        peer.on_found.append(partial(self._note_found, name))
-        peer.on_lost.append(partial(self._note_lost, name))
-        self._peers[name] = peer
-        self._note_found(name)
+    def _add(self, name: str) -> None:
+        remote = RemoteNode(self._node, name, services=_SERVICES)
+        remote.on_found.append(partial(self._on_engine_found, name))
+        remote.on_lost.append(partial(self._on_engine_lost, name))
+        self._remotes[name] = remote
+        self._on_engine_found(name)
         self._node.create_subscription(
             StreamStatusArray,
             f'{name}/streams',
-            partial(self._note_report, name),
+            partial(self._on_message, name),
             LATCHED,
             callback_group=self._node.reentrant,
             event_callbacks=NO_SUBSCRIPTION_EVENTS,
         )
 
-    def _names(self) -> Iterable[str]:
-        services = dict(self._node.get_service_names_and_types())
-        for service, types in services.items():
-            name = service.removesuffix(_SERVICE)
-            if (
-                name != service
-                and _SERVICE_TYPE in types
-                and f'{name}{_MANAGER_SERVICE}' not in services
-            ):
-                yield name
-
-    def _note_found(self, name: str) -> None:
-        self._found[name] = self._node.wall_clock.now().nanoseconds
+    def _on_engine_found(self, name: str) -> None:
+        self._found_at[name] = self._node.wall_clock.now().nanoseconds
         if name in self._reports:
             self._on_report(name)
 
-    def _note_lost(self, name: str) -> None:
-        # What it said last is no more: whether it comes back with it, its next report tells.
+    def _on_engine_lost(self, name: str) -> None:
+        # Its latest report is outdated; if it comes back, it sends a new one.
         self._reports.pop(name, None)
         self._on_lost(name)
 
-    def _note_report(self, name: str, report: Any) -> None:
-        accounts = map(report_from_message, report.streams)
-        self._reports[name] = {account.name: account for account in accounts}
-        if self._peers[name].alive:
+    def _on_message(self, name: str, message: Any) -> None:
+        self._reports[name] = {each.name: report_from_message(each) for each in message.streams}
+        if self._remotes[name].alive:
             self._on_report(name)

@@ -1,4 +1,4 @@
-"""Turns: of several changes to one stream at once, each waits for the one before it."""
+"""One lock for each stream name, for coroutines."""
 
 from __future__ import annotations
 
@@ -9,23 +9,23 @@ from rclpy.task import Future
 
 
 class KeyedLock:
-    """One turn at a time for each name."""
+    """Locks by name; a coroutine that holds one awaits services meanwhile."""
 
     def __init__(self) -> None:
-        self._taken: dict[str, Future] = {}
+        self._held: dict[str, Future] = {}
 
-    def taken(self, name: str) -> bool:
-        """Whether somebody has the turn for a name."""
-        return name in self._taken
+    def is_held(self, name: str) -> bool:
+        """Return True if a coroutine holds the lock of a name."""
+        return name in self._held
 
     @asynccontextmanager
-    async def of(self, name: str) -> AsyncIterator[None]:
-        """Waits for the turn for a name, and has it."""
-        while name in self._taken:
-            await self._taken[name]
-        turn = self._taken[name] = Future()
+    async def hold(self, name: str) -> AsyncIterator[None]:
+        """Acquire the lock of a name, and release it at the end of the block."""
+        while name in self._held:
+            await self._held[name]
+        released = self._held[name] = Future()
         try:
             yield
         finally:
-            del self._taken[name]
-            turn.set_result(None)
+            del self._held[name]
+            released.set_result(None)

@@ -1,4 +1,4 @@
-"""The files from which a stream manager learns at its start what is wanted of it."""
+"""The files from which a stream manager restores and makes streams at its start."""
 
 from __future__ import annotations
 
@@ -10,20 +10,19 @@ from dyknow_stream_processing.errors import StreamError
 from dyknow_stream_processing.language.parsing import parse_specification
 from dyknow_stream_processing.language.sinks import specifications_by_sink
 from dyknow_stream_processing.language.specification import Specification
-from dyknow_stream_processing.management.persistence import read_memory, write_memory
+from dyknow_stream_processing.management.persistence import streams_from_json, streams_to_json
 from dyknow_stream_processing.management.registry import CreatedStream, Stream
 
 
 def read_streams(paths: Iterable[str]) -> Iterator[CreatedStream]:
-    """A stream for each sink in files in the stream language.
+    """Yield a stream for each sink in files in the stream language.
 
     Raises:
-        StreamError: when a file cannot be read, or is in no such language; it names the file.
+        StreamError: naming a file that cannot be read or parsed.
     """
     known: set[str] = set()
     for path in map(Path, paths):
-        parts = read_file(path, 'streams', _sinks, StreamError)
-        for name, part in parts.items():
+        for name, part in read_file(path, 'streams', _specifications, StreamError).items():
             if name in known:
                 message = f"{path}: there is a sink '{name}' in another file already; keep one"
                 raise StreamError(message, ExitCode.ALREADY_EXISTS)
@@ -31,11 +30,15 @@ def read_streams(paths: Iterable[str]) -> Iterator[CreatedStream]:
             yield CreatedStream(name, str(part), NO_CONSTRAINTS)
 
 
+def _specifications(text: str) -> Mapping[str, Specification]:
+    return specifications_by_sink(parse_specification(text))
+
+
 class PersistenceFile:
-    """Keeps streams over a restart.
+    """File that keeps streams over a restart.
 
     Args:
-        path: of the file; nothing is kept where it is empty.
+        path: the path of the file; if empty, nothing is kept.
     """
 
     def __init__(self, path: str) -> None:
@@ -43,24 +46,24 @@ class PersistenceFile:
         self._written = ''
 
     def read(self) -> tuple[Stream, ...]:
-        """The streams in the file; none where there is no file yet.
+        """Return the streams in the file; none if there is no file yet.
 
         Raises:
-            StreamError: when it cannot be read, or somebody else wrote it; it names the file.
+            StreamError: naming the file, if it cannot be read or was not written by `write`.
         """
         if self._path is None or not self._path.exists():
             return ()
-        return read_file(self._path, 'streams', read_memory, StreamError)
+        return read_file(self._path, 'streams', streams_from_json, StreamError)
 
     def write(self, streams: Iterable[Stream]) -> None:
-        """Replaces what is in the file; one who dies meanwhile leaves what was there.
+        """Replace the content of the file; an interrupted write leaves the old content.
 
         Raises:
-            StreamError: when the file cannot be written.
+            StreamError: if the file cannot be written.
         """
         if self._path is None:
             return
-        text = write_memory(streams)
+        text = streams_to_json(streams)
         if text == self._written:
             return
         draft = self._path.with_name(f'{self._path.name}.new')
@@ -73,7 +76,3 @@ class PersistenceFile:
                 f'cannot write the memory {self._path}: {error.strerror}', ExitCode.UNAVAILABLE
             ) from None
         self._written = text
-
-
-def _sinks(text: str) -> Mapping[str, Specification]:
-    return specifications_by_sink(parse_specification(text))

@@ -1,10 +1,22 @@
-"""Which engine makes which stream: keeps engines and the registry in step, whatever fails."""
+"""Placement of streams on engines: reconciles the registry with what the engines make.
+
+For example, engine A makes `level` on the topic /a/level, and B makes `half` from it. A dies:
+
+1. The registry marks `level` as lost: it waits for an engine.
+2. `ListStreams` asks each live engine for its streams: none may be made twice.
+3. B, the live engine with the fewest streams, makes `level` on /b/level.
+4. `half` is outdated, as it reads /a/level: B destroys it, and it waits.
+5. B makes `half` again, from its own `level`.
+
+If A was only unreachable and reports `level` again, its copy is destroyed.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from typing import Any, Final
 
+from dyknow_interfaces.msg import StreamSpec
 from dyknow_interfaces.srv import ListStreams, StreamCreateFromSpec, StreamDestroy
 
 from dyknow_common import SECOND_NS, DyKnowError, ExitCode, round_time
@@ -18,27 +30,30 @@ from dyknow_stream_processing.reporting.stream_report import StreamReport
 from dyknow_stream_processing.ros.management.engines import Engines
 from dyknow_stream_processing.ros.management.keyed_lock import KeyedLock
 
-PATIENCE: Final = 3.0
-"""Seconds that a new stream waits for an engine to be there."""
+ENGINE_TIMEOUT_NS: Final = 3 * SECOND_NS
+"""Time that a new stream waits for an engine to be there."""
 
-POLL: Final = 0.05
-"""Seconds between two looks for one."""
+POLL_PERIOD_S: Final = 0.05
+"""Time between two checks for one."""
 
-RETRY_PERIOD: Final = 1.0
-"""Seconds between two attempts to make what waits."""
+RETRY_PERIOD_S: Final = 1.0
+"""Time between two attempts to make the streams that wait."""
 
-_PASSING = (ExitCode.UNAVAILABLE, ExitCode.TIMEOUT, ExitCode.ALREADY_EXISTS)
-"""What may go well when it is tried again."""
+_NO_RESPONSE: Final = (ExitCode.UNAVAILABLE, ExitCode.TIMEOUT)
+"""Errors after which an engine may still do what was requested."""
+
+_RETRYABLE: Final = (*_NO_RESPONSE, ExitCode.ALREADY_EXISTS)
+"""Errors worth retrying."""
 
 
 class Placement:
     """Has engines make the streams of a registry.
 
-    Each stream is changed by one at a time. What an engine was asked for and did not answer is
-    noted, and undone once the engine tells that it did it.
+    A request that an engine did not answer is noted, and undone if its reports show later that the
+    engine carried it out.
 
     Args:
-        on_change: is called when something is not as it was.
+        on_change: is called when a stream has changed.
     """
 
     def __init__(
@@ -49,18 +64,19 @@ class Placement:
         on_change: Callable[[], None],
     ) -> None:
         self.conflicts: dict[tuple[str, str], str] = {}
+        """Messages about streams that two engines make, by engine and stream name."""
         self._node = node
         self._registry = registry
         self._engines = engines
         self._on_change = on_change
-        self._turns = KeyedLock()
+        self._locks = KeyedLock()
         self._unwanted: set[tuple[str, str]] = set()
-        self._settling = False
-        self._unsettled = False
-        node.create_timer(RETRY_PERIOD, self._retry, clock=node.wall_clock)
+        self._reconciling = False
+        self._reconcile_again = False
+        node.create_timer(RETRY_PERIOD_S, self._retry, clock=node.wall_clock)
 
-    def made_anew(self) -> dict[str, str]:
-        """Where and when streams were made anew, by their names."""
+    def recreated(self) -> dict[str, str]:
+        """Return where, when and why streams were recreated, by stream name."""
         return {
             stream.name: stream.message
             for stream in self._registry.streams()
@@ -68,199 +84,198 @@ class Placement:
         }
 
     async def create(self, stream: CreatedStream) -> Any:
-        """Has a new stream made; the answer of the engine that makes it.
+        """Create a stream, and return the response of the engine that makes it.
 
         Raises:
-            DyKnowError: when it cannot be made; nothing is left of it then.
+            DyKnowError: if it cannot be made; then it is not registered either.
         """
-        async with self._turns.of(stream.name):
+        async with self._locks.hold(stream.name):
             self._registry.add(stream)
             try:
                 await self._wait_for_engine()
-                answer = await self._make(stream)
+                response = await self._make(stream)
             except BaseException:
                 self._registry.forget(stream.name)
                 raise
             finally:
                 self._on_change()
-        # Others may wait for a stream of this name.
-        self.settle()
-        return answer
+        # Other streams may wait for this one.
+        self.reconcile_soon()
+        return response
 
     async def destroy(self, name: str) -> None:
-        """Has a stream ended, and forgets it.
+        """Destroy a stream.
 
         Raises:
-            DyKnowError: when there is none, or others are made from it; TIMEOUT when its engine
-                does not answer: then it is ended as soon as it does.
+            DyKnowError: if there is none, or others are made from it; TIMEOUT if its engine does
+                not answer: then the stream is destroyed as soon as the engine reports it.
         """
-        async with self._turns.of(name):
+        async with self._locks.hold(name):
             stream = self._registry.remove(name)
             self._on_change()
             if isinstance(stream, CreatedStream) and stream.engine is not None:
-                await self._discard(stream.engine, name)
+                await self._destroy_on(stream.engine, name)
 
     def forget_engine(self, engine: str) -> None:
-        """Notes that an engine is gone, and with it what was wrong with its streams."""
+        """Remove the conflicts of an engine that is gone."""
         self.conflicts = {key: text for key, text in self.conflicts.items() if key[0] != engine}
 
-    def settle(self) -> None:
-        """Learns what engines make, and has made what waits; soon, and once for many requests."""
-        self._unsettled = True
-        if not self._settling and self._node.executor is not None:
-            self._settling = True
-            self._node.spawn(self._settle)
+    def reconcile_soon(self) -> None:
+        """Update the registry from the engines and make the streams that wait, soon.
+
+        Simultaneous requests share one run.
+        """
+        self._reconcile_again = True
+        if not self._reconciling and self._node.executor is not None:
+            self._reconciling = True
+            self._node.spawn(self._reconcile)
 
     def _retry(self) -> None:
         if self._registry.waiting() and self._engines.ready():
-            self.settle()
+            self.reconcile_soon()
 
-    async def _settle(self) -> None:
+    async def _reconcile(self) -> None:
         try:
-            while self._unsettled:
-                self._unsettled = False
+            while self._reconcile_again:
+                self._reconcile_again = False
                 for engine in self._engines.ready():
                     await self._adopt_all(engine)
-                self._registry.recognise()
-                # What an engine that has not spoken yet makes must not be made a second time.
-                if not self._engines.expects_more():
+                self._registry.restore_names()
+                # An engine that has not reported yet may already make a stream that waits.
+                if not self._engines.awaits_report():
                     await self._place_all()
         finally:
-            self._settling = False
+            self._reconciling = False
             self._on_change()
 
     async def _adopt_all(self, engine: str) -> None:
-        """Learns what an engine makes, and what it makes no more."""
+        """Update the registry with the streams of an engine."""
         version = self._registry.version
         try:
-            listing = await self._engines.call(engine, ListStreams)
+            response = await self._engines.call(engine, ListStreams)
         except DyKnowError as error:
             self._node.get_logger().info(str(error))
             return
         if version != self._registry.version:
-            # The list may be older than what has happened meanwhile.
-            self._unsettled = self._engines.is_ready(engine)
+            # The response may be older than the changes meanwhile.
+            self._reconcile_again = self._engines.is_ready(engine)
             return
-        listed = frozenset(listing.stream_names)
+        listed = frozenset(response.stream_names)
         self._forget_missing(engine, listed)
-        for name, account in sorted(self._engines.report(engine).items()):
-            if name in listed and not self._turns.taken(name):
-                await self._adopt(engine, account)
+        for name, report in sorted(self._engines.reports(engine).items()):
+            if name in listed and not self._locks.is_held(name):
+                await self._adopt(engine, report)
 
     def _forget_missing(self, engine: str, listed: frozenset[str]) -> None:
         for stream in self._registry.made_by(engine):
-            if stream.topic and stream.name not in listed and not self._turns.taken(stream.name):
-                self._node.get_logger().info(f"stream '{stream.name}' was destroyed at {engine}")
-                self._registry.forget(stream.name)
-        self._unwanted = {key for key in self._unwanted if key[0] != engine or key[1] in listed}
-        self.conflicts = {
-            key: text
-            for key, text in self.conflicts.items()
-            if key[0] != engine or key[1] in listed
-        }
+            name = stream.name
+            if stream.topic and name not in listed and not self._locks.is_held(name):
+                self._node.get_logger().info(f"stream '{name}' was destroyed on {engine}")
+                self._registry.forget(name)
 
-    async def _adopt(self, engine: str, account: StreamReport) -> None:
-        name = account.name
-        told = self._registry.told(
-            engine, name, account.specification, account.constraints, account.topic
+        def may_exist(key: tuple[str, str]) -> bool:
+            return key[0] != engine or key[1] in listed
+
+        self._unwanted = set(filter(may_exist, self._unwanted))
+        self.conflicts = {key: text for key, text in self.conflicts.items() if may_exist(key)}
+
+    async def _adopt(self, engine: str, report: StreamReport) -> None:
+        """Decide about a stream that an engine makes: register, keep or destroy it."""
+        name = report.name
+        found = self._registry.reported_stream(
+            engine, name, report.specification, report.constraints, report.topic
         )
         known = self._registry.get(name)
         if isinstance(known, CreatedStream) and known.engine == engine:
             return
         if (engine, name) in self._unwanted:
-            await self._undo(engine, name)
+            await self._try_destroy_on(engine, name)
         elif known is None:
-            self._registry.add(told)
+            self._registry.add(found)
         elif isinstance(known, CreatedStream) and known.waits:
-            self._adopt_waiting(told)
-        elif self._registry.is_copy(told):
-            # Its engine was taken for gone, or was found late.
-            self._node.get_logger().info(f"{engine} makes '{name}' a second time: it is ended")
-            await self._undo(engine, name)
+            self._adopt_waiting(found)
+        elif self._registry.is_copy(found):
+            # The engine was unreachable, or was found late.
+            self._node.get_logger().info(f"{engine} makes a copy of '{name}': it is destroyed")
+            await self._try_destroy_on(engine, name)
         else:
-            self._note_conflict(engine, name)
+            self._note_conflict(engine, name, getattr(known, 'engine', None))
 
-    def _adopt_waiting(self, told: CreatedStream) -> None:
-        if not self._registry.is_copy(told):
-            self._node.get_logger().warning(
-                f"stream '{told.name}' is made by {told.engine} by another specification than was "
-                f'asked for; destroy it to have it made anew'
-            )
-            self._registry.forget(told.name)
-            self._registry.add(told)
+    def _adopt_waiting(self, found: CreatedStream) -> None:
+        if self._registry.is_copy(found):
+            self._registry.adopt(found)
             return
-        self._registry.take_over(told)
+        self._node.get_logger().warning(
+            f"{found.engine} makes stream '{found.name}' from another specification than "
+            f'requested; destroy it to have it recreated'
+        )
+        self._registry.forget(found.name)
+        self._registry.add(found)
 
-    def _note_conflict(self, engine: str, name: str) -> None:
-        known = self._registry.get(name)
-        other = getattr(known, 'engine', None) or 'a topic that was registered'
+    def _note_conflict(self, engine: str, name: str, other: str | None) -> None:
         text = (
-            f"there are two streams '{name}': that of {other} is used, that of {engine} is not; "
-            f'destroy it there'
+            f"there are two streams '{name}': that of {other or 'a registered topic'} is used, "
+            f'that of {engine} is not; destroy it there'
         )
         if self.conflicts.get((engine, name)) != text:
             self.conflicts[engine, name] = text
             self._node.get_logger().error(text)
 
     async def _place_all(self) -> None:
-        """Has made what waits, and anew what reads from where nothing is any more."""
-        hopeless: set[str] = set()
+        """Make the streams that wait, and recreate those whose sources have another topic."""
+        failed: set[str] = set()
         progress = True
         while progress:
             progress = False
             for stream in self._registry.outdated():
                 progress |= await self._withdraw(stream)
-            for stream in self._registry.waiting():
-                if stream.name not in hopeless and not self._turns.taken(stream.name):
-                    async with self._turns.of(stream.name):
-                        made = await self._place(stream.name)
-                    progress |= made
-                    if not made and self._fails(stream.name):
-                        hopeless.add(stream.name)
-
-    def _fails(self, name: str) -> bool:
-        return bool(getattr(self._registry.get(name), 'failed', False))
+            for name in [stream.name for stream in self._registry.waiting()]:
+                if name in failed or self._locks.is_held(name):
+                    continue
+                async with self._locks.hold(name):
+                    placed = await self._place(name)
+                progress |= placed
+                if not placed and getattr(self._registry.get(name), 'failed', False):
+                    failed.add(name)
 
     async def _withdraw(self, stream: CreatedStream) -> bool:
-        """Ends a stream whose sources have moved, so that it is made anew."""
-        if self._turns.taken(stream.name) or stream.engine is None:
+        """Destroy a stream whose sources have another topic, for it to be recreated."""
+        if self._locks.is_held(stream.name) or stream.engine is None:
             return False
-        async with self._turns.of(stream.name):
-            try:
-                await self._discard(stream.engine, stream.name)
-            except DyKnowError as error:
-                self._node.get_logger().info(str(error))
-            self._registry.withdraw(stream.name, 'what it is made from has moved')
+        async with self._locks.hold(stream.name):
+            await self._try_destroy_on(stream.engine, stream.name)
+            self._registry.withdraw(stream.name, 'a stream that it is made from has another topic')
         return True
 
     async def _place(self, name: str) -> bool:
+        """Make a stream if it waits, and return True on success."""
         stream = self._registry.get(name)
         if not isinstance(stream, CreatedStream) or not stream.waits:
             return False
         try:
             await self._make(stream)
         except DyKnowError as error:
-            failed = error.code not in _PASSING
+            failed = error.code not in _RETRYABLE
             if (error.message, failed) != (stream.message, stream.failed):
-                log = self._node.get_logger()
-                (log.error if failed else log.info)(f"stream '{name}' is not made: {error}")
+                logger = self._node.get_logger()
+                (logger.error if failed else logger.info)(f"stream '{name}' is not made: {error}")
             self._registry.release(name, error.message, failed=failed)
             return False
         return True
 
     async def _wait_for_engine(self) -> None:
-        """Waits for an engine that was just started, for a while."""
+        """Wait until an engine is ready, at most for the timeout."""
         clock = self._node.wall_clock
-        end = clock.now().nanoseconds + round(PATIENCE * SECOND_NS)
-        while not self._engines.ready() and clock.now().nanoseconds < end:
-            await self._node.deadlines.after(POLL)
+        deadline = clock.now().nanoseconds + ENGINE_TIMEOUT_NS
+        while not self._engines.ready() and clock.now().nanoseconds < deadline:
+            await self._node.deadlines.after(POLL_PERIOD_S)
 
     async def _make(self, stream: CreatedStream) -> Any:
-        """Has a stream made by the engine with the fewest streams; by another, if that one dies."""
+        """Make a stream on the engine with the fewest streams; on another if that one dies."""
         while True:
             engine = self._registry.least_loaded(self._engines.ready())
             if engine is None:
-                raise engines_missing(self._engines.seen())
+                raise engines_missing(self._engines.known())
             try:
                 return await self._make_on(stream, engine)
             except DyKnowError as error:
@@ -273,42 +288,39 @@ class Placement:
         self._registry.assign(name, engine)
         try:
             if (engine, name) in self._unwanted:
-                await self._discard(engine, name)
-            answer = await self._request(stream, engine, text)
+                await self._destroy_on(engine, name)
+            response = await self._request(stream, engine, text)
         except DyKnowError as error:
-            if error.code in (ExitCode.TIMEOUT, ExitCode.UNAVAILABLE):
-                # It may do yet what it was asked for.
+            if error.code in _NO_RESPONSE:
                 self._unwanted.add((engine, name))
             self._registry.release(name, stream.message)
             raise
-        when = round_time(self._node.now())
-        message = f'made anew on {engine} at {when}: {stream.lost}' if stream.lost else ''
-        self._registry.place(name, engine, answer.stream_topic, sources, message)
+        time = round_time(self._node.now())
+        message = f'recreated on {engine} at {time}: {stream.lost}' if stream.lost else ''
+        self._registry.place(name, engine, response.stream_topic, sources, message)
         self._on_change()
-        return answer
+        return response
 
     async def _request(self, stream: CreatedStream, engine: str, text: str) -> Any:
-        spec = StreamCreateFromSpec.Request().spec
-        spec.name, spec.specification = stream.name, text
-        spec.constraints = constraints_to_message(stream.constraints)
-        answer = await self._engines.call(engine, StreamCreateFromSpec, spec=spec)
+        constraints = constraints_to_message(stream.constraints)
+        spec = StreamSpec(name=stream.name, specification=text, constraints=constraints)
+        response = await self._engines.call(engine, StreamCreateFromSpec, spec=spec)
         if not self._engines.is_ready(engine):
             raise DyKnowError(f'node {engine} has died', ExitCode.UNAVAILABLE)
-        return answer
+        return response
 
-    async def _undo(self, engine: str, name: str) -> None:
+    async def _try_destroy_on(self, engine: str, name: str) -> None:
         try:
-            await self._discard(engine, name)
+            await self._destroy_on(engine, name)
         except DyKnowError as error:
             self._node.get_logger().info(str(error))
 
-    async def _discard(self, engine: str, name: str) -> None:
-        """Has an engine end a stream; one that is gone has ended it already."""
+    async def _destroy_on(self, engine: str, name: str) -> None:
+        """Have an engine destroy a stream; succeed if the engine or the stream is gone."""
         try:
             await self._engines.call(engine, StreamDestroy, stream_name=name)
         except DyKnowError as error:
-            if error.code in (ExitCode.TIMEOUT, ExitCode.UNAVAILABLE):
-                # It may come back, and make it still.
+            if error.code in _NO_RESPONSE:
                 self._unwanted.add((engine, name))
             if error.code not in (ExitCode.NOT_FOUND, ExitCode.UNAVAILABLE):
                 raise

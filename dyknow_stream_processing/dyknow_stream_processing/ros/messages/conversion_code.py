@@ -1,20 +1,33 @@
-"""Python that converts messages to the fields of samples and back (paper, section VI).
+"""Python code that converts messages to the fields of samples and back (paper, section VI).
 
-The same text is written to a file by `generate_conversions` and compiled at run time, so that the
-two cannot differ. Of each message type it has two functions, here of sensor_msgs/msg/LaserScan:
+`generate_conversions` writes the code to a file and `message_conversion` compiles it at run time,
+so both behave alike. For a type `my_msgs/msg/Scan` with `string name` and `float32[] ranges`, the
+code is, without docstrings:
 
-- `laser_scan_to_fields` makes a field of every single value: of nested messages by dotted paths,
-  `header.stamp.sec`, and of each element of an array, whether its length is fixed or not, by its
-  index, `ranges[0]`. A byte is an int.
-- `laser_scan_from_fields` makes a message. What is not given keeps its default, and an array grows
-  to the highest index that is given. An int may stand for a float, and nothing else for another.
-  What does not fit is an error that names the field, its value and the type.
+    def scan_to_fields(message: my_msgs.msg.Scan) -> dict[str, Value]:
+        fields: dict[str, Value] = {
+            'name': message.name,
+        }
+        for i, ranges_i in enumerate(message.ranges.tolist()):
+            fields[f'ranges[{i}]'] = ranges_i
+        return fields
 
-Back and forth, a message is the same again, but for elements at the end of an array that hold no
-value themselves, such as an empty `LaserEcho`: they leave no trace among the fields.
+    def scan_from_fields(fields: Mapping[str, Value]) -> my_msgs.msg.Scan:
+        message = my_msgs.msg.Scan()
+        reader = FieldReader(fields)
+        if 'name' in reader:
+            message.name = reader.string('name')
+        for i in reader.indexes('ranges', message.ranges, float):
+            message.ranges[i] = reader.real(f'ranges[{i}]', 'float')
+        reader.finish(message)
+        return message
 
-Where certain paths are asked for, the first function reads just those, and leaves out an element
-that the message does not have; the second sets just those, in an array at any index.
+Fields that are not given keep their defaults, and an array grows to the highest index given. An
+element at the end of an array that holds no value itself, such as an empty `LaserEcho`, leaves no
+field and is lost on the way back.
+
+If only certain paths are requested, the first function reads these and omits elements that the
+message lacks; the second sets these, in an array at any index.
 """
 
 from __future__ import annotations
@@ -36,60 +49,70 @@ from dyknow_common.ros import snake_case
 from dyknow_stream_processing.ros.messages.message_types import (
     check_fields,
     field_types,
-    largest_size,
+    max_size,
     nested_class,
     type_name_of,
 )
 
-_WIDTH: Final = 100
-_LISTS: Final = ('boolean', 'octet', 'char', 'wchar')
-"""Arrays of these are lists, of other numbers arrays of numpy or Python."""
+_LINE_WIDTH: Final = 100
+_LIST_ELEMENTS: Final = ('boolean', 'octet', 'char', 'wchar')
+"""Arrays of these types are lists; arrays of other numbers are `numpy.ndarray` or `array.array`."""
 
-_COMMA = re.compile(r', (?![^\[]*\])')
-_STEP = re.compile(r'(?P<name>\w+)(\[(?P<index>\d+)\])?', re.ASCII)
+_NUL: Final = r"lambda: '\0'"
+_ELEMENT_FACTORIES: Final = {
+    'boolean': 'bool',
+    'octet': 'lambda: bytes(1)',
+    'char': _NUL,
+    'wchar': _NUL,
+    'float': 'float',
+    'double': 'float',
+}
+_COMMA: Final = re.compile(r', (?![^\[]*\])')
+_STEP: Final = re.compile(r'(?P<name>\w+)(\[(?P<index>\d+)\])?', re.ASCII)
 
 
 def module_text(classes: Iterable[Any], fields: Collection[str] | None, written_by: str) -> str:
-    """The text of a module with the conversions of several message classes.
+    """Return the text of a module with the conversions of several message classes.
 
     Args:
-        classes: of messages; their names differ.
-        fields: paths to the fields to convert; None for all.
-        written_by: the command that it is written by.
+        classes: message classes with distinct names.
+        fields: paths of the fields to convert; None for all.
+        written_by: the command that writes the module.
 
     Raises:
-        StreamError: NOT_FOUND, for a field that a message type does not have.
+        StreamError: NOT_FOUND, if a message type lacks a field.
     """
-    classes = sorted(classes, key=type_name_of)
-    functions = '\n'.join(conversion_text(each, fields) for each in classes)
+    functions = '\n'.join(
+        conversion_text(each, fields) for each in sorted(classes, key=type_name_of)
+    )
     docstring = f'"""Between messages and the fields of samples.\n\nWritten by: {written_by}\n"""\n'
     return f'{docstring}\n{with_imports(functions)}'
 
 
 def conversion_text(class_: Any, fields: Collection[str] | None) -> str:
-    """The text of the two functions of a message class.
+    """Return the text of the two functions of a message class.
 
     Raises:
-        StreamError: NOT_FOUND, for a field that the message type does not have.
+        StreamError: NOT_FOUND, if the message type lacks a field.
     """
     if fields is not None:
         check_fields(class_, fields)
     name, type_name = snake_case(class_.__name__), type_name_of(class_)
-    annotation = _class_text(class_)
+    annotation = _class_expression(class_)
     reading = _read_all(class_) if fields is None else _read(class_, sorted(fields))
-    shapes = None if fields is None else frozenset(re.sub(r'\d+(?=\])', '', f) for f in fields)
+    wanted = None if fields is None else {re.sub(r'\d+(?=\])', '', each) for each in fields}
     lines = [
         '',
         f'def {name}_to_fields(message: {annotation}) -> dict[str, Value]:',
-        f'    """The fields of {type_name}."""',
+        f'    """Return the fields of a {type_name}."""',
         *_indented(reading),
         '',
         '',
         f'def {name}_from_fields(fields: Mapping[str, Value]) -> {annotation}:',
-        '    """The message of some fields; the others keep their defaults."""',
+        '    """Return a message with some fields; the others keep their defaults."""',
         f'    message = {annotation}()',
         '    reader = FieldReader(fields)',
-        *_indented(_set(class_, _CodePosition('', 'message'), shapes)),
+        *_indented(_set(class_, _MESSAGE, wanted)),
         '    reader.finish(message)',
         '    return message',
         '',
@@ -98,8 +121,8 @@ def conversion_text(class_: Any, fields: Collection[str] | None) -> str:
 
 
 def with_imports(functions: str) -> str:
-    """The text of functions after the imports that they need."""
-    # Types of messages begin with a capital letter, and fields do not.
+    """Return the text of functions after the imports that they need."""
+    # Message types begin with a capital letter, fields do not.
     packages = sorted(set(re.findall(r'(?<![.\w])(\w+)\.msg\.[A-Z]', functions)))
     helpers = [name for name in ('FieldReader', 'without_element') if f'{name}(' in functions]
     lines = [
@@ -115,12 +138,12 @@ def with_imports(functions: str) -> str:
 
 @dataclass(frozen=True, slots=True)
 class _CodePosition:
-    """A place in a message.
+    """A position in a message.
 
     Args:
-        path: to it; indexes are variables, `points[{i}]`.
-        expression: what it is in Python, `points_i`.
-        depth: within how many arrays it is.
+        path: the path to it; indexes are variables, `points[{i}]`.
+        expression: the Python expression for it, `points_i`.
+        depth: the number of arrays around it.
     """
 
     path: str
@@ -129,35 +152,33 @@ class _CodePosition:
 
     @property
     def literal(self) -> str:
-        """The path as Python."""
+        """The path as a Python string."""
         return f"{'f' * (self.depth > 0)}'{self.path}'"
 
-    @property
-    def shape(self) -> str:
-        """The path without indexes."""
-        return re.sub(r'{\w}', '', self.path)
-
     def member(self, name: str) -> _CodePosition:
-        """A member of the message at this place."""
+        """Return the position of a member of the message here."""
         path = f'{self.path}.{name}' if self.path else name
         return _CodePosition(path, f'{self.expression}.{name}', self.depth)
 
     @property
     def index(self) -> str:
-        """The variable that counts the elements of the array at this place."""
+        """The loop variable for the array here."""
         return 'ijkmnopqrstuvwxyz'[self.depth]
 
     @property
     def element(self) -> _CodePosition:
-        """An element of the array at this place, in a loop over it."""
+        """The position of an element of the array here, in a loop over it."""
         variable = f'{self.expression.rpartition(".")[2]}_{self.index}'
         return _CodePosition(f'{self.path}[{{{self.index}}}]', variable, self.depth + 1)
 
 
-def _members(class_: Any, place: _CodePosition) -> Iterator[tuple[_CodePosition, AbstractType]]:
-    """The single values and the arrays in a message, in their order."""
+_MESSAGE: Final = _CodePosition('', 'message')
+
+
+def _members(class_: Any, position: _CodePosition) -> Iterator[tuple[_CodePosition, AbstractType]]:
+    """Yield the single values and the arrays in a message, in their order."""
     for name, field_type in field_types(class_).items():
-        member = place.member(name)
+        member = position.member(name)
         if isinstance(field_type, NamespacedType):
             yield from _members(nested_class(field_type), member)
         else:
@@ -165,57 +186,58 @@ def _members(class_: Any, place: _CodePosition) -> Iterator[tuple[_CodePosition,
 
 
 def _read_all(class_: Any) -> list[str]:
-    members = list(_members(class_, _CodePosition('', 'message')))
-    arrays = [each for each in members if isinstance(each[1], AbstractNestedType)]
-    values = [_item(*each) for each in members if each not in arrays]
-    if not arrays:
+    values, loops = _read_members(class_, _MESSAGE)
+    if not loops:
         return _dictionary('return', values)
-    loops = [line for each in arrays for line in _read_array(*each)]
     return [*_dictionary('fields: dict[str, Value] =', values), *loops, 'return fields']
+
+
+def _read_members(class_: Any, position: _CodePosition) -> tuple[list[tuple[str, str]], list[str]]:
+    """Return the single values of a message as dictionary items, and loops over its arrays."""
+    values: list[tuple[str, str]] = []
+    loops: list[str] = []
+    for member, field_type in _members(class_, position):
+        if isinstance(field_type, AbstractNestedType):
+            loops += _read_array(member, field_type)
+        else:
+            values.append((member.literal, f'{member.expression}{_octet_index(field_type)}'))
+    return values, loops
 
 
 def _read_array(array: _CodePosition, array_type: AbstractType) -> list[str]:
     element, element_type = array.element, array_type.value_type
     if isinstance(element_type, NamespacedType):
-        members = list(_members(nested_class(element_type), element))
-        arrays = [each for each in members if isinstance(each[1], AbstractNestedType)]
-        values = [_item(*each) for each in members if each not in arrays]
-        body = _dictionary('fields |=', values) if values else []
-        body += [line for each in arrays for line in _read_array(*each)]
+        values, loops = _read_members(nested_class(element_type), element)
+        body = [*(_dictionary('fields |=', values) if values else []), *loops]
     else:
-        path, value = _item(element, element_type)
-        body = [f'fields[{path}] = {value}']
+        body = [f'fields[{element.literal}] = {element.expression}{_octet_index(element_type)}']
     elements = f'{array.expression}{".tolist()" * _is_compact(element_type)}'
     head = f'for {array.index}, {element.expression} in enumerate({elements}):'
     return [head, *_indented(body)] if body else []
 
 
-def _item(place: _CodePosition, field_type: AbstractType) -> tuple[str, str]:
-    return place.literal, f'{place.expression}{"[0]" * _is_octet(field_type)}'
-
-
 def _read(class_: Any, paths: Iterable[str]) -> list[str]:
-    """Reads certain fields; an element may be beyond the end of its array."""
+    """Return code that reads certain fields; an element may be beyond the end of its array."""
     certain: list[tuple[str, str]] = []
-    uncertain: list[tuple[str, str]] = []
+    lines: list[str] = []
     for path in paths:
         expression, is_certain = _expression(class_, path)
-        (certain if is_certain else uncertain).append((f"'{path}'", expression))
-    if not uncertain:
-        return _dictionary('return', certain)
-    lines = _dictionary('fields: dict[str, Value] =', certain)
-    for path, expression in uncertain:
+        if is_certain:
+            certain.append((f"'{path}'", expression))
+            continue
         lines += [
             'try:',
-            f'    fields[{path}] = {expression}',
+            f"    fields['{path}'] = {expression}",
             'except IndexError:',
-            f'    fields = without_element(fields, message, {path})',
+            f"    fields = without_element(fields, message, '{path}')",
         ]
-    return [*lines, 'return fields']
+    if not lines:
+        return _dictionary('return', certain)
+    return [*_dictionary('fields: dict[str, Value] =', certain), *lines, 'return fields']
 
 
 def _expression(class_: Any, path: str) -> tuple[str, bool]:
-    """A path in Python, and whether every message has it."""
+    """Return the Python expression for a path, and whether every message has the path."""
     expression, is_certain, field_type = 'message', True, None
     for step in _STEP.finditer(path):
         field_type = field_types(class_)[step['name']]
@@ -228,7 +250,7 @@ def _expression(class_: Any, path: str) -> tuple[str, bool]:
             expression += f'.item({step["index"]})' if is_numpy else f'[{step["index"]}]'
         if isinstance(field_type, NamespacedType):
             class_ = nested_class(field_type)
-    return f'{expression}{"[0]" * _is_octet(field_type)}', is_certain
+    return f'{expression}{_octet_index(field_type)}', is_certain
 
 
 def _dictionary(head: str, items: Iterable[tuple[str, str]]) -> list[str]:
@@ -236,13 +258,22 @@ def _dictionary(head: str, items: Iterable[tuple[str, str]]) -> list[str]:
     return [f'{head} {{', *lines, '}'] if lines else [f'{head} {{}}']
 
 
-def _set(class_: Any, place: _CodePosition, shapes: Collection[str] | None) -> list[str]:
+def _set(class_: Any, position: _CodePosition, wanted: Collection[str] | None) -> list[str]:
+    """Return code that sets the members of a message.
+
+    Args:
+        class_: the message class.
+        position: the message.
+        wanted: paths without indexes, `points[].x`, of the fields to set; None for all.
+    """
     lines: list[str] = []
-    for member, field_type in _members(class_, place):
-        if shapes is not None and not any(_is_within(each, member.shape) for each in shapes):
+    for member, field_type in _members(class_, position):
+        path = re.sub(r'{\w}', '', member.path)
+        inside = (f'{path}.', f'{path}[')
+        if wanted is not None and not any(f'{each}.'.startswith(inside) for each in wanted):
             continue
         if isinstance(field_type, AbstractNestedType):
-            lines += _set_array(member, field_type, shapes)
+            lines += _set_array(member, field_type, wanted)
         else:
             lines.append(f'if {member.literal} in reader:')
             lines.append(f'    {member.expression} = {_value(member, field_type)}')
@@ -250,65 +281,58 @@ def _set(class_: Any, place: _CodePosition, shapes: Collection[str] | None) -> l
 
 
 def _set_array(
-    array: _CodePosition, array_type: AbstractType, shapes: Collection[str] | None
+    array: _CodePosition, array_type: AbstractType, wanted: Collection[str] | None
 ) -> list[str]:
     element, element_type = array.element, array_type.value_type
     at_index = f'{array.expression}[{array.index}]'
     if isinstance(element_type, NamespacedType):
-        body = _set(nested_class(element_type), element, shapes)
+        body = _set(nested_class(element_type), element, wanted)
         body = [f'{element.expression} = {at_index}', *body] if body else []
     else:
         body = [f'{at_index} = {_value(element, element_type)}']
     arguments = [array.literal, array.expression]
     if not isinstance(array_type, Array):
-        arguments.append(_blank(element_type))
-        if largest_size(array_type) is not None:
-            arguments.append(str(largest_size(array_type)))
+        arguments.append(_element_factory(element_type))
+        if max_size(array_type) is not None:
+            arguments.append(str(max_size(array_type)))
     head = f'for {array.index} in reader.indexes({", ".join(arguments)}):'
     return [head, *_indented(body)] if body else []
 
 
-def _value(place: _CodePosition, field_type: AbstractType) -> str:
-    """How to take a value from the fields."""
+def _value(position: _CodePosition, field_type: AbstractType) -> str:
+    """Return the expression that reads a value from the fields."""
     if isinstance(field_type, AbstractGenericString):
-        bounded = getattr(field_type, 'maximum_size', None)
-        longest = '' if bounded is None else f', {bounded}'
-        return f'reader.string({place.literal}{longest})'
+        bound = getattr(field_type, 'maximum_size', None)
+        return f'reader.string({position.literal}{"" if bound is None else f", {bound}"})'
     kind = field_type.typename
-    if kind in {'float', 'double'}:
-        return f"reader.real({place.literal}, '{kind}')"
-    methods = {'boolean': 'boolean', 'octet': 'octet', 'char': 'character', 'wchar': 'character'}
-    if kind in methods:
-        return f'reader.{methods[kind]}({place.literal})'
-    return f"reader.integer({place.literal}, '{kind}')"
+    if kind in _LIST_ELEMENTS:
+        method = 'character' if kind in {'char', 'wchar'} else kind
+        return f'reader.{method}({position.literal})'
+    method = 'real' if kind in {'float', 'double'} else 'integer'
+    return f"reader.{method}({position.literal}, '{kind}')"
 
 
-def _blank(element_type: AbstractType) -> str:
-    """What makes an element with its default value."""
+def _element_factory(element_type: AbstractType) -> str:
+    """Return an expression for a function that returns an element with its default value."""
     if isinstance(element_type, NamespacedType):
-        return _class_text(nested_class(element_type))
+        return _class_expression(nested_class(element_type))
     if isinstance(element_type, AbstractGenericString):
         return 'str'
-    makers = {'float': 'float', 'double': 'float', 'boolean': 'bool', 'octet': 'lambda: bytes(1)'}
-    characters = dict.fromkeys(('char', 'wchar'), r"lambda: '\0'")
-    return {**makers, **characters}.get(element_type.typename, 'int')
+    return _ELEMENT_FACTORIES.get(element_type.typename, 'int')
 
 
-def _class_text(class_: Any) -> str:
+def _class_expression(class_: Any) -> str:
     return type_name_of(class_).replace('/', '.')
 
 
 def _is_compact(element_type: AbstractType) -> bool:
     nested = isinstance(element_type, NamespacedType | AbstractGenericString)
-    return not nested and element_type.typename not in _LISTS
+    return not nested and element_type.typename not in _LIST_ELEMENTS
 
 
-def _is_octet(field_type: AbstractType) -> bool:
-    return getattr(field_type, 'typename', '') == 'octet'
-
-
-def _is_within(shape: str, outer: str) -> bool:
-    return shape == outer or shape.startswith((f'{outer}.', f'{outer}['))
+def _octet_index(field_type: AbstractType) -> str:
+    """Return the index that makes an int of an octet, which is a `bytes` of length 1."""
+    return '[0]' if getattr(field_type, 'typename', '') == 'octet' else ''
 
 
 def _indented(lines: Iterable[str]) -> list[str]:
@@ -316,8 +340,8 @@ def _indented(lines: Iterable[str]) -> list[str]:
 
 
 def _wrapped(line: str) -> list[str]:
-    """A line as formatters break it where it is too long: within brackets."""
-    if len(line) <= _WIDTH or line.lstrip().startswith(("'", "f'", '"')):
+    """Return a line as formatters break it if it is too long: within brackets."""
+    if len(line) <= _LINE_WIDTH or line.lstrip().startswith(("'", "f'", '"')):
         return [line]
     indent = ' ' * (len(line) - len(line.lstrip()))
     if '(' in line:
@@ -332,6 +356,6 @@ def _wrapped(line: str) -> list[str]:
         start, end, separator = f'{indent}if ', ':', ''
         path, _, reader = inner.partition(' in ')
         splits = [path, f'in {reader}']
-    is_whole = len(f'{indent}    {inner}') <= _WIDTH and not line.startswith('def ')
+    is_whole = len(f'{indent}    {inner}') <= _LINE_WIDTH and not line.startswith('def ')
     parts = [inner] if is_whole else [f'{each}{separator}' for each in splits]
     return [f'{start}(', *(f'{indent}    {each}' for each in parts), f'{indent}){end}']

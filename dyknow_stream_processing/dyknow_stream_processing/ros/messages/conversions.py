@@ -1,6 +1,6 @@
-"""Functions that convert messages to the fields of samples and back, made at run time.
+"""Functions that convert messages to the fields of samples and back, compiled at run time.
 
-What they do is written in `conversion_text`.
+Their code is that of `conversion_text`.
 """
 
 from __future__ import annotations
@@ -26,8 +26,8 @@ class Conversion:
     """The two functions of a message type.
 
     Args:
-        to_fields: the fields of a message.
-        from_fields: the message of some fields; raises StreamError for what does not fit.
+        to_fields: returns the fields of a message.
+        from_fields: returns a message; raises StreamError for a value that does not fit.
     """
 
     to_fields: Callable[[Any], dict[str, Value]]
@@ -35,10 +35,10 @@ class Conversion:
 
 
 def message_conversion(class_: Any, fields: Collection[str] | None = None) -> Conversion:
-    """The conversion of a message class, of the fields named or of all.
+    """Return the conversion of a message class, for the named fields or for all.
 
     Raises:
-        StreamError: NOT_FOUND, for a field that the message type does not have.
+        StreamError: NOT_FOUND, if the message type lacks a field.
     """
     text = with_imports(conversion_text(class_, fields))
     namespace: dict[str, Any] = {}
@@ -47,36 +47,23 @@ def message_conversion(class_: Any, fields: Collection[str] | None = None) -> Co
     return Conversion(namespace[f'{name}_to_fields'], namespace[f'{name}_from_fields'])
 
 
-def extractor(class_: Any, fields: Collection[str] | None) -> Callable[[Any], dict[str, Value]]:
-    """A function that takes the named fields out of a message.
+def extractor(class_: Any, fields: Collection[str]) -> Callable[[Any], dict[str, Value]]:
+    """Return a function that reads the named fields of a message.
 
-    For None these are all but the elements of arrays. An element that a message does not have is
-    left out; its absence is explained, see `PartialFields`.
-
-    Raises:
-        StreamError: NOT_FOUND, for a field that the message type does not have.
+    `ALL` among them stands for all but the elements of arrays. A field that the message type lacks
+    and an element that a message lacks are left out and explained, see `PartialFields`.
     """
-    return message_conversion(
-        class_, fields_to_read(class_, {ALL}) if fields is None else fields
-    ).to_fields
-
-
-def tolerant_extractor(class_: Any, fields: Collection[str]) -> Callable[[Any], dict[str, Value]]:
-    """A function that takes those of the named fields out of a message that its type has.
-
-    `ALL` among them stands for all but the elements of arrays. What the message type does not have
-    is left out, too, and explained.
-    """
-    known, present = scalar_fields(class_), fields_to_read(class_, fields)
-    extract = extractor(class_, present)
-    absent = [each for each in fields if each != ALL and each not in present]
+    present = fields_to_read(class_, fields)
+    extract = message_conversion(class_, present).to_fields
+    absent = set(fields) - {ALL, *present}
     if not absent:
         return extract
-    reasons = {each: absence(type_name_of(class_), known, each) for each in absent}
+    known, name = scalar_fields(class_), type_name_of(class_)
+    reasons = {each: absence(name, known, each) for each in absent}
 
-    def explain(message: Any) -> PartialFields:
+    def extract_and_explain(message: Any) -> PartialFields:
         found = extract(message)
         more = found.reasons if isinstance(found, PartialFields) else {}
         return PartialFields(found, {**reasons, **more})
 
-    return explain
+    return extract_and_explain

@@ -1,10 +1,11 @@
-"""The fields of message types: their paths, and what they hold."""
+"""Message types: their classes, and the paths, value types and time fields in them."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterator, Mapping
 from importlib import import_module
-from typing import Any
+from operator import attrgetter
+from typing import Any, Final
 
 from rclpy.type_support import check_for_type_support
 from rosidl_parser.definition import (
@@ -20,20 +21,21 @@ from dyknow_common import ExitCode, ValueType, absence, all_elements, listed_as
 from dyknow_common.ros import time_to_nanoseconds
 from dyknow_stream_processing.errors import StreamError
 from dyknow_stream_processing.language.required_fields import ALL
+from dyknow_stream_processing.reporting.stream_report import SAMPLE_TYPE
 
-_CHARACTERS = ('char', 'wchar')
+_TIME_TYPE: Final = 'builtin_interfaces/msg/Time'
 
 
 def message_class(type_name: str) -> Any:
-    """The class of a message type such as `sensor_msgs/msg/BatteryState`.
+    """Return the class of a message type such as `sensor_msgs/msg/BatteryState`.
 
     Raises:
-        StreamError: NOT_FOUND, when the type is not installed.
+        StreamError: NOT_FOUND, if the type is not installed.
     """
     package, _, name = type_name.partition('/msg/')
     try:
         class_ = getattr(import_module(f'{package}.msg'), name)
-        check_for_type_support(class_)  # Loaded here rather than with the first message.
+        check_for_type_support(class_)  # Loads it now rather than with the first message.
     except (ImportError, AttributeError, TypeError, ValueError):
         raise StreamError(
             f"message type '{type_name}' is not installed; write it as package/msg/Type",
@@ -43,57 +45,60 @@ def message_class(type_name: str) -> Any:
 
 
 def type_name_of(class_: Any) -> str:
-    """The name of a message type, `sensor_msgs/msg/BatteryState`."""
+    """Return the name of a message type, `sensor_msgs/msg/BatteryState`."""
     return f'{class_.__module__.partition(".")[0]}/msg/{class_.__name__}'
 
 
+def is_sample(class_: Any) -> bool:
+    """Return True for the message type of DyKnow's own streams."""
+    return type_name_of(class_) == SAMPLE_TYPE
+
+
 def field_types(class_: Any) -> Mapping[str, AbstractType]:
-    """The fields of a message class, with their types as the interface generator knows them."""
+    """Return the fields of a message class with their types in the interface definition."""
     return dict(zip(class_.get_fields_and_field_types(), class_.SLOT_TYPES, strict=True))
 
 
 def nested_class(field_type: NamespacedType) -> Any:
-    """The class of a message within another."""
+    """Return the class of a message within another."""
     return message_class('/'.join(field_type.namespaced_name()))
 
 
 def value_type(field_type: AbstractType) -> ValueType:
-    """What a sample holds of a field that is a single value; a byte is an int."""
-    if isinstance(field_type, AbstractGenericString) or field_type.typename in _CHARACTERS:
+    """Return the type of a single value in a sample; a byte is an int."""
+    if isinstance(field_type, AbstractGenericString) or field_type.typename in {'char', 'wchar'}:
         return ValueType.STRING
     if field_type.typename in {'float', 'double'}:
         return ValueType.FLOAT
     return ValueType.BOOLEAN if field_type.typename == 'boolean' else ValueType.INT
 
 
-def largest_size(array: AbstractType) -> int | None:
-    """How many elements an array can have; None where there is no bound."""
+def max_size(array: AbstractType) -> int | None:
+    """Return the maximum number of elements of an array; None if it is unbounded."""
     if isinstance(array, Array):
         return int(array.size)
     return int(array.maximum_size) if isinstance(array, BoundedSequence) else None
 
 
-def scalar_fields(class_: Any) -> Mapping[str, ValueType]:
-    """The paths to the single values in a message type, with what they hold.
+def scalar_fields(class_: Any, prefix: str = '') -> dict[str, ValueType]:
+    """Return the paths to the single values in a message type, with their types.
 
     The elements of an array are listed together, see `field_paths`.
     """
-    return dict(_scalar_fields(class_, ''))
-
-
-def _scalar_fields(class_: Any, prefix: str) -> Iterator[tuple[str, ValueType]]:
+    fields: dict[str, ValueType] = {}
     for name, field_type in field_types(class_).items():
         path, element = prefix + name, field_type
         if isinstance(field_type, AbstractNestedType):
-            path, element = all_elements(path, largest_size(field_type)), field_type.value_type
+            path, element = all_elements(path, max_size(field_type)), field_type.value_type
         if isinstance(element, NamespacedType):
-            yield from _scalar_fields(nested_class(element), f'{path}.')
+            fields |= scalar_fields(nested_class(element), f'{path}.')
         else:
-            yield path, value_type(element)
+            fields[path] = value_type(element)
+    return fields
 
 
 def fields_to_read(class_: Any, fields: Collection[str]) -> list[str]:
-    """Those of some fields that a message type has, sorted.
+    """Return those of some fields that a message type has, sorted.
 
     `ALL` among them stands for all but the elements of arrays.
     """
@@ -105,10 +110,10 @@ def fields_to_read(class_: Any, fields: Collection[str]) -> list[str]:
 
 
 def check_fields(class_: Any, fields: Collection[str]) -> None:
-    """Checks that a message type has some fields, and that each is a single value.
+    """Check that a message type has some fields, and that each is a single value.
 
     Raises:
-        StreamError: NOT_FOUND, says what can be asked for instead.
+        StreamError: NOT_FOUND, naming the fields that can be requested instead.
     """
     known = scalar_fields(class_)
     for field in fields:
@@ -116,8 +121,43 @@ def check_fields(class_: Any, fields: Collection[str]) -> None:
             raise StreamError(absence(type_name_of(class_), known, field), ExitCode.NOT_FOUND)
 
 
-def stamp_of(class_: Any) -> Callable[[Any], int] | None:
-    """How to read the valid time of a message; None where it has no header with a stamp."""
-    if class_.get_fields_and_field_types().get('header') != 'std_msgs/Header':
-        return None
-    return lambda message: time_to_nanoseconds(message.header.stamp)
+def valid_time_reader(class_: Any, field: str | None = None) -> Callable[[Any], int] | None:
+    """Return a function that reads the valid time of a message in nanoseconds.
+
+    Args:
+        class_: the message class.
+        field: the dotted path of a field of the type `builtin_interfaces/Time`; by default
+            `valid_time` for samples, and `header.stamp` for other messages.
+
+    Returns:
+        The function; None if no field is given and the messages have no header.
+
+    Raises:
+        StreamError: NOT_FOUND, naming the fields that hold a time.
+    """
+    if field is None:
+        if is_sample(class_):
+            field = 'valid_time'
+        elif class_.get_fields_and_field_types().get('header') == 'std_msgs/Header':
+            field = 'header.stamp'
+        else:
+            return None
+    known = list(_time_fields(class_))
+    if field not in known:
+        raise StreamError(
+            f"{type_name_of(class_)} has no field '{field}' of the type builtin_interfaces/Time "
+            f'(it has: {", ".join(known) or "none"})',
+            ExitCode.NOT_FOUND,
+        )
+    stamp = attrgetter(field)
+    return lambda message: time_to_nanoseconds(stamp(message))
+
+
+def _time_fields(class_: Any, prefix: str = '') -> Iterator[str]:
+    for name, field_type in field_types(class_).items():
+        if isinstance(field_type, NamespacedType):
+            nested = nested_class(field_type)
+            if type_name_of(nested) == _TIME_TYPE:
+                yield prefix + name
+            else:
+                yield from _time_fields(nested, f'{prefix}{name}.')

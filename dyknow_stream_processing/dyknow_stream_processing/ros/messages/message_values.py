@@ -1,4 +1,4 @@
-"""What functions that convert messages are made of, see `conversion_text`."""
+"""Parts that the functions of `conversion_text` call: read values, and check that they fit."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ from dyknow_stream_processing.language.specification import value_text
 from dyknow_stream_processing.ros.messages.message_types import scalar_fields, type_name_of
 from dyknow_stream_processing.sample import PartialFields
 
-_LARGEST_FLOAT: Final = (2 - 2**-23) * 2.0**127
-_BITS: Final = {f'int{bits}': bits for bits in (8, 16, 32, 64)}
-_INDEX = re.compile(r'\[(\d+)\]', re.ASCII)
+_MAX_FLOAT32: Final = (2 - 2**-23) * 2.0**127
+_INDEX: Final = re.compile(r'\[(\d+)\]', re.ASCII)
+_SURROGATE: Final = re.compile('[\ud800-\udfff]')
 
 
 def without_element(fields: dict[str, Value], message: Any, path: str) -> PartialFields:
-    """The fields of a sample that lacks one, as the message has no such element."""
+    """Return the fields of a sample without one whose array element the message lacks."""
     reasons = fields.reasons if isinstance(fields, PartialFields) else {}
     return PartialFields(fields, {**reasons, path: _missing_element(message, path)})
 
@@ -40,9 +40,10 @@ def _missing_element(message: Any, path: str) -> str:
 
 
 class FieldReader:
-    """The fields of a sample, as values for a message. Each is taken out once.
+    """Reader of the fields of a sample, as values for a message.
 
-    Every method but `finish` raises StreamError for a value that does not fit.
+    Each method but `finish` removes the field that it reads, and raises StreamError if the value
+    does not fit.
     """
 
     def __init__(self, fields: Mapping[str, Value]) -> None:
@@ -53,98 +54,91 @@ class FieldReader:
                 self._indexes[path[: index.start()]].add(int(index[1]))
 
     def __contains__(self, path: str) -> bool:
-        """Whether a field is given and not yet taken."""
         return path in self._fields
 
-    def boolean(self, path: str) -> bool:
-        """A boolean."""
+    def _pop(self, path: str, kind: str, types: Any) -> Any:
         value = self._fields.pop(path)
-        if not isinstance(value, bool):
-            raise _misfit(path, value, 'boolean')
+        if not isinstance(value, types) or (isinstance(value, bool) and types is not bool):
+            raise _misfit(path, value, kind)
+        return value
+
+    def boolean(self, path: str) -> bool:
+        """Return a boolean."""
+        value: bool = self._pop(path, 'boolean', bool)
         return value
 
     def integer(self, path: str, kind: str) -> int:
-        """An int of the type `kind` of the interface language, `uint8`."""
-        value = self._fields.pop(path)
-        bits = _BITS[kind.removeprefix('u')]
-        least, size = (0, 1 << bits) if kind.startswith('u') else (-1 << (bits - 1), 1 << bits)
-        if isinstance(value, bool) or not isinstance(value, int):
-            raise _misfit(path, value, kind)
-        if not least <= value < least + size:
-            raise _misfit(path, value, kind, f'it holds {least} to {least + size - 1}')
+        """Return an int of the type `kind` of the interface language, `uint8`."""
+        value: int = self._pop(path, kind, int)
+        size = 1 << int(kind.removeprefix('u').removeprefix('int'))
+        low = 0 if kind.startswith('u') else -size // 2
+        if not low <= value < low + size:
+            raise _misfit(path, value, kind, f'it holds {low} to {low + size - 1}')
         return value
 
     def real(self, path: str, kind: str) -> float:
-        """A number as `float` or `double`; an int becomes a float."""
-        value = self._fields.pop(path)
-        if isinstance(value, bool) or not isinstance(value, int | float):
-            raise _misfit(path, value, kind)
+        """Return a number as `float` or `double`; an int becomes a float."""
+        value: float = self._pop(path, kind, int | float)
         try:
             number = float(value)
         except OverflowError:
             raise _misfit(path, value, kind, 'it is too large') from None
-        if kind == 'float' and math.isfinite(number) and abs(number) > _LARGEST_FLOAT:
+        if kind == 'float' and math.isfinite(number) and abs(number) > _MAX_FLOAT32:
             raise _misfit(path, value, kind, 'it is too large')
         return number
 
-    def string(self, path: str, longest: int | None = None) -> str:
-        """A string; messages cannot hold NUL characters."""
-        value = self._fields.pop(path)
-        if not isinstance(value, str):
-            raise _misfit(path, value, 'string')
-        if longest is not None and len(value) > longest:
-            raise _misfit(path, value, f'string<={longest}', f'it has {len(value)} characters')
-        if '\0' in value or not _is_unicode(value):
+    def string(self, path: str, max_length: int | None = None) -> str:
+        """Return a string; messages cannot hold NUL characters and surrogates."""
+        value: str = self._pop(path, 'string', str)
+        if max_length is not None and len(value) > max_length:
+            raise _misfit(path, value, f'string<={max_length}', f'it has {len(value)} characters')
+        if '\0' in value or _SURROGATE.search(value):
             raise _misfit(path, value, 'string', 'it has a character that messages cannot hold')
         return value
 
     def character(self, path: str) -> str:
-        """A single character."""
+        """Return a single character."""
         value = self._fields.pop(path)
         if not isinstance(value, str) or len(value) != 1:
             raise _misfit(path, value, 'char', 'it must be one character')
         return value
 
     def octet(self, path: str) -> bytes:
-        """A byte, which is an int in a sample."""
+        """Return a byte, which is an int in a sample."""
         return bytes([self.integer(path, 'uint8')])
 
     def indexes(
         self,
         path: str,
         array: Any,
-        blank: Callable[[], Any] | None = None,
-        largest: int | None = None,
+        make_element: Callable[[], Any] | None = None,
+        max_size: int | None = None,
     ) -> list[int]:
-        """Which elements of an array are given.
+        """Return the indexes of the given elements of an array, and extend it to the highest.
 
         Args:
-            path: to the array.
-            array: is made long enough for all of them.
-            blank: makes the elements in between; None for an array whose length is fixed.
-            largest: how many elements the array may have.
+            path: the path to the array.
+            array: the array.
+            make_element: returns an element to extend the array with; None if its length is fixed.
+            max_size: the maximum length of the array; None if it is unbounded.
         """
-        length = len(array) if blank is None else largest
-        indexes = sorted(each for each in self._indexes[path] if length is None or each < length)
-        if blank is not None and indexes:
-            array.extend(blank() for _ in range(len(array), indexes[-1] + 1))
+        limit = len(array) if make_element is None else max_size
+        indexes = sorted(each for each in self._indexes[path] if limit is None or each < limit)
+        if make_element is not None and indexes:
+            array.extend(make_element() for _ in range(len(array), indexes[-1] + 1))
         return indexes
 
     def finish(self, message: Any) -> None:
-        """Checks that every field was taken.
+        """Check that every field was read.
 
         Raises:
-            StreamError: names the first that the message does not have.
+            StreamError: naming a field that the message or this conversion lacks.
         """
         for path in self._fields:
             known, name = scalar_fields(type(message)), type_name_of(type(message))
             if listed_as(known, path):
                 raise StreamError(f"field '{path}' of {name} is left out of this conversion")
             raise StreamError(absence(name, known, path), ExitCode.NOT_FOUND)
-
-
-def _is_unicode(text: str) -> bool:
-    return not any('\ud800' <= character <= '\udfff' for character in text)
 
 
 def _misfit(path: str, value: Value, kind: str, reason: str = '') -> StreamError:

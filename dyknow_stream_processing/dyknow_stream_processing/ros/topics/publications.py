@@ -1,8 +1,10 @@
-"""Who publishes a topic, and what a subscription may ask of them."""
+"""The publishers of a topic, and the quality of service that a subscription may request."""
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
+from typing import Any, Final
 
 from rclpy.exceptions import InvalidTopicNameException
 from rclpy.node import Node
@@ -10,19 +12,19 @@ from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 
 from dyknow_stream_processing.errors import StreamError
 
-DEPTH = 1000
-"""How many messages of a topic may wait for the node."""
+QUEUE_DEPTH: Final = 1000
+"""The number of messages of a topic that may wait for the node."""
 
 
 @dataclass(frozen=True, slots=True)
 class Publication:
-    """What all publishers of a topic have in common.
+    """The properties that all publishers of a topic have in common.
 
     Args:
-        type_name: of its messages, such as `nav_msgs/msg/Odometry`.
-        publishers: tells them apart.
-        reliable: whether each of them sends again what was lost.
-        latched: whether each of them keeps messages for those who come later.
+        type_name: the message type, such as `nav_msgs/msg/Odometry`.
+        publishers: identifiers of the publishers.
+        reliable: True if each publisher sends lost messages again.
+        latched: True if each publisher keeps messages for later subscriptions.
     """
 
     type_name: str
@@ -32,31 +34,33 @@ class Publication:
 
     @property
     def quality_of_service(self) -> QoSProfile:
-        """The strongest promises that every publisher keeps."""
+        """The strongest quality of service that every publisher offers."""
+        reliability, durability = ReliabilityPolicy, DurabilityPolicy
         return QoSProfile(
-            depth=DEPTH,
-            reliability=ReliabilityPolicy.RELIABLE
-            if self.reliable
-            else ReliabilityPolicy.BEST_EFFORT,
-            durability=DurabilityPolicy.TRANSIENT_LOCAL
-            if self.latched
-            else DurabilityPolicy.VOLATILE,
+            depth=QUEUE_DEPTH,
+            reliability=reliability.RELIABLE if self.reliable else reliability.BEST_EFFORT,
+            durability=durability.TRANSIENT_LOCAL if self.latched else durability.VOLATILE,
         )
 
-    def asks_the_same_as(self, other: Publication) -> bool:
-        """Whether one subscription serves both."""
-        return (self.type_name, self.reliable, self.latched) == (
-            other.type_name,
-            other.reliable,
-            other.latched,
-        )
+    def suits(self, other: Publication) -> bool:
+        """Return True if one subscription serves both."""
+        return replace(self, publishers=other.publishers) == other
 
 
-def published(node: Node, topic: str) -> Publication | None:
-    """How a topic is published; none while nobody does.
+def publishers_of(node: Node, topic: str) -> frozenset[tuple[int, ...]]:
+    """Return the identifiers of the publishers of a topic."""
+    return _identifiers(node.get_publishers_info_by_topic(topic))
+
+
+def _identifiers(infos: Iterable[Any]) -> frozenset[tuple[int, ...]]:
+    return frozenset(tuple(info.endpoint_gid) for info in infos)
+
+
+def find_publication(node: Node, topic: str) -> Publication | None:
+    """Return how a topic is published; None if it has no publishers.
 
     Raises:
-        StreamError: when its publishers disagree on the type, or it cannot be a topic's name.
+        StreamError: if its publishers have several types, or the name of the topic is invalid.
     """
     try:
         infos = node.get_publishers_info_by_topic(topic)
@@ -73,22 +77,22 @@ def published(node: Node, topic: str) -> Publication | None:
     offers = [info.qos_profile for info in infos]
     return Publication(
         types.pop(),
-        frozenset(tuple(info.endpoint_gid) for info in infos),
+        _identifiers(infos),
         reliable=all(offer.reliability is ReliabilityPolicy.RELIABLE for offer in offers),
         latched=all(offer.durability is DurabilityPolicy.TRANSIENT_LOCAL for offer in offers),
     )
 
 
-def followed(held: Publication | None, found: Publication) -> Publication:
-    """What to ask of the publishers found, given what was asked of those before.
+def next_request(held: Publication | None, found: Publication) -> Publication:
+    """Return what to request from the publishers found, given the current request.
 
-    A publisher that promises less would not be heard, so the subscription asks for less; it is left
-    as it is where it asks for less than it could, for a new one might miss messages.
+    The request becomes weaker if a publisher offers less, as it would not match otherwise. It does
+    not become stronger while a publisher stays: a new subscription might miss messages.
     """
     replaced = held is not None and held.publishers and not held.publishers & found.publishers
     if held is None or replaced or found.type_name != held.type_name:
         return found
     reliable = held.reliable and found.reliable
-    # Whoever subscribes anew to publishers that keep messages would get them twice.
+    # A new subscription to latched publishers would receive their messages twice.
     latched = held.latched and found.latched and reliable == held.reliable
     return replace(found, reliable=reliable, latched=latched)

@@ -1,69 +1,66 @@
-"""Messages that the middleware lost, told by the numbers that it gives them."""
+"""Sequence gaps in a stream of messages: messages that the middleware lost.
+
+Each publisher of a topic numbers its messages. A killed publisher stays listed for another 20 s,
+beside its successor. For example:
+
+    publishers                      numbers         reported
+    a                               7 8 11          2 before 11: 9 and 10 are lost
+    a, restarted                    7 8 1 2         0 before 1: unknown how many of a are lost
+    a killed, b appears             55 56 1 2 5     0 before 1, 2 before 5
+    a and b from the beginning      20 10 21 11     none: each counts for itself
+    a and b from the beginning      1 2 57          0 before 57: the first of b, or a gap of a
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Hashable
 from collections.abc import Set as AbstractSet
 
-from rclpy.node import Node
-
 
 class SequenceGaps:
-    """Follows the numbers of the messages of a topic, which each of its publishers counts itself.
-
-    A publisher that was killed is listed for another 20 s, beside the one that took its place.
+    """Detector of gaps in the sequence numbers of a topic's messages.
 
     Args:
-        publishers: lists those of the topic.
-        missed: is told how many messages were lost, before the message that shows it; 0 where
-            that cannot be known: another publisher may have come meanwhile.
+        publishers: returns identifiers of the publishers of the topic.
+        on_gap: is called with the number of lost messages, before the message that reveals the
+            gap; 0 if the number is unknown, as another publisher may have appeared.
     """
 
     def __init__(
-        self, publishers: Callable[[], AbstractSet[Hashable]], missed: Callable[[int], None]
+        self, publishers: Callable[[], AbstractSet[Hashable]], on_gap: Callable[[int], None]
     ) -> None:
         self._publishers = publishers
-        self._missed = missed
+        self._on_gap = on_gap
         self._known: AbstractSet[Hashable] = frozenset()
-        # The next number of each publisher; that of the one that was heard last at the end.
+        # The next number of each publisher; the one that published last is at the end.
         self._expected: list[int] = []
 
     def note(self, number: int | None) -> None:
-        """Takes the number of a message."""
+        """Check the number of a message; None if the middleware does not number messages."""
         if number is None:
-            return  # Not all middleware numbers its messages.
-        expected = self._expected
-        if expected and expected[-1] == number:
-            expected[-1] += 1
             return
-        if number in expected:
-            expected.remove(number)
-        elif expected:
-            self._judge(number)
+        if number in self._expected:
+            self._expected.remove(number)
+        elif self._expected:
+            self._report_gap(number)
         else:
             self._known = self._publishers()
-        expected.append(number + 1)
+        self._expected.append(number + 1)
 
-    def _judge(self, number: int) -> None:
-        """Finds out why a number comes that is nobody's next one."""
+    def _report_gap(self, number: int) -> None:
+        """Attribute an unexpected number to a gap, a new publisher or a silent one."""
         known, self._known = self._known, self._publishers()
         expected, publishers = self._expected, max(len(self._known), 1)
-        # Those that were not heard for the longest time are gone.
+        # The publishers that were silent for longest are gone.
         del expected[: max(len(expected) - publishers, 0)]
         before = max((each for each in expected if each < number), default=None)
         if len(expected) < publishers:
-            # One that was there from the beginning, unless one that was heard has lost some.
+            # A publisher that was silent so far, unless one that has published lost some.
             if before is not None or not self._known <= known:
-                self._missed(0)
+                self._on_gap(0)
         elif before is None:
             del expected[0]
-            self._missed(0)
+            self._on_gap(0)
         else:
             expected.remove(before)
-            self._missed(number - before)
-
-
-def publishers_of(node: Node, topic: str) -> frozenset[tuple[int, ...]]:
-    """What tells the publishers of a topic from each other."""
-    found = node.get_publishers_info_by_topic(topic)
-    return frozenset(tuple(each.endpoint_gid) for each in found)
+            self._on_gap(number - before)

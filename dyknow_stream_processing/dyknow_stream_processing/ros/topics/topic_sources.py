@@ -1,9 +1,9 @@
-"""Topics as sources of a dataflow: subscriptions that follow what the dataflow needs."""
+"""Topics as sources of a dataflow: subscriptions that follow its needs."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Mapping
-from typing import Any
+from typing import Any, Final
 
 from rclpy.clock import JumpThreshold
 from rclpy.duration import Duration
@@ -15,55 +15,59 @@ from dyknow_common.ros import Throttle
 from dyknow_stream_processing.dataflow.dataflow import Dataflow, SourceType
 from dyknow_stream_processing.errors import StreamError
 from dyknow_stream_processing.reporting.stream_report import SourceReport
-from dyknow_stream_processing.ros.messages.conversions import tolerant_extractor
-from dyknow_stream_processing.ros.messages.message_types import message_class, scalar_fields
+from dyknow_stream_processing.ros.messages.conversions import extractor
+from dyknow_stream_processing.ros.messages.message_types import (
+    is_sample,
+    message_class,
+    scalar_fields,
+    valid_time_reader,
+)
 from dyknow_stream_processing.ros.messages.sample_messages import sample_fields
-from dyknow_stream_processing.ros.messages.valid_times import is_sample, valid_time_of
 from dyknow_stream_processing.ros.topics.node_topics import NodeTopics
-from dyknow_stream_processing.ros.topics.publications import published
+from dyknow_stream_processing.ros.topics.publications import find_publication
 from dyknow_stream_processing.sample import Sample
-from dyknow_stream_processing.violation import Broken, Violation
+from dyknow_stream_processing.violation import Violation, ViolationKind
 
-WARNING_PERIOD = 60.0
-"""Seconds between two warnings of one kind about a topic."""
+WARNING_PERIOD_S: Final = 60.0
+"""Minimum time between two warnings of one kind about a topic."""
 
 
 def source_type(
     node: Node, topic: str, message_type: Any = None, valid_time: str | None = None
 ) -> SourceType | None:
-    """What is known of a topic from its publishers; none where there are none yet.
+    """Return the type of a topic, from its publishers; None if it has none yet.
 
     Args:
-        node: looks at the graph.
+        node: the node that reads the graph.
         topic: its name, relative to the node.
-        message_type: a class, where it is known already.
-        valid_time: the field that holds the valid time, where it is not the stamp of the header.
+        message_type: the message class, if it is already known.
+        valid_time: the field that holds the valid time; by default the stamp of the header.
 
     Raises:
-        StreamError: when its publishers disagree on the type, the type is not installed, or has no
-            such field.
+        StreamError: if the publishers have several types, the type is not installed, or it lacks
+            the field.
     """
     if message_type is None:
-        found = published(node, topic)
-        if found is None:
+        publication = find_publication(node, topic)
+        if publication is None:
             return None
-        message_type = message_class(found.type_name)
+        message_type = message_class(publication.type_name)
     return _type_of_class(message_type, valid_time)
 
 
 def _type_of_class(class_: Any, valid_time: str | None) -> SourceType:
-    receipt_time = valid_time_of(class_, valid_time) is None
+    receipt_time = valid_time_reader(class_, valid_time) is None
     return SourceType(None if is_sample(class_) else scalar_fields(class_), receipt_time)
 
 
 class TopicSources:
-    """Feeds a dataflow from the topics that it names, and drives it by the clock of the node.
+    """The sources of a dataflow: topics that push samples into it, and the node's clock.
 
     Args:
         quality_of_service: for every subscription; by default it is matched to the publishers.
-        valid_times: the fields that hold the valid times of topics, where they are not the stamps
-            of headers.
-        message_types: the classes of topics that are known before anybody publishes them.
+        valid_times: the fields that hold the valid times, by topic; by default the stamps of the
+            headers.
+        message_types: the classes of topics that are known before they are published.
     """
 
     def __init__(
@@ -83,125 +87,121 @@ class TopicSources:
         self._sources: dict[str, tuple[_Source, Callable[[], None]]] = {}
         backward = JumpThreshold(min_forward=None, min_backward=Duration(nanoseconds=-1))
         self._jumps = node.get_clock().create_jump_callback(
-            backward, post_callback=self._begin_anew
+            backward, post_callback=self._on_jump_back
         )
 
     def refresh(self) -> None:
-        """Listens to what the dataflow needs now, and to nothing else."""
+        """Subscribe to the topics that the dataflow needs now, and to no others."""
         needed = self._dataflow.sources()
-        for topic in [topic for topic in self._sources if topic not in needed]:
-            _, leave = self._sources.pop(topic)
-            leave()
+        for topic in self._sources.keys() - needed.keys():
+            _, remove = self._sources.pop(topic)
+            remove()
         for topic, fields in needed.items():
             if topic in self._sources:
-                self._sources[topic][0].read(fields)
+                self._sources[topic][0].set_fields(fields)
             else:
-                self._listen(topic, fields)
-        self._topics.look()
-        self.arm()
+                self._add(topic, fields)
+        self._topics.refresh()
+        self._schedule()
 
-    def arm(self) -> None:
-        """Sees to it that the dataflow is woken when it asks to."""
-        deadline = self._dataflow.next_deadline()
-        if deadline is not None:
-            self._topics.alarm.set(self._advance, deadline)
-
-    def account(self, topic: str) -> SourceReport:
-        """What has come of a topic that is listened to."""
+    def report(self, topic: str) -> SourceReport:
+        """Return the report of a topic that is subscribed to."""
         source, _ = self._sources[topic]
         return SourceReport(self._node.resolve_topic_name(topic), source.received, source.latest)
 
     def destroy(self) -> None:
-        """Frees all that listens; a second time does nothing."""
+        """Destroy all subscriptions; a second call does nothing."""
         self._jumps.unregister()
-        self._leave_all()
+        self._clear()
 
-    def _leave_all(self) -> None:
-        self._topics.alarm.forget(self._advance)
-        for _, leave in self._sources.values():
-            leave()
-        self._sources.clear()
-
-    def _begin_anew(self, jump: Any) -> None:
-        """Forgets what came before the clock went back: a simulation or a recording begins anew."""
-        now = self._node.get_clock().now().nanoseconds
-        back = round_duration(-jump.delta.nanoseconds)
-        text = f'the clock went back by {back}; all streams begin anew'
-        self._leave_all()
-        self._dataflow.restart(Violation('', Broken.VALID_TIME_ORDER, now, now, 0, 0, text))
-        self.refresh()
-
-    def _listen(self, topic: str, fields: Collection[str]) -> None:
+    def _add(self, topic: str, fields: Collection[str]) -> None:
         source = _Source(
-            self._node, topic, fields, self._valid_times.get(topic), self._dataflow, self.arm
+            self._node, topic, fields, self._valid_times.get(topic), self._dataflow, self._schedule
         )
-        leave = self._topics.listen(
+        remove = self._topics.listen(
             topic, source, self._quality_of_service, self._message_types.get(topic)
         )
-        self._sources[topic] = source, leave
+        self._sources[topic] = source, remove
+
+    def _clear(self) -> None:
+        self._topics.alarm.forget(self._advance)
+        for _, remove in self._sources.values():
+            remove()
+        self._sources.clear()
+
+    def _on_jump_back(self, jump: Any) -> None:
+        """Discard all samples: a simulation or a recording starts again."""
+        now = self._node.get_clock().now().nanoseconds
+        distance = round_duration(-jump.delta.nanoseconds)
+        text = f'the clock was set back by {distance}; all streams restart'
+        self._clear()
+        self._dataflow.restart(Violation('', ViolationKind.VALID_TIME_ORDER, now, now, 0, 0, text))
+        self.refresh()
+
+    def _schedule(self) -> None:
+        deadline = self._dataflow.next_deadline()
+        if deadline is not None:
+            self._topics.alarm.set(self._advance, deadline)
 
     def _advance(self, now: int) -> None:
         self._dataflow.advance(now)
-        self.arm()
+        self._schedule()
 
 
 class _Source:
-    """Makes samples of the messages of a topic, and pushes them into a dataflow."""
+    """Listener that converts the messages of a topic to samples of a dataflow."""
 
     def __init__(
         self,
         node: Node,
         topic: str,
         fields: Collection[str],
-        valid_time: str | None,
+        valid_time_field: str | None,
         dataflow: Dataflow,
-        arm: Callable[[], None],
+        schedule: Callable[[], None],
     ) -> None:
         self.received = 0
         self.latest: int | None = None
         self._node = node
         self._topic = topic
         self._fields = fields
-        self._valid_time_field = valid_time
+        self._valid_time_field = valid_time_field
         self._dataflow = dataflow
-        self._arm = arm
-        self._zero_warning = Throttle(WARNING_PERIOD)
+        self._schedule = schedule
+        self._zero_warning = Throttle(WARNING_PERIOD_S)
         self._class: Any = None
-        self._stamp: Callable[[Any], int] | None = None
+        self._read_valid_time: Callable[[Any], int] | None = None
         self._extract: Callable[[Any], Mapping[str, Value]] | None = None
 
-    def read(self, fields: Collection[str]) -> None:
-        """Reads other fields from now on."""
+    def set_fields(self, fields: Collection[str]) -> None:
         if fields != self._fields:
             self._fields = fields
-            if self._class is not None:
-                self._extract = _reader(self._class, fields)
+            if self._extract is not None:
+                self._extract = _extractor(self._class, fields)
 
-    def found(self, class_: Any) -> None:
-        """Learns the type of the messages.
-
-        Raises:
-            StreamError: when they have no field for the valid time.
-        """
-        self._extract = None
+    def on_type(self, class_: Any) -> None:
+        if class_ is self._class:
+            return
+        self._class, self._extract = class_, None
         type_ = _type_of_class(class_, self._valid_time_field)
-        self._stamp = valid_time_of(class_, self._valid_time_field)
-        self._extract = _reader(class_, self._fields)
-        self._class = class_
-        self._dataflow.found(self._topic, type_)
+        self._read_valid_time = valid_time_reader(class_, self._valid_time_field)
+        self._extract = _extractor(class_, self._fields)
+        self._dataflow.set_source_type(self._topic, type_)
 
-    def receive(self, message: Any, now: int) -> None:
-        """Takes a message."""
+    def on_message(self, message: Any, now: int) -> None:
         self.received += 1
         self.latest = now
         if self._extract is None:
-            return  # Its type is of no use here, which has been told.
-        valid_time = now if self._stamp is None else self._stamp(message)
+            return  # The type cannot be used, which is logged.
+        valid_time = now if self._read_valid_time is None else self._read_valid_time(message)
         if valid_time <= 0:
             if valid_time < 0:
                 self._reject(valid_time, now, 'it is stamped with a time before 1970')
                 return
-            self._warn_of_zero()
+            if self._zero_warning.is_due():
+                self._node.get_logger().warning(
+                    f"topic '{self._topic}' leaves its stamps at zero: the time of receipt is used"
+                )
             valid_time = now
         try:
             sample = Sample(valid_time, now, self._extract(message))
@@ -209,30 +209,22 @@ class _Source:
             self._reject(valid_time, now, str(error))
             return
         self._dataflow.push(self._topic, sample)
-        self._arm()
+        self._schedule()
 
-    def lost(self, count: int) -> None:
-        """Counts messages that were lost on the way here."""
-        self._dataflow.drop(self._topic, Broken.LOST, count)
+    def on_lost(self, count: int) -> None:
+        self._dataflow.drop(self._topic, ViolationKind.LOST, count)
 
-    def report(self, violation: Violation) -> None:
-        """Passes on what is broken before the topic comes here."""
+    def on_violation(self, violation: Violation) -> None:
         self._dataflow.report(self._topic, violation)
 
     def _reject(self, valid_time: int, now: int, fault: str) -> None:
-        message = f"stream '{self._topic}': a message cannot be used: {fault}"
-        violation = Violation(self._topic, Broken.MESSAGE, valid_time, now, 0, 0, message)
-        self._dataflow.drop(self._topic, Broken.MESSAGE)
-        self.report(violation)
-
-    def _warn_of_zero(self) -> None:
-        if self._zero_warning.is_due():
-            self._node.get_logger().warning(
-                f"topic '{self._topic}' leaves its stamps at zero: the time of receipt is used"
-            )
+        text = f"stream '{self._topic}': a message cannot be used: {fault}"
+        self._dataflow.drop(self._topic, ViolationKind.MESSAGE)
+        self.on_violation(
+            Violation(self._topic, ViolationKind.MESSAGE, valid_time, now, 0, 0, text)
+        )
 
 
-def _reader(class_: Any, fields: Collection[str]) -> Callable[[Any], Mapping[str, Value]]:
-    """How to read the fields of a message."""
-    # A field that the messages lack is reported by the operator that asks for it, at each sample.
-    return sample_fields if is_sample(class_) else tolerant_extractor(class_, fields)
+def _extractor(class_: Any, fields: Collection[str]) -> Callable[[Any], Mapping[str, Value]]:
+    # If the messages lack a field, the operator that needs it reports that at each sample.
+    return sample_fields if is_sample(class_) else extractor(class_, fields)

@@ -1,4 +1,12 @@
-"""What is known of a stream that another node makes, beside its samples."""
+"""Violations of a stream that another node makes, and of its way to this node.
+
+For example, an engine makes `level`, and this node makes `half` from it. `half` reports
+
+- each violation published on `/dyknow/streams/level/violations` since it was created,
+- `lost`: 3 samples are missing by their sequence numbers,
+- `source`: the sequence numbers restart, as `level` was recreated, or the liveliness lease of the
+  violations topic has expired, as its engine is gone.
+"""
 
 from __future__ import annotations
 
@@ -20,19 +28,21 @@ from dyknow_common.ros import (
     time_to_nanoseconds,
     with_distinct_lease,
 )
-from dyknow_stream_processing.violation import Broken, Violation
+from dyknow_stream_processing.violation import Violation, ViolationKind
+
+
+def violations_topic(topic: str) -> str:
+    """Return the topic of the violations of a stream, given the topic of its samples."""
+    return f'{topic}/violations'
 
 
 class ViolationRelay:
-    """Sees to it that whoever is made of a stream learns what breaks in it on the way.
-
-    Its violations are passed on; a sample that is lost between the nodes, and an engine that is
-    gone, are violations of their own.
+    """Relay of violations to the streams made from a stream of another node.
 
     Args:
-        topic: that of the samples.
-        watch_clock: goes on while simulated time stands still.
-        report: is told each violation.
+        topic: the topic of the samples.
+        wall_clock: continues while simulated time stands still.
+        on_violation: receives each violation.
     """
 
     def __init__(
@@ -40,75 +50,80 @@ class ViolationRelay:
         node: Node,
         topic: str,
         group: CallbackGroup,
-        watch_clock: Clock,
-        report: Callable[[Violation], None],
+        wall_clock: Clock,
+        on_violation: Callable[[Violation], None],
     ) -> None:
         self._node = node
         self._topic = topic
         self._group = group
-        self._watch_clock = watch_clock
-        self._report = report
-        self._begun = node.get_clock().now().nanoseconds
+        self._wall_clock = wall_clock
+        self._on_violation = on_violation
+        self._start = node.get_clock().now().nanoseconds
         self._subscription: Any = None
         self._lost_after: int | None = None
         self._alive = AliveCount()
 
-    def look(self) -> None:
-        """Listens to the violations once they are published, and judges the lease."""
-        violations = f'{self._topic}/violations'
-        if self._subscription is None and self._node.count_publishers(violations):
+    def refresh(self) -> None:
+        """Subscribe to the violations once they are published, and check the liveliness."""
+        topic = violations_topic(self._topic)
+        if self._subscription is None and self._node.count_publishers(topic):
             self._expect_sign_within(FIRST_SIGN)
             self._subscription = self._node.create_subscription(
                 ConstraintViolation,
-                violations,
-                self._violated,
+                topic,
+                self._on_message,
                 with_distinct_lease(VIOLATIONS),
                 callback_group=self._group,
                 event_callbacks=SubscriptionEventCallbacks(
-                    liveliness=self._liveliness_changed, use_default_callbacks=False
+                    liveliness=self._on_liveliness, use_default_callbacks=False
                 ),
             )
-        if self._lost_after is not None and self._watch_clock.now().nanoseconds > self._lost_after:
+        if self._lost_after is not None and self._wall_clock.now().nanoseconds > self._lost_after:
             self._lost_after = None
-            self._tell(Broken.SOURCE, 'its engine is gone; samples may be missing until it is back')
+            text = 'its engine is gone; samples may be missing until it is back'
+            self._report(ViolationKind.SOURCE, text)
 
     def destroy(self) -> None:
-        """Stops listening."""
+        """Destroy the subscription."""
         if self._subscription is not None:
             self._node.destroy_subscription(self._subscription)
             self._subscription = None
 
-    def missed(self, count: int) -> None:
-        """Reports samples that were lost; none where they were numbered anew."""
+    def report_gap(self, count: int) -> None:
+        """Report a number of lost samples; 0 if the sequence numbers restarted."""
         if count:
-            self._tell(Broken.LOST, f'{count} samples were lost between its node and this one')
+            text = f'{count} samples were lost between its node and this one'
+            self._report(ViolationKind.LOST, text)
         else:
-            self._tell(Broken.SOURCE, 'it was made anew; samples may be missing before this one')
+            text = 'it was recreated; samples may be missing before this one'
+            self._report(ViolationKind.SOURCE, text)
 
-    def _liveliness_changed(self, event: Any) -> None:
+    def _on_liveliness(self, event: Any) -> None:
         if self._alive.note(event):
             self._lost_after = None
         else:
             self._expect_sign_within(GRACE)
 
     def _expect_sign_within(self, seconds: float) -> None:
-        self._lost_after = self._watch_clock.now().nanoseconds + round(seconds * SECOND_NS)
+        self._lost_after = self._wall_clock.now().nanoseconds + round(seconds * SECOND_NS)
 
-    def _violated(self, message: Any) -> None:
-        violation = Violation(
-            stream_name=message.stream_name,
-            constraint=message.constraint,
-            valid_time=time_to_nanoseconds(message.valid_time),
-            available_time=time_to_nanoseconds(message.available_time),
-            observed=time_to_nanoseconds(message.observed),
-            allowed=time_to_nanoseconds(message.allowed),
-            message=message.message,
-        )
-        # The topic is latched: what was broken before anybody here cared is kept in it.
-        if violation.available_time >= self._begun:
-            self._report(violation)
+    def _on_message(self, message: Any) -> None:
+        # The topic is latched: ignore violations from before this stream was created.
+        available_time = time_to_nanoseconds(message.available_time)
+        if available_time >= self._start:
+            self._on_violation(
+                Violation(
+                    stream_name=message.stream_name,
+                    constraint=message.constraint,
+                    valid_time=time_to_nanoseconds(message.valid_time),
+                    available_time=available_time,
+                    observed=time_to_nanoseconds(message.observed),
+                    allowed=time_to_nanoseconds(message.allowed),
+                    message=message.message,
+                )
+            )
 
-    def _tell(self, constraint: str, message: str) -> None:
+    def _report(self, kind: ViolationKind, message: str) -> None:
         now = self._node.get_clock().now().nanoseconds
         text = f"stream '{self._topic}': {message}"
-        self._report(Violation(self._topic, constraint, now, now, 0, 0, text))
+        self._on_violation(Violation(self._topic, kind, now, now, 0, 0, text))
