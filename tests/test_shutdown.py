@@ -14,7 +14,7 @@ from system import private_environment
 NODE = """
 import ctypes
 import threading
-from dyknow_stream_processing.ros import DyKnowNode, run
+from dyknow_common.ros import DyKnowNode, run
 
 class Stuck(DyKnowNode):
     def __init__(self):
