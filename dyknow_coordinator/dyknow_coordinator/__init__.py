@@ -2,8 +2,7 @@
 
 from dyknow_coordinator.errors import CoordinationError
 from dyknow_coordinator.evaluation.answer import Answer, Progress
-from dyknow_coordinator.evaluation.evaluation import Evaluation, EvaluationPhase
-from dyknow_coordinator.evaluation.request import EvaluationRequest
+from dyknow_coordinator.evaluation.evaluation import EvaluationPhase
 from dyknow_coordinator.grounding.feature_sources import Grounding, SymbolGrounding
 from dyknow_coordinator.plans.plan import (
     Event,
@@ -16,24 +15,13 @@ from dyknow_coordinator.plans.plan import (
     PlanOutcome,
     PlanPhase,
     PlanVerdict,
-    Step,
 )
-from dyknow_coordinator.reporting.evaluation_status import (
-    Diagnosis,
-    EvaluationStatus,
-    Level,
-    details,
-    diagnose,
-    outcome,
-)
+from dyknow_coordinator.reporting.evaluation_status import EvaluationStatus, Level, diagnose
 
 __all__ = [
     'Answer',
     'CoordinationError',
-    'Diagnosis',
-    'Evaluation',
     'EvaluationPhase',
-    'EvaluationRequest',
     'EvaluationStatus',
     'Event',
     'FormulaPosition',
@@ -48,9 +36,6 @@ __all__ = [
     'PlanPhase',
     'PlanVerdict',
     'Progress',
-    'Step',
     'SymbolGrounding',
-    'details',
     'diagnose',
-    'outcome',
 ]

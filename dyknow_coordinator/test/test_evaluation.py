@@ -5,7 +5,8 @@ from collections.abc import Callable
 import pytest
 
 from dyknow_common import ExitCode, Verdict
-from dyknow_coordinator import Answer, CoordinationError, Evaluation, EvaluationPhase
+from dyknow_coordinator import Answer, CoordinationError, EvaluationPhase
+from dyknow_coordinator.evaluation.evaluation import Evaluation
 
 
 @pytest.fixture

@@ -7,16 +7,14 @@ import pytest
 from dyknow_common import ExitCode, Verdict
 from dyknow_coordinator import (
     CoordinationError,
-    Diagnosis,
     EvaluationPhase,
     EvaluationStatus,
     Grounding,
     Level,
     SymbolGrounding,
-    details,
     diagnose,
-    outcome,
 )
+from dyknow_coordinator.reporting.evaluation_status import Diagnosis, details, outcome
 
 SECOND = 1_000_000_000
 NOW = 100 * SECOND

@@ -17,8 +17,8 @@ from dyknow_coordinator import (
     PlanExecution,
     PlanFormula,
     PlanPhase,
-    Step,
 )
+from dyknow_coordinator.plans.plan import Step
 
 ACTIONS = ('take_off', 'fly_to', 'land')
 ORDERS = ([], [Event.STARTED], [Event.STARTED, Event.SUCCEEDED], [Event.STARTED, Event.FAILED],

@@ -9,11 +9,11 @@ MAX_EVENTS: Final = 20
 
 
 class History:
-    """The latest MAX_EVENTS events, and the number of all."""
+    """The latest MAX_EVENTS events."""
 
     def __init__(self) -> None:
-        self.count = 0
         self._events: deque[str] = deque(maxlen=MAX_EVENTS)
+        self._unread = 0
 
     @property
     def latest(self) -> tuple[str, ...]:
@@ -22,9 +22,10 @@ class History:
 
     def add(self, event: str) -> None:
         """Add an event."""
-        self.count += 1
         self._events.append(event)
+        self._unread = min(self._unread + 1, MAX_EVENTS)
 
-    def since(self, count: int) -> tuple[str, ...]:
-        """Return the events after the first `count`, without those already dropped."""
-        return self.latest[max(0, len(self._events) - (self.count - count)) :]
+    def read(self) -> tuple[str, ...]:
+        """Return the events since the last call."""
+        unread, self._unread = self._unread, 0
+        return self.latest[len(self._events) - unread :]

@@ -13,7 +13,6 @@ class EvaluationRequest:
     """Request to evaluate a formula from now on.
 
     Args:
-        formula: in the formula language.
         grounding: how its symbols find their streams.
         constraints: of the state stream.
         timeout_s: limit in seconds of the wall clock; None for no limit.

@@ -35,7 +35,6 @@ class KnownStreams:
     """All streams that the stream manager reports.
 
     Args:
-        streams: those streams.
         is_published: tells if a topic has a publisher.
         absolute: returns the absolute name of a topic.
     """
@@ -139,7 +138,5 @@ def _free_names(specification: str) -> FreeNames:
 
 @lru_cache(maxsize=4096)
 def _declared_names(specification: str) -> frozenset[str]:
-    if not specification:
-        return frozenset()
-    declared = parse_specification(specification).declarations
+    declared = parse_specification(specification).declarations if specification else ()
     return frozenset(each.name for each in declared if isinstance(each, StreamDeclaration))

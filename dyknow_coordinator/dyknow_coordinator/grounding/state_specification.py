@@ -15,7 +15,6 @@ class FormulaInputs:
     """Inputs of the evaluation of a formula.
 
     Args:
-        symbols: of the formula, before its domains were fixed.
         grounding: how its symbols find their streams.
         features: the ground features that each state must hold.
         candidates: the sources found for them.

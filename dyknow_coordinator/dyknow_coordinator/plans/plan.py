@@ -69,7 +69,6 @@ class PlanFormula:
 
     Args:
         name: unique among the formulas of its action, or of the whole plan.
-        formula: in the formula language.
         holds: when it must hold; ignored for a formula of the whole plan.
     """
 
@@ -154,10 +153,7 @@ class PlanVerdict:
     """Status of a formula of a plan.
 
     Args:
-        position: of the formula in the plan.
         formula: its canonical text; the text as requested until that is known.
-        phase: of the formula.
-        verdict: UNDECIDED until it is known.
         presumably_false: True if the formula was withdrawn and would have been false then.
         decided_at: valid time of the deciding state in nanoseconds; None without a verdict.
         explanation: the reason for the verdict, for people.

@@ -13,27 +13,9 @@ from dyknow_coordinator.grounding.feature_sources import SymbolGrounding
 
 @dataclass(frozen=True, slots=True)
 class EvaluationStatus:
-    """Status of an evaluation that runs or ended recently; times are in nanoseconds.
+    """Status of an evaluation that runs or ended recently.
 
-    Args:
-        name: given by the client; the formula if it gave none.
-        formula: the canonical text; the text as requested until that is known.
-        phase: of the evaluation.
-        started: time of the request.
-        plan: the plan that it belongs to, if any.
-        action: the action of that plan.
-        formula_group_id: of its formula group at the reasoning engine.
-        state_stream: the topic of its states.
-        groundings: of its ground features.
-        events: what has happened to it, the latest last.
-        states_progressed: number of states so far.
-        latest_valid_time: of the last state; None before the first.
-        residual_formula: the formula that the remaining states must satisfy.
-        presumably_false: True if the formula would be false without further states.
-        verdict: UNDECIDED until it is known.
-        decided_at: valid time of the deciding state; None without a verdict.
-        explanation: the reason for the verdict.
-        error: why there is no verdict.
+    The fields are those of the EvaluationStatus message. Times are in nanoseconds; None if unknown.
     """
 
     name: str
@@ -75,7 +57,7 @@ class Diagnosis:
 def diagnose(status: EvaluationStatus, now: int, silence_limit: int) -> Diagnosis:
     """Return the diagnosis of an evaluation.
 
-    - ERROR: the formula is false, or something failed and it cannot be evaluated.
+    - ERROR: the formula is false, or cannot be evaluated.
     - WARN: the formula may become false or may never be decided: it is presumably false,
       interrupted, or without streams or states for too long; or its timeout has passed.
     - OK: otherwise, also after a cancellation, which the client requested.
@@ -85,16 +67,26 @@ def diagnose(status: EvaluationStatus, now: int, silence_limit: int) -> Diagnosi
         now: the time, nanoseconds.
         silence_limit: the longest time between two states, nanoseconds.
     """
+    latest = status.started if status.latest_valid_time is None else status.latest_valid_time
+    waited, silence = now - status.started, now - latest
+    level = Level.WARN
     match status.phase:
         case EvaluationPhase.ENDED:
             return _diagnosis_of_ended(status)
         case EvaluationPhase.INTERRUPTED:
             reason = status.events[-1] if status.events else 'other streams are being found'
-            return Diagnosis(Level.WARN, f'interrupted: {reason}')
+            text = f'interrupted: {reason}'
+        case EvaluationPhase.GROUNDING if waited > silence_limit:
+            text = f'its streams have not been found within {round_duration(waited)}'
         case EvaluationPhase.GROUNDING:
-            return _diagnosis_of_waiting(status, now, silence_limit)
+            level, text = Level.OK, 'its streams are being found'
+        case EvaluationPhase.RUNNING if silence > silence_limit:
+            text = f'no state has come for {round_duration(silence)}'
+        case EvaluationPhase.RUNNING if status.presumably_false:
+            text = 'presumably false: only a later state can make it true'
         case EvaluationPhase.RUNNING:
-            return _diagnosis_of_running(status, now, silence_limit)
+            level, text = Level.OK, 'undecided'
+    return Diagnosis(level, text)
 
 
 def outcome(status: EvaluationStatus) -> str:
@@ -150,21 +142,3 @@ def _diagnosis_of_ended(status: EvaluationStatus) -> Diagnosis:
     level = Level.ERROR if status.verdict is Verdict.FALSE else Level.OK
     reason = f': {status.explanation}' if status.explanation else ''
     return Diagnosis(level, f'{outcome(status)}{reason}')
-
-
-def _diagnosis_of_waiting(status: EvaluationStatus, now: int, silence_limit: int) -> Diagnosis:
-    waited = now - status.started
-    if waited > silence_limit:
-        text = f'its streams have not been found within {round_duration(waited)}'
-        return Diagnosis(Level.WARN, text)
-    return Diagnosis(Level.OK, 'its streams are being found')
-
-
-def _diagnosis_of_running(status: EvaluationStatus, now: int, silence_limit: int) -> Diagnosis:
-    latest = status.latest_valid_time
-    silence = now - (status.started if latest is None else latest)
-    if silence > silence_limit:
-        return Diagnosis(Level.WARN, f'no state has come for {round_duration(silence)}')
-    if status.presumably_false:
-        return Diagnosis(Level.WARN, 'presumably false: only a later state can make it true')
-    return Diagnosis(Level.OK, 'undecided')

@@ -18,7 +18,6 @@ class CancellingActionServer:
     """Action server that cancels goals on request, and all goals when no client is left.
 
     Args:
-        node: the server's node.
         action_type: `MonitorFormula` is offered as `~/monitor_formula`.
         execute: pursues a goal and returns its result.
     """

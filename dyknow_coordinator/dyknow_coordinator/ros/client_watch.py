@@ -14,7 +14,6 @@ class ClientWatch:
     """Detects that a service has no client left on the ROS graph.
 
     Args:
-        node: the server.
         service: the absolute name of the service; of an action, the hidden one for its results.
         on_gone: called every second while no client is left.
     """

@@ -19,7 +19,6 @@ class CoordinatorContext:
     """Parts of the coordinator that every evaluation uses.
 
     Args:
-        node: the coordinator.
         clients: clients of the services that it calls.
         streams: all streams of the system.
         results: of the reasoning engine.

@@ -26,7 +26,6 @@ class Results:
     """Passes results and progress reports to the listeners of their formulas.
 
     Args:
-        node: the coordinator.
         progress_topic: of the reasoning engine.
     """
 

@@ -47,7 +47,6 @@ class ServiceClients:
             role: node.parameter(role, role, f'Name of the {role.replace("_", " ")} node.')
             for role in (*_SERVICES, 'stream_semantics_manager')
         }
-
         self.nodes = tuple(
             RemoteNode(node, names[role], services=services) for role, services in _SERVICES.items()
         )
@@ -73,16 +72,13 @@ class ServiceClients:
     async def add_formula(self, group_id: int, name: str, formula: str) -> tuple[int, str]:
         """Add a formula to a group; return its id and its canonical text."""
         response = await self._call_group(
-            FormulaGroupAddFormula,
-            formula_group_id=group_id,
-            formula_name=name,
-            formula=formula,
+            FormulaGroupAddFormula, group_id, formula_name=name, formula=formula
         )
         return int(response.formula_id), str(response.canonical_formula)
 
     async def symbols(self, group_id: int) -> tuple[Symbol, ...]:
         """Return the symbols of a group; with ground features once its domains are known."""
-        response = await self._call_group(FormulaGroupExtractSymbols, formula_group_id=group_id)
+        response = await self._call_group(FormulaGroupExtractSymbols, group_id)
         return tuple(
             Symbol(SymbolKind(symbol.kind), symbol.name, tuple(symbol.arguments))
             for symbol in response.symbols
@@ -107,18 +103,13 @@ class ServiceClients:
         *,
         gap: bool = False,
     ) -> None:
-        """Start the evaluation of a group, or switch it to another state stream.
+        """Start the evaluation of a group, or switch it to another topic of states.
 
-        Args:
-            group_id: of the group.
-            domains: the objects of each sort.
-            state_stream: the topic of the states.
-            result_topic: the topic on which the engine publishes results.
-            gap: states may be missing between the two streams.
+        If there is a gap, states may be missing between the two topics.
         """
         await self._call_group(
             FormulaGroupEvaluate,
-            formula_group_id=group_id,
+            group_id,
             domains=[Domain(sort=sort, objects=list(found)) for sort, found in domains.items()],
             state_stream=state_stream,
             result_topic=result_topic,
@@ -150,18 +141,18 @@ class ServiceClients:
 
     async def remove_formula(self, group_id: int, formula_id: int) -> None:
         """Remove a formula from a group."""
-        await self._call_group(
-            FormulaGroupRemoveFormula, formula_group_id=group_id, formula_id=formula_id
-        )
+        await self._call_group(FormulaGroupRemoveFormula, group_id, formula_id=formula_id)
 
     async def destroy_group(self, group_id: int) -> None:
         """Destroy a formula group."""
         await self.stream_reasoning_engine.call(FormulaGroupDestroy, formula_group_id=group_id)
 
-    async def _call_group(self, service_type: Any, **fields: Any) -> Any:
+    async def _call_group(self, service_type: Any, group_id: int, **fields: Any) -> Any:
         """Call a service for a formula group that exists unless its engine was restarted."""
         try:
-            return await self.stream_reasoning_engine.call(service_type, **fields)
+            return await self.stream_reasoning_engine.call(
+                service_type, formula_group_id=group_id, **fields
+            )
         except DyKnowError as error:
             if error.code is not ExitCode.NOT_FOUND:
                 raise

@@ -3,15 +3,20 @@
 from __future__ import annotations
 
 import zlib
+from functools import partial
 from itertools import count
-from typing import Any
+from typing import Any, Final
 
 from diagnostic_msgs.msg import DiagnosticStatus
+from dyknow_interfaces.action import MonitorFormula
 from dyknow_interfaces.srv import EvaluateFormula
 
+from dyknow_common import DyKnowError
 from dyknow_common.ros import RUNNING, DyKnowNode, run
+from dyknow_coordinator.evaluation.answer import Answer
 from dyknow_coordinator.evaluation.request import EvaluationRequest
 from dyknow_coordinator.reporting.evaluation_status import EvaluationStatus
+from dyknow_coordinator.ros.actions import CancellingActionServer, finish_goal
 from dyknow_coordinator.ros.answers import fill_answer, request_from_message
 from dyknow_coordinator.ros.cleanup import Cleanup
 from dyknow_coordinator.ros.client_watch import ClientWatch
@@ -20,12 +25,19 @@ from dyknow_coordinator.ros.evaluation.change_listener import ChangeListener
 from dyknow_coordinator.ros.evaluation.evaluation_group import EvaluationGroups
 from dyknow_coordinator.ros.evaluation.formula_evaluation import FormulaEvaluation
 from dyknow_coordinator.ros.evaluation.silence_monitor import SilenceMonitor
-from dyknow_coordinator.ros.monitor_formula import MonitorFormulaServer
 from dyknow_coordinator.ros.plans.plan_monitoring import PlanMonitoring
 from dyknow_coordinator.ros.reporting.evaluations_report import EvaluationsReport
 from dyknow_coordinator.ros.results import Results
 from dyknow_coordinator.ros.service_clients import ServiceClients
 from dyknow_coordinator.ros.streams_mirror import StreamsMirror
+
+_PROGRESS_FIELDS: Final = (
+    'states_progressed',
+    'latest_valid_time',
+    'residual_formula',
+    'presumably_false',
+)
+"""The fields that FormulaProgress and the feedback of MonitorFormula have in common."""
 
 
 class StreamReasoningCoordinator(DyKnowNode):
@@ -81,14 +93,14 @@ class StreamReasoningCoordinator(DyKnowNode):
         clients.stream_reasoning_engine.on_lost.append(self._on_reasoning_engine_lost)
         self._update_status()
         self.serve(EvaluateFormula, self._evaluate)
-        self._formula_monitoring = MonitorFormulaServer(self, self.start, self._read_request)
+        self._monitoring = CancellingActionServer(self, MonitorFormula, self._monitor)
         self._plan_monitoring = PlanMonitoring(self, self.start)
         service = f'{self.get_fully_qualified_name()}/evaluate_formula'
         ClientWatch(self, service, self._on_clients_gone)
 
     def destroy_node(self) -> None:
         """Destroy the action servers, then the node."""
-        self._formula_monitoring.server.destroy()
+        self._monitoring.destroy()
         self._plan_monitoring.server.destroy()
         super().destroy_node()
 
@@ -117,6 +129,20 @@ class StreamReasoningCoordinator(DyKnowNode):
         answer = await evaluation.outcome
         self._service_evaluations.remove(evaluation)
         fill_answer(response, answer)
+
+    async def _monitor(self, goal: Any) -> Any:
+        try:
+            evaluation = self.start(self._read_request(goal.request))
+        except DyKnowError as error:
+            answer = Answer(error=error)
+        else:
+            evaluation.on_progress = partial(_publish_feedback, goal, evaluation)
+            with self._monitoring.running(goal, evaluation.cancel):
+                answer = await evaluation.outcome
+        result = MonitorFormula.Result()
+        fill_answer(result, answer)
+        finish_goal(goal, answer.error)
+        return result
 
     def _read_request(self, message: Any) -> EvaluationRequest:
         return request_from_message(message, self._default_timeout_s, self._max_timeout_s)
@@ -152,6 +178,16 @@ class StreamReasoningCoordinator(DyKnowNode):
             self.set_status(f'waiting for {", ".join(missing)}', level=DiagnosticStatus.WARN)
         else:
             self.set_status(RUNNING)
+
+
+def _publish_feedback(goal: Any, evaluation: FormulaEvaluation) -> None:
+    if not evaluation.has_ended:
+        feedback = MonitorFormula.Feedback(
+            streams=[each.stream for each in evaluation.groundings],
+            events=evaluation.history.read(),
+            **{name: getattr(evaluation.progress, name) for name in _PROGRESS_FIELDS},
+        )
+        goal.publish_feedback(feedback)
 
 
 def main() -> int:

@@ -28,7 +28,6 @@ class StreamsMirror:
     """Follows the stream manager's `~/streams`.
 
     Args:
-        node: the coordinator.
         topic: of the stream manager.
         on_change: called when the set of published streams has changed.
     """

@@ -39,11 +39,7 @@ class ActionCall:
     It consists of callbacks, not of a task, so it works with any executor.
 
     Args:
-        node: of the client.
         server: the node that offers the action.
-        client: of the action.
-        goal: the goal message.
-        timeouts: of the goal.
         on_end: called once, with the result or an error.
         on_feedback: called with each feedback.
 

@@ -17,7 +17,6 @@ class ChangeListener:
     """Reports changes; changes in quick succession are reported together.
 
     Args:
-        node: the coordinator.
         topics: the `~/version` of each node that reports changes.
         on_change: called DELAYS_S after a change.
     """

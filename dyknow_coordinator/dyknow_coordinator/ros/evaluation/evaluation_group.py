@@ -45,10 +45,8 @@ class EvaluationGroup:
     """The formulas of a group of the reasoning engine, and their states.
 
     Args:
-        context: of the coordinator.
         group_id: at the reasoning engine.
         name: of the group, and of the state stream that the engine has subscribed to.
-        inputs: the inputs of its formulas.
     """
 
     def __init__(
@@ -131,7 +129,7 @@ class EvaluationGroup:
             candidates = await find_candidates(self._context, inputs.symbols, inputs.grounding)
         except DyKnowError as error:
             # The streams in use are kept.
-            self._context.node.get_logger().info(f'{self.states.stream}: {error}')
+            self._context.node.get_logger().info(f'{self.states.stream.name}: {error}')
             return
         if not self.has_ended:
             self.states.update_candidates(candidates)

@@ -13,6 +13,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any
 
+from dyknow_interfaces.msg import FormulaProgress
 from rclpy.task import Future
 
 from dyknow_common import DyKnowError, ExitCode, Verdict
@@ -52,14 +53,12 @@ class FormulaEvaluation(Evaluation):
     """Grounds a formula, has it evaluated, and cleans up.
 
     Args:
-        context: of the coordinator.
-        groups: all formula groups.
         request: the formula and the options of its client.
         on_change: called when its status has changed.
 
     Attributes:
         outcome: a future of the `Answer`.
-        progress: the latest FormulaProgress; None before the first.
+        progress: the latest FormulaProgress.
         on_progress: called for each FormulaProgress.
     """
 
@@ -75,7 +74,7 @@ class FormulaEvaluation(Evaluation):
         self.request = request
         self.canonical_formula = ''
         self.outcome: Future = Future()
-        self.progress: Any = None
+        self.progress = FormulaProgress()
         self.on_progress: Callable[[], None] = lambda: None
         self.history = History()
         self._context = context
@@ -85,11 +84,6 @@ class FormulaEvaluation(Evaluation):
         self._group: EvaluationGroup | None = None
         self._is_preparing = False
         self._last_groundings: tuple[SymbolGrounding, ...] = ()
-
-    @property
-    def presumably_false(self) -> bool:
-        """True if the formula would be false without further states."""
-        return self.progress is not None and bool(self.progress.presumably_false)
 
     @property
     def groundings(self) -> tuple[SymbolGrounding, ...]:
@@ -143,7 +137,7 @@ class FormulaEvaluation(Evaluation):
             for sort, found in prepared.inputs.domains.items()
         )
         self.add_event(f'restarted with {objects}')
-        self.progress = None
+        self.progress = FormulaProgress()
         try:
             await self._start(prepared)
         except DyKnowError as error:
@@ -192,15 +186,13 @@ class FormulaEvaluation(Evaluation):
             plan=request.plan,
             action=request.action,
             formula_group_id=group.group_id if group else 0,
-            state_stream=group.states.topic if group else '',
+            state_stream=group.states.stream.topic if group else '',
             groundings=self.groundings,
             events=self.history.latest,
-            states_progressed=progress.states_progressed if progress else 0,
-            latest_valid_time=time_to_nanoseconds(progress.latest_valid_time) or None
-            if progress
-            else None,
-            residual_formula=progress.residual_formula if progress else '',
-            presumably_false=self.presumably_false,
+            states_progressed=progress.states_progressed,
+            latest_valid_time=time_to_nanoseconds(progress.latest_valid_time) or None,
+            residual_formula=progress.residual_formula,
+            presumably_false=progress.presumably_false,
             verdict=answer.verdict,
             decided_at=answer.decided_at,
             explanation=answer.explanation,

@@ -19,8 +19,6 @@ class SilenceMonitor:
     evaluations wait, and operators get a warning.
 
     Args:
-        context: of the coordinator.
-        groups: the groups to monitor.
         limit_s: a topic is silent after this time without a message.
     """
 
@@ -35,7 +33,7 @@ class SilenceMonitor:
 
     def _check(self) -> None:
         groups, now = self._groups.running(), self._context.node.now()
-        names = [group.states.stream for group in groups]
+        names = [group.states.stream.name for group in groups]
         self._first_seen = {name: self._first_seen.get(name, now) for name in names}
         for group in groups:
             known = self._context.streams.known
@@ -47,7 +45,7 @@ class SilenceMonitor:
 
     def _silent_topics(self, group: EvaluationGroup) -> Iterator[str]:
         """Yield the topics without a message within the limit and since the stream exists."""
-        stream = self._context.streams.known.get(group.states.stream)
+        stream = self._context.streams.known.get(group.states.stream.name)
         if stream is not None:
             first_seen = self._first_seen[stream.name]
             oldest = self._context.node.now() - round(self._limit_s * SECOND_NS)

@@ -17,7 +17,6 @@ class StateStream:
     """A state stream, monitored for violations and for the loss of its engine.
 
     Args:
-        context: of the coordinator.
         name: unique in the system.
         on_violation: called for each violation in the stream or its origins.
         on_lost: called when the engine that makes the stream has died.

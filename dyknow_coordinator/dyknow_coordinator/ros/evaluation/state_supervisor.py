@@ -85,11 +85,8 @@ class StateSupervisor:
     """Creates the states of a formula group, and replaces their streams.
 
     Args:
-        context: of the coordinator.
         group_id: at the reasoning engine, which has subscribed to the first state stream.
         name: of that stream.
-        inputs: the inputs of the formulas.
-        observer: receives all changes.
     """
 
     def __init__(
@@ -110,19 +107,9 @@ class StateSupervisor:
         self._is_changing = False
         self._has_ended = False
         self.chosen = self._choose(inputs.candidates)
-        self._stream = self._new_stream(name)
+        self.stream = self._new_stream(name)
         # Streams that will be used, or were used and have not been unsubscribed from.
         self._others: list[StateStream] = []
-
-    @property
-    def stream(self) -> str:
-        """The name of the state stream."""
-        return self._stream.name
-
-    @property
-    def topic(self) -> str:
-        """The topic of the states."""
-        return self._stream.topic
 
     def would_choose_from(self, candidates: Candidates) -> bool:
         """Return True if the same streams would be chosen from other candidates now."""
@@ -135,7 +122,7 @@ class StateSupervisor:
             DyKnowError: if it cannot be created.
         """
         if self.chosen:
-            await self._create(self._stream, self.chosen, gap=False)
+            await self._create(self.stream, self.chosen, gap=False)
         self._observer.set_phase(EvaluationPhase.RUNNING)
 
     def end(self) -> None:
@@ -195,7 +182,7 @@ class StateSupervisor:
         return self._failed.get(source, limit) > limit
 
     def _is_obsolete(self, stream: StateStream) -> bool:
-        return self._has_ended or stream not in (self._stream, *self._others)
+        return self._has_ended or stream not in (self.stream, *self._others)
 
     def _on_violation(self, stream: StateStream, violation: Any) -> None:
         if self._is_obsolete(stream):
@@ -213,7 +200,7 @@ class StateSupervisor:
         """Find the sources because of which the states break the client's constraints."""
         self._observer.set_phase(EvaluationPhase.INTERRUPTED)
         await self._context.node.deadlines.after(NEXT_REPORT_S)
-        if not self._has_ended and stream is self._stream:
+        if not self._has_ended and stream is self.stream:
             known = self._context.streams.known
             allowed = time_to_nanoseconds(violation.allowed)
             silent = known.silent_topics(stream.name, allowed)
@@ -256,7 +243,7 @@ class StateSupervisor:
             try:
                 await self._switch(chosen, gap=True)
             except DyKnowError as error:
-                self._context.node.get_logger().info(f'{self.stream}: {error}')
+                self._context.node.get_logger().info(f'{self.stream.name}: {error}')
                 await self._context.node.deadlines.after(POLL_PERIOD_S)
             else:
                 del self._faults[:count]
@@ -286,7 +273,7 @@ class StateSupervisor:
         if gap:
             # Further faults of the former streams do not matter.
             self._destroy_streams()
-            self._stream = stream
+            self.stream = stream
         else:
             self._others.append(stream)
         try:
@@ -296,17 +283,17 @@ class StateSupervisor:
             stream.destroy()
             if not gap and stream in self._others:
                 self._others.remove(stream)
-                await self._evaluate(self._stream, gap=False)
+                await self._evaluate(self.stream, gap=False)
             raise
         self.chosen = chosen
         if not gap and stream in self._others:
             self._others.remove(stream)
-            self._others.append(self._stream)
-            self._context.node.spawn(self._retire, self._stream)
-            self._stream = stream
+            self._others.append(self.stream)
+            self._context.node.spawn(self._retire, self.stream)
+            self.stream = stream
 
     def _destroy_streams(self) -> None:
-        for stream in (self._stream, *self._others):
+        for stream in (self.stream, *self._others):
             stream.destroy()
         self._others.clear()
 

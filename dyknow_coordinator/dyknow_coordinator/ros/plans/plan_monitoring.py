@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
-from typing import Any, Protocol
+from typing import Any
 
 from dyknow_interfaces.action import MonitorPlan
 from dyknow_interfaces.srv import ReportPlanAction
@@ -27,29 +27,10 @@ from dyknow_coordinator.plans.plan import (
 )
 from dyknow_coordinator.ros.actions import CancellingActionServer, finish_goal
 from dyknow_coordinator.ros.answers import requested_grounding
+from dyknow_coordinator.ros.evaluation.formula_evaluation import FormulaEvaluation
 from dyknow_coordinator.ros.plans.plan_messages import plan_from_goal, verdict_to_message
 
-
-class PlanFormulaEvaluation(Protocol):
-    """The evaluation of a formula, as far as a plan needs it."""
-
-    @property
-    def outcome(self) -> Future:
-        """A future of its `Answer`."""
-
-    @property
-    def canonical_formula(self) -> str:
-        """Empty until it is known."""
-
-    @property
-    def presumably_false(self) -> bool:
-        """True if the formula would be false without further states."""
-
-    def cancel(self) -> None:
-        """End without a verdict; has no effect after the end."""
-
-
-Start = Callable[[EvaluationRequest], PlanFormulaEvaluation]
+Start = Callable[[EvaluationRequest], FormulaEvaluation]
 """Starts the evaluation of a formula."""
 
 
@@ -57,7 +38,6 @@ class MonitoredPlan:
     """A plan that is being executed, and the evaluations of its formulas.
 
     Args:
-        plan: the plan.
         grounding: of all formulas.
         constraints: of the states of all formulas.
         start: starts evaluations.
@@ -86,7 +66,7 @@ class MonitoredPlan:
         self._constraints = constraints
         self._start = start
         self._on_change = on_change
-        self._evaluations: dict[FormulaPosition, PlanFormulaEvaluation] = {}
+        self._evaluations: dict[FormulaPosition, FormulaEvaluation] = {}
         self._verdicts = {
             position: PlanVerdict(position, formula.formula)
             for position, formula in plan.formulas_by_position.items()
@@ -122,7 +102,7 @@ class MonitoredPlan:
                 position,
                 formula=evaluation.canonical_formula or self._verdicts[position].formula,
                 phase=PlanPhase.WITHDRAWN,
-                presumably_false=evaluation.presumably_false,
+                presumably_false=evaluation.progress.presumably_false,
             )
             evaluation.cancel()
         for position in step.start:
@@ -172,7 +152,6 @@ class PlanMonitoring:
     """All monitored plans.
 
     Args:
-        node: offers the action and the service.
         start: starts evaluations.
     """
 

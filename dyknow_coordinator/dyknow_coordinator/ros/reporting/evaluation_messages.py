@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from builtin_interfaces.msg import Time
+from typing import Final
+
 from dyknow_interfaces.msg import EvaluationStatus as StatusMessage
 from dyknow_interfaces.msg import ExitStatus
 from dyknow_interfaces.msg import SymbolGrounding as GroundingMessage
@@ -14,51 +15,49 @@ from dyknow_coordinator.evaluation.evaluation import EvaluationPhase
 from dyknow_coordinator.grounding.feature_sources import Grounding, SymbolGrounding
 from dyknow_coordinator.reporting.evaluation_status import EvaluationStatus
 
+_COMMON_FIELDS: Final = (
+    'name',
+    'plan',
+    'action',
+    'formula',
+    'formula_group_id',
+    'state_stream',
+    'states_progressed',
+    'residual_formula',
+    'presumably_false',
+    'explanation',
+)
+"""The fields that a status and its message have in common."""
+
 
 def status_to_message(status: EvaluationStatus) -> StatusMessage:
-    """Return an EvaluationStatus message; absent times are zero."""
-    return StatusMessage(
-        name=status.name,
-        plan=status.plan,
-        action=status.action,
-        formula=status.formula,
+    """Return an EvaluationStatus message; unknown times are zero."""
+    message = StatusMessage(
+        **{name: getattr(status, name) for name in _COMMON_FIELDS},
         phase=int(status.phase),
         started=nanoseconds_to_time(status.started),
-        formula_group_id=status.formula_group_id,
-        state_stream=status.state_stream,
         groundings=[symbol_grounding_to_message(each) for each in status.groundings],
         events=list(status.events),
-        states_progressed=status.states_progressed,
-        latest_valid_time=_time(status.latest_valid_time),
-        residual_formula=status.residual_formula,
-        presumably_false=status.presumably_false,
+        latest_valid_time=nanoseconds_to_time(status.latest_valid_time or 0),
         verdict=int(status.verdict),
-        decided_at=_time(status.decided_at),
-        explanation=status.explanation,
-        exit_status=_exit_status(status.error),
+        decided_at=nanoseconds_to_time(status.decided_at or 0),
     )
+    if status.error is not None:
+        fill_exit_status(message.exit_status, status.error)
+    return message
 
 
 def status_from_message(message: StatusMessage) -> EvaluationStatus:
     """Return the status in an EvaluationStatus message."""
     return EvaluationStatus(
-        name=message.name,
-        plan=message.plan,
-        action=message.action,
-        formula=message.formula,
+        **{name: getattr(message, name) for name in _COMMON_FIELDS},
         phase=EvaluationPhase(message.phase),
         started=time_to_nanoseconds(message.started),
-        formula_group_id=message.formula_group_id,
-        state_stream=message.state_stream,
         groundings=tuple(symbol_grounding_from_message(each) for each in message.groundings),
         events=tuple(message.events),
-        states_progressed=message.states_progressed,
         latest_valid_time=time_to_nanoseconds(message.latest_valid_time) or None,
-        residual_formula=message.residual_formula,
-        presumably_false=message.presumably_false,
         verdict=Verdict(message.verdict),
         decided_at=time_to_nanoseconds(message.decided_at) or None,
-        explanation=message.explanation,
         error=error_from_status(message.exit_status),
     )
 
@@ -78,17 +77,6 @@ def symbol_grounding_from_message(message: GroundingMessage) -> SymbolGrounding:
     return SymbolGrounding(
         message.symbol, Grounding(message.grounding), message.stream, tuple(message.stand_ins)
     )
-
-
-def _time(nanoseconds: int | None) -> Time:
-    return nanoseconds_to_time(nanoseconds or 0)
-
-
-def _exit_status(error: DyKnowError | None) -> ExitStatus:
-    exit_status = ExitStatus()
-    if error is not None:
-        fill_exit_status(exit_status, error)
-    return exit_status
 
 
 def error_from_status(exit_status: ExitStatus) -> DyKnowError | None:

@@ -34,7 +34,6 @@ class EvaluationsReport:
     and there is a subscriber; `/diagnostics` each second if there is a subscriber.
 
     Args:
-        node: the coordinator.
         statuses: returns the status of all evaluations, in the order of their requests.
         silence_limit_s: time without a state after which operators get a warning.
     """
