@@ -1,17 +1,16 @@
-"""Streams: samples, the stream language, operators, and what all languages and nodes share."""
+"""Streams: samples, the stream language, and the dataflow that runs specifications."""
 
 from dyknow_stream_processing.dataflow.computational_units import load_units
 from dyknow_stream_processing.dataflow.dataflow import Dataflow, SourceType, Statistics
 from dyknow_stream_processing.errors import StreamError
 from dyknow_stream_processing.language.parsing import parse_specification
 from dyknow_stream_processing.language.required_fields import ALL
-from dyknow_stream_processing.language.resolution import FreeNames, Resolved, free_names, resolve
+from dyknow_stream_processing.language.resolution import FreeNames, free_names, resolve
 from dyknow_stream_processing.language.sinks import specifications_by_sink
 from dyknow_stream_processing.language.specification import (
     Approximation,
     Call,
     Condition,
-    Declaration,
     Merge,
     Select,
     Selection,
@@ -26,7 +25,6 @@ from dyknow_stream_processing.language.specification import (
     UnitArgument,
     UnitDeclaration,
     made,
-    references,
 )
 from dyknow_stream_processing.language.type_rules import Unit
 from dyknow_stream_processing.sample import PartialFields, Sample
@@ -38,11 +36,9 @@ __all__ = [
     'Call',
     'Condition',
     'Dataflow',
-    'Declaration',
     'FreeNames',
     'Merge',
     'PartialFields',
-    'Resolved',
     'Sample',
     'Select',
     'Selection',
@@ -66,7 +62,6 @@ __all__ = [
     'load_units',
     'made',
     'parse_specification',
-    'references',
     'resolve',
     'specifications_by_sink',
 ]

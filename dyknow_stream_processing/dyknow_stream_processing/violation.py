@@ -11,20 +11,13 @@ class ViolationKind(StrEnum):
 
     MAX_DELAY = 'max_delay'
     SAMPLE_PERIOD = 'sample_period'
-    VALID_TIME_ORDER = 'valid_time_order'
-    """A sample was dropped because it is older than its predecessor."""
-    FIELDS = 'fields'
-    """A sample lacks a field that the specification needs, or has one of the wrong type."""
-    BUFFER = 'buffer'
-    """Too many samples wait for those of another stream."""
-    COMPUTATIONAL_UNIT = 'computational_unit'
-    """User code raised an error."""
-    MESSAGE = 'message'
-    """A message cannot be converted to a sample."""
-    LOST = 'lost'
-    """Samples were lost between two nodes."""
-    SOURCE = 'source'
-    """The engine of a stream is gone, or the stream was recreated."""
+    VALID_TIME_ORDER = 'valid_time_order'  # a sample is older than its predecessor
+    FIELDS = 'fields'  # a sample lacks a needed field, or its fields do not fit
+    BUFFER = 'buffer'  # too many samples wait for those of another stream
+    COMPUTATIONAL_UNIT = 'computational_unit'  # user code raised an error
+    MESSAGE = 'message'  # a message cannot be converted to a sample
+    LOST = 'lost'  # samples were lost between two nodes
+    SOURCE = 'source'  # the engine of a stream is gone, or the stream was recreated
 
 
 @dataclass(frozen=True, slots=True)

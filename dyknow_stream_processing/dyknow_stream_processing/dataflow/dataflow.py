@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from functools import cached_property
 
 from dyknow_common import ExitCode, StreamConstraints, Value, ValueType
 from dyknow_stream_processing.dataflow.operator_graph import OperatorGraph
@@ -34,12 +35,9 @@ class SourceType:
 
 @dataclass(frozen=True, slots=True)
 class Statistics:
-    """Counts of a stream since its creation.
+    """Counts of emitted samples, reported violations, and dropped samples by reason.
 
-    Args:
-        samples: the samples that it emitted.
-        violations: the violations that it reported, its own and those of its inputs.
-        drops: the samples that were dropped in it and in its inputs, by reason.
+    Violations and drops include those in the operators and topics that the stream is made of.
     """
 
     samples: int
@@ -99,26 +97,16 @@ class Dataflow:
                 f"there is a stream '{name}' already; destroy it or choose another name",
                 ExitCode.ALREADY_EXISTS,
             )
-        known = {each.name: each.resolved for each in self._streams.values()}
+        others = self._streams.values()
+        known = {each.name: each.resolved for each in others}
         resolved = resolve(specification, constraints, known, self._fields_of, self._units)
+        names = {label: name for each in others for label, name in each.own_names.items()}
+        stream = _RunningStream(
+            name, str(specification), resolved, names, self._scheduler, on_sample, on_violation
+        )
         try:
-            root = self._graph.connect(resolved.term)
-            own_labels = {**resolved.names, str(resolved.term): name}
-            labels: dict[str, str] = {}
-            for each in self._streams.values():
-                labels.update(each.own_labels)
-            stream = self._streams[name] = _RunningStream(
-                name=name,
-                specification=str(specification),
-                resolved=resolved,
-                topics=tuple(sorted(total_demand([resolved.term]))),
-                own_labels=own_labels,
-                labels={**labels, **own_labels},
-                scheduler=self._scheduler,
-                on_sample=on_sample,
-                on_violation=on_violation,
-            )
-            stream.attach(root)
+            stream.attach(self._graph.connect(resolved.term))
+            self._streams[name] = stream
         finally:
             # If it failed, the operators that were connected before are unused.
             self._graph.sweep()
@@ -218,18 +206,14 @@ class _RunningStream:
     """A named stream: listens to the last of its operators, and observes all of them.
 
     Args:
-        own_labels: names for the labels of operators, as its own specification gives them. They
-            are kept apart from those of other streams, as otherwise names would be passed on from
-            stream to stream for ever.
-        labels: the names that other streams and this one give; its own take precedence.
+        names: the names that other streams give to operators, by the labels of these; the names of
+            this stream take precedence.
     """
 
     name: str
     specification: str
     resolved: Resolved
-    topics: tuple[str, ...]
-    own_labels: Mapping[str, str]
-    labels: Mapping[str, str]
+    names: Mapping[str, str]
     scheduler: Scheduler
     on_sample: Callable[[Sample], None]
     on_violation: Callable[[Violation], None]
@@ -238,6 +222,15 @@ class _RunningStream:
     drops: Counter[str] = field(default_factory=Counter)
     available_time: int = BEGINNING
     operators: list[Operator] = field(default_factory=list)
+
+    @cached_property
+    def own_names(self) -> Mapping[str, str]:
+        # Without those of other streams: these would be passed on from stream to stream for ever.
+        return {**self.resolved.names, str(self.resolved.term): self.name}
+
+    @cached_property
+    def topics(self) -> tuple[str, ...]:
+        return tuple(sorted(total_demand([self.resolved.term])))
 
     def attach(self, root: Operator) -> None:
         """Listen to an operator, and observe it and all operators before it."""
@@ -258,30 +251,27 @@ class _RunningStream:
         self.attach(root)
 
     def detach(self) -> None:
-        """Stop listening to operators and observing them."""
         self.operators[0].listeners.remove(self)
         for operator in self.operators:
             operator.observers.remove(self)
 
     def receive(self, valid_time: int, fields: Mapping[str, Value]) -> None:
-        """Emit a sample; simultaneous samples become available a nanosecond apart."""
+        # Simultaneous samples become available a nanosecond apart.
         now, earliest = self.scheduler.now, self.available_time + 1
         self.available_time = available_time = now if now > earliest else earliest
         self.samples += 1
         self.on_sample(Sample(valid_time, available_time, fields))
 
     def count_drops(self, reason: str, count: int = 1) -> None:
-        """Count samples that were dropped."""
         self.drops[reason] += count
 
     def report(self, violation: Violation) -> None:
-        """Pass on a violation that occurred before the samples arrived here."""
         self.violations += 1
         self.on_violation(violation)
 
     def report_fault(self, operator: Operator, fault: Fault) -> None:
-        """Report a violation that an operator has detected."""
-        name = self.labels.get(operator.label, operator.label)
+        label = operator.label
+        name = self.own_names.get(label) or self.names.get(label, label)
         self.report(
             Violation(
                 stream_name=name,

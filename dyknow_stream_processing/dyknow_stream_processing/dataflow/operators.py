@@ -46,13 +46,7 @@ class StreamObserver(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class Wiring:
-    """The surroundings of an operator.
-
-    Args:
-        scheduler: wakes the operator.
-        label: a text that states what the operator computes.
-        inputs: the operators whose samples it receives.
-    """
+    """The surroundings of an operator; the label is a text that states what it computes."""
 
     scheduler: Scheduler
     label: str

@@ -24,13 +24,7 @@ class StreamState(IntEnum):
 
 @dataclass(frozen=True, slots=True)
 class Flow:
-    """Rate and delays of a stream over a period of time.
-
-    Args:
-        rate: samples per second.
-        mean_delay: the mean time from valid time to available time, nanoseconds.
-        max_delay: the longest one.
-    """
+    """Samples per second, and their delays from valid to available time in nanoseconds."""
 
     rate: float = 0.0
     mean_delay: int = 0
@@ -42,11 +36,7 @@ NO_FLOW: Final = Flow()
 
 
 class FlowMeter:
-    """Measurement of the flow of a stream, period by period.
-
-    Args:
-        start: the start of the first period, nanoseconds.
-    """
+    """Measurement of the flow of a stream, period by period, from a start in nanoseconds."""
 
     def __init__(self, start: int) -> None:
         self._start = start
@@ -73,17 +63,12 @@ class FlowMeter:
 
 @dataclass(frozen=True, slots=True)
 class SourceReport:
-    """A topic that streams are made of.
-
-    Args:
-        topic: its absolute name.
-        samples: the number of samples received since the engine subscribed.
-        latest: the time of receipt of the latest one, nanoseconds; `None` before the first.
-    """
+    """A topic that streams are made of, and its samples since the engine subscribed."""
 
     topic: str
     samples: int = 0
     latest: int | None = None
+    """The time of receipt of the latest sample, nanoseconds."""
 
 
 @dataclass(frozen=True, slots=True)
