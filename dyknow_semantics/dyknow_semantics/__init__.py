@@ -21,7 +21,7 @@ from dyknow_semantics.matching.specifications import Match
 from dyknow_semantics.ontology.features import FeatureSignature
 from dyknow_semantics.ontology.knowledge import ALL_TRIPLES, Knowledge, Triple
 from dyknow_semantics.ontology.ontology import Ontology
-from dyknow_semantics.ontology.reasoner import Reasoner, ReasonerProcess, choose_reasoner
+from dyknow_semantics.ontology.reasoner import Reasoner, ReasonerProcess
 from dyknow_semantics.ontology.vocabulary import UPPER_ONTOLOGY
 from dyknow_semantics.reporting.hierarchy import (
     HierarchyEntry,
@@ -59,7 +59,6 @@ __all__ = [
     'check_annotation',
     'check_concept',
     'check_fields',
-    'choose_reasoner',
     'explanation_tree',
     'hierarchy_entries',
     'hierarchy_tree',

@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 
 from dyknow_common import ExitCode
-from dyknow_semantics import Ontology, Reasoner, ReasonerProcess, SemanticsError, choose_reasoner
+from dyknow_semantics import Ontology, Reasoner, ReasonerProcess, SemanticsError
 from dyknow_semantics.ontology.sources import OntologySource
 from dyknow_semantics.ontology.store import read_with_imports
 
@@ -179,9 +179,9 @@ def test_a_reasoner_without_java(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_an_unknown_reasoner() -> None:
-    assert choose_reasoner('pellet') is Reasoner.PELLET
+    assert Reasoner('pellet') is Reasoner.PELLET
     with pytest.raises(SemanticsError) as error:
-        choose_reasoner('hermti')
+        Reasoner('hermti')
     assert error.value.message == (
         "unknown reasoner 'hermti'; choose one of structural, hermit, pellet"
     )

@@ -44,11 +44,7 @@ from dyknow_semantics.ontology.knowledge import Knowledge
 def match(
     concept: Concept, annotations: Iterable[Annotation], knowledge: Knowledge
 ) -> tuple[Match, ...]:
-    """Return the streams that carry a concept; for several concepts use `Matcher.match`.
-
-    Raises:
-        LanguageError: if the concept is invalid for the ontology.
-    """
+    """Return the streams that carry a concept; for several concepts use `Matcher.match`."""
     matcher = Matcher(knowledge)
     matcher.set_annotations({str(each): each for each in annotations})
     return matcher.match(concept)
@@ -67,7 +63,8 @@ class Matcher:
     """Matches concepts with indexed annotations; an update processes only what has changed.
 
     An annotation that is invalid for the ontology, such as one of a destroyed object, matches
-    nothing until the ontology is changed.
+    nothing until the ontology is changed. A concept that is invalid for the ontology raises
+    LanguageError in all methods.
 
     Args:
         knowledge: the ontologies, with the bridges between them.
@@ -139,9 +136,6 @@ class Matcher:
 
         There is one for each ground feature of each annotated field. Exact matches are first, then
         those with the shorter sample period, then with the shorter delay, then by name.
-
-        Raises:
-            LanguageError: if the concept is invalid for the ontology.
         """
         requested = self._pattern(concept)
         unit = self.knowledge.feature(requested.feature).unit
@@ -155,11 +149,7 @@ class Matcher:
         return in_order(found)
 
     def nearest(self, concept: Concept) -> str:
-        """Return a sentence about the field nearest to a concept without matches.
-
-        Raises:
-            LanguageError: if the concept is invalid for the ontology.
-        """
+        """Return a sentence about the field nearest to a concept without matches."""
         sentence = nearest(concept, self._pattern(concept), self.index, self.knowledge)
         name = concept.feature.name
         faults = [
@@ -170,11 +160,7 @@ class Matcher:
         return ''.join([sentence, *faults[:1]])
 
     def explain(self, concept: Concept) -> tuple[Explanation, ...]:
-        """Return the matches of a concept in their order, then the near misses, with reasons.
-
-        Raises:
-            LanguageError: if the concept is invalid for the ontology.
-        """
+        """Return the matches of a concept in their order, then the near misses, with reasons."""
         matches = (
             Explanation(str(each.declaration), True, each.reason) for each in self.match(concept)
         )

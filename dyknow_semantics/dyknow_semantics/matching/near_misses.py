@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import chain
 from typing import Final
 
 from dyknow_semantics.annotations.annotation import Concept
@@ -31,25 +31,14 @@ class Explanation:
 
 
 def nearest(concept: Concept, requested: Pattern, index: FieldIndex, knowledge: Knowledge) -> str:
-    """Return a sentence about the field nearest to a concept without matches.
-
-    Args:
-        concept: the request.
-        requested: the ground features that it stands for.
-        index: all annotated fields.
-        knowledge: the ontologies.
-    """
+    """Return a sentence about the field nearest to a concept without matches."""
     result = f'no stream carries {concept}'
     if not all(requested.domains):
         return f'{result}, since there are no objects of its sort'
     if not index.features:
         return f'{result}, since no stream is annotated'
-    related = [
-        (_distance(requested, carrier, knowledge), str(carrier))
-        for carrier in _related(requested.feature, index, knowledge)
-    ]
-    if related:
-        return f'{result}; nearest: {min(related)[1]}'
+    if related := _related(requested, index, knowledge):
+        return f'{result}; nearest: {related[0]}'
     carried = sorted(index.features)
     more = ', ...' if len(carried) > _MAX_LISTED else ''
     return f'{result}; the annotated streams carry {", ".join(carried[:_MAX_LISTED])}{more}'
@@ -59,19 +48,21 @@ def near_misses(
     requested: Pattern, index: FieldIndex, knowledge: Knowledge
 ) -> tuple[Explanation, ...]:
     """Return the fields of related features that do not match, the nearest first."""
-    missed = [
-        (_distance(requested, carrier, knowledge), str(carrier), reason)
-        for carrier in _related(requested.feature, index, knowledge)
+    return tuple(
+        Explanation(str(carrier), False, reason)
+        for carrier in _related(requested, index, knowledge)
         if (reason := _mismatch(requested, carrier, knowledge))
-    ]
-    return tuple(Explanation(stream, False, reason) for _, stream, reason in sorted(missed))
+    )
 
 
-def _related(feature: str, index: FieldIndex, knowledge: Knowledge) -> Iterator[AnnotatedField]:
-    """Yield the fields of features that have a common superfeature with another one."""
-    above = filter(knowledge.is_feature, knowledge.superconcepts(feature))
-    for each in dict.fromkeys(below for one in above for below in knowledge.subconcepts(one)):
-        yield from index.of_feature(each)
+def _related(requested: Pattern, index: FieldIndex, knowledge: Knowledge) -> list[AnnotatedField]:
+    """Return the fields of all features below the superfeatures, the nearest first."""
+    above = filter(knowledge.is_feature, knowledge.superconcepts(requested.feature))
+    features = dict.fromkeys(below for each in above for below in knowledge.subconcepts(each))
+    return sorted(
+        chain.from_iterable(map(index.of_feature, features)),
+        key=lambda carrier: (_distance(requested, carrier, knowledge), str(carrier)),
+    )
 
 
 def _mismatch(requested: Pattern, carrier: AnnotatedField, knowledge: Knowledge) -> str:

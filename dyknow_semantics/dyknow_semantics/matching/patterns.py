@@ -75,11 +75,7 @@ def pattern_of(
 ) -> Pattern:
     """Return the pattern of a checked term; a term without arguments stands for all objects.
 
-    Args:
-        term: a feature with its arguments.
-        ranges: the variables of the term.
-        knowledge: the ontologies, with the bridges between them.
-        identities: returns the objects of a sort.
+    `ranges` has the variables of the term; `identities` returns the objects of a sort.
 
     Raises:
         SemanticsError: if a name is unknown.

@@ -7,15 +7,9 @@ from dataclasses import dataclass
 
 from dyknow_common import DyKnowError, ValueType, check_unit, unit_conversion
 from dyknow_semantics.errors import SemanticsError
+from dyknow_semantics.ontology import vocabulary
 from dyknow_semantics.ontology.names import Names
 from dyknow_semantics.ontology.taxonomy import Taxonomy
-from dyknow_semantics.ontology.vocabulary import (
-    ARGUMENT,
-    FEATURE,
-    NULLARY_FEATURE,
-    UNIT,
-    VALUE_TYPE,
-)
 
 
 @dataclass(frozen=True, slots=True)
@@ -24,8 +18,7 @@ class FeatureSignature:
 
     Args:
         name: the shortest unambiguous name.
-        argument_sorts: the sort of each argument; empty for a feature of the world as a whole.
-        value_type: the type of the values.
+        argument_sorts: empty for a feature of the world as a whole.
         unit: the unit of the values, such as `m/s`; empty for a number without unit.
     """
 
@@ -39,9 +32,7 @@ class SignatureReader:
     """Reads the signatures of features; a feature inherits what it does not state itself.
 
     Args:
-        taxonomy: the order of all concepts.
         annotations: for each class, the values of each of its annotation properties.
-        concepts: the names of all concepts.
     """
 
     def __init__(
@@ -82,13 +73,13 @@ class SignatureReader:
         name = self._concepts.name(iri)
         lineage = (iri, *self._taxonomy.specific_first(self._taxonomy.above(iri)))
         sorts = self._sorts(lineage, name)
-        value_type = self._inherited(lineage, name, VALUE_TYPE)
+        value_type = self._inherited(lineage, name, vocabulary.VALUE_TYPE)
         if value_type not in list(ValueType):
             fault = f"has the value_type '{value_type}'" if value_type else 'has no value_type'
             raise SemanticsError(
                 f"feature '{name}' {fault}; annotate it with one of {', '.join(ValueType)}"
             )
-        unit = self._inherited(lineage, name, UNIT)
+        unit = self._inherited(lineage, name, vocabulary.UNIT)
         try:
             if unit:
                 check_unit(unit)
@@ -101,7 +92,7 @@ class SignatureReader:
         for concept in lineage:
             if sorts := self._stated_sorts(concept, name):
                 return sorts
-        if NULLARY_FEATURE in lineage:
+        if vocabulary.NULLARY_FEATURE in lineage:
             return ()
         raise SemanticsError(
             f"feature '{name}' has no argument sorts; annotate it with argument1, argument2, ..., "
@@ -110,9 +101,9 @@ class SignatureReader:
 
     def _stated_sorts(self, concept: str, name: str) -> tuple[str, ...]:
         stated = {
-            key.removeprefix(ARGUMENT): sorts
+            key.removeprefix(vocabulary.ARGUMENT): sorts
             for key, sorts in self._annotations.get(concept, {}).items()
-            if key.startswith(ARGUMENT)
+            if key.startswith(vocabulary.ARGUMENT)
         }
         numbers = [str(number) for number in range(1, len(stated) + 1)]
         if set(stated) != set(numbers) or any(len(sorts) > 1 for sorts in stated.values()):
@@ -129,7 +120,7 @@ class SignatureReader:
         except SemanticsError as error:
             raise SemanticsError(f'{requirement}: {error}') from None
         sort = self._concepts.name(iri)
-        if FEATURE in self._taxonomy.above(iri):
+        if vocabulary.FEATURE in self._taxonomy.above(iri):
             raise SemanticsError(f"{requirement}, but '{sort}' is a feature")
         return sort
 

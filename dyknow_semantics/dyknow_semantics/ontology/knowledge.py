@@ -20,27 +20,10 @@ from typing import Final
 
 from dyknow_common import ExitCode
 from dyknow_semantics.errors import SemanticsError
+from dyknow_semantics.ontology import vocabulary
 from dyknow_semantics.ontology.features import FeatureSignature, SignatureReader
 from dyknow_semantics.ontology.names import Names, Prefixes, split_iri
 from dyknow_semantics.ontology.taxonomy import Taxonomy
-from dyknow_semantics.ontology.vocabulary import (
-    CLASS,
-    DISJOINT_UNION_OF,
-    EQUIVALENT_CLASS,
-    FEATURE,
-    FIRST,
-    INTERSECTION_OF,
-    NAMED_INDIVIDUAL,
-    NIL,
-    NULLARY_FEATURE,
-    ONE_OF,
-    PREFIX,
-    REST,
-    SAME_AS,
-    SUBCLASS_OF,
-    TYPE,
-    UNION_OF,
-)
 
 Triple = tuple[str, str, str]
 """Subject, predicate and object: an IRI, the text of a literal, or a number < 0 (a blank node)."""
@@ -74,17 +57,19 @@ class Knowledge:
     def __init__(self, triples: Iterable[Triple]) -> None:
         index = _TripleIndex(triples)
         self._concepts = {
-            iri for iri, kind in index.pairs(TYPE) if kind == CLASS and _is_named(iri)
+            iri
+            for iri, kind in index.by_predicate[vocabulary.TYPE]
+            if kind == vocabulary.CLASS and _is_named(iri)
         }
         self._taxonomy = Taxonomy(index.order())
         self._types = index.types_of_instances(self._concepts)
-        self.prefixes = Prefixes(index.pairs(PREFIX))
+        self.prefixes = Prefixes(index.by_predicate[vocabulary.PREFIX])
         self.concept_names = Names('concept', self._concepts, self.prefixes)
         self.instance_names = Names('instance', self._types, self.prefixes)
-        self._identities = self._unify(Taxonomy(index.symmetric_pairs(SAME_AS)))
+        self._identities = self._unify(Taxonomy(index.symmetric(vocabulary.SAME_AS)))
         reader = SignatureReader(self._taxonomy, index.by_subject, self.concept_names)
-        below = self._taxonomy.below(FEATURE) & self._concepts
-        self._features = reader.read(below - {FEATURE, NULLARY_FEATURE})
+        below = self._taxonomy.below(vocabulary.FEATURE) & self._concepts
+        self._features = reader.read(below - {vocabulary.FEATURE, vocabulary.NULLARY_FEATURE})
         self._instances = self._instances_of_concepts()
         self._subconcepts: dict[str, tuple[str, ...]] = {}
         self._superconcepts: dict[str, tuple[str, ...]] = {}
@@ -98,7 +83,7 @@ class Knowledge:
     @property
     def sorts(self) -> tuple[str, ...]:
         """All concepts that are not features."""
-        return self._names_of(frozenset(self._concepts) - self._taxonomy.below(FEATURE))
+        return self._names_of(frozenset(self._concepts) - self._taxonomy.below(vocabulary.FEATURE))
 
     def feature(self, name: str) -> FeatureSignature:
         """Return a feature.
@@ -214,42 +199,39 @@ class Knowledge:
 
 
 class _TripleIndex:
-    """Triples by subject and by predicate."""
+    """Triples by subject, and pairs of subject and object by predicate."""
 
     def __init__(self, triples: Iterable[Triple]) -> None:
         self.by_subject: dict[str, dict[str, list[str]]] = defaultdict(lambda: defaultdict(list))
-        self._pairs: dict[str, list[tuple[str, str]]] = defaultdict(list)
+        self.by_predicate: dict[str, list[tuple[str, str]]] = defaultdict(list)
         for subject, predicate, value in triples:
             self.by_subject[subject][predicate].append(value)
-            self._pairs[predicate].append((subject, value))
+            self.by_predicate[predicate].append((subject, value))
 
-    def pairs(self, predicate: str) -> list[tuple[str, str]]:
-        """Return the subjects and objects of a predicate."""
-        return self._pairs.get(predicate, [])
-
-    def symmetric_pairs(self, predicate: str) -> Iterator[tuple[str, str]]:
+    def symmetric(self, predicate: str) -> Iterator[tuple[str, str]]:
         """Yield the subjects and objects of a predicate in both directions."""
-        for subject, value in self.pairs(predicate):
+        for subject, value in self.by_predicate[predicate]:
             yield subject, value
             yield value, subject
 
     def order(self) -> Iterator[tuple[str, str]]:
         """Yield each class, named or not, with each class that is stated to lie above it."""
-        yield from self.pairs(SUBCLASS_OF)
-        yield from self.symmetric_pairs(EQUIVALENT_CLASS)
-        yield from self._parts(INTERSECTION_OF)
-        for predicate in (UNION_OF, DISJOINT_UNION_OF):
+        yield from self.by_predicate[vocabulary.SUBCLASS_OF]
+        yield from self.symmetric(vocabulary.EQUIVALENT_CLASS)
+        yield from self._parts(vocabulary.INTERSECTION_OF)
+        for predicate in (vocabulary.UNION_OF, vocabulary.DISJOINT_UNION_OF):
             for whole, part in self._parts(predicate):
                 yield part, whole
 
     def types_of_instances(self, concepts: set[str]) -> dict[str, set[str]]:
         """Return the stated classes, named or not, of each instance."""
         types: dict[str, set[str]] = defaultdict(set)
-        for subject, kind in self.pairs(TYPE):
-            is_class = kind in concepts or kind == NAMED_INDIVIDUAL or not _is_named(kind)
-            if is_class and _is_named(subject):
+        for subject, kind in self.by_predicate[vocabulary.TYPE]:
+            if _is_named(subject) and (
+                kind in concepts or kind == vocabulary.NAMED_INDIVIDUAL or not _is_named(kind)
+            ):
                 types[subject].add(kind)
-        for enumeration, member in self._parts(ONE_OF):
+        for enumeration, member in self._parts(vocabulary.ONE_OF):
             # Enumerations of values have members too: those are not instances.
             if member in types:
                 types[member].add(enumeration)
@@ -257,14 +239,14 @@ class _TripleIndex:
 
     def _parts(self, predicate: str) -> Iterator[tuple[str, str]]:
         """Yield the subjects of a predicate with each element of their RDF lists."""
-        for whole, first in self.pairs(predicate):
+        for whole, first in self.by_predicate[predicate]:
             seen: set[str] = set()
             cell = first
             while cell in self.by_subject and cell not in seen:
                 seen.add(cell)
-                for part in self.by_subject[cell].get(FIRST, []):
+                for part in self.by_subject[cell].get(vocabulary.FIRST, []):
                     yield whole, part
-                cell = next(iter(self.by_subject[cell].get(REST, [])), NIL)
+                cell = next(iter(self.by_subject[cell].get(vocabulary.REST, [])), vocabulary.NIL)
 
 
 def _is_named(node: str) -> bool:

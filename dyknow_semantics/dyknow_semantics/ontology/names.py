@@ -30,9 +30,7 @@ def prefix_of(namespace: str) -> str:
 def suggestion(name: str, known: Mapping[str, str]) -> str:
     """Return the end of an error message: known names similar to an unknown one, or all.
 
-    Args:
-        name: the unknown name.
-        known: for each known spelling, the name to suggest.
+    `known` holds the name to suggest for each known spelling.
     """
     near = dict.fromkeys(known[each] for each in get_close_matches(name, sorted(known), n=6))
     if near:
@@ -92,8 +90,6 @@ class Names:
 
     Args:
         kind: the kind of the entities in messages.
-        iris: the IRIs of the entities.
-        prefixes: those of their namespaces.
     """
 
     def __init__(self, kind: str, iris: Iterable[str], prefixes: Prefixes | None = None) -> None:

@@ -41,8 +41,15 @@ class Ontology:
         store: the file that keeps the ontology over restarts; `None` keeps nothing.
 
     Raises:
-        SemanticsError: if the store cannot be opened.
+        SemanticsError: if the store cannot be opened; from the methods that load or draft, if a
+            document cannot be read or the result contradicts the upper ontology.
     """
+
+    knowledge: Knowledge
+    """The present contents; each change replaces them."""
+
+    revision = 0
+    """The number of changes, except those of entailed statements."""
 
     def __init__(self, store: str | Path | None = None) -> None:
         with ExitStack() as resources:
@@ -50,7 +57,6 @@ class Ontology:
             folder = resources.enter_context(TemporaryDirectory(prefix='dyknow_'))
             self._store = Store(Path(store or Path(folder, 'store')))
             resources.callback(self._store.close)
-            self._revision = 0
             self.load(UPPER_ONTOLOGY)
             self._resources = resources.pop_all()
 
@@ -64,72 +70,43 @@ class Ontology:
         """Close the store."""
         self._resources.close()
 
-    @property
-    def revision(self) -> int:
-        """The number of changes, except those of entailed statements."""
-        return self._revision
-
-    @property
-    def knowledge(self) -> Knowledge:
-        """The present contents, immutable."""
-        return self._knowledge
-
     def load(self, path_or_iri: str | Path) -> None:
         """Add an ontology with its imports that are not loaded yet.
 
         The imports of a file lie beside it, under the last part of their IRI (`uav.owl` for
         `http://www.dyknow.org/uav`); those of an ontology from the web are downloaded.
-
-        Raises:
-            SemanticsError: if a document cannot be read or contradicts the upper ontology.
         """
         self.add(self.read(path_or_iri))
 
     def read(self, path_or_iri: str | Path) -> tuple[Document, ...]:
-        """Return the documents that `load` adds.
-
-        Raises:
-            SemanticsError: if a document cannot be read.
-        """
+        """Return the documents that `load` adds."""
         return read_with_imports(read_source(str(path_or_iri)), self._store.ontologies)
 
     def add(self, documents: Iterable[Document]) -> None:
-        """Add ontologies; each replaces its previous contents.
-
-        Raises:
-            SemanticsError: if the result contradicts the upper ontology.
-        """
+        """Add ontologies; each replaces its previous contents."""
         self._change(lambda: self._store.put(documents))
         # The caches of owlready2 may hold the previous contents.
         self._store.reopen()
 
     def draft(self, documents: Iterable[Document] = ()) -> Draft:
-        """Return the contents after adding documents, without adding them.
-
-        Raises:
-            SemanticsError: if the result contradicts the upper ontology.
-        """
+        """Return the contents after adding documents, without adding them."""
         try:
             self._store.put(documents)
             knowledge = Knowledge(self._store.triples())
-            return Draft(self._revision, self._store.text(), knowledge.name)
+            return Draft(self.revision, self._store.text(), knowledge.name)
         finally:
             self._store.reopen()
 
     def set_entailed(self, entailed: Iterable[Triple], revision: int) -> bool:
-        """Replace the entailed statements, unless the ontology has changed.
-
-        Args:
-            entailed: the result of a reasoner.
-            revision: the revision of the ontology that the result holds for.
+        """Replace the entailed statements by those that a reasoner derived from a revision.
 
         Returns:
             False if the ontology has another revision; then nothing is replaced.
         """
-        if revision != self._revision:
+        if revision != self.revision:
             return False
         self._change(lambda: self._store.put_entailed(entailed))
-        self._revision = revision
+        self.revision = revision
         self._store.reopen()
         return True
 
@@ -140,10 +117,10 @@ class Ontology:
             SemanticsError: if the name exists, a parent is unknown, or the concept is a feature
                 that inherits no signature.
         """
-        above = tuple(map(self._knowledge.concept_names.iri, parents))
+        above = tuple(map(self.knowledge.concept_names.iri, parents))
         iri = self._new_iri(name)
         self._change(lambda: self._store.add_class(iri, above))
-        return self._affected(iri, self._knowledge.superconcepts(iri))
+        return self._affected(iri, self.knowledge.superconcepts(iri))
 
     def destroy_concept(self, name: str) -> tuple[str, ...]:
         """Remove a concept that nothing depends on.
@@ -152,11 +129,11 @@ class Ontology:
             SemanticsError: if it is unknown, has subconcepts or instances, is the sort of an
                 argument, or belongs to the upper ontology.
         """
-        iri = self._knowledge.concept_names.iri(name)
+        iri = self.knowledge.concept_names.iri(name)
         obstacles = '; '.join(self._dependencies(iri))
         if obstacles:
             raise SemanticsError(f"the concept '{name}' cannot be destroyed: {obstacles}")
-        affected = self._affected(iri, self._knowledge.superconcepts(iri))
+        affected = self._affected(iri, self.knowledge.superconcepts(iri))
         self._change(lambda: self._store.remove(iri))
         return affected
 
@@ -172,7 +149,7 @@ class Ontology:
             raise SemanticsError(f"the instance '{name}' needs a concept to be an instance of")
         iri = self._new_iri(name)
         self._change(lambda: self._store.add_individual(iri, kinds))
-        return self._affected(iri, self._knowledge.concepts(iri))
+        return self._affected(iri, self.knowledge.concepts(iri))
 
     def destroy_instance(self, name: str) -> tuple[str, ...]:
         """Remove an instance.
@@ -180,10 +157,10 @@ class Ontology:
         Raises:
             SemanticsError: if it is unknown, or also a concept.
         """
-        iri = self._knowledge.instance_names.iri(name)
-        if iri in self._knowledge.concept_names:
+        iri = self.knowledge.instance_names.iri(name)
+        if iri in self.knowledge.concept_names:
             raise SemanticsError(f"the instance '{name}' is a concept too; destroy that")
-        affected = self._affected(iri, self._knowledge.concepts(iri))
+        affected = self._affected(iri, self.knowledge.concepts(iri))
         self._change(lambda: self._store.remove(iri))
         return affected
 
@@ -196,7 +173,7 @@ class Ontology:
         Raises:
             SemanticsError: if the query is malformed, changes something or takes too long.
         """
-        return self._store.select(sparql, self._knowledge.name)
+        return self._store.select(sparql, self.knowledge.name)
 
     def _change(self, change: Callable[[], None]) -> None:
         """Make a change, and commit it if the result is valid."""
@@ -207,23 +184,23 @@ class Ontology:
             self._store.reopen()
             raise
         self._store.commit()
-        self._revision += 1
-        self._knowledge = knowledge
+        self.revision += 1
+        self.knowledge = knowledge
 
     def _affected(self, iri: str, concepts: tuple[str, ...]) -> tuple[str, ...]:
         """Return some concepts and the features with arguments of these sorts."""
-        if self._knowledge.name(iri) != split_iri(iri)[1]:
+        if self.knowledge.name(iri) != split_iri(iri)[1]:
             return ()  # Another entity has the same short name: other names change too.
         features = (
             feature.name
-            for feature in self._knowledge.features
+            for feature in self.knowledge.features
             if set(concepts) & set(feature.argument_sorts)
         )
         return tuple(sorted({*concepts, *features}))
 
     def _dependencies(self, iri: str) -> Iterator[str]:
         """Yield the reasons why a concept cannot be destroyed."""
-        knowledge = self._knowledge
+        knowledge = self.knowledge
         name = knowledge.name(iri)
         below = [other for other in knowledge.subconcepts(name) if other != name]
         features = [each.name for each in knowledge.features if name in each.argument_sorts]
@@ -238,14 +215,14 @@ class Ontology:
                 yield f'it {relation} {", ".join(names)}'
 
     def _sort(self, name: str) -> str:
-        iri = self._knowledge.concept_names.iri(name)
-        if self._knowledge.name(iri) not in self._knowledge.sorts:
+        iri = self.knowledge.concept_names.iri(name)
+        if self.knowledge.name(iri) not in self.knowledge.sorts:
             raise SemanticsError(f"the concept '{name}' is a feature; features have no instances")
         return iri
 
     def _new_iri(self, name: str) -> str:
         """Return the IRI of a new entity."""
-        knowledge = self._knowledge
+        knowledge = self.knowledge
         if name in knowledge.concept_names or name in knowledge.instance_names:
             raise SemanticsError(f"'{name}' already exists", ExitCode.ALREADY_EXISTS)
         if '/' in name:

@@ -16,7 +16,7 @@ from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
 from enum import StrEnum
-from typing import Final, cast
+from typing import Final, NoReturn, cast
 
 from dyknow_common import ExitCode
 from dyknow_semantics.errors import SemanticsError
@@ -36,18 +36,10 @@ class Reasoner(StrEnum):
     HERMIT = 'hermit'
     PELLET = 'pellet'
 
-
-def choose_reasoner(name: str) -> Reasoner:
-    """Return the reasoner with a name.
-
-    Raises:
-        SemanticsError: if the name is unknown.
-    """
-    try:
-        return Reasoner(name)
-    except ValueError:
-        known = ', '.join(Reasoner)
-        raise SemanticsError(f"unknown reasoner '{name}'; choose one of {known}") from None
+    @classmethod
+    def _missing_(cls, value: object) -> NoReturn:
+        known = ', '.join(cls)
+        raise SemanticsError(f"unknown reasoner '{value}'; choose one of {known}")
 
 
 @dataclass(frozen=True, slots=True)

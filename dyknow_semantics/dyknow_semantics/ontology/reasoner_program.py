@@ -14,21 +14,13 @@ from typing import Any, Final
 import owlready2
 from owlready2.base import OwlReadyInconsistentOntologyError, OwlReadyJavaError
 
-from dyknow_semantics.ontology.vocabulary import (
-    EQUIVALENT_CLASS,
-    LANGUAGES,
-    NAMED_INDIVIDUAL,
-    NOTHING,
-    SUBCLASS_OF,
-    THING,
-    TYPE,
-)
+from dyknow_semantics.ontology import vocabulary
 
 _PARENT_CHECK_PERIOD_S: Final = 0.5
 _ENTAILED: Final = 'http://entailed/'
-_TYPE: Final = f'<{TYPE}>'.encode()
-_INDIVIDUAL: Final = f'<{NAMED_INDIVIDUAL}>'.encode()
-_LANGUAGES: Final = tuple(f'<{language}'.encode() for language in LANGUAGES)
+_TYPE: Final = f'<{vocabulary.TYPE}>'.encode()
+_INDIVIDUAL: Final = f'<{vocabulary.NAMED_INDIVIDUAL}>'.encode()
+_LANGUAGES: Final = tuple(f'<{language}'.encode() for language in vocabulary.LANGUAGES)
 
 
 def classify(text: bytes, reasoner: str) -> dict[str, Any]:
@@ -77,7 +69,9 @@ def _unsatisfiable_without_individuals(text: bytes, reasoner: str) -> list[str]:
 
 
 def _unsatisfiable(world: Any) -> list[str]:
-    return sorted(each.iri for each in world.inconsistent_classes() if each.iri != NOTHING)
+    return sorted(
+        each.iri for each in world.inconsistent_classes() if each.iri != vocabulary.NOTHING
+    )
 
 
 def _entailed(world: Any) -> list[tuple[str, ...]]:
@@ -88,9 +82,9 @@ def _entailed(world: Any) -> list[tuple[str, ...]]:
     return [
         (subject, predicate, value)
         for subject, predicate, value in triples
-        if predicate in {SUBCLASS_OF, EQUIVALENT_CLASS, TYPE}
+        if predicate in {vocabulary.SUBCLASS_OF, vocabulary.EQUIVALENT_CLASS, vocabulary.TYPE}
         and subject != _ENTAILED.rstrip('/')
-        and not {subject, value} & {THING, NOTHING}
+        and not {subject, value} & {vocabulary.THING, vocabulary.NOTHING}
     ]
 
 

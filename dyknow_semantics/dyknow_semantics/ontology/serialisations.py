@@ -40,9 +40,11 @@ class OntologyText:
     """The text of an ontology in a format that owlready2 reads.
 
     Args:
+        location: path or address, for messages.
         prefixes: the declared prefixes, each with its namespace.
     """
 
+    location: str
     format: OwlreadyFormat
     content: bytes
     prefixes: frozenset[tuple[str, str]] = frozenset()
@@ -51,9 +53,7 @@ class OntologyText:
 def normalise(source: OntologySource, base: str) -> OntologyText:
     """Return the text of an ontology in a format that owlready2 reads.
 
-    Args:
-        source: RDF/XML, OWL/XML, N-Triples or Turtle.
-        base: the base of relative IRIs in Turtle.
+    `base` is the base of relative IRIs in Turtle.
 
     Raises:
         SemanticsError: if the text is malformed or in another format.
@@ -62,10 +62,11 @@ def normalise(source: OntologySource, base: str) -> OntologyText:
         # rdflib keeps only one of several prefixes of a namespace.
         declarations = re.findall(_TURTLE_PREFIX, source.text.decode(errors='replace'))
         content = _translate(source, 'turtle', base)
-        return OntologyText('ntriples', content, _usable_prefixes(declarations))
+        prefixes = _usable_prefixes(declarations)
+        return OntologyText(source.location, 'ntriples', content, prefixes)
     if source.text.lstrip(b'\xef\xbb\xbf \t\r\n').startswith((b'<?', b'<!', b'<rdf:', b'<Onto')):
         return _normalise_xml(source)
-    return OntologyText('ntriples', source.text)
+    return OntologyText(source.location, 'ntriples', source.text)
 
 
 def _normalise_xml(source: OntologySource) -> OntologyText:
@@ -80,8 +81,9 @@ def _normalise_xml(source: OntologySource) -> OntologyText:
     prefixes = _usable_prefixes(declarations)
     if '#' in base:
         # owlready2 keeps the fragment of a base: `#Wine` becomes `wine##Wine`.
-        return OntologyText('ntriples', _translate(source, 'xml', base), prefixes)
-    return OntologyText(_FORMAT_OF_ROOT[root], source.text, prefixes)
+        content = _translate(source, 'xml', base)
+        return OntologyText(source.location, 'ntriples', content, prefixes)
+    return OntologyText(source.location, _FORMAT_OF_ROOT[root], source.text, prefixes)
 
 
 def _xml_head(text: bytes) -> tuple[str, str, list[tuple[str, str]]]:

@@ -58,12 +58,10 @@ class Document:
     Args:
         iri: the IRI of the ontology, with a final `#` or `/`.
         imports: the IRIs of the imported ontologies.
-        location: path or address, for messages.
     """
 
     iri: str
     imports: tuple[str, ...]
-    location: str
     text: OntologyText
 
 
@@ -76,9 +74,9 @@ def read_document(source: OntologySource) -> Document:
     world = owlready2.World()
     text = normalise(source, _UNKNOWN)
     try:
-        iri = _parse(world.get_ontology(_UNKNOWN), text, source.location)
+        iri = _parse(world.get_ontology(_UNKNOWN), text)
         imports = world.sparql('SELECT DISTINCT (STR(?i) AS ?iri) { ?o owl:imports ?i }')
-        return Document(iri, tuple(sorted(row[0] for row in imports)), source.location, text)
+        return Document(iri, tuple(sorted(row[0] for row in imports)), text)
     finally:
         world.close()
 
@@ -86,9 +84,7 @@ def read_document(source: OntologySource) -> Document:
 def read_with_imports(source: OntologySource, known: Iterable[str]) -> tuple[Document, ...]:
     """Return the ontology documents of a text and of all its direct and indirect imports.
 
-    Args:
-        source: the text.
-        known: the IRIs of ontologies that are not read.
+    Imports in `known` are not read.
 
     Raises:
         SemanticsError: if one is not an ontology or not found.
@@ -103,7 +99,7 @@ def read_with_imports(source: OntologySource, known: Iterable[str]) -> tuple[Doc
         document = read_document(found)
         if not same_ontology(document.iri, iri):
             raise SemanticsError(
-                f'{document.location} holds the ontology <{document.iri}> instead of <{iri}>'
+                f'{found.location} holds the ontology <{document.iri}> instead of <{iri}>'
             )
         documents.append(document)
         wanted += [(each, found) for each in document.imports]
@@ -146,7 +142,7 @@ class Store:
         """Add ontologies; each replaces its previous contents."""
         for document in documents:
             ontology = self._world.get_ontology(document.iri)
-            _parse(ontology, document.text, document.location)
+            _parse(ontology, document.text)
             for prefix, namespace in document.text.prefixes:
                 subject, predicate = map(ontology._abbreviate, (namespace, PREFIX))  # noqa: SLF001
                 ontology._add_data_triple_spod(subject, predicate, prefix, 0)  # noqa: SLF001
@@ -157,8 +153,8 @@ class Store:
         text = ''.join(
             f'<{subject}> <{predicate}> <{value}> .\n' for subject, predicate, value in lines
         )
-        entailed = OntologyText('ntriples', text.encode())
-        _parse(self._world.get_ontology(ENTAILED_ONTOLOGY), entailed, ENTAILED_ONTOLOGY)
+        entailed = OntologyText(ENTAILED_ONTOLOGY, 'ntriples', text.encode())
+        _parse(self._world.get_ontology(ENTAILED_ONTOLOGY), entailed)
 
     def text(self) -> bytes:
         """Return the ontologies in N-Triples, without the entailed statements."""
@@ -202,9 +198,7 @@ class Store:
     ) -> tuple[tuple[str, ...], tuple[Row, ...]]:
         """Return the variables and the solutions of a SPARQL SELECT query.
 
-        Args:
-            sparql: the query, in the dialect of owlready2.
-            name: returns the name of an IRI in the solutions.
+        `name` returns the name of an IRI in the solutions.
 
         Raises:
             SemanticsError: if the query is malformed, changes the store or takes too long.
@@ -268,7 +262,7 @@ def _open(file: Path) -> Any:
         ) from None
 
 
-def _parse(ontology: Any, text: OntologyText, location: str) -> str:
+def _parse(ontology: Any, text: OntologyText) -> str:
     """Read a text into an ontology, without its imports. Return the IRI that it declares."""
     try:
         with _suppressed_output():
@@ -277,11 +271,11 @@ def _parse(ontology: Any, text: OntologyText, location: str) -> str:
             )
     except OwlReadyError as error:
         words = error.args[-1]
-        reason = str(words[0] if isinstance(words, tuple) else words).replace('???', location)
+        reason = str(words[0] if isinstance(words, tuple) else words).replace('???', text.location)
         raise SemanticsError(f'cannot read an ontology: {reason}') from None
     if not iri:
         raise SemanticsError(
-            f'{location} declares no ontology; it needs an owl:Ontology with its IRI'
+            f'{text.location} declares no ontology; it needs an owl:Ontology with its IRI'
         )
     return iri
 

@@ -24,10 +24,6 @@ class Mirror(Generic[Contents]):
 
     The other node publishes a new version in its status before it answers a request that changes
     its contents.
-
-    Args:
-        remote: the other node.
-        fetch: requests its contents.
     """
 
     def __init__(

@@ -20,7 +20,7 @@ from dyknow_interfaces.srv import (
 from dyknow_common.ros import RUNNING, DyKnowNode, run
 from dyknow_semantics.errors import SemanticsError
 from dyknow_semantics.ontology.ontology import Ontology
-from dyknow_semantics.ontology.reasoner import Reasoner, ReasonerProcess, choose_reasoner
+from dyknow_semantics.ontology.reasoner import Reasoner, ReasonerProcess
 from dyknow_semantics.ros.inference import Inference
 from dyknow_semantics.ros.version import VersionPublisher
 
@@ -38,7 +38,7 @@ class OntologyManager(DyKnowNode):
         store = self.parameter(
             'store', '', 'SQLite file that keeps the ontology over restarts; empty: in memory.'
         )
-        self._reasoner = choose_reasoner(
+        self._reasoner = Reasoner(
             self.parameter(
                 'reasoner',
                 Reasoner.STRUCTURAL.value,

@@ -26,32 +26,13 @@ from dyknow_semantics.reporting.hierarchy import (
 from dyknow_semantics.ros.mirrors import annotations_by_text, read_bridges, triples_of
 
 
-def fetch_matcher(options: argparse.Namespace, command: CommandNode) -> Matcher:
-    """Return a matcher with the ontologies and annotations of the nodes.
-
-    Raises:
-        DyKnowError: if a node does not answer, or a file of bridges is invalid.
-    """
-    bridges = read_bridges(options.bridges)
-    timeout_ns = options.timeout
-    ontology = _call(
-        command, timeout_ns, OntologyQuery, options.ontology_manager, sparql=ALL_TRIPLES
-    )
-    listed = _call(command, timeout_ns, ListSemanticSpecifications, options.semantics_manager)
-    ontologies = bridged(triples_of(ontology), bridges)
-    if ontologies.faults:
-        raise SemanticsError('\n'.join(ontologies.faults))
-    matcher = Matcher(ontologies.known, ontologies.stated)
-    matcher.set_annotations(annotations_by_text(listed.ssl_statements))
-    return matcher
-
-
-def show(options: argparse.Namespace, matcher: Matcher) -> None:
+def show(options: argparse.Namespace, command: CommandNode) -> None:
     """Print the hierarchies, or the reasons why streams match a concept.
 
     Raises:
-        LanguageError: if the concept is invalid for the ontologies.
+        DyKnowError: if a node does not answer, or the concept or a file of bridges is invalid.
     """
+    matcher = _fetch_matcher(options, command)
     console = Console(highlight=False)
     if options.explain:
         concept = parse_concept(options.explain)
@@ -97,6 +78,22 @@ def parse_options(arguments: Sequence[str]) -> argparse.Namespace:
     return parser.parse_args(arguments)
 
 
+def _fetch_matcher(options: argparse.Namespace, command: CommandNode) -> Matcher:
+    """Return a matcher with the ontologies and annotations of the nodes."""
+    bridges = read_bridges(options.bridges)
+    timeout_ns = options.timeout
+    ontology = _call(
+        command, timeout_ns, OntologyQuery, options.ontology_manager, sparql=ALL_TRIPLES
+    )
+    listed = _call(command, timeout_ns, ListSemanticSpecifications, options.semantics_manager)
+    ontologies = bridged(triples_of(ontology), bridges)
+    if ontologies.faults:
+        raise SemanticsError('\n'.join(ontologies.faults))
+    matcher = Matcher(ontologies.known, ontologies.stated)
+    matcher.set_annotations(annotations_by_text(listed.ssl_statements))
+    return matcher
+
+
 def _call(
     command: CommandNode, timeout_ns: int, service_type: Any, node: str, **fields: Any
 ) -> Any:
@@ -125,14 +122,10 @@ def _call(
     return response
 
 
-def _work(options: argparse.Namespace, command: CommandNode) -> None:
-    show(options, fetch_matcher(options, command))
-
-
 def _exit_code(error: DyKnowError) -> int:
     return 2 if error.code is ExitCode.UNAVAILABLE else 1
 
 
 def main() -> int:
     """Run the command."""
-    return run_command('semantics', parse_options, _work, _exit_code)
+    return run_command('semantics', parse_options, show, _exit_code)

@@ -19,11 +19,7 @@ _TIMEOUT_S: Final = 1.0
 
 
 class StreamFields:
-    """Looks up the message types of topics, and of streams that the stream manager knows.
-
-    Args:
-        node: the node that calls the stream manager.
-    """
+    """Looks up the message types of topics, and of streams that the stream manager knows."""
 
     def __init__(self, node: DyKnowNode) -> None:
         name = node.parameter('stream_manager', 'stream_manager', 'Name of the stream manager.')

@@ -11,11 +11,7 @@ from dyknow_common.ros import LATCHED, NO_PUBLISHER_EVENTS, DyKnowNode
 
 
 class VersionPublisher:
-    """Counts changes, and publishes each on the latched topic `~/version`.
-
-    Args:
-        node: the node whose contents change.
-    """
+    """Counts changes, and publishes each on the latched topic `~/version`."""
 
     def __init__(self, node: DyKnowNode) -> None:
         self.number = 0
@@ -25,11 +21,7 @@ class VersionPublisher:
         )
 
     def publish_change(self, concepts: Iterable[str] = ()) -> None:
-        """Publish a change.
-
-        Args:
-            concepts: those whose matches or instances may have changed; empty for any concept.
-        """
+        """Publish the concepts whose matches or instances may have changed; empty: any concept."""
         self.number += 1
         self._publisher.publish(
             SemanticsVersion(

@@ -15,12 +15,7 @@ Result = TypeVar('Result')
 
 
 class Worker:
-    """A thread that runs one function after the other, while the node serves other requests.
-
-    Args:
-        node: the node whose coroutines wait for the results.
-        name: the name of the thread.
-    """
+    """A thread that runs one function after the other, while the node serves other requests."""
 
     def __init__(self, node: DyKnowNode, name: str) -> None:
         self._pool = ThreadPoolExecutor(max_workers=1, thread_name_prefix=name)
