@@ -1,4 +1,4 @@
-"""Makes the environment that DyKnow is built and run in; does nothing when it stands already.
+"""Make the environment in which DyKnow is built and run, unless it is up to date.
 
 Where ROS 2 Jazzy is sourced, `.venv` sees its packages and adds only the Python libraries that are
 missing. Elsewhere `.venv` is a whole ROS 2 Jazzy, installed from PyPI.
@@ -22,7 +22,7 @@ SOURCED = os.environ.get('ROS_DISTRO') == 'jazzy'
 
 
 def main():
-    """Sets up `.venv`; the exit code is 1 when something is missing on this machine."""
+    """Set up `.venv`; return 1 if something is missing on this machine."""
     wanted = fingerprint()
     if STAMP.exists() and STAMP.read_text(encoding='utf-8') == wanted:
         return 0
@@ -41,18 +41,18 @@ def main():
 
 
 def fingerprint():
-    """What the environment depends on, as one text."""
+    """Return a text that changes when the environment must be made again."""
     dependencies = (ROOT / 'pyproject.toml').read_text(encoding='utf-8').split('[tool.', 1)[0]
     parts = (dependencies, Path(__file__).read_text(encoding='utf-8'), sys.version, str(ROOT))
-    world = 'ros' if SOURCED else 'pypi'
-    return f'{world} {hashlib.sha256("".join(parts).encode()).hexdigest()}\n'
+    origin = 'ros' if SOURCED else 'pypi'
+    return f'{origin} {hashlib.sha256("".join(parts).encode()).hexdigest()}\n'
 
 
 def missing_prerequisite():
-    """What this machine lacks, with the mend; None when it lacks nothing."""
+    """Return what this machine lacks and how to install it; None if it lacks nothing."""
     if sys.version_info < (3, 11):
         found = '.'.join(str(number) for number in sys.version_info[:2])
-        return f'Python 3.11 or newer is needed, this is {found}; say: make PYTHON=python3.12 ...'
+        return f'Python 3.11 or newer is needed, this is {found}; run: make PYTHON=python3.12 ...'
     if not SOURCED and (sys.platform != 'linux' or platform.machine() != 'x86_64'):
         return (
             f'ROS 2 comes from PyPI for Linux on x86_64 only, this is {sys.platform} on '
@@ -68,38 +68,38 @@ def missing_prerequisite():
 
 
 def set_up_beside_ros():
-    """Adds to an installed ROS 2 the Python libraries that it lacks."""
-    say('ROS 2 Jazzy is sourced: adding the Python libraries that are missing to .venv')
+    """Add the missing Python libraries to an installed ROS 2."""
+    report('ROS 2 Jazzy is sourced: adding the Python libraries that are missing to .venv')
     make_venv('--system-site-packages')
     for group in ('run', 'check'):
         install('--group', group)
 
 
 def set_up_from_pypi():
-    """Installs ROS 2 Jazzy and all else into `.venv`."""
-    say('no ROS 2 Jazzy is sourced: installing it from PyPI into .venv (270 MB, about a minute)')
+    """Install ROS 2 Jazzy and all libraries into `.venv`."""
+    report('no ROS 2 Jazzy is sourced: installing it from PyPI into .venv (270 MB, about a minute)')
     make_venv()
     for group in ('ros', 'build', 'run', 'check'):
         install('--group', group)
-    # ROS's wheels bring lark-parser, the old name of lark, into the same folder.
+    # The wheels of ROS install lark-parser, the old name of lark, into the same folder.
     install('--force-reinstall', '--no-deps', 'lark>=1.3,<2')
-    mend_paths_of_wheels()
+    correct_paths_of_wheels()
 
 
 def make_venv(*options):
-    """Makes an empty `.venv` with a pip that knows dependency groups."""
+    """Make an empty `.venv` with a pip that supports dependency groups."""
     run(sys.executable, '-m', 'venv', *options, str(VENV))
     install('pip>=25.1')
 
 
 def install(*arguments):
-    """Installs with pip, quietly but for its progress."""
-    say('pip install ' + ' '.join(arguments))
+    """Install packages with pip."""
+    report('pip install ' + ' '.join(arguments))
     run(str(PYTHON), '-m', 'pip', 'install', '-qq', '--disable-pip-version-check', *arguments)
 
 
-def mend_paths_of_wheels():
-    """Replaces the paths of the machine that built ROS's wheels by those of this one."""
+def correct_paths_of_wheels():
+    """Replace the paths of the machine that built the wheels of ROS by those of this one."""
     include = sysconfig.get_config_var('INCLUDEPY')
     version = f'python{sys.version_info[0]}.{sys.version_info[1]}'
     site_packages = str(VENV / 'lib' / version / 'site-packages')
@@ -112,8 +112,8 @@ def mend_paths_of_wheels():
 
 
 def run(*command):
-    """Runs a command; ends this program with its exit code when it fails."""
-    # The wheels of ROS mark the environment of their own Python; another must not inherit it.
+    """Run a command; if it fails, end this program with its exit code."""
+    # The wheels of ROS set this variable for their own Python only.
     environment = {k: v for k, v in os.environ.items() if k != '_ROS_WHEELS_BOOTSTRAP_COMPLETE'}
     code = subprocess.run(command, cwd=ROOT, env=environment, check=False).returncode
     if code != 0:
@@ -121,8 +121,8 @@ def run(*command):
         sys.exit(code)
 
 
-def say(message):
-    """Shows progress."""
+def report(message):
+    """Print the progress."""
     print(f'-- {message}', flush=True)
 
 

@@ -1,4 +1,4 @@
-"""A node that has DyKnow watch one formula, and acts on the answer."""
+"""A node that monitors a formula with DyKnow, and acts on the answer."""
 
 import rclpy
 from rclpy.executors import ExternalShutdownException
@@ -10,16 +10,16 @@ FORMULA = 'forall r in Rover: always (Charge[r] < 0.2 -> eventually[0 s, 2 s] Sp
 
 
 class StopWhenEmpty(Node):
-    """Watches that every rover stops within two seconds when its battery is low."""
+    """Monitors that every rover stops within two seconds when its battery is low."""
 
     def __init__(self):
         super().__init__('stop_when_empty')
         self.client = FormulaClient(self)
-        self.client.monitor(FORMULA, on_verdict=self.answered, wait=10.0)
-        self.get_logger().info('watching')
+        self.client.monitor(FORMULA, on_verdict=self.on_verdict, wait=10.0)
+        self.get_logger().info('monitoring')
 
-    def answered(self, answer):
-        """Called once, the moment that the answer is certain."""
+    def on_verdict(self, answer):
+        """Report the answer, once, as soon as it is certain."""
         if answer.error:
             self.get_logger().error(f'no verdict: {answer.error}')
         else:

@@ -1,4 +1,4 @@
-// Asks DyKnow one formula, then has another one monitored, and ends with its verdict.
+// Evaluates one formula with DyKnow, then monitors another one, and ends with its verdict.
 
 #include <chrono>
 #include <memory>
@@ -37,7 +37,7 @@ public:
     return evaluate_->wait_for_service(10s) && monitor_->wait_for_action_server(10s);
   }
 
-  void ask()
+  void evaluate()
   {
     auto request = std::make_shared<EvaluateFormula::Request>();
     request->formula = READY;
@@ -45,13 +45,13 @@ public:
     evaluate_->async_send_request(
       request, [this](rclcpp::Client<EvaluateFormula>::SharedFuture future) {
         const auto answer = future.get();
-        tell(*answer);
-        watch();
+        report(*answer);
+        monitor();
       });
   }
 
 private:
-  void watch()
+  void monitor()
   {
     MonitorFormula::Goal goal;
     goal.formula = STOPS;
@@ -61,23 +61,23 @@ private:
     options.feedback_callback =
       [this](auto, const std::shared_ptr<const MonitorFormula::Feedback> feedback) {
         RCLCPP_INFO_THROTTLE(
-          get_logger(), *get_clock(), 5000, "%lu states, what remains: %s",
+          get_logger(), *get_clock(), 5000, "%lu states, remaining formula: %s",
           static_cast<unsigned long>(feedback->states_progressed),
           feedback->residual_formula.c_str());
       };
     options.result_callback =
       [this](const rclcpp_action::ClientGoalHandle<MonitorFormula>::WrappedResult & wrapped) {
-        // Whatever the code of the action, the result says more.
+        // The result says more than the status of the action.
         const auto & result = wrapped.result;
-        tell(*result);
+        report(*result);
         rclcpp::shutdown();
       };
     monitor_->async_send_goal(goal, options);
   }
 
-  // A response of the service and a result of the action say the same.
+  // The response of the service and the result of the action have the same fields.
   template<typename AnswerT>
-  void tell(const AnswerT & answer)
+  void report(const AnswerT & answer)
   {
     if (answer.exit_status.code != ExitStatus::SUCCESS) {
       RCLCPP_ERROR(get_logger(), "no verdict: %s", answer.exit_status.message.c_str());
@@ -101,7 +101,7 @@ int main(int argc, char ** argv)
     rclcpp::shutdown();
     return 2;
   }
-  node->ask();
+  node->evaluate();
   rclcpp::spin(node);
   rclcpp::shutdown();
   return 0;
