@@ -64,7 +64,7 @@ def plan_table(outcome: PlanOutcome) -> Table:
     """Return a table of the formulas of a plan with their outcomes."""
     columns = (*map(fixed, ('action', 'formula', 'verdict')), wide('why'))
     rows: list[list[Cell]] = [
-        [each.place.action or _PLAN, each.place.formula, _state(each), _reason(each)]
+        [each.position.action or _PLAN, each.position.formula, _state(each), _reason(each)]
         for each in outcome.verdicts
     ]
     return framed_table(columns, rows, expand=True)
