@@ -1,16 +1,16 @@
 """The parts that every ROS node of DyKnow shares."""
 
 from dyknow_common.ros.commands import INTERRUPTED, CommandNode, duration, run_command
-from dyknow_common.ros.deadlines import PULSE, Deadlines
-from dyknow_common.ros.executor import NodeExecutor, fits, node_executor
+from dyknow_common.ros.deadlines import TICK_PERIOD_S, Deadlines
+from dyknow_common.ros.executor import NodeExecutor, node_executor, supports_node_executor
 from dyknow_common.ros.liveliness import (
-    FIRST_SIGN,
-    GRACE,
+    FIRST_ASSERTION_S,
+    GRACE_S,
     AliveCount,
     Liveliness,
     with_distinct_lease,
 )
-from dyknow_common.ros.node import BORN, RUNNING, DyKnowNode, fill_exit_status, snake_case
+from dyknow_common.ros.node import RUNNING, STARTED_AT, DyKnowNode, fill_exit_status, snake_case
 from dyknow_common.ros.node_adapter import NodeAdapter
 from dyknow_common.ros.process import run
 from dyknow_common.ros.qos import (
@@ -35,19 +35,19 @@ from dyknow_common.ros.time_messages import (
 )
 
 __all__ = [
-    'BORN',
-    'FIRST_SIGN',
-    'GRACE',
+    'FIRST_ASSERTION_S',
+    'GRACE_S',
     'INTERRUPTED',
     'LATCHED',
     'LATCHED_HISTORY',
     'NO_PUBLISHER_EVENTS',
     'NO_SUBSCRIPTION_EVENTS',
-    'PULSE',
     'RUNNING',
     'SERVICE',
+    'STARTED_AT',
     'STATUS',
     'STREAM',
+    'TICK_PERIOD_S',
     'VIOLATIONS',
     'AliveCount',
     'CommandNode',
@@ -64,13 +64,13 @@ __all__ = [
     'constraints_to_message',
     'duration',
     'fill_exit_status',
-    'fits',
     'nanoseconds_to_duration',
     'nanoseconds_to_time',
     'node_executor',
     'run',
     'run_command',
     'snake_case',
+    'supports_node_executor',
     'time_to_nanoseconds',
     'with_distinct_lease',
 ]

@@ -1,4 +1,4 @@
-"""What commands share that ask running nodes: their life, a node that waits, durations."""
+"""Commands that ask running nodes: their main function, their node, options with durations."""
 
 from __future__ import annotations
 
@@ -17,18 +17,18 @@ from rclpy.utilities import remove_ros_args
 from dyknow_common.durations import parse_duration
 from dyknow_common.errors import DyKnowError
 
-TICK = 0.1
-"""Seconds between two looks whether a wait is over."""
+TICK_PERIOD_S = 0.1
+"""The period in which a waiting command checks its deadline."""
 
 INTERRUPTED = 130
 """The exit code of a command that the user has interrupted."""
 
 
 class CommandNode:
-    """A node that is there for as long as a command runs, and whose waits end.
+    """The node of a command, which exists while the command runs.
 
     Args:
-        command: its name, by which the node is known.
+        command: the name of the command; the node's name begins with it.
     """
 
     def __init__(self, command: str) -> None:
@@ -38,53 +38,53 @@ class CommandNode:
         self._executor.add_node(self.node)
 
     def close(self) -> None:
-        """Leaves the ROS graph."""
+        """Leave the ROS graph."""
         self._executor.shutdown()
         self.node.destroy_node()
 
-    def end_of_wait(self, timeout: int) -> int:
-        """When a wait is over that begins now and lasts so many nanoseconds."""
-        return self._clock.now().nanoseconds + timeout
+    def deadline(self, timeout_ns: int) -> int:
+        """Return the time of the node's clock after a timeout, in nanoseconds."""
+        return self._clock.now().nanoseconds + timeout_ns
 
     def spin_until(
-        self, condition: Callable[[], bool], end: int, silence: Callable[[], DyKnowError]
+        self, condition: Callable[[], bool], deadline: int, error: Callable[[], DyKnowError]
     ) -> None:
-        """Runs callbacks until a condition holds.
+        """Run callbacks until a condition holds.
 
         Args:
-            condition: what is waited for.
-            end: when the wait is over, by `end_of_wait`.
-            silence: the error to raise then.
+            condition: the condition.
+            deadline: the end of the wait, from `deadline`.
+            error: makes the error that is raised after the deadline.
         """
         while not condition():
-            if self._clock.now().nanoseconds > end:
-                raise silence()
-            self._executor.spin_once(timeout_sec=TICK)
+            if self._clock.now().nanoseconds > deadline:
+                raise error()
+            self._executor.spin_once(timeout_sec=TICK_PERIOD_S)
 
 
 def run_command(
     name: str,
-    options: Callable[[Sequence[str]], argparse.Namespace],
+    parse_options: Callable[[Sequence[str]], argparse.Namespace],
     work: Callable[[argparse.Namespace, CommandNode], None],
     exit_code: Callable[[DyKnowError], int],
 ) -> int:
-    """Runs a command with a node of its own; the main function of its executable.
+    """Run a command with a node of its own; the main function of its executable.
 
     Args:
-        name: of the command, for its node and its complaints.
-        options: makes sense of the arguments on the command line.
-        work: what is to be done with them.
-        exit_code: what an error that ends the work means to the caller.
+        name: of the command, for its node and its error messages.
+        parse_options: parses the arguments on the command line.
+        work: does the work of the command.
+        exit_code: returns the exit code for an error of the work.
 
     Returns:
         The exit code: 0 when the work is done, 130 when it is interrupted.
     """
-    chosen = options(remove_ros_args(sys.argv)[1:])
-    # An interrupt is to end the command by an exception, with a context that is still whole.
+    options = parse_options(remove_ros_args(sys.argv)[1:])
+    # An interrupt must end the command by an exception, while its context is still valid.
     rclpy.init(args=sys.argv, signal_handler_options=SignalHandlerOptions.NO)
     node = CommandNode(name)
     try:
-        work(chosen, node)
+        work(options, node)
     except DyKnowError as error:
         print(f'{name}: {error}', file=sys.stderr)  # noqa: T201 - this is a command
         return exit_code(error)
@@ -97,10 +97,10 @@ def run_command(
 
 
 def duration(text: str) -> int:
-    """A duration on the command line, nanoseconds; a type for argparse.
+    """Return a duration on the command line in nanoseconds; a type for argparse.
 
     Raises:
-        ArgumentTypeError: when it is none.
+        ArgumentTypeError: if it is not a duration.
     """
     try:
         return parse_duration(text)

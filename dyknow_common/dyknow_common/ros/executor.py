@@ -1,4 +1,16 @@
-"""An executor that costs a node little for each message."""
+"""An executor whose cost for a message does not grow with the number of a node's entities.
+
+rclpy's executor gathers all entities of a node (subscriptions, timers, services, ...) and makes a
+wait set of them before each wait, and waits twice for each callback. `NodeExecutor` makes the wait
+set only when entities come or go, or when the callbacks of a group become able to run or not:
+
+    wait set: subscription a, service s
+    a message on a, a request to s   one wait returns both; both callbacks start
+    the callback of s awaits         its coroutine becomes a task; s is of a reentrant group, so
+                                     the wait set stays
+    the callback of a creates b      rclpy calls `wake`: a new wait set with a, b and s
+    the response that s awaits       wakes the wait; then the task is resumed and ends
+"""
 
 from __future__ import annotations
 
@@ -13,13 +25,13 @@ from rclpy.task import Task
 from rclpy.waitable import NumberOfEntities
 
 Take = Callable[[Any], Any]
-"""Takes what has come for an entity: a coroutine function that runs its callback, or None."""
+"""Takes the data of an entity; returns a coroutine function that runs its callback, or None."""
 
-PASSES: Final = 2
-"""A coroutine may give one that was resumed before it in the same pass what that one waits for."""
+MAX_IDLE_PASSES: Final = 2
+"""A task may complete the future of another one that was resumed before it in the same pass."""
 
 
-# What `NodeExecutor` uses of rclpy's executor beside what is documented.
+# The undocumented parts of rclpy's executor that `NodeExecutor` uses.
 _STATE: Final = ('_tasks', '_tasks_lock', '_guard', '_sigint_gc', '_is_shutdown')
 _METHODS: Final = tuple(
     f'_take_{kind}'
@@ -28,26 +40,24 @@ _METHODS: Final = tuple(
 
 
 def node_executor() -> SingleThreadedExecutor:
-    """The executor of a node: `NodeExecutor`, unless this rclpy is not one that it fits."""
+    """Return a `NodeExecutor`, or rclpy's executor if this version of rclpy does not support it."""
     plain = SingleThreadedExecutor()
-    if not fits(plain):
+    if not supports_node_executor(plain):
         return plain
     plain.shutdown()
     return NodeExecutor()
 
 
-def fits(executor: SingleThreadedExecutor) -> bool:
-    """Whether an executor of rclpy is inside as those that `NodeExecutor` is made of."""
+def supports_node_executor(executor: SingleThreadedExecutor) -> bool:
+    """Return True if an executor of rclpy has all parts that `NodeExecutor` uses."""
     return all(hasattr(executor, name) for name in (*_STATE, *_METHODS))
 
 
 class NodeExecutor(SingleThreadedExecutor):
     """Runs callbacks and coroutines as `SingleThreadedExecutor` does, in the thread that spins.
 
-    rclpy's gathers the entities of a node and makes a wait set of them before each wait, and waits
-    twice for each callback: its cost for a message grows with all that the node has. Here the wait
-    set is made when entities come or go. (rclpy's `EventsExecutor` runs no coroutine as a service,
-    and resumes coroutines without a pause, whatever they wait for.)
+    rclpy's `EventsExecutor` is no alternative: it cannot run a coroutine as a service, and polls
+    coroutines without a pause.
     """
 
     def __init__(self, *, context: Context | None = None) -> None:
@@ -55,12 +65,12 @@ class NodeExecutor(SingleThreadedExecutor):
         self._watch: _Watch | None = None
 
     def wake(self) -> None:
-        """Learns that the entities of a node are others now."""
+        """Make a new wait set; called by rclpy when the entities of a node change."""
         self._watch = None
         super().wake()
 
     def spin(self) -> None:
-        """Runs callbacks until the context is shut down."""
+        """Run callbacks until the context is shut down."""
         self._resume()
         while self._context.ok() and not self._is_shutdown:
             if self._watch is None:
@@ -70,31 +80,31 @@ class NodeExecutor(SingleThreadedExecutor):
             self._resume()
 
     def _resume(self) -> None:
-        """Lets the coroutines go on whose futures are done, until none comes to its end."""
-        idle = 0
-        while self._tasks and idle < PASSES:
-            idle = 0 if self._resume_each() else idle + 1
+        """Resume the tasks whose futures are done, until none of them ends any more."""
+        idle_passes = 0
+        while self._tasks and idle_passes < MAX_IDLE_PASSES:
+            idle_passes = 0 if self._resume_each() else idle_passes + 1
 
     def _resume_each(self) -> bool:
-        """Whether any has come to its end."""
+        """Resume each task once; return True if any has ended."""
         with self._tasks_lock:
             tasks = list(self._tasks)
         for task, _, _ in reversed(tasks):
             task()
             if task.done():
-                task.result()  # What it raised is raised here.
+                task.result()  # raises the exception of the task
         ended = [each for each in tasks if each[0].done() or each[0].cancelled()]
         if any(entity for _, entity, _ in ended):
-            self._watch = None  # It may have kept others of its group from being served.
+            self._watch = None  # Other entities of its group may run again.
         with self._tasks_lock:
             self._tasks = [each for each in self._tasks if each not in ended]
         return bool(ended)
 
     def _execute(self, entity: Any, take: Take) -> None:
-        """Runs the callback of an entity as far as it goes without waiting."""
+        """Run the callback of an entity until it ends or awaits."""
         group = entity.callback_group
         if not group.beginning_execution(entity):
-            return  # A coroutine of its group has begun meanwhile, and is not at its end.
+            return  # A coroutine of its group has started meanwhile, and has not ended.
         running = _run(entity, take)
         try:
             running.send(None)
@@ -106,22 +116,22 @@ class NodeExecutor(SingleThreadedExecutor):
             self._tasks.append((Task(running, executor=self), entity, None))
 
     def _gather(self) -> _Watch:
-        """Makes the wait set of all that may be served now."""
+        """Make the wait set of all entities whose callbacks may run now."""
         nodes = self.get_nodes()
 
-        def able(kind: str) -> list[Any]:
+        def executable(kind: str) -> list[Any]:
             entities = (each for node in nodes for each in getattr(node, kind))
             return [each for each in entities if each.callback_group.can_execute(each)]
 
         return _Watch(
             (
-                _Kind('timer', able('timers'), self._take_timer),
-                _Kind('subscription', able('subscriptions'), self._take_subscription),
-                _Kind('guard_condition', able('guards'), self._take_guard_condition),
-                _Kind('client', able('clients'), self._take_client),
-                _Kind('service', able('services'), self._take_service),
+                _Kind('timer', executable('timers'), self._take_timer),
+                _Kind('subscription', executable('subscriptions'), self._take_subscription),
+                _Kind('guard_condition', executable('guards'), self._take_guard_condition),
+                _Kind('client', executable('clients'), self._take_client),
+                _Kind('service', executable('services'), self._take_service),
             ),
-            _Kind('waitable', able('waitables'), self._take_waitable),
+            _Kind('waitable', executable('waitables'), self._take_waitable),
             (self._guard, self._sigint_gc),
             self._context,
         )
@@ -129,7 +139,7 @@ class NodeExecutor(SingleThreadedExecutor):
     def _take_timer(self, tmr: Any) -> Any:
         try:
             with tmr.handle:
-                # The wait set calls some ready that were cancelled.
+                # The wait set also returns timers that were cancelled.
                 return super()._take_timer(tmr) if tmr.handle.is_timer_ready() else None
         except InvalidHandle:
             return None
@@ -138,7 +148,7 @@ class NodeExecutor(SingleThreadedExecutor):
         try:
             return super()._take_waitable(waitable)
         except InvalidHandle:
-            return None  # A callback before it has destroyed it.
+            return None  # Another callback has destroyed it.
 
 
 async def _run(entity: Any, take: Take) -> None:
@@ -151,7 +161,7 @@ async def _run(entity: Any, take: Take) -> None:
 
 
 class _Kind(NamedTuple):
-    """Entities of one kind, and how to take what has come for one."""
+    """Entities of one kind, and the function that takes the data of one."""
 
     name: str
     entities: Sequence[Any]
@@ -159,12 +169,12 @@ class _Kind(NamedTuple):
 
 
 class _Watch:
-    """Waits for entities; it serves until one of them is destroyed.
+    """A wait set of entities; it is valid until one of them is destroyed.
 
     Args:
-        kinds: in the order in which those that are ready at once are served, after waitables.
-        waitables: those that consist of several entities of the middleware.
-        guards: end the wait, and are not served.
+        kinds: in the order in which entities that are ready at once are returned, after waitables.
+        waitables: entities that consist of several entities of the middleware.
+        guards: end the wait, and are not returned.
     """
 
     def __init__(
@@ -173,7 +183,7 @@ class _Watch:
         counts = {kind.name: len(kind.entities) for kind in kinds}
         self._waitables = waitables
         self._context = context
-        self._served = [
+        self._kinds = [
             (kind.name, {each.handle.pointer: each for each in kind.entities}, kind.take)
             for kind in kinds
         ]
@@ -187,7 +197,7 @@ class _Watch:
         ]
 
     def wait(self) -> Iterator[tuple[Any, Take]]:
-        """The entities for which something has come."""
+        """Wait, and yield the entities that are ready."""
         wait_set = self._wait_set
         wait_set.clear_entities()
         for add, handle in self._additions:
@@ -199,7 +209,7 @@ class _Watch:
             return
         for waitable in [each for each in self._waitables.entities if each.is_ready(wait_set)]:
             yield waitable, self._waitables.take
-        for kind, entities, take in self._served:
+        for kind, entities, take in self._kinds:
             for pointer in wait_set.get_ready_entities(kind):
                 if pointer in entities:
                     yield entities[pointer], take

@@ -1,4 +1,17 @@
-"""Whether a publisher lives, told by its liveliness lease."""
+"""Liveliness of a publisher, by the lease of its topic.
+
+A publisher asserts its liveliness; the middleware reports to each subscription when a lease expires
+and when it is asserted again. An event counts only after a grace period, as the middleware asserts
+the liveliness of healthy nodes late on a busy machine:
+
+    0.0 s  the publisher is found: `expect`     lost at 3.0 s without an assertion
+    0.2 s  first assertion                      alive
+    7.0 s  the node is busy, its lease expires  lost at 8.5 s without an assertion
+    7.4 s  asserted again                       `on_regained`
+    9.0 s  the node is killed
+   10.0 s  its lease of 1 s expires             lost at 11.5 s without an assertion
+   11.5 s                                       `on_lost`
+"""
 
 from __future__ import annotations
 
@@ -13,23 +26,20 @@ from rclpy.task import Future
 from dyknow_common.ros.node import DyKnowNode
 from dyknow_common.ros.node_adapter import NodeAdapter
 
-GRACE = 1.5
-"""Seconds beyond the lease after which a publisher is taken for dead.
+GRACE_S = 1.5
+"""The time after the end of a lease before its publisher counts as lost."""
 
-On a busy machine the middleware asserts the liveliness of a healthy node late now and then.
-"""
-
-FIRST_SIGN = 3.0
-"""Seconds within which a publisher that was found gives its first sign of life."""
+FIRST_ASSERTION_S = 3.0
+"""The time for the first assertion of a publisher that was found."""
 
 _subscriptions = count(1)
 
 
 def with_distinct_lease(publishing: QoSProfile) -> QoSProfile:
-    """The profile for one subscription that listens to the liveliness of a publisher.
+    """Return the profile for one subscription with liveliness events.
 
-    Of several subscriptions in a process with equal leases, the middleware tells only one that the
-    publisher is alive. So each has a lease that is some microseconds longer.
+    If several subscriptions of a process have equal leases, the middleware reports to only one of
+    them that the publisher is alive. So each has a lease that is some microseconds longer.
 
     Args:
         publishing: the profile of the publisher.
@@ -45,24 +55,24 @@ def with_distinct_lease(publishing: QoSProfile) -> QoSProfile:
 
 
 class AliveCount:
-    """How many publishers of a topic are alive, by the liveliness events of a subscription."""
+    """The number of publishers of a topic that are alive, from the events of a subscription."""
 
     def __init__(self) -> None:
         self.value = 0
 
-    def note(self, event: Any) -> int:
-        """The count after an event."""
-        # Its own count goes below 0 when a lease is over whose first assertion it did not tell.
+    def update(self, event: Any) -> int:
+        """Return the number after an event."""
+        # The change counts also leases that expired before an assertion that was not reported.
         self.value = max(0, self.value + event.alive_count_change)
         return self.value
 
 
 class Liveliness:
-    """Judges the liveliness events of a subscription.
+    """The state of a publisher, from the liveliness events of a subscription.
 
     Args:
-        on_lost: is called when the publisher has been silent for the lease and the grace.
-        on_regained: is called when a publisher that was silent is heard of again.
+        on_lost: called when the lease has expired and the grace period is over.
+        on_regained: called when the lease is asserted again.
     """
 
     def __init__(
@@ -75,37 +85,37 @@ class Liveliness:
         self._on_lost = on_lost
         self._on_regained = on_regained
         self._alive = AliveCount()
-        self._doubt: Future | None = None
+        self._timeout: Future | None = None
 
-    def changed(self, event: Any) -> None:
-        """Takes a liveliness event of the subscription."""
-        if not self._alive.note(event):
-            self._doubt_for(GRACE)
+    def on_event(self, event: Any) -> None:
+        """Process a liveliness event of the subscription."""
+        if not self._alive.update(event):
+            self._start_timeout(GRACE_S)
             return
-        self.ignore()
+        self.stop_timeout()
         if event.not_alive_count_change < 0:
             self._on_regained()
 
     def expect(self) -> None:
-        """Expects a first sign of life from a publisher that is known to be there.
+        """Expect a first assertion from a publisher that was found.
 
-        The middleware tells of no lease that was over before it was asserted.
+        The middleware raises no event for a lease that expires before it is first asserted.
         """
         if not self._alive.value:
-            self._doubt_for(FIRST_SIGN)
+            self._start_timeout(FIRST_ASSERTION_S)
 
-    def ignore(self) -> None:
-        """Expects nothing, until the middleware tells that a lease is over."""
-        doubt, self._doubt = self._doubt, None
-        if doubt is not None:
-            doubt.cancel()
+    def stop_timeout(self) -> None:
+        """Expect no assertion until the next event."""
+        timeout, self._timeout = self._timeout, None
+        if timeout is not None:
+            timeout.cancel()
 
-    def _doubt_for(self, seconds: float) -> None:
-        if self._doubt is None:
-            self._doubt = self._node.deadlines.after(seconds)
-            self._doubt.add_done_callback(self._expired)
+    def _start_timeout(self, timeout_s: float) -> None:
+        if self._timeout is None:
+            self._timeout = self._node.deadlines.after(timeout_s)
+            self._timeout.add_done_callback(self._on_timeout)
 
-    def _expired(self, doubt: Future) -> None:
-        if doubt is self._doubt:
-            self._doubt = None
+    def _on_timeout(self, timeout: Future) -> None:
+        if timeout is self._timeout:
+            self._timeout = None
             self._on_lost()

@@ -1,4 +1,4 @@
-"""What every node shares: parameters, guarded services, waits that end, status, shutdown."""
+"""The base of all nodes: parameters, services that always respond, deadlines, status."""
 
 from __future__ import annotations
 
@@ -19,30 +19,30 @@ from dyknow_common.ros.deadlines import Deadlines
 from dyknow_common.ros.qos import NO_PUBLISHER_EVENTS, SERVICE, STATUS
 
 RUNNING = 'running'
-"""What a node says on its status topic when it has all that it needs."""
+"""The message in the status of a node that has everything it needs."""
 
-BORN = 'born'
-"""The key in a node's status that tells it from one that had its name before."""
+STARTED_AT = 'born'
+"""The key of the time of start in a node's status; it distinguishes a restarted node."""
 
 
 class DyKnowNode(Node):
-    """A node whose services answer whatever happens, and of which others know whether it lives."""
+    """A node whose services always respond, and whose status has a liveliness lease."""
 
     def __init__(self, name: str) -> None:
         super().__init__(name)
         self.reentrant = ReentrantCallbackGroup()
-        # For what must go on while simulated time stands still.
+        # Runs also while simulated time stands still.
         self.wall_clock = Clock(clock_type=ClockType.STEADY_TIME)
         self.deadlines = Deadlines(self, self.wall_clock)
-        # Simulated time may begin anew with each run.
-        self.born = int(Clock(clock_type=ClockType.SYSTEM_TIME).now().nanoseconds)
-        """When it was started, by the system clock, nanoseconds: tells it from its predecessors."""
+        # Simulated time may start again with each run.
+        self.started_at = int(Clock(clock_type=ClockType.SYSTEM_TIME).now().nanoseconds)
+        """The time of start by the system clock, in nanoseconds; unique among nodes of one name."""
         self._status: Any = None
         self._last_status: Any = None
         self.set_status(RUNNING)
 
     def announce(self) -> None:
-        """Begins to tell its status, once all its services are there: then others call them."""
+        """Publish the status; called when all services exist, since others then call them."""
         self._status = self.create_publisher(
             DiagnosticStatus, '~/status', STATUS, event_callbacks=NO_PUBLISHER_EVENTS
         )
@@ -51,14 +51,14 @@ class DyKnowNode(Node):
     def set_status(
         self, message: str, values: Mapping[str, str] | None = None, *, level: bytes | None = None
     ) -> None:
-        """Says on `~/status` how the node is, and when it was born."""
+        """Set the status, which is published on `~/status` with the time of start."""
         self._last_status = DiagnosticStatus(
             level=DiagnosticStatus.OK if level is None else level,
             name=self.get_fully_qualified_name(),
             message=message,
             values=[
                 KeyValue(key=key, value=value)
-                for key, value in {BORN: str(self.born), **(values or {})}.items()
+                for key, value in {STARTED_AT: str(self.started_at), **(values or {})}.items()
             ],
         )
         if self._status is not None:
@@ -71,7 +71,7 @@ class DyKnowNode(Node):
         description: str,
         bounds: tuple[float, float] | None = None,
     ) -> Any:
-        """Declares a parameter that is read at the start, and returns its value."""
+        """Declare a parameter that is read at the start, and return its value."""
         descriptor = ParameterDescriptor(description=description, read_only=True)
         if bounds is not None and isinstance(default, float):
             low, high = bounds
@@ -84,60 +84,60 @@ class DyKnowNode(Node):
     def serve(
         self, service_type: Any, handler: Callable[[Any, Any], Awaitable[None] | None]
     ) -> None:
-        """Offers a service under the private name that its type gives it.
+        """Create a service under a private name that follows from its type.
 
         Args:
             service_type: `StreamCreateFromSpec` is served as `~/stream_create_from_spec`.
-            handler: fills in the response, given request and response. What it raises is told to
-                the caller in the exit status.
+            handler: fills in the response, given request and response; its exceptions become the
+                exit status of the response.
         """
+        name = service_type.__name__
 
-        async def answer(request: Any, response: Any) -> Any:
+        async def respond(request: Any, response: Any) -> Any:
             try:
                 outcome = handler(request, response)
                 if isawaitable(outcome):
                     await outcome
-            except Exception as error:  # noqa: BLE001 - the caller must get an answer
+            except DyKnowError as error:
                 fill_exit_status(response.exit_status, error)
-                self._log_fault(service_type, error)
+                self.get_logger().info(f'{name}: {error}')
+            except Exception as error:  # noqa: BLE001 - the caller must get a response
+                fill_exit_status(response.exit_status, error)
+                self._log_fault(name, error)
             return response
 
         self.create_service(
             service_type,
-            f'~/{snake_case(service_type.__name__)}',
-            answer,
+            f'~/{snake_case(name)}',
+            respond,
             qos_profile=SERVICE,
             callback_group=self.reentrant,
         )
 
     def spawn(self, work: Callable[..., Awaitable[None]], *arguments: Any) -> None:
-        """Runs a coroutine beside the callbacks; what it raises is logged."""
+        """Run a coroutine beside the callbacks; its exceptions are logged."""
 
         async def guarded() -> None:
             try:
                 await work(*arguments)
             except Exception as error:  # noqa: BLE001 - it would end the executor
-                text = ''.join(traceback.format_exception(error))
-                self.get_logger().error(f'fault in {work.__qualname__}:\n{text}')
+                self._log_fault(work.__qualname__, error)
 
         if self.executor is None:
-            raise RuntimeError('a node spawns work only once it runs')
+            raise RuntimeError('a node can spawn work only while an executor runs it')
         self.executor.create_task(guarded)
 
-    def _log_fault(self, service_type: Any, error: Exception) -> None:
-        if isinstance(error, DyKnowError):
-            self.get_logger().info(f'{service_type.__name__}: {error}')
-        else:
-            text = ''.join(traceback.format_exception(error))
-            self.get_logger().error(f'fault in {service_type.__name__}:\n{text}')
+    def _log_fault(self, where: str, error: Exception) -> None:
+        text = ''.join(traceback.format_exception(error))
+        self.get_logger().error(f'fault in {where}:\n{text}')
 
     def now(self) -> int:
-        """The time of the node's ROS clock in nanoseconds."""
+        """Return the time of the node's ROS clock in nanoseconds."""
         return int(self.get_clock().now().nanoseconds)
 
 
 def fill_exit_status(exit_status: Any, error: Exception) -> None:
-    """Tells a caller of an error: the one place where errors become exit statuses."""
+    """Set the exit status of a response to an error."""
     if isinstance(error, DyKnowError):
         exit_status.code, exit_status.message = int(error.code), error.message
     else:
@@ -146,6 +146,6 @@ def fill_exit_status(exit_status: Any, error: Exception) -> None:
 
 
 def snake_case(name: str) -> str:
-    """`StreamGetTopic` -> `stream_get_topic`."""
+    """Return a name in snake case, `stream_get_topic` for `StreamGetTopic`."""
     words = re.sub(r'(.)([A-Z][a-z]+)', r'\1_\2', name)
     return re.sub(r'([a-z0-9])([A-Z])', r'\1_\2', words).lower()

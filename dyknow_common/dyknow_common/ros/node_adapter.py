@@ -1,4 +1,4 @@
-"""What peers and leases need of a node, on a node that is not one of DyKnow's."""
+"""An adapter for parts of DyKnow on nodes of other classes."""
 
 from __future__ import annotations
 
@@ -10,13 +10,13 @@ from dyknow_common.ros.deadlines import Deadlines
 
 
 class NodeAdapter:
-    """A part of DyKnow on somebody else's node: `Peer` and `Lease` take it for a `DyKnowNode`.
+    """The part of the interface of `DyKnowNode` that `RemoteNode` and `Liveliness` use.
 
-    Whatever executor spins the node runs its callbacks; they never wait, and share no callback
-    group with the node's own.
+    The executor of the node runs the callbacks; they never wait, and share no callback group with
+    the node's own.
 
     Args:
-        node: may be any, also one that nobody spins yet.
+        node: any node, also one that no executor spins yet.
     """
 
     def __init__(self, node: Node) -> None:
@@ -30,7 +30,7 @@ class NodeAdapter:
         self.destroy_client = node.destroy_client
         self.deadlines = Deadlines(node, self.wall_clock)
 
-    def leave(self) -> None:
-        """Ends all waits at once, and ticks no more."""
+    def close(self) -> None:
+        """End all waits at once, and destroy the timer."""
         self.node.destroy_timer(self.deadlines.timer)
         self.deadlines.end_all()

@@ -15,46 +15,46 @@ from rclpy.exceptions import ParameterException
 from rclpy.executors import ExternalShutdownException
 
 from dyknow_common.errors import DyKnowError
-from dyknow_common.ros.deadlines import PULSE
+from dyknow_common.ros.deadlines import TICK_PERIOD_S
 from dyknow_common.ros.executor import node_executor
 from dyknow_common.ros.node import DyKnowNode
 
-SHUTDOWN_LIMIT = 5.0
-"""Seconds that a node may take to stop."""
+SHUTDOWN_TIMEOUT_S = 5.0
+"""The time that a node may take to stop."""
 
 
-def _exit_in_any_case() -> None:
-    """Ends the process some time after it was told to stop, even if the node does not come back.
+def _exit_after_shutdown() -> None:
+    """End the process some time after its context is shut down, even if the node hangs.
 
     The middleware may wait for ever for a lock in shared memory that a killed process held.
     """
 
     def watch() -> None:
         while rclpy.ok():
-            time.sleep(PULSE)
-        time.sleep(SHUTDOWN_LIMIT)
+            time.sleep(TICK_PERIOD_S)
+        time.sleep(SHUTDOWN_TIMEOUT_S)
         os._exit(0)
 
     threading.Thread(target=watch, daemon=True).start()
 
 
-def _exit_even_if_no_thread_runs() -> None:
-    """Ends the process with code 1 some time later, and prints where it hangs.
+def _exit_without_threads() -> None:
+    """End the process with code 1 some time later, and print where it hangs.
 
-    The middleware may let no other thread of Python run while it waits.
+    The middleware may keep all threads of Python from running while it waits.
     """
-    with suppress(AttributeError, OSError, RuntimeError, ValueError):  # There is no stderr.
-        faulthandler.dump_traceback_later(SHUTDOWN_LIMIT + 1.0, exit=True)
+    with suppress(AttributeError, OSError, RuntimeError, ValueError):  # without stderr
+        faulthandler.dump_traceback_later(SHUTDOWN_TIMEOUT_S + 1.0, exit=True)
 
 
 def run(make_node: Callable[[], DyKnowNode], arguments: Sequence[str] | None = None) -> int:
-    """Runs a node until SIGINT or SIGTERM; the main function of every executable.
+    """Run a node until SIGINT or SIGTERM; the main function of every executable.
 
     Returns:
         The exit code: 0 after a clean stop, 1 when the node cannot start.
     """
     rclpy.init(args=None if arguments is None else list(arguments))
-    _exit_in_any_case()
+    _exit_after_shutdown()
     node: DyKnowNode | None = None
     executor = node_executor()
     try:
@@ -68,11 +68,11 @@ def run(make_node: Callable[[], DyKnowNode], arguments: Sequence[str] | None = N
         print(error, file=sys.stderr)  # noqa: T201 - there is no node to log with
         return 1
     except Exception:
-        # A stop in the middle of the start leaves half a node: what it then trips over is no fault.
+        # After a stop during the start, errors of the incomplete node are expected.
         if rclpy.ok():
             raise
     finally:
-        _exit_even_if_no_thread_runs()
+        _exit_without_threads()
         executor.shutdown()
         if node is not None:
             node.destroy_node()

@@ -15,18 +15,18 @@ from rclpy.qos import (
 LATCHED = QoSProfile(
     depth=1, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL
 )
-"""The state of something, for those who come later too."""
+"""A state, also for subscribers that start later."""
 
 LATCHED_HISTORY = QoSProfile(
     depth=1000, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL
 )
-"""Events that those who come a little later must not miss."""
+"""Events, also for subscribers that start a little later."""
 
 STREAM = QoSProfile(depth=1000, reliability=ReliabilityPolicy.RELIABLE)
-"""Samples: none is lost between two nodes."""
+"""Samples; none is lost between two nodes."""
 
 LEASE = Duration(seconds=1)
-"""A node that has not been heard of for this long is taken for dead."""
+"""The time in which a living publisher asserts its liveliness."""
 
 STATUS = QoSProfile(
     depth=1,
@@ -43,9 +43,9 @@ VIOLATIONS = QoSProfile(
     liveliness=LivelinessPolicy.AUTOMATIC,
     liveliness_lease_duration=LEASE,
 )
-"""Violations of a stream; by the lease those who use the stream learn that its engine is gone."""
+"""Violations of a stream; the lease shows the stream's users that its engine is gone."""
 
-# The default depth of 10 drops requests without a word when many come at once.
+# With the default depth of 10, many requests at once are dropped without an error.
 SERVICE = QoSProfile(
     history=qos_profile_services_default.history,
     reliability=qos_profile_services_default.reliability,
@@ -53,6 +53,6 @@ SERVICE = QoSProfile(
     depth=1000,
 )
 
-# Event handlers cost time at each message, and rclpy makes one for every topic by default.
+# Event handlers take time for each message; by default rclpy makes one for every topic.
 NO_PUBLISHER_EVENTS = PublisherEventCallbacks(use_default_callbacks=False)
 NO_SUBSCRIPTION_EVENTS = SubscriptionEventCallbacks(use_default_callbacks=False)

@@ -1,4 +1,18 @@
-"""Other nodes of DyKnow: whether they live, and calls to their services that always end."""
+"""Other nodes of DyKnow: their status, and calls of their services that always end.
+
+Services of a killed node look ready for another 20 s, so its state follows from the lease of its
+status topic, and from the time of start in the status:
+
+    0.0 s  call to a node that is not running     waits `patience_s`, then UNAVAILABLE
+    1.0 s  its status arrives: `on_found`         the request is sent; TIMEOUT after `timeout_s`
+    5.0 s  the node is killed
+    6.0 s  its lease expires
+    7.5 s  the grace period is over: `on_lost`    pending calls fail with UNAVAILABLE
+    9.0 s  the node is restarted: `on_found`
+
+If a killed node is restarted before 7.5 s, the new time of start in its status shows that, and
+`on_lost` and `on_found` follow each other at once.
+"""
 
 from __future__ import annotations
 
@@ -12,137 +26,133 @@ from rclpy.task import Future
 from dyknow_common.durations import SECOND_NS
 from dyknow_common.errors import DyKnowError, ExitCode
 from dyknow_common.ros.liveliness import Liveliness, with_distinct_lease
-from dyknow_common.ros.node import BORN, RUNNING, DyKnowNode, snake_case
+from dyknow_common.ros.node import RUNNING, STARTED_AT, DyKnowNode, snake_case
 from dyknow_common.ros.node_adapter import NodeAdapter
 from dyknow_common.ros.qos import SERVICE, STATUS
 
-POLL = 0.02
-"""Seconds between two looks for a service that discovery has not found yet."""
+POLL_PERIOD_S = 0.02
+"""The period of checks for a service that discovery has not found yet."""
 
 
 class RemoteNode:
     """Another node, known by its name.
 
-    Services of a killed node look ready for another 20 s, so its life is read off the liveliness
-    lease of its status topic.
-
     Args:
-        node: the node that asks.
-        name: the other node's name, absolute or relative to the namespace of `node`.
-        patience: seconds to wait for the other node to be there before a call is given up.
-        timeout: seconds that a call may take.
+        node: the node that calls.
+        name: of the remote node, absolute or relative to the namespace of `node`.
+        patience_s: time for the remote node to appear before a call fails.
+        timeout_s: time that a call may take from then on.
         services: types of those that will be called. The first call by a client that was made just
-            before takes some 80 ms longer, for the other node has yet to discover it.
+            before takes some 80 ms longer, as the remote node has yet to discover it.
     """
 
     def __init__(
         self,
         node: DyKnowNode | NodeAdapter,
         name: str,
-        patience: float = 3.0,
-        timeout: float = 5.0,
+        patience_s: float = 3.0,
+        timeout_s: float = 5.0,
         services: Iterable[Any] = (),
     ) -> None:
         self.name = name
         self.on_found: list[Callable[[], None]] = []
         self.on_lost: list[Callable[[], None]] = []
         self._node = node
-        self._patience = patience
-        self._timeout = timeout
+        self._patience_s = patience_s
+        self._timeout_s = timeout_s
         self._clients: dict[Any, Any] = {}
         self._calls: set[Future] = set()
-        self._alive = False
-        self._released = False
+        self._is_alive = False
+        self._is_released = False
         self._status: dict[str, str] = {}
         self._message = ''
         for service_type in services:
             self._client(service_type)
-        self._lease = Liveliness(node, on_lost=self._die, on_regained=self._regain)
+        self._liveliness = Liveliness(
+            node, on_lost=self._set_lost, on_regained=self._on_lease_regained
+        )
         self._subscription = node.create_subscription(
             DiagnosticStatus,
             f'{name}/status',
-            self._heard,
+            self._on_status,
             with_distinct_lease(STATUS),
             callback_group=node.reentrant,
             event_callbacks=SubscriptionEventCallbacks(
-                liveliness=self._lease.changed, use_default_callbacks=False
+                liveliness=self._liveliness.on_event, use_default_callbacks=False
             ),
         )
 
     @property
     def alive(self) -> bool:
-        """Whether the node was heard of within the lease."""
-        return self._alive
+        """True if the node has published its status and its lease is not over."""
+        return self._is_alive
 
     @property
     def status(self) -> Mapping[str, str]:
-        """The values that the node published last on its status topic."""
+        """The values of the last message on the node's status topic."""
         return self._status
 
     @property
     def is_running(self) -> bool:
-        """Whether the node lives and has all that it needs."""
-        return self._alive and self._message == RUNNING
+        """True if the node is alive and has everything it needs."""
+        return self._is_alive and self._message == RUNNING
 
     async def call(self, service_type: Any, **fields: Any) -> Any:
-        """The response of a service of the node, whose exit status is SUCCESS.
+        """Return the response of a service of the node, whose exit status is SUCCESS.
 
         Raises:
-            DyKnowError: with the exit status of the response; UNAVAILABLE when the node is not
-                there or dies meanwhile; TIMEOUT when it takes too long.
+            DyKnowError: with the exit status of the response, or as for `request`.
         """
-        response = await self.ask(service_type, **fields)
+        request = service_type.Request(**fields)
+        response = await self.request(service_type, request, self._patience_s, self._timeout_s)
         status = response.exit_status
         if status.code != ExitCode.SUCCESS:
             raise DyKnowError(status.message, ExitCode(status.code))
         return response
 
-    async def ask(self, service_type: Any, **fields: Any) -> Any:
-        """The response of a service of the node, whatever its exit status.
-
-        Raises:
-            DyKnowError: UNAVAILABLE when the node is not there or dies meanwhile; TIMEOUT when it
-                takes too long.
-        """
-        request = service_type.Request(**fields)
-        return await self.request(service_type, request, self._patience, self._timeout)
-
-    async def request(self, service_type: Any, request: Any, patience: float, limit: float) -> Any:
-        """The response to a request, like `ask`, but with limits of its own.
+    async def request(
+        self, service_type: Any, request: Any, patience_s: float, timeout_s: float
+    ) -> Any:
+        """Return the response to a request, whatever its exit status is.
 
         Args:
             service_type: of the service of the node.
-            request: what is asked.
-            patience: seconds to wait for the node to be there.
-            limit: seconds that the call may take from then on.
+            request: the request.
+            patience_s: time for the node to appear.
+            timeout_s: time that the call may take from then on.
 
         Raises:
-            DyKnowError: as `ask` does; CANCELLED when the peer is released meanwhile.
+            DyKnowError: UNAVAILABLE, if the node does not appear or dies meanwhile; TIMEOUT, if it
+                takes too long; CANCELLED, if this object is released meanwhile.
         """
         client = self._client(service_type)
-        await self._found(client, patience)
-        answer: Future = Future()
+        await self._wait_for_service(client, patience_s)
+        response: Future = Future()
         call = client.call_async(request)
-        call.add_done_callback(lambda done: _pass_on(done, answer))
-        self._calls.add(answer)
-        what = f'{self.name} has not answered {service_type.__name__} within {limit:g} s'
-        self._node.deadlines.fail(answer, limit, DyKnowError(what, ExitCode.TIMEOUT))
+        call.add_done_callback(lambda done: _copy_result(done, response))
+        self._calls.add(response)
+        message = f'{self.name} has not answered {service_type.__name__} within {timeout_s:g} s'
+        self._node.deadlines.fail(response, timeout_s, DyKnowError(message, ExitCode.TIMEOUT))
         try:
-            return await answer
+            return await response
         finally:
-            self._calls.discard(answer)
+            self._calls.discard(response)
             client.remove_pending_request(call)
 
     def release(self) -> None:
-        """Listens no more; calls that are under way end with CANCELLED."""
-        self._released = True
-        self._alive = False
-        self._lease.ignore()
+        """Destroy the subscription and the clients; pending calls fail with CANCELLED."""
+        self._is_released = True
+        self._is_alive = False
+        self._liveliness.stop_timeout()
         self._node.destroy_subscription(self._subscription)
         self._fail_calls(self._cancelled())
         for client in self._clients.values():
             self._node.destroy_client(client)
         self._clients.clear()
+
+    def unavailable(self, reason: str) -> DyKnowError:
+        """Return the error that the node `has died` or `is not running`."""
+        return DyKnowError(f'node {self.name} {reason}', ExitCode.UNAVAILABLE)
 
     def _client(self, service_type: Any) -> Any:
         if service_type not in self._clients:
@@ -154,43 +164,41 @@ class RemoteNode:
             )
         return self._clients[service_type]
 
-    async def _found(self, client: Any, patience: float) -> None:
+    async def _wait_for_service(self, client: Any, patience_s: float) -> None:
         clock = self._node.wall_clock
-        end = clock.now().nanoseconds + round(patience * SECOND_NS)
-        while not (self._alive and client.service_is_ready()):
-            if self._released:
+        end = clock.now().nanoseconds + round(patience_s * SECOND_NS)
+        while not (self._is_alive and client.service_is_ready()):
+            if self._is_released:
                 raise self._cancelled()
             if clock.now().nanoseconds > end:
                 raise self.unavailable('is not running')
-            await self._node.deadlines.after(POLL)
+            await self._node.deadlines.after(POLL_PERIOD_S)
 
-    def _heard(self, message: Any) -> None:
+    def _on_status(self, message: Any) -> None:
         status = {value.key: value.value for value in message.values}
         self._message = message.message
-        replaced = self._status.get(BORN) not in (None, status.get(BORN))
+        is_restarted = self._status.get(STARTED_AT) not in (None, status.get(STARTED_AT))
         self._status = status
-        if replaced:
-            # It died and came back before its lease was over.
-            self._die()
-        self._lease.expect()
-        self._revive()
+        if is_restarted:
+            self._set_lost()
+        self._liveliness.expect()
+        self._set_found()
 
-    def _regain(self) -> None:
+    def _on_lease_regained(self) -> None:
+        # If the node was only out of reach, its last status still holds.
         if self._status:
-            # It was only out of reach: what it said last still holds.
-            self._revive()
+            self._set_found()
 
-    def _revive(self) -> None:
-        if not self._alive:
-            self._alive = True
+    def _set_found(self) -> None:
+        if not self._is_alive:
+            self._is_alive = True
             _notify(self.on_found)
 
-    def _die(self) -> None:
-        if not self._alive:
-            return
-        self._alive = False
-        self._fail_calls(self.unavailable('has died'))
-        _notify(self.on_lost)
+    def _set_lost(self) -> None:
+        if self._is_alive:
+            self._is_alive = False
+            self._fail_calls(self.unavailable('has died'))
+            _notify(self.on_lost)
 
     def _fail_calls(self, error: DyKnowError) -> None:
         for call in list(self._calls):
@@ -198,11 +206,7 @@ class RemoteNode:
                 call.set_exception(error)
 
     def _cancelled(self) -> DyKnowError:
-        return DyKnowError(f'{self.name} is not listened to any more', ExitCode.CANCELLED)
-
-    def unavailable(self, what: str) -> DyKnowError:
-        """The error that the node `has died` or `is not running`."""
-        return DyKnowError(f'node {self.name} {what}', ExitCode.UNAVAILABLE)
+        return DyKnowError(f'the connection to {self.name} is closed', ExitCode.CANCELLED)
 
 
 def _notify(callbacks: list[Callable[[], None]]) -> None:
@@ -210,11 +214,11 @@ def _notify(callbacks: list[Callable[[], None]]) -> None:
         callback()
 
 
-def _pass_on(done: Future, answer: Future) -> None:
-    if answer.done() or done.cancelled():
+def _copy_result(done: Future, response: Future) -> None:
+    if response.done() or done.cancelled():
         return
     error = done.exception()
     if error is None:
-        answer.set_result(done.result())
+        response.set_result(done.result())
     else:
-        answer.set_exception(error)
+        response.set_exception(error)

@@ -1,11 +1,11 @@
-"""Commands that show what a node reports on a topic: once, or report by report."""
+"""Commands that show the reports of a node on a topic: the last one, or each new one."""
 
 from __future__ import annotations
 
 import argparse
 import json
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Sequence
+from contextlib import nullcontext
 from dataclasses import dataclass
 from typing import Any
 
@@ -18,69 +18,15 @@ from dyknow_common.ros.commands import CommandNode, duration, run_command
 from dyknow_common.ros.qos import LATCHED
 
 
-class ReportListener:
-    """Hears what a node reports of itself.
-
-    Args:
-        command: the node that listens.
-        reporter: the one that reports; absolute or relative to the namespace of the command.
-        topic: its latched topic, without the name of the node.
-        message_type: of the topic.
-    """
-
-    def __init__(self, command: CommandNode, reporter: str, topic: str, message_type: Any) -> None:
-        self.report: Any = None
-        self.count = 0
-        self._command = command
-        self._suffix = f'/{topic}'
-        package = message_type.__module__.partition('.')[0]
-        self._type = f'{package}/msg/{message_type.__name__}'
-        self._topic = command.node.resolve_topic_name(f'{reporter}{self._suffix}')
-        command.node.create_subscription(message_type, self._topic, self._hear, LATCHED)
-
-    def next(self, timeout: int) -> Any:
-        """The next report.
-
-        Args:
-            timeout: how long to wait for it, nanoseconds.
-
-        Raises:
-            DyKnowError: UNAVAILABLE, when none comes in time; it says who else reports.
-        """
-        heard = self.count
-        end = self._command.end_of_wait(timeout)
-        self._command.spin_until(lambda: self.count > heard, end, lambda: self._silence(timeout))
-        return self.report
-
-    def _hear(self, report: Any) -> None:
-        self.report = report
-        self.count += 1
-
-    def _silence(self, timeout: int) -> DyKnowError:
-        node = self._command.node
-        reporters = sorted(
-            topic.removesuffix(self._suffix)
-            for topic, types in node.get_topic_names_and_types()
-            if self._type in types and topic != self._topic and node.count_publishers(topic)
-        )
-        name = self._topic.removesuffix(self._suffix)
-        others = f'; there are: {", ".join(reporters)} (choose one by --node)' if reporters else ''
-        return DyKnowError(
-            f'nothing was heard of {name} within {timeout / SECOND_NS:g} s; is DyKnow running, in '
-            f'this namespace and ROS domain?{others}',
-            ExitCode.UNAVAILABLE,
-        )
-
-
 @dataclass(frozen=True, slots=True)
 class ReportCommand:
-    """A command that shows a report, or a part of it that its argument `name` names.
+    """A command that shows a report, or the part of it that its argument `name` names.
 
     Args:
-        name: of the command, which is also that of the topic.
+        name: of the command and of the topic, which is latched.
         message_type: of the topic.
-        document: what is shown of a report for programs, given the part to show; empty: all.
-        rendered: the same for people. Both raise NOT_FOUND, when that part is not there.
+        document: makes the JSON document of a report, given the name; empty: of all of it.
+        rendered: the same for a terminal. Both raise NOT_FOUND, if there is no part of that name.
     """
 
     name: str
@@ -88,52 +34,84 @@ class ReportCommand:
     document: Callable[[Any, str], Any]
     rendered: Callable[[Any, str], RenderableType]
 
-    def run(self, options: Callable[[Sequence[str]], argparse.Namespace]) -> int:
-        """The main function of its executable; the exit code is 2 where nobody reports."""
-        return run_command(self.name, options, self._show, _exit_code)
+    def run(self, parse_options: Callable[[Sequence[str]], argparse.Namespace]) -> int:
+        """Run the command; the exit code is 1 if there is no such part, 2 without a report."""
+        return run_command(self.name, parse_options, self._show, _exit_code)
 
-    def _show(self, chosen: argparse.Namespace, command: CommandNode) -> None:
-        listener = ReportListener(command, chosen.node, self.name, self.message_type)
-        with self._teller(chosen) as tell:
-            tell(listener.next(chosen.timeout))
-            while chosen.watch:
-                tell(listener.next(chosen.timeout))
-
-    @contextmanager
-    def _teller(self, chosen: argparse.Namespace) -> Iterator[Callable[[Any], None]]:
-        """How reports are shown: as JSON, in place on a terminal, or one after the other."""
+    def _show(self, options: argparse.Namespace, command: CommandNode) -> None:
+        reports = _Reports(command, f'{options.node}/{self.name}', self.message_type)
         console = Console()
+        is_live = options.watch and console.is_terminal and not options.json
+        with Live(console=console, auto_refresh=False) if is_live else nullcontext() as live:
+            while True:
+                report = reports.next(options.timeout)
+                if options.json:
+                    print(json.dumps(self.document(report, options.name)), flush=True)  # noqa: T201
+                elif live:
+                    live.update(self.rendered(report, options.name), refresh=True)
+                else:
+                    console.print(self.rendered(report, options.name))
+                if not options.watch:
+                    return
 
-        def rendered(report: Any) -> RenderableType:
-            return self.rendered(report, chosen.name)
 
-        if chosen.json:
-            yield lambda report: print(  # noqa: T201 - a command
-                json.dumps(self.document(report, chosen.name)), flush=True
-            )
-        elif chosen.watch and console.is_terminal:
-            with Live(console=console, auto_refresh=False) as live:
-                yield lambda report: live.update(rendered(report), refresh=True)
-        else:
-            yield lambda report: console.print(rendered(report))
+class _Reports:
+    """The reports on a topic, relative to the namespace of the command or absolute."""
+
+    def __init__(self, command: CommandNode, topic: str, message_type: Any) -> None:
+        self._command = command
+        self._report: Any = None
+        self._topic = command.node.resolve_topic_name(topic)
+        self._type = f'{message_type.__module__.partition(".")[0]}/msg/{message_type.__name__}'
+        command.node.create_subscription(message_type, self._topic, self._on_report, LATCHED)
+
+    def next(self, timeout_ns: int) -> Any:
+        """Return the next report.
+
+        Raises:
+            DyKnowError: UNAVAILABLE, if there is none in time; it names other nodes that report.
+        """
+        self._report = None
+        self._command.spin_until(
+            lambda: self._report is not None,
+            self._command.deadline(timeout_ns),
+            lambda: self._no_report(timeout_ns),
+        )
+        return self._report
+
+    def _on_report(self, report: Any) -> None:
+        self._report = report
+
+    def _no_report(self, timeout_ns: int) -> DyKnowError:
+        node = self._command.node
+        name, _, suffix = self._topic.rpartition('/')
+        others = sorted(
+            topic.removesuffix(f'/{suffix}')
+            for topic, types in node.get_topic_names_and_types()
+            if self._type in types and topic != self._topic and node.count_publishers(topic)
+        )
+        hint = f'; there are: {", ".join(others)} (choose one by --node)' if others else ''
+        return DyKnowError(
+            f'no report of {name} within {timeout_ns / SECOND_NS:g} s; is DyKnow running, in this '
+            f'namespace and ROS domain?{hint}',
+            ExitCode.UNAVAILABLE,
+        )
 
 
-def add_report_options(parser: argparse.ArgumentParser, reporter: str, what: str) -> None:
-    """The options that all such commands have.
+def add_report_options(parser: argparse.ArgumentParser, node: str, role: str) -> None:
+    """Add the options that all commands of this kind have.
 
     Args:
-        parser: is given them.
-        reporter: the node that is asked by default.
-        what: that node, in words.
+        parser: of the command.
+        node: the default node.
+        role: that node, in words.
     """
-    parser.add_argument('--json', action='store_true', help='print a line of JSON a report')
-    parser.add_argument('--watch', action='store_true', help='go on, report by report')
+    parser.add_argument('--json', action='store_true', help='print a line of JSON for each report')
+    parser.add_argument('--watch', action='store_true', help='show each new report')
     parser.add_argument(
         '--timeout', type=duration, default='5 s', help='to wait for a report (default: 5 s)'
     )
-    parser.add_argument(
-        '--node', default=reporter, help=f'{what} that is asked (default: {reporter})'
-    )
+    parser.add_argument('--node', default=node, help=f'{role} that reports (default: {node})')
 
 
 def _exit_code(error: DyKnowError) -> int:

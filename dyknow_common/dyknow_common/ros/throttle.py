@@ -1,4 +1,4 @@
-"""What is said now and then only."""
+"""Throttling of log messages."""
 
 from __future__ import annotations
 
@@ -8,21 +8,21 @@ from dyknow_common.durations import SECOND_NS
 
 
 class Throttle:
-    """Tells whether something may be said again.
+    """A limit to one message in a period.
 
-    The throttle of rclpy's logger looks up the source of its caller each time, even when it then
-    says nothing: milliseconds, where a message takes a tenth of one.
+    The throttle of rclpy's logger finds the source line of its caller at each call, even if it logs
+    nothing. That takes milliseconds, a hundred times as long as to process a message.
     """
 
-    def __init__(self, seconds: float) -> None:
+    def __init__(self, period_s: float) -> None:
         self._clock = Clock(clock_type=ClockType.STEADY_TIME)
-        self._period = round(seconds * SECOND_NS)
-        self._next: int | None = None
+        self._period_ns = round(period_s * SECOND_NS)
+        self._next_ns: int | None = None
 
     def is_due(self) -> bool:
-        """Whether it has not been said for the time; then it counts as said."""
+        """Return True if the last True was at least a period ago."""
         now = self._clock.now().nanoseconds
-        if self._next is not None and now < self._next:
+        if self._next_ns is not None and now < self._next_ns:
             return False
-        self._next = now + self._period
+        self._next_ns = now + self._period_ns
         return True
