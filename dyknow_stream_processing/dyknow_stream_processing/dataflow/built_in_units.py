@@ -60,7 +60,7 @@ class Speed:
         last, self._last = self._last, (valid_time, tuple(position.values()))
         if last is None or last[0] == valid_time:
             return None
-        return math.dist(last[1], self._last[1]) / _seconds(valid_time - last[0])
+        return math.dist(last[1], self._last[1]) / ((valid_time - last[0]) / SECOND_NS)
 
 
 class SlidingWindow:
@@ -96,7 +96,7 @@ class RateOfChange(SlidingWindow):
         first_time, first = samples[0]
         if first_time == valid_time:
             return None
-        return (value - first) / _seconds(valid_time - first_time)
+        return (value - first) / ((valid_time - first_time) / SECOND_NS)
 
 
 class WindowAggregate(SlidingWindow):
@@ -134,7 +134,3 @@ class Maximum(WindowAggregate):
 
     def _aggregate(self, values: Iterable[float]) -> float:
         return max(values)
-
-
-def _seconds(nanoseconds: int) -> float:
-    return nanoseconds / SECOND_NS

@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-import re
 from dataclasses import dataclass
 from typing import Final
 
 from dyknow_common import LanguageError
 from dyknow_stream_processing.errors import StreamError
 from dyknow_stream_processing.language.parsing import parse_specification
+from dyknow_stream_processing.language.specification import SinkDeclaration, StreamReference
 
-_NAME = re.compile(r'[A-Za-z][A-Za-z0-9_]*')
 _PLACEHOLDER: Final = '<name>'
 
 
@@ -20,16 +19,15 @@ def check_name(name: str) -> None:
     Raises:
         StreamError: if it cannot.
     """
-    fault = ''
-    if not _NAME.fullmatch(name):
-        fault = 'use letters, digits and _, beginning with a letter'
-    else:
-        try:
-            parse_specification(f'sink {name}')
-        except LanguageError:
-            fault = 'it is a keyword of the stream language'
-    if fault:
-        raise StreamError(f"'{name}' cannot be the name of a stream; {fault}")
+    try:
+        declarations = parse_specification(f'sink {name}').declarations
+    except LanguageError:
+        declarations = ()
+    if name.startswith('_') or declarations != (SinkDeclaration(StreamReference(name)),):
+        raise StreamError(
+            f"'{name}' cannot be the name of a stream; use letters, digits and _, beginning with "
+            f'a letter, and no keyword of the stream language'
+        )
 
 
 @dataclass(frozen=True, slots=True)
