@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import itertools
 import os
 import signal
-import socket
 import subprocess
 import time
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
@@ -23,6 +21,7 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from sensor_msgs.msg import BatteryState
 
+from domains import reserve_domain
 from dyknow_bringup.processes.launcher import Launcher
 from dyknow_bringup.processes.processes import (
     Parameter,
@@ -34,18 +33,15 @@ from dyknow_bringup.processes.processes import (
 from dyknow_bringup.resources import uav_ontology_path
 from dyknow_bringup.simulation.fleet import fleet_specification, vehicle_names
 from dyknow_common.ros import (
-    BORN,
     LATCHED,
     RUNNING,
     SERVICE,
+    STARTED_AT,
     STATUS,
     nanoseconds_to_duration,
     nanoseconds_to_time,
 )
 from dyknow_stream_processing import parse_specification, specifications_by_sink
-
-_domains = itertools.count(os.getpid())
-_MOST_PARTICIPANTS = 20
 
 PATIENCE = 3.0
 """Seconds after which a request that is not answered is sent again."""
@@ -57,7 +53,7 @@ LIMIT = 20.0
 def private_environment() -> dict[str, str]:
     """Variables for processes that nobody else on this machine or network shall hear."""
     return {
-        'ROS_DOMAIN_ID': str(_free_domain()),
+        'ROS_DOMAIN_ID': str(reserve_domain()),
         'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST',
         # A process that is killed may leave locks in shared memory, for which others wait then.
         'FASTDDS_BUILTIN_TRANSPORTS': 'UDPv4',
@@ -81,29 +77,6 @@ def short_lease_of(folder: Path) -> dict[str, str]:
     profile = folder / 'short_lease.xml'
     profile.write_text(SHORT_LEASE)
     return {'FASTRTPS_DEFAULT_PROFILES_FILE': str(profile)}
-
-
-def _free_domain() -> int:
-    """A domain in which nobody listens: the ports of its participants are free."""
-    domains = (1 + number % 100 for number in itertools.islice(_domains, 100))
-    # DDS gives the participants of a domain these ports, one after the other.
-    found = next((each for each in domains if all(map(_is_free, _ports(each)))), None)
-    assert found is not None, 'no ROS domain is free'
-    return found
-
-
-def _ports(domain: int) -> Iterable[int]:
-    first = 7410 + 250 * domain
-    return range(first, first + 2 * _MOST_PARTICIPANTS, 2)
-
-
-def _is_free(port: int) -> bool:
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-        try:
-            probe.bind(('', port))
-        except OSError:
-            return False
-    return True
 
 
 class Client:
@@ -270,7 +243,7 @@ class System:
         births: list[int] = []
 
         def note(status: DiagnosticStatus) -> None:
-            births.extend(int(each.value) for each in status.values if each.key == BORN)
+            births.extend(int(each.value) for each in status.values if each.key == STARTED_AT)
 
         listener = self.client.node.create_subscription(
             DiagnosticStatus, f'{executable}/status', note, STATUS
