@@ -31,7 +31,7 @@ class Results:
 
     def __init__(self, node: DyKnowNode, progress_topic: str) -> None:
         # Each run of the coordinator has its own topic: results of former runs are obsolete.
-        self.topic = f'{node.get_fully_qualified_name()}/results_{node.born:x}'
+        self.topic = f'{node.get_fully_qualified_name()}/results_{node.started_at:x}'
         self._listeners: dict[tuple[int, int], ResultListener] = {}
         # A result may arrive before the response that contains the id of its formula.
         self._unclaimed: dict[tuple[int, int], Any] = {}

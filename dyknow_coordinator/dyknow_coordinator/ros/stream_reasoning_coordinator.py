@@ -79,7 +79,7 @@ class StreamReasoningCoordinator(DyKnowNode):
             results=Results(self, clients.progress_topic),
             cleanup=Cleanup(self, clients),
             # Unique in the system, also across restarts of this node.
-            names=(f'{self._prefix}{self.born:x}_{number}' for number in count(1)),
+            names=(f'{self._prefix}{self.started_at:x}_{number}' for number in count(1)),
         )
         self._groups = EvaluationGroups(self._shared)
         self._evaluations: list[FormulaEvaluation] = []

@@ -110,7 +110,7 @@ class FormulaClient:
         for call in list(self._calls):
             call.fail(CoordinationError('the client was closed', ExitCode.CANCELLED))
         self._coordinator.release()
-        self._adapter.leave()
+        self._adapter.close()
         for action in self._actions.values():
             action.destroy()
 

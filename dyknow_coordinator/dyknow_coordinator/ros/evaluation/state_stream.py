@@ -55,7 +55,7 @@ class StateStream:
 
     def destroy(self) -> None:
         """Destroy the stream."""
-        self._liveliness.ignore()
+        self._liveliness.stop_timeout()
         if self._subscription is not None:
             self._context.node.destroy_subscription(self._subscription)
             self._subscription = None
@@ -71,7 +71,7 @@ class StateStream:
             with_distinct_lease(VIOLATIONS),
             callback_group=self._context.node.reentrant,
             event_callbacks=SubscriptionEventCallbacks(
-                liveliness=self._liveliness.changed, use_default_callbacks=False
+                liveliness=self._liveliness.on_event, use_default_callbacks=False
             ),
         )
         self._liveliness.expect()
