@@ -1,4 +1,4 @@
-"""What docs/clients.md shows of other languages is true: names, fields, and that it compiles."""
+"""Examples in other languages in docs/clients.md: names and fields exist, and they compile."""
 
 from __future__ import annotations
 
@@ -32,11 +32,11 @@ CPP_MESSAGES = {
     'feedback': action.MonitorFormula.Feedback,
     'answer': srv.EvaluateFormula.Response,
 }
-"""What the variables of the C++ example are."""
+"""The types of the variables of the C++ example."""
 
 
 def fill(message: Any, fields: dict[str, Any]) -> None:
-    """Sets fields of a message as the ROS command line does; unknown ones raise."""
+    """Set fields of a message as the ROS command line does; raise for unknown ones."""
     types = message.get_fields_and_field_types()
     for name, value in fields.items():
         if isinstance(value, dict):
@@ -54,7 +54,7 @@ def _filled(message: Any, fields: dict[str, Any]) -> Any:
 
 
 def formulas(value: Any) -> Iterator[str]:
-    """All formulas in the fields of a request."""
+    """Yield all formulas in the fields of a request."""
     if isinstance(value, dict):
         for key, inner in value.items():
             if key == 'formula':

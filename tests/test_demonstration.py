@@ -1,4 +1,4 @@
-"""The executables that people start: the demonstration, replay, and the dyknow command."""
+"""The executables for users: the demonstration, replay, and the dyknow command."""
 
 from __future__ import annotations
 
@@ -26,13 +26,13 @@ RECORDING = share() / 'recordings' / 'power_surge'
 
 
 def command(name: str, *arguments: str) -> list[str]:
-    """The command line of an executable of dyknow_bringup."""
+    """Return the command line of an executable of dyknow_bringup."""
     return [str(executable_path('dyknow_bringup', name)), *arguments]
 
 
 @contextmanager
 def running(line: list[str], environment: dict[str, str]) -> Iterator[subprocess.Popen[str]]:
-    """A process that is ended by SIGTERM, with exit code 0."""
+    """Run a process that SIGTERM ends with exit code 0."""
     process = subprocess.Popen(
         line,
         env={**os.environ, **environment},
@@ -52,7 +52,7 @@ def running(line: list[str], environment: dict[str, str]) -> Iterator[subprocess
 
 
 def output_of(line: list[str], environment: dict[str, str], limit: float = 90.0) -> Any:
-    """A process that has ended by itself."""
+    """Run a process until it ends by itself."""
     return subprocess.run(
         line,
         env={**os.environ, **environment},
@@ -71,7 +71,7 @@ def test_every_verdict_of_a_scenario(scenario: str) -> None:
     assert 'every verdict is what the scenario says' in done.stdout
 
 
-def test_an_unknown_scenario_is_refused_with_those_there_are() -> None:
+def test_an_unknown_scenario_is_refused_with_the_known_ones() -> None:
     done = output_of(command('uav_demo', '--scenario', 'picnic'), private_environment())
     assert done.returncode == 1
     assert "there is no scenario 'picnic'" in done.stderr
@@ -85,7 +85,7 @@ def test_a_plan_is_executed_without_violation() -> None:
     assert 'land succeeded' in done.stdout
 
 
-def test_a_violation_is_told_with_the_action_that_it_belongs_to() -> None:
+def test_a_violation_is_reported_with_its_action() -> None:
     line = command('uav_plan', '--scenario', 'windy_delivery')
     done = output_of(line, {**private_environment(), 'COLUMNS': '150'})
     assert done.returncode == 1, done.stdout + done.stderr
@@ -142,7 +142,7 @@ def test_a_recorded_flight_is_monitored_under_simulated_time(tmp_path: Path) -> 
 
 @pytest.fixture(scope='module')
 def rover() -> Iterator[dict[str, str]]:
-    """DyKnow for the rover of the README, started as the README says."""
+    """Run DyKnow for the rover of the README, as the README describes."""
     environment = private_environment()
     files = {name: str(EXAMPLES / f'rover.{name}') for name in ('owl', 'ssl', 'streams')}
     line = command(
@@ -175,7 +175,7 @@ class Rover:
         self._odometry.publish(odometry)
 
     def run(self, line: list[str], environment: dict[str, str]) -> tuple[int, str]:
-        """Publishes while a process runs; returns its exit code and what it printed."""
+        """Publish while a process runs; return its exit code and its output."""
         process = subprocess.Popen(
             line,
             env={**os.environ, **environment},
@@ -204,7 +204,7 @@ def vehicle(rover: dict[str, str]) -> Iterator[Rover]:
         ('forall r in Rover: always Speed[r] < 1.5', '1 s', 2, 'undecided'),
     ],
 )
-def test_a_formula_is_asked_from_a_shell(
+def test_a_formula_is_evaluated_from_a_shell(
     rover: dict[str, str], vehicle: Rover, formula: str, timeout: str, code: int, verdict: str
 ) -> None:
     line = command('dyknow', 'evaluate', formula, '--timeout', timeout, '--json')
@@ -223,7 +223,7 @@ def test_the_node_of_the_readme(rover: dict[str, str], vehicle: Rover) -> None:
 
 
 def manual_block(words: str) -> str:
-    """The Python in docs/clients.md in which some words are."""
+    """Return the block of Python in docs/clients.md that contains some words."""
     text = (EXAMPLES.parent / 'clients.md').read_text(encoding='utf-8')
     (block,) = (
         each for each in re.findall(r'```python\n(.*?)```', text, re.DOTALL) if words in each

@@ -1,4 +1,4 @@
-"""The markers of formulas, as a three-dimensional view receives them."""
+"""Markers of formulas, as a three-dimensional view receives them."""
 
 from __future__ import annotations
 
@@ -30,17 +30,17 @@ PLACES = {'uav1': 0.0, 'uav2': 20.0}
 
 
 class View:
-    """Two vehicles, a coordinator, the node that draws, and what it has drawn last.
+    """Two vehicles, a coordinator, the node that publishes markers, and the received markers.
 
     Args:
-        folder: for what the node prints.
+        folder: for the output of the node.
     """
 
     def __init__(self, folder: Path) -> None:
         self.log = folder / 'formula_markers.log'
         self.reporter = Reporter()
         self.node = self.reporter.client.node
-        self.heard: list[Any] = []
+        self.received: list[Any] = []
         self.frames = dict.fromkeys(PLACES, 'map')
         self._publishers = {
             vehicle: self.node.create_publisher(Odometry, f'/{vehicle}/odometry', 10)
@@ -61,12 +61,12 @@ class View:
         self.reporter.close()
         assert code == 0
 
-    def look(self) -> None:
-        """Begins to look."""
-        self.node.create_subscription(MarkerArray, MARKERS, self.heard.append, 10)
+    def subscribe(self) -> None:
+        """Subscribe to the markers."""
+        self.node.create_subscription(MarkerArray, MARKERS, self.received.append, 10)
 
     def separation(self) -> EvaluationStatus:
-        """A formula about the two vehicles."""
+        """Return the status of a formula about the two vehicles."""
         return EvaluationStatus(
             'separation',
             'always (XYDist[uav2, uav1] > 10)',
@@ -76,17 +76,17 @@ class View:
         )
 
     def until_drawn(self, colours: list[tuple[float, float, float]]) -> list[Any]:
-        """Waits for lines of some colours, and returns all that is drawn then."""
+        """Wait for lines of some colours, and return all markers."""
 
         def drawn() -> bool:
-            return bool(self.heard) and colours == [
+            return bool(self.received) and colours == [
                 (round(each.color.r, 1), round(each.color.g, 1), round(each.color.b, 1))
-                for each in self.heard[-1].markers
+                for each in self.received[-1].markers
                 if each.type == Marker.LINE_LIST
             ]
 
-        self.reporter.until(drawn, f'lines in {colours}: {self.heard[-1:]}')
-        return list(self.heard[-1].markers)
+        self.reporter.until(drawn, f'lines in {colours}: {self.received[-1:]}')
+        return list(self.received[-1].markers)
 
     def _publish(self) -> None:
         for vehicle, publisher in self._publishers.items():
@@ -109,7 +109,7 @@ def view(tmp_path: Path) -> Iterator[View]:
 def test_a_line_between_vehicles_follows_the_verdict(view: View) -> None:
     running = view.separation()
     view.reporter.tell(running)
-    view.look()
+    view.subscribe()
     markers = view.until_drawn([GREEN])
     assert [each.type for each in markers] == [Marker.LINE_LIST, Marker.TEXT_VIEW_FACING]
     assert {each.header.frame_id for each in markers} == {'map'}
@@ -144,19 +144,21 @@ def test_a_fence_lies_around_the_vehicles(view: View) -> None:
         ),
     )
     view.reporter.tell(fence)
-    view.look()
+    view.subscribe()
 
     def box() -> Any:
-        cubes = [m for m in view.heard[-1].markers if m.type == Marker.CUBE] if view.heard else []
+        cubes = (
+            [m for m in view.received[-1].markers if m.type == Marker.CUBE] if view.received else []
+        )
         return cubes[0] if cubes else None
 
-    # Until both are heard of, it is open in the west at another place.
+    # Before the odometry of both is received, the open side in the west is elsewhere.
     view.reporter.until(lambda: box() is not None and box().scale.x == 70.0, 'the fence')
     assert box().pose.position.x == 25.0
     assert 0 < box().color.a < 1
 
 
-def test_nobody_is_listened_to_for_nobody(view: View) -> None:
+def test_odometry_has_subscribers_only_while_markers_have(view: View) -> None:
     view.reporter.tell(view.separation())
 
     def listeners() -> int:
@@ -164,17 +166,17 @@ def test_nobody_is_listened_to_for_nobody(view: View) -> None:
 
     view.reporter.until(lambda: view.node.count_publishers(MARKERS) == 1, 'the node is up')
     assert listeners() == 0
-    view.look()
+    view.subscribe()
     view.until_drawn([GREEN])
     assert listeners() == 1
     view.reporter.tell()
-    view.reporter.until(lambda: listeners() == 0, 'the vehicle is left alone')
+    view.reporter.until(lambda: listeners() == 0, 'no subscription to the vehicle')
 
 
 def test_a_vehicle_in_another_frame_is_not_drawn(view: View) -> None:
     view.frames['uav2'] = 'odom'
     view.reporter.tell(view.separation())
-    view.look()
-    complaint = 'is not shown: its odometry is in the frame'
-    view.reporter.until(lambda: complaint in view.log.read_text(encoding='utf-8'), 'a complaint')
+    view.subscribe()
+    warning = 'is not shown: its odometry is in the frame'
+    view.reporter.until(lambda: warning in view.log.read_text(encoding='utf-8'), 'the warning')
     view.until_drawn([])

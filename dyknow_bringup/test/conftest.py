@@ -9,7 +9,7 @@ SHARE = Path(__file__).parent.parent
 
 @pytest.fixture
 def share() -> Path:
-    """The folder whose data folders are installed."""
+    """Return the folder of the package, whose data folders are installed."""
     return SHARE
 
 

@@ -1,4 +1,4 @@
-"""Which fences formulas have, and where these end."""
+"""Fences of formulas, and their closed sides."""
 
 from math import inf
 
@@ -52,7 +52,7 @@ def test_the_fences_of_the_demonstration(formulas: dict[str, DescribedFormula]) 
 
 
 def test_whole_numbers_become_floats() -> None:
-    """Messages take an int for a float without a word, and then hold zero."""
+    """Messages accept an int for a float without an error, and then hold zero."""
     (found,) = fences('always (East[a] > -30 and East[a] < 60)', AXES)
     assert {type(each) for each in (*found.low, *found.high, *found.size)} == {float}
 
@@ -66,7 +66,7 @@ def test_a_fence_that_is_closed_needs_no_places() -> None:
     assert closed(OPEN, []) is None
 
 
-def test_an_open_fence_lies_still() -> None:
+def test_an_open_fence_does_not_move_with_noise() -> None:
     assert closed(OPEN, [(1, 1, 1)]) == fence((-10, 0, -10), (10, 5, 10))
     for noise in (-0.1, 0.1):
         assert closed(OPEN, [(noise, 1, 20 + noise)]) == fence((-10, 0, 10), (10, 5, 30))

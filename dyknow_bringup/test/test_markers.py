@@ -1,4 +1,4 @@
-"""What is drawn of formulas."""
+"""Markers of formulas."""
 
 from dataclasses import replace
 
@@ -79,12 +79,12 @@ def test_a_line_between_each_pair() -> None:
         ),
     ],
 )
-def test_colours_say_how_it_is(changes: dict[str, object], level: Level) -> None:
+def test_colours_show_the_diagnosis(changes: dict[str, object], level: Level) -> None:
     lines = draw(replace(SEPARATION, **changes), shape=MarkerShape.LINES)  # type: ignore[arg-type]
     assert {line.colour for line in lines} == {COLOURS[level]}
 
 
-def test_the_pair_that_broke_it_stands_out() -> None:
+def test_the_responsible_pair_has_its_own_colour() -> None:
     broken = replace(
         SEPARATION,
         phase=EvaluationPhase.ENDED,
@@ -104,7 +104,7 @@ def test_a_fence_is_a_box_with_edges() -> None:
     assert len(edges.points) == 24
 
 
-def test_texts_say_what_and_why_one_above_the_other() -> None:
+def test_texts_have_name_and_reason_and_do_not_overlap() -> None:
     broken = replace(
         CEILING, phase=EvaluationPhase.ENDED, verdict=Verdict.FALSE, explanation='31 is not < 30'
     )
@@ -120,12 +120,12 @@ def test_a_formula_without_a_name_is_written_once() -> None:
     assert ''.join(text.text.split()).count('Altitude[u]<30') == 1
 
 
-def test_markers_are_told_apart() -> None:
+def test_markers_have_distinct_numbers() -> None:
     drawn = draw(SEPARATION, CEILING, CEILING)
     assert len({(marker.name, marker.number) for marker in drawn}) == len(drawn)
 
 
-def test_what_is_not_known_is_not_drawn() -> None:
+def test_formulas_without_positions_are_not_drawn() -> None:
     cancelled = CoordinationError('cancelled', ExitCode.CANCELLED)
     assert not draw(replace(CEILING, phase=EvaluationPhase.ENDED, error=cancelled))
     assert not formula_markers([SEPARATION, CEILING], {}, AXES, NOW)

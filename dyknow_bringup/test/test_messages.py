@@ -1,4 +1,4 @@
-"""The same messages for rclpy and for rosbags."""
+"""ROS messages for rclpy and for rosbags."""
 
 import math
 from importlib import import_module
@@ -48,7 +48,7 @@ def test_odometry() -> None:
     assert (position.x, position.y, position.z) == (1, 2, 3)
     turn = message.pose.pose.orientation
     assert 2 * math.atan2(turn.z, turn.w) == pytest.approx(NORTH_WEST.yaw)
-    # It flies straight ahead, so the twist in its own frame has no part to the left.
+    # It flies straight ahead: the twist in its own frame has no component to the left.
     velocity = message.twist.twist.linear
     assert (velocity.x, velocity.y, velocity.z) == pytest.approx((math.sqrt(8), 0, 0.5))
 
@@ -69,11 +69,11 @@ def test_the_channels_of_a_flight(scenarios: dict[str, Scenario]) -> None:
 
 
 @pytest.mark.parametrize('telemetry', [NORTH_WEST, BATTERY], ids=list(Channel))
-def test_rclpy_says_the_same(telemetry: Telemetry) -> None:
+def test_rclpy_serialises_the_same(telemetry: Telemetry) -> None:
     serialization = pytest.importorskip('rclpy.serialization')
     message = ros_message(telemetry, rclpy_class)
     data = serialization.serialize_message(message)
-    # What rclpy leaves in the padding is arbitrary; rosbags writes zeros there.
+    # The padding is arbitrary in rclpy, and zeros in rosbags.
     message_type = MESSAGE_TYPES[telemetry.channel]
     padded = STORE.serialize_cdr(STORE.deserialize_cdr(data, message_type), message_type)
     assert bytes(padded) == serialised(telemetry)

@@ -1,4 +1,4 @@
-"""Plans of vehicles, read from files."""
+"""Missions read from files."""
 
 from pathlib import Path
 
@@ -10,7 +10,7 @@ from dyknow_coordinator import FormulaPosition, Holds, PlanExecution
 from dyknow_reasoning import check_types, parse_formula
 
 
-def test_the_mission_that_is_shipped_makes_sense() -> None:
+def test_the_shipped_mission_is_valid() -> None:
     mission = load_mission(plan_path('delivery'))
     assert [task.action for task in mission.tasks] == ['take_off', 'fly_to', 'land']
     assert mission.tasks[0] == Task('take_off', 'eventually Altitude[uav1] > 5.5', 12_000_000_000)
@@ -32,7 +32,7 @@ def test_the_mission_that_is_shipped_makes_sense() -> None:
         ),
     ],
 )
-def test_a_mission_that_makes_no_sense(tmp_path: Path, text: str, words: str) -> None:
+def test_an_invalid_mission(tmp_path: Path, text: str, words: str) -> None:
     path = tmp_path / 'mission.yaml'
     path.write_text(text)
     with pytest.raises(BringupError) as caught:

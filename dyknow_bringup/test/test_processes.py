@@ -1,4 +1,4 @@
-"""The one list of processes."""
+"""The list of processes."""
 
 from pathlib import Path
 
@@ -68,7 +68,7 @@ def test_scenarios_are_found_by_name_and_by_path(tmp_path: Path) -> None:
         scenario_path('picnic')
 
 
-def test_what_is_kept_and_what_reasons() -> None:
+def test_store_and_reasoner() -> None:
     processes = dyknow_processes(SystemConfiguration(store=Path('/kept'), reasoner='hermit'))
     parameters = {process.executable: process.parameters for process in processes}
     assert parameters['ontology_manager'] == {

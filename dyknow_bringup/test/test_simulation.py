@@ -57,7 +57,7 @@ def test_stamps_lie_on_the_grid_and_deliveries_keep_order(scenarios: dict[str, S
 
 def test_everything_due_is_delivered(scenarios: dict[str, Scenario]) -> None:
     counts = {key: len(series) for key, series in by_channel(fly(scenarios['nominal'])).items()}
-    # Stamps from 0 s to 2.95 s and to 2.8 s; that of 3 s is still under way.
+    # Stamps from 0 s to 2.95 s and to 2.8 s; that of 3 s is not delivered yet.
     assert counts == {
         ('uav1', Channel.ODOMETRY): 60,
         ('uav1', Channel.BATTERY): 15,

@@ -75,7 +75,7 @@ class ScenarioRun(ABC):
         try:
             self._console.print(f'[bold]{self._scenario.name}[/]: {self._scenario.description}')
             coordinator = RemoteNode(self._node, 'stream_reasoning_coordinator')
-            manager = RemoteNode(self._node, 'stream_manager', patience=START_TIMEOUT_S)
+            manager = RemoteNode(self._node, 'stream_manager', patience_s=START_TIMEOUT_S)
             with self._console.status('starting the nodes of DyKnow'):
                 self._wait_for(lambda: coordinator.is_running, 'the coordinator')
                 self._wait_for(lambda: self._has_streams(manager), 'the streams of the fleet')
