@@ -28,7 +28,7 @@ def fleet() -> Iterator[Ontology]:
 
 @pytest.fixture(scope='session')
 def knowledge() -> Knowledge:
-    """What the ontology of the fleet says."""
+    """The contents of the ontology of the fleet."""
     with Ontology() as ontology:
         ontology.load(ONTOLOGIES / 'fleet.owl')
         return ontology.knowledge

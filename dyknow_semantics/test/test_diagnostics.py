@@ -33,7 +33,7 @@ def expected(path: Path) -> str:
 
 
 def check_all(ssl: str, knowledge: Knowledge) -> None:
-    """Parses and checks all annotations of a text."""
+    """Parse and check all annotations of a text."""
     for annotation in parse_annotations(ssl):
         check_annotation(annotation, knowledge)
 

@@ -1,4 +1,4 @@
-"""Hierarchies and explanations, as they are shown."""
+"""Hierarchies and explanations on a terminal and as JSON."""
 
 from __future__ import annotations
 
@@ -84,7 +84,7 @@ BarometricAltitude[uav1]
     )
 
 
-def test_what_is_provided_from_below_is_provided(knowledge: Knowledge) -> None:
+def test_a_feature_is_provided_by_those_below(knowledge: Knowledge) -> None:
     ssl = 'stream b contains BarometricAltitude[uav1] = z'
     found = {
         each['name']: each for each in map(asdict, hierarchy_entries(matcher_of(ssl, knowledge)))
@@ -98,7 +98,7 @@ NAMES = [f'C{number}' for number in range(6)]
 
 
 @given(st.lists(st.tuples(st.sampled_from(NAMES), st.sampled_from(NAMES)), max_size=10))
-def test_parents_give_back_the_order(pairs: list[tuple[str, str]]) -> None:
+def test_parents_determine_the_order(pairs: list[tuple[str, str]]) -> None:
     here, rdf = 'http://here#', 'http://www.w3.org/1999/02/22-rdf-syntax-ns#'
     triples = [(here + each, f'{rdf}type', 'http://www.w3.org/2002/07/owl#Class') for each in NAMES]
     subclass_of = 'http://www.w3.org/2000/01/rdf-schema#subClassOf'

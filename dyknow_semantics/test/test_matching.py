@@ -117,7 +117,7 @@ def test_a_feature_is_not_matched_by_those_above_it(knowledge: Knowledge) -> Non
     assert found.exact
 
 
-def test_names_are_unique_and_matches_tell_what_they_are(knowledge: Knowledge) -> None:
+def test_names_are_unique_and_matches_name_their_feature(knowledge: Knowledge) -> None:
     ssl = """stream a contains Power[uav1] = p, Power[uav1] = q;
              stream "/a" contains Power[uav1] = p, BarometricAltitude[uav1] = z"""
     found = match(parse_concept('Power[uav1]'), parse_annotations(ssl), knowledge)
@@ -127,12 +127,12 @@ def test_names_are_unique_and_matches_tell_what_they_are(knowledge: Knowledge) -
     assert {each.ground_feature for each in found} == {'Power[uav1]'}
 
 
-def test_annotations_of_what_is_gone_match_nothing(knowledge: Knowledge) -> None:
+def test_invalid_annotations_match_nothing(knowledge: Knowledge) -> None:
     ssl = 'stream a contains Power[uav9] = p, Power[uav1] = q; stream b contains Powr[uav1] = r'
     assert specifications('Power[uav1]', knowledge, ssl) == []
 
 
-def test_a_concept_that_makes_no_sense(knowledge: Knowledge) -> None:
+def test_an_invalid_concept(knowledge: Knowledge) -> None:
     for search in (match, nearest):
         with pytest.raises(LanguageError, match="unknown concept 'Powr'"):
             search(parse_concept('Powr[uav1]'), parse_annotations(SSL), knowledge)
@@ -156,7 +156,7 @@ def test_a_concept_that_makes_no_sense(knowledge: Knowledge) -> None:
          ', since no stream is annotated'),
     ],
 )  # fmt: skip
-def test_what_comes_nearest(knowledge: Knowledge, concept: str, ssl: str, message: str) -> None:
+def test_the_nearest_field(knowledge: Knowledge, concept: str, ssl: str, message: str) -> None:
     assert specifications(concept, knowledge, ssl) == []
     assert nearest(parse_concept(concept), parse_annotations(ssl), knowledge) == (
         f'no stream carries {concept}{message}'
@@ -200,7 +200,7 @@ class World(NamedTuple):
         return Knowledge(triples)
 
     def is_below(self, concept: str, other: str) -> bool:
-        """Whether there is a way up, tried step by step."""
+        """Return True if there is a path upwards, tried step by step."""
         reached = {concept}
         for _ in self.above:
             reached |= {above for below, above in self.above if below in reached}
@@ -341,7 +341,7 @@ CHANGES = st.lists(st.lists(ANNOTATIONS, max_size=4) | WORLDS, min_size=1, max_s
 
 
 @given(WORLDS, CHANGES, TERMS, RANGES)
-def test_an_index_that_was_changed_is_like_a_new_one(
+def test_a_changed_index_is_equal_to_a_new_one(
     world: World,
     changes: list[list[Annotation] | World],
     term: FeatureTerm,
@@ -360,7 +360,7 @@ def test_an_index_that_was_changed_is_like_a_new_one(
         assert matcher.match(concept) == match(concept, distinct, world.knowledge())
 
 
-def test_what_an_ontology_learns_is_seen() -> None:
+def test_a_change_of_the_ontology_has_an_effect() -> None:
     world = World([('S1', 'S0')], {'a': 'S1', 'b': 'S1'})
     other = World([('F1', 'F0'), ('S1', 'S0')], {'a': 'S1'})
     ssl = """stream s contains F1[x, x] = p for every x in S1 where x = id;
@@ -375,7 +375,7 @@ def test_what_an_ontology_learns_is_seen() -> None:
     assert [each.ground_feature for each in matcher.match(concept)] == ['F0[b, b]']
 
 
-def test_what_matches_and_what_nearly_does_is_explained(knowledge: Knowledge) -> None:
+def test_matches_and_near_misses_are_explained(knowledge: Knowledge) -> None:
     ssl = f"""{SSL} stream a contains Altitude[rover] = z [ft];
               stream b contains BarometricAltitude[uav2] = v;
               stream c contains Altitude[rovr] = z"""

@@ -19,18 +19,18 @@ def names() -> Names:
 
 
 @pytest.mark.parametrize('name', ['UAV', 'vehicles:UAV', UAV])
-def test_a_thing_goes_by_three_names(names: Names, name: str) -> None:
+def test_an_entity_has_three_names(names: Names, name: str) -> None:
     assert name in names
     assert names.iri(name) == UAV
 
 
-def test_the_shortest_unambiguous_name_is_given_back(names: Names) -> None:
+def test_the_shortest_unambiguous_name_is_returned(names: Names) -> None:
     assert names.name(UAV) == 'UAV'
     assert names.name(ALTITUDE) == 'vehicles:Altitude'
     assert names.name(OTHER_ALTITUDE) == 'maps:Altitude'
 
 
-def test_an_iri_is_given_back_where_prefixes_are_ambiguous_too() -> None:
+def test_an_iri_is_returned_if_prefixes_are_ambiguous_too() -> None:
     iris = ['http://a.org/maps#Place', 'http://b.org/maps#Place']
     names = Names('concept', iris)
     assert [names.name(iri) for iri in iris] == iris
@@ -45,14 +45,14 @@ def test_an_ambiguous_name_lists_the_candidates(names: Names) -> None:
     )
 
 
-def test_an_unknown_name_suggests_near_ones(names: Names) -> None:
+def test_an_unknown_name_suggests_similar_ones(names: Names) -> None:
     with pytest.raises(SemanticsError) as error:
         names.iri('UAVs')
     assert error.value.code is ExitCode.NOT_FOUND
     assert error.value.message == "unknown concept 'UAVs'; did you mean 'UAV'?"
 
 
-def test_an_unknown_name_without_near_ones_lists_what_there_is(names: Names) -> None:
+def test_an_unknown_name_without_similar_ones_lists_all_names(names: Names) -> None:
     with pytest.raises(SemanticsError) as error:
         names.iri('Battery')
     assert error.value.message == (
@@ -66,7 +66,7 @@ def test_long_lists_are_cut() -> None:
         names.iri('rover')
 
 
-def test_an_unknown_name_where_there_is_nothing() -> None:
+def test_an_unknown_name_in_an_empty_ontology() -> None:
     with pytest.raises(SemanticsError, match=r"^unknown instance 'x'; there is none$"):
         Names('instance', []).iri('x')
 

@@ -1,4 +1,4 @@
-"""The ontology: loading, changing, undoing, asking, keeping."""
+"""The ontology: loading, changes, rollback, queries, storage."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def ontology_text(name: str, *imports: str) -> str:
 
 
 def snapshot(ontology: Ontology) -> set[tuple[str, ...]]:
-    """All that an ontology says."""
+    """Return all triples of an ontology."""
     return set(ontology.query(ALL_TRIPLES)[1])
 
 
@@ -89,7 +89,7 @@ def test_a_sort_is_no_feature(fleet: Ontology) -> None:
 
 
 @pytest.mark.parametrize('form', ['rdfxml', 'ntriples'])
-def test_forms_of_owl_say_the_same(
+def test_serialisations_of_owl_are_equivalent(
     fleet: Ontology, ontologies: Path, tmp_path: Path, form: str
 ) -> None:
     world = owlready2.World()
@@ -116,7 +116,7 @@ def test_loading_an_ontology_again_replaces_it_only(fleet: Ontology, ontologies:
     assert fleet.knowledge.instances('UAV') == ('uav1', 'uav2', 'uav3')
 
 
-def test_a_reloaded_ontology_forgets_what_its_file_no_longer_says(tmp_path: Path) -> None:
+def test_a_reloaded_ontology_drops_removed_statements(tmp_path: Path) -> None:
     file = tmp_path / 'a.nt'
     with Ontology() as ontology:
         file.write_text(ontology_text('a'))
@@ -140,7 +140,7 @@ def test_imports_may_be_circular(tmp_path: Path) -> None:
             assert ontology.knowledge.subconcepts(f'Thing_{name}') == (f'Thing_{name}',)
 
 
-def test_an_import_that_is_loaded_already_is_not_looked_for(tmp_path: Path) -> None:
+def test_an_import_that_is_loaded_already_is_not_read(tmp_path: Path) -> None:
     (tmp_path / 'elsewhere').mkdir()
     (tmp_path / 'elsewhere' / 'b.nt').write_text(ontology_text('b'))
     (tmp_path / 'a.nt').write_text(ontology_text('a', 'b'))
@@ -182,7 +182,9 @@ def test_a_malformed_ontology_is_not_loaded_at_all(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize('text', ['not an ontology', '<rdf:RDF', '<a></b>', '', '<html/>'])
-def test_what_is_no_ontology(tmp_path: Path, text: str, capfd: pytest.CaptureFixture[str]) -> None:
+def test_a_file_without_an_ontology(
+    tmp_path: Path, text: str, capfd: pytest.CaptureFixture[str]
+) -> None:
     file = tmp_path / 'a.owl'
     file.write_text(text)
     with Ontology() as ontology:
@@ -193,7 +195,7 @@ def test_what_is_no_ontology(tmp_path: Path, text: str, capfd: pytest.CaptureFix
     assert capfd.readouterr() == ('', '')
 
 
-def test_a_file_that_is_not_there() -> None:
+def test_a_missing_file() -> None:
     with Ontology() as ontology, pytest.raises(SemanticsError) as error:
         ontology.load('/no/such.owl')
     assert error.value.code is ExitCode.NOT_FOUND
@@ -202,7 +204,7 @@ def test_a_file_that_is_not_there() -> None:
     )
 
 
-def test_names_of_what_is_created(fleet: Ontology) -> None:
+def test_names_of_created_entities(fleet: Ontology) -> None:
     fleet.create_concept('Glider', ['UAV'])
     fleet.create_concept('vehicles:Balloon', ['Glider', 'Observer'])
     fleet.create_instance('http://www.example.org/other#uav3', ['Balloon', 'Camera'])
@@ -297,7 +299,7 @@ def test_refused_changes_change_nothing(
     assert snapshot(fleet) == before
 
 
-def test_what_is_destroyed_is_gone(fleet: Ontology) -> None:
+def test_destroyed_entities_leave_no_statements(fleet: Ontology) -> None:
     before = snapshot(fleet)
     fleet.create_concept('Glider', ['UAV'])
     fleet.create_instance('uav3', ['Glider'])
@@ -309,7 +311,7 @@ def test_what_is_destroyed_is_gone(fleet: Ontology) -> None:
     assert not gone
 
 
-def test_what_is_both_a_concept_and_an_instance(tmp_path: Path) -> None:
+def test_an_entity_that_is_both_a_concept_and_an_instance(tmp_path: Path) -> None:
     file = tmp_path / 'a.nt'
     thing = '<http://www.example.org/a#Thing_a>'
     file.write_text(ontology_text('a') + f'{thing} {RDF_TYPE} <{OWL}NamedIndividual> .\n')
@@ -321,7 +323,7 @@ def test_what_is_both_a_concept_and_an_instance(tmp_path: Path) -> None:
         assert 'Thing_a' not in ontology.knowledge.instance_names
 
 
-def test_a_query_gives_names(fleet: Ontology) -> None:
+def test_a_query_returns_names(fleet: Ontology) -> None:
     variables, rows = fleet.query(
         'PREFIX v: <http://www.example.org/vehicles#> '
         'SELECT ?who ?kind ?p WHERE { ?who ?p ?kind . ?kind rdfs:subClassOf v:Vehicle . '
@@ -334,7 +336,7 @@ def test_a_query_gives_names(fleet: Ontology) -> None:
     }
 
 
-def test_a_query_gives_texts_of_values_and_nothing_for_what_is_unbound(fleet: Ontology) -> None:
+def test_a_query_returns_texts_of_values_and_nothing_for_unbound_variables(fleet: Ontology) -> None:
     _, rows = fleet.query(
         'PREFIX d: <http://www.dyknow.org/ontology#> '
         'SELECT ?feature ?unit (1 + 1 AS ?two) WHERE { ?feature d:value_type ?type . '
@@ -379,7 +381,7 @@ def test_a_query_that_does_not_end(tmp_path: Path, answer: str) -> None:
         )
 
 
-def test_others_get_the_same_knowledge_by_a_query(fleet: Ontology) -> None:
+def test_a_query_returns_all_knowledge(fleet: Ontology) -> None:
     triples = [
         (subject, predicate, value) for subject, predicate, value in fleet.query(ALL_TRIPLES)[1]
     ]
@@ -390,7 +392,7 @@ def test_others_get_the_same_knowledge_by_a_query(fleet: Ontology) -> None:
         assert mirrored.instances(sort) == fleet.knowledge.instances(sort)
 
 
-def test_the_store_reads_what_the_query_asks_for(tmp_path: Path, ontologies: Path) -> None:
+def test_the_store_returns_the_solutions_of_the_query(tmp_path: Path, ontologies: Path) -> None:
     with Ontology(tmp_path / 'store') as ontology:
         ontology.load(ontologies / 'fleet.owl')
         ontology.load(ontologies / 'harbour.ttl')
@@ -421,7 +423,7 @@ def test_a_store_survives(tmp_path: Path, ontologies: Path) -> None:
         assert 'Glider' not in ontology.knowledge.concept_names
 
 
-def test_what_is_answered_is_stored_even_if_nobody_closes(tmp_path: Path) -> None:
+def test_a_change_is_stored_before_the_method_returns(tmp_path: Path) -> None:
     store, copy = tmp_path / 'store', tmp_path / 'copy'
     with Ontology(store) as ontology:
         ontology.create_concept('Vehicle', ['Object'])
@@ -457,7 +459,7 @@ def test_nothing_is_printed(fleet: Ontology, capfd: pytest.CaptureFixture[str]) 
     assert capfd.readouterr() == ('', '')
 
 
-def test_ontologies_are_apart_from_each_other(fleet: Ontology) -> None:
+def test_ontologies_are_independent_of_each_other(fleet: Ontology) -> None:
     with Ontology() as other:
         other.create_concept('UAV', ['Object'])
         assert other.knowledge.subconcepts('UAV') == ('UAV',)

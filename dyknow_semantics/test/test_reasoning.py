@@ -1,4 +1,4 @@
-"""What reasoners for the whole of OWL find, and what they refuse."""
+"""The results and the errors of reasoners for the whole of OWL."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def harbour(ontologies: Path) -> Iterator[Ontology]:
 
 
 def reason(ontology: Ontology, more: str = '') -> None:
-    """Adds what HermiT finds; with some more text it must not."""
+    """Add the statements that HermiT derives from an ontology and some more text."""
     documents = (
         read_with_imports(OntologySource('more', f'{MORE}{more}'.encode()), ()) if more else ()
     )
@@ -48,7 +48,7 @@ def reason(ontology: Ontology, more: str = '') -> None:
 
 
 @needs_java
-def test_what_follows_from_restrictions(harbour: Ontology) -> None:
+def test_consequences_of_restrictions(harbour: Ontology) -> None:
     assert harbour.knowledge.instances('Carrier') == ()
     reason(harbour)
     assert harbour.knowledge.instances('Carrier') == ('anna',)
@@ -60,7 +60,9 @@ def test_what_follows_from_restrictions(harbour: Ontology) -> None:
 
 
 @needs_java
-def test_what_was_entailed_is_kept_until_it_is_replaced(tmp_path: Path, ontologies: Path) -> None:
+def test_entailed_statements_are_kept_until_they_are_replaced(
+    tmp_path: Path, ontologies: Path
+) -> None:
     with Ontology(tmp_path / 'store') as ontology:
         ontology.load(ontologies / 'harbour.ttl')
         reason(ontology)
@@ -98,7 +100,7 @@ def test_what_was_entailed_is_kept_until_it_is_replaced(tmp_path: Path, ontologi
         ),
     ],
 )
-def test_what_contradicts_itself(harbour: Ontology, more: str, message: str) -> None:
+def test_contradictions(harbour: Ontology, more: str, message: str) -> None:
     with pytest.raises(SemanticsError) as error:
         reason(harbour, more)
     assert error.value.code is ExitCode.INVALID_ARGUMENT
@@ -106,7 +108,7 @@ def test_what_contradicts_itself(harbour: Ontology, more: str, message: str) -> 
     assert 'Hybrid' not in harbour.knowledge.concept_names
 
 
-def test_what_followed_from_a_draft_may_no_longer_hold(harbour: Ontology) -> None:
+def test_the_result_for_an_outdated_draft_is_dropped(harbour: Ontology) -> None:
     entailed = ((f'{HARBOUR}anna', RDF_TYPE, f'{HARBOUR}Carrier'),)
     draft = harbour.draft()
     harbour.create_instance('berta', ['Ship'])
@@ -132,24 +134,24 @@ def test_a_reasoner_that_takes_too_long(harbour: Ontology) -> None:
 
 
 @needs_java
-def test_a_reasoner_that_is_stopped_answers(harbour: Ontology) -> None:
+def test_a_stopped_reasoner_raises_an_error(harbour: Ontology) -> None:
     process = ReasonerProcess(Reasoner.HERMIT, 60.0)
-    complaints: list[str] = []
+    messages: list[str] = []
 
     def ask() -> None:
         try:
             process.infer(harbour.draft())
         except SemanticsError as error:
-            complaints.append(error.message)
+            messages.append(error.message)
 
-    asking = threading.Thread(target=ask)
-    asking.start()
+    caller = threading.Thread(target=ask)
+    caller.start()
     process.stop()
-    asking.join(30.0)
-    assert complaints == ["the reasoner 'hermit' has failed: it was stopped"]
+    caller.join(30.0)
+    assert messages == ["the reasoner 'hermit' has failed: it was stopped"]
 
 
-def test_a_reasoner_ends_with_whoever_asked_it() -> None:
+def test_a_reasoner_ends_with_its_parent_process() -> None:
     program = (
         f'{sys.executable} -m dyknow_semantics.ontology.reasoner_program hermit <&0 & echo $!; wait'
     )
@@ -159,11 +161,11 @@ def test_a_reasoner_ends_with_whoever_asked_it() -> None:
         stdout=subprocess.PIPE,
         text=True,
         start_new_session=True,
-    ) as asking:
-        assert asking.stdout is not None
-        reasoner = Path('/proc', asking.stdout.readline().strip())
+    ) as caller:
+        assert caller.stdout is not None
+        reasoner = Path('/proc', caller.stdout.readline().strip())
         assert reasoner.exists()
-        asking.kill()
+        caller.kill()
         # It ends though it still waits for the text.
         end = time.monotonic() + 30.0
         while reasoner.exists() and ' Z ' not in (reasoner / 'stat').read_text():

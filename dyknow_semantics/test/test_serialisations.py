@@ -1,4 +1,4 @@
-"""The forms of OWL, and the prefixes that ontologies declare."""
+"""The serialisations of OWL, and the prefixes that ontologies declare."""
 
 from __future__ import annotations
 
@@ -75,7 +75,7 @@ uav:Altitude a owl:Class ; rdfs:subClassOf dyknow:Feature ;
     ('name', 'text'),
     [('a.owl', RDF_XML), ('a.owl', OWL_XML), ('a.ttl', TURTLE), ('a.owl', TURTLE)],
 )
-def test_forms_that_say_the_same(tmp_path: Path, name: str, text: str) -> None:
+def test_serialisations_are_equivalent(tmp_path: Path, name: str, text: str) -> None:
     (tmp_path / name).write_text(text)
     with Ontology() as ontology:
         ontology.load(tmp_path / name)

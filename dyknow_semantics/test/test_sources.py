@@ -1,4 +1,4 @@
-"""Where ontologies come from; the web is a server in this process."""
+"""The sources of ontologies; the web is a server in this process."""
 
 from __future__ import annotations
 
@@ -76,7 +76,7 @@ def test_an_import_on_the_web_is_loaded_if_asked_for(web: str, tmp_path: Path) -
         assert ontology.knowledge.subconcepts('Local') == ('Local',)
 
 
-def test_an_import_of_an_ontology_on_the_web_comes_from_there_too(web: str) -> None:
+def test_an_import_of_an_ontology_on_the_web_is_downloaded_too(web: str) -> None:
     with Ontology() as ontology:
         ontology.load(f'{web}/importing')
         assert ontology.knowledge.subconcepts('Importing') == ('Importing',)
