@@ -176,7 +176,7 @@ def test_streams_follow_what_they_are_made_from(nodes: StreamNodes) -> None:
     nodes.wait_for_samples()
 
 
-def test_an_engine_that_was_only_out_of_reach(nodes: StreamNodes) -> None:
+def test_an_engine_that_was_unreachable(nodes: StreamNodes) -> None:
     start_two(nodes)
     make_chain(nodes)
     nodes.signal(ONE, signal.SIGSTOP)

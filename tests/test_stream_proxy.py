@@ -1,4 +1,4 @@
-"""StreamProxy on real topics: what comes, what is dropped, and how it follows the publishers."""
+"""StreamProxy on real topics: samples, drops, and publishers that come and go."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ rclpy.spin(node)
 
 
 class Recording:
-    """A proxy, and all that it told."""
+    """A proxy, and all that it reported."""
 
     def __init__(self, client: Client, stream: str, **arguments: Any) -> None:
         self.samples: list[Sample] = []
@@ -65,7 +65,7 @@ class Recording:
 
 
 def wait_until_heard(client: Client, recording: Recording, publisher: Any, message: Any) -> None:
-    """Publishes until it comes through."""
+    """Publish until a sample arrives."""
     count = len(recording.samples)
 
     def heard() -> bool:
@@ -81,7 +81,7 @@ def flooded(
     message: Callable[[int], Any],
     is_lost: Callable[[Recording], bool],
 ) -> Recording:
-    """A proxy with room for one message, to which numbered ones come until some are lost."""
+    """A proxy with a queue of one message, which receives numbered ones until some are lost."""
     publisher = client.node.create_publisher(message_type, '/a', RELIABLE)
     recording = Recording(client, '/a', quality_of_service=QoSProfile(depth=1))
     numbers = itertools.count(1)
@@ -104,7 +104,7 @@ def odometry(stamp: int, x: float = 0.0) -> Odometry:
 
 @contextmanager
 def other_process() -> Iterator[None]:
-    """Another process publishes floats on /a, with the best effort."""
+    """A process that publishes floats on /a, with best effort."""
     # In one process the middleware allows a topic one type.
     with subprocess.Popen([sys.executable, '-c', OTHER_PROCESS], start_new_session=True) as process:
         try:
@@ -115,7 +115,7 @@ def other_process() -> Iterator[None]:
 
 @pytest.fixture
 def entities(client: Client) -> Iterator[None]:
-    """Nothing is left on the node."""
+    """Assert that no subscription or timer is left on the node."""
 
     def count() -> tuple[int, int]:
         return len(list(client.node.subscriptions)), len(list(client.node.timers))
@@ -165,7 +165,7 @@ def test_a_topic_is_waited_for(client: Client) -> None:
     recording.proxy.destroy()
 
 
-def test_with_a_type_the_first_message_is_heard(client: Client) -> None:
+def test_with_a_type_the_first_message_is_received(client: Client) -> None:
     recording = Recording(client, '/a', message_type=Float64)
     publisher = client.node.create_publisher(Float64, '/a', RELIABLE)
     client.spin_until(lambda: publisher.get_subscription_count() == 1, 'the match')
@@ -174,13 +174,13 @@ def test_with_a_type_the_first_message_is_heard(client: Client) -> None:
     assert recording.values() == [1.0]
 
 
-def test_with_a_type_a_weaker_publisher_is_heard(client: Client) -> None:
+def test_with_a_type_a_weaker_publisher_is_received(client: Client) -> None:
     recording = Recording(client, '/a', message_type=Float64)
     publisher = client.node.create_publisher(Float64, '/a', BEST_EFFORT)
     wait_until_heard(client, recording, publisher, Float64())
 
 
-def test_a_weaker_publisher_that_joins_is_heard(client: Client) -> None:
+def test_a_weaker_publisher_that_joins_is_received(client: Client) -> None:
     reliable = client.node.create_publisher(Float64, '/a', LATCHED)
     recording = Recording(client, '/a')
     reliable.publish(Float64(data=1.0))
@@ -346,7 +346,7 @@ def test_several_publishers_of_one_topic_lose_nothing(client: Client) -> None:
     assert 'source' not in recording.broken()
 
 
-def test_violations_of_a_stream_reach_who_is_made_of_it(client: Client) -> None:
+def test_violations_of_a_stream_reach_the_streams_made_from_it(client: Client) -> None:
     client.node.create_publisher(SampleMessage, '/a', RELIABLE)
     violations = client.node.create_publisher(ConstraintViolation, '/a/violations', VIOLATIONS)
 

@@ -1,4 +1,4 @@
-"""The two nodes of streams, by themselves and together: all their services and refusals."""
+"""The stream manager and the engine, alone and together: all their services and errors."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ EXISTING = ExitStatus.ALREADY_EXISTS
 
 
 def create(nodes: Nodes, name: str, text: str, node: str = ENGINE) -> list[Any]:
-    """Has a stream made; its samples, as they come."""
+    """Create a stream, and return the list that receives its samples."""
     spec = StreamSpec(name=name, specification=text)
     made = nodes.obtain(node, srv.StreamCreateFromSpec, spec=spec)
     assert made.stream_topic == f'/dyknow/streams/{name}'
@@ -54,7 +54,7 @@ def streams(nodes: Nodes, node: str) -> list[str]:
 def assert_not_made(
     nodes: Nodes, node: str, spec: StreamSpec, code: int, words: tuple[str, ...]
 ) -> None:
-    """Asserts that a stream is refused, and that the node has the streams that it had."""
+    """Assert that a stream is refused, and that the streams of the node are unchanged."""
     before = streams(nodes, node)
     answer = nodes.call(node, srv.StreamCreateFromSpec, spec=spec)
     assert_refused(answer.exit_status, code, *words)
@@ -327,7 +327,7 @@ def test_a_stream_that_others_are_made_from_is_not_destroyed(
 
 
 def test_a_published_stream_needs_no_registration(managed: Nodes) -> None:
-    """Its topic is where the naming convention says."""
+    """Its topic follows the naming convention."""
     answer = managed.call(MANAGER, srv.StreamGetTopic, stream_name='external')
     assert_refused(answer.exit_status, MISSING, "'external'")
     source = managed.client.node.create_publisher(Sample, '/dyknow/streams/external', LATCHED)
@@ -344,7 +344,7 @@ def test_a_published_stream_needs_no_registration(managed: Nodes) -> None:
 
 
 def test_what_streams_have_in_common_is_done_once(engine: Nodes) -> None:
-    """Two streams over one topic make one subscription, which goes with the last of them."""
+    """Two streams of one topic share a subscription, which ends with the last of them."""
     client = engine.client
     source = client.node.create_publisher(Float64, '/shared', 10)
     timer = client.node.create_timer(0.02, lambda: source.publish(Float64(data=1.0)))
@@ -365,7 +365,7 @@ def test_what_streams_have_in_common_is_done_once(engine: Nodes) -> None:
     timer.cancel()
 
 
-def test_the_engine_tells_what_becomes_of_its_streams(engine: Nodes) -> None:
+def test_the_engine_reports_its_streams(engine: Nodes) -> None:
     reports = engine.collect(StreamStatusArray, f'/{ENGINE}/streams', LATEST)
     text = 'stream told = select data from "/told" with max_delay = 1 s'
     samples = create(engine, 'told', text)
@@ -406,8 +406,8 @@ def test_the_engine_tells_what_becomes_of_its_streams(engine: Nodes) -> None:
     engine.client.spin_until(lambda: told() is None, 'it is told no more')
 
 
-def test_who_comes_back_can_tell_how_much_it_missed(engine: Nodes) -> None:
-    """To the middleware, a process that was out of reach for long is a new subscriber."""
+def test_a_subscriber_that_was_unreachable_counts_missed_samples(engine: Nodes) -> None:
+    """To the middleware, a process that was unreachable for long is a new subscriber."""
     spec = StreamSpec(name='counted', specification='select data from "/counted"')
     engine.obtain(ENGINE, srv.StreamCreateFromSpec, spec=spec)
     client, values = engine.client, count()

@@ -1,4 +1,4 @@
-"""The streams command, as people run it."""
+"""The streams command on a terminal."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ ENGINE = '/far/stream_processing_engine'
 
 @pytest.fixture(scope='module')
 def nodes(tmp_path_factory: pytest.TempPathFactory) -> Iterator[StreamNodes]:
-    """A manager that has a stream made elsewhere, and one that cannot be made."""
+    """A manager with a stream that an engine makes, and one that cannot be made."""
     folder = tmp_path_factory.mktemp('streams')
     hopeless = folder / 'hopeless.streams'
     hopeless.write_text('stream hopeless = select a from nowhere; sink hopeless')
@@ -36,7 +36,7 @@ def nodes(tmp_path_factory: pytest.TempPathFactory) -> Iterator[StreamNodes]:
 
 
 def streams(nodes: StreamNodes, *arguments: str) -> subprocess.CompletedProcess[str]:
-    """Runs the command while the nodes do their work."""
+    """Run the command while the nodes spin."""
     running = start(nodes, *arguments)
     nodes.until(lambda: running.poll() is not None, 'the command ends')
     out, err = running.communicate(timeout=LIMIT)
@@ -110,7 +110,7 @@ def test_a_stream_that_is_not_there(nodes: StreamNodes) -> None:
 def test_a_namespace_without_a_manager(nodes: StreamNodes) -> None:
     shown = streams(nodes, '--timeout', '5 s', '--ros-args', '-r', '__ns:=/robot9')
     assert shown.returncode == 2
-    assert 'nothing was heard of /robot9/stream_manager within 5 s' in shown.stderr
+    assert 'no report of /robot9/stream_manager within 5 s' in shown.stderr
     assert f'there are: {ENGINE}, /stream_manager' in shown.stderr
     assert 'Traceback' not in shown.stderr
 
@@ -124,7 +124,7 @@ def test_a_manager_in_a_namespace_that_has_nothing(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize('arguments', [[], ['--json'], ['level']])
-def test_watching_until_one_has_seen_enough(nodes: StreamNodes, arguments: list[str]) -> None:
+def test_watching(nodes: StreamNodes, arguments: list[str]) -> None:
     running = start(nodes, '--watch', *arguments)
     assert running.stdout is not None
     first = running.stdout.readline()

@@ -1,4 +1,4 @@
-"""The modules that the command writes, and what it refuses."""
+"""The modules that the command writes, and its errors."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a subscription asks of publishers that come and go."""
+"""The requests of a subscription to publishers that come and go."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ OFFERS = st.builds(
 
 
 @given(st.lists(OFFERS, min_size=1))
-def test_every_publisher_is_heard(offers: list[Publication]) -> None:
+def test_every_publisher_matches(offers: list[Publication]) -> None:
     held = None
     for found in offers:
         held = next_request(held, found)
@@ -30,8 +30,8 @@ def test_every_publisher_is_heard(offers: list[Publication]) -> None:
 
 
 @given(OFFERS, st.lists(OFFERS, min_size=1))
-def test_nothing_is_heard_twice(first: Publication, others: list[Publication]) -> None:
-    """As long as a publisher stays, whoever subscribes anew does not ask for what was kept."""
+def test_nothing_is_received_twice(first: Publication, others: list[Publication]) -> None:
+    """While a publisher stays, a new subscription does not request the messages that it kept."""
     held = first
     for found in others:
         staying = replace(
@@ -41,13 +41,13 @@ def test_nothing_is_heard_twice(first: Publication, others: list[Publication]) -
         assert before.suits(held) or not held.latched
 
 
-def test_other_publishers_are_matched_anew() -> None:
+def test_other_publishers_are_matched_again() -> None:
     weak = Publication('a/msg/A', frozenset({(1,)}), reliable=False)
     strong = Publication('a/msg/A', frozenset({(2,)}), latched=True)
     assert next_request(weak, strong) == strong
 
 
-def test_a_stronger_publisher_is_no_reason_to_subscribe_anew() -> None:
+def test_a_stronger_publisher_is_no_reason_to_subscribe_again() -> None:
     weak = Publication('a/msg/A', frozenset({(1,)}), reliable=False)
     both = Publication('a/msg/A', frozenset({(1,), (2,)}), reliable=False)
     strong = replace(weak, reliable=True)

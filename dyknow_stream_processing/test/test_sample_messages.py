@@ -1,4 +1,4 @@
-"""Samples that are written one after the other into the same message."""
+"""Samples that are written into the same message."""
 
 from __future__ import annotations
 
@@ -20,12 +20,12 @@ SAMPLES = st.lists(st.builds(Sample, TIMES, TIMES, st.dictionaries(NAMES, VALUES
 
 
 @given(SAMPLES)
-def test_a_message_that_is_used_again_is_as_a_new_one(samples: Sequence[Sample]) -> None:
+def test_a_reused_message_equals_a_new_one(samples: Sequence[Sample]) -> None:
     writer = SampleWriter()
     for sample in samples:
         again, new = writer.write(sample), sample_to_message(sample)
         assert again == new
-        # What a publisher sends; the bytes between the fields are whatever was in memory.
+        # A publisher sends these; the bytes between the fields are whatever was in memory.
         assert deserialize_message(serialize_message(again), SampleMessage) == new
         assert again.header.stamp == again.valid_time
         assert list(sample_fields(again)) == list(sample.fields)

@@ -1,4 +1,4 @@
-"""Losses told by the numbers of messages."""
+"""Gaps in the sequence numbers of messages."""
 
 from __future__ import annotations
 
@@ -9,25 +9,25 @@ from dyknow_stream_processing.ros.topics.sequence_gaps import SequenceGaps
 
 
 class Topic:
-    """A topic whose publishers come and go, and what is told of its messages."""
+    """A topic whose publishers come and go, with the gaps that are reported."""
 
     def __init__(self, *publishers: str) -> None:
         self.publishers = frozenset(publishers)
         self.missed: list[int] = []
-        self._numbering = SequenceGaps(lambda: self.publishers, self.missed.append)
+        self._gaps = SequenceGaps(lambda: self.publishers, self.missed.append)
 
     def note(self, *numbers: int | None) -> list[int]:
-        """What is told once these messages have come too."""
+        """Return all gaps reported so far, these messages included."""
         for number in numbers:
-            self._numbering.note(number)
+            self._gaps.note(number)
         return self.missed
 
 
 @given(st.sets(st.integers(1, 50), min_size=1))
 def test_every_message_that_is_missing_between_two_is_counted(numbers: set[int]) -> None:
-    told = Topic('a').note(*sorted(numbers))
-    assert sum(told) == max(numbers) - min(numbers) + 1 - len(numbers)
-    assert 0 not in told
+    reported = Topic('a').note(*sorted(numbers))
+    assert sum(reported) == max(numbers) - min(numbers) + 1 - len(numbers)
+    assert 0 not in reported
 
 
 def test_numbers_that_begin_anew() -> None:
@@ -37,7 +37,7 @@ def test_numbers_that_begin_anew() -> None:
 
 @given(st.lists(st.sampled_from('abc')))
 def test_each_publisher_counts_for_itself(order: list[str]) -> None:
-    """Nothing is missed in whichever order their messages come."""
+    """There is no gap, in any order of their messages."""
     following = {'a': 2000, 'b': 1000, 'c': 1}
     topic = Topic(*following)
     for name in [*'abc', *order]:
@@ -46,11 +46,11 @@ def test_each_publisher_counts_for_itself(order: list[str]) -> None:
     assert topic.missed == []
 
 
-def test_one_that_is_heard_late_may_be_one_that_has_lost_some() -> None:
+def test_a_publisher_that_was_silent_may_be_one_with_a_gap() -> None:
     assert Topic('a', 'b').note(1, 2, 57, 3, 58) == [0]
 
 
-def test_a_successor_is_told_while_the_killed_one_is_listed_still() -> None:
+def test_a_successor_is_reported_while_the_killed_one_is_still_listed() -> None:
     topic = Topic('killed')
     topic.note(55, 56)
     topic.publishers = frozenset({'killed', 'successor'})

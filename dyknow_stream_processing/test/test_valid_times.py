@@ -1,4 +1,4 @@
-"""Where the valid time of a message is."""
+"""The valid time of a message."""
 
 from __future__ import annotations
 

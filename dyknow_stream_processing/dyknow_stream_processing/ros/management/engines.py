@@ -40,25 +40,22 @@ class Engines:
         on_report: Callable[[str], None],
         on_lost: Callable[[str], None],
     ) -> None:
+        self.remotes: dict[str, RemoteNode] = {}
+        """All engines that were ever found, by name."""
         self._node = node
         self._on_report = on_report
         self._on_lost = on_lost
-        self._remotes: dict[str, RemoteNode] = {}
         self._found_at: dict[str, int] = {}
         self._reports: dict[str, Mapping[str, StreamReport]] = {}
         node.create_timer(discovery_period_s, self._discover, clock=node.wall_clock)
 
-    def known(self) -> tuple[str, ...]:
-        """Return the names of all engines that were ever found."""
-        return tuple(self._remotes)
-
     def ready(self) -> tuple[str, ...]:
         """Return the engines that are alive and have reported their streams."""
-        return tuple(filter(self.is_ready, self._remotes))
+        return tuple(filter(self.is_ready, self.remotes))
 
     def is_ready(self, name: str) -> bool:
         """Return True if an engine is alive and has reported its streams."""
-        return self._remotes[name].alive and name in self._reports
+        return self.remotes[name].alive and name in self._reports
 
     def awaits_report(self) -> bool:
         """Return True while an engine that was just found has yet to report its streams."""
@@ -72,14 +69,6 @@ class Engines:
         """Return the latest reports of an engine, by stream name."""
         return self._reports.get(name, {})
 
-    async def call(self, name: str, service_type: Any, **fields: Any) -> Any:
-        """Return the response of an engine's service.
-
-        Raises:
-            DyKnowError: as `RemoteNode.call` does.
-        """
-        return await self._remotes[name].call(service_type, **fields)
-
     def _discover(self) -> None:
         services = dict(self._node.get_service_names_and_types())
         for service, types in services.items():
@@ -87,14 +76,14 @@ class Engines:
             is_manager = f'{name}{_MANAGER_SERVICE}' in services
             if name == service or _SERVICE_TYPE not in types or is_manager:
                 continue
-            if name not in self._remotes:
+            if name not in self.remotes:
                 self._add(name)
 
     def _add(self, name: str) -> None:
         remote = RemoteNode(self._node, name, services=_SERVICES)
         remote.on_found.append(partial(self._on_engine_found, name))
         remote.on_lost.append(partial(self._on_engine_lost, name))
-        self._remotes[name] = remote
+        self.remotes[name] = remote
         self._on_engine_found(name)
         self._node.create_subscription(
             StreamStatusArray,
@@ -117,5 +106,5 @@ class Engines:
 
     def _on_message(self, name: str, message: Any) -> None:
         self._reports[name] = {each.name: report_from_message(each) for each in message.streams}
-        if self._remotes[name].alive:
+        if self.remotes[name].alive:
             self._on_report(name)

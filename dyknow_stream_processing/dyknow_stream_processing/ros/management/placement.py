@@ -152,7 +152,7 @@ class Placement:
         """Update the registry with the streams of an engine."""
         version = self._registry.version
         try:
-            response = await self._engines.call(engine, ListStreams)
+            response = await self._engines.remotes[engine].call(ListStreams)
         except DyKnowError as error:
             self._node.get_logger().info(str(error))
             return
@@ -275,7 +275,7 @@ class Placement:
         while True:
             engine = self._registry.least_loaded(self._engines.ready())
             if engine is None:
-                raise engines_missing(self._engines.known())
+                raise engines_missing(self._engines.remotes)
             try:
                 return await self._make_on(stream, engine)
             except DyKnowError as error:
@@ -304,7 +304,7 @@ class Placement:
     async def _request(self, stream: CreatedStream, engine: str, text: str) -> Any:
         constraints = constraints_to_message(stream.constraints)
         spec = StreamSpec(name=stream.name, specification=text, constraints=constraints)
-        response = await self._engines.call(engine, StreamCreateFromSpec, spec=spec)
+        response = await self._engines.remotes[engine].call(StreamCreateFromSpec, spec=spec)
         if not self._engines.is_ready(engine):
             raise DyKnowError(f'node {engine} has died', ExitCode.UNAVAILABLE)
         return response
@@ -318,7 +318,7 @@ class Placement:
     async def _destroy_on(self, engine: str, name: str) -> None:
         """Have an engine destroy a stream; succeed if the engine or the stream is gone."""
         try:
-            await self._engines.call(engine, StreamDestroy, stream_name=name)
+            await self._engines.remotes[engine].call(StreamDestroy, stream_name=name)
         except DyKnowError as error:
             if error.code in _NO_RESPONSE:
                 self._unwanted.add((engine, name))

@@ -138,38 +138,29 @@ def with_imports(functions: str) -> str:
 
 @dataclass(frozen=True, slots=True)
 class _CodePosition:
-    """A position in a message.
-
-    Args:
-        path: the path to it; indexes are variables, `points[{i}]`.
-        expression: the Python expression for it, `points_i`.
-        depth: the number of arrays around it.
-    """
+    """A position in a message: its path `points[{i}]` and its expression `points_i` in Python."""
 
     path: str
     expression: str
-    depth: int = 0
 
     @property
     def literal(self) -> str:
-        """The path as a Python string."""
-        return f"{'f' * (self.depth > 0)}'{self.path}'"
+        return f"{'f' * ('{' in self.path)}'{self.path}'"
 
     def member(self, name: str) -> _CodePosition:
-        """Return the position of a member of the message here."""
         path = f'{self.path}.{name}' if self.path else name
-        return _CodePosition(path, f'{self.expression}.{name}', self.depth)
+        return _CodePosition(path, f'{self.expression}.{name}')
 
     @property
     def index(self) -> str:
         """The loop variable for the array here."""
-        return 'ijkmnopqrstuvwxyz'[self.depth]
+        return 'ijkmnopqrstuvwxyz'[self.path.count('{')]
 
     @property
     def element(self) -> _CodePosition:
         """The position of an element of the array here, in a loop over it."""
         variable = f'{self.expression.rpartition(".")[2]}_{self.index}'
-        return _CodePosition(f'{self.path}[{{{self.index}}}]', variable, self.depth + 1)
+        return _CodePosition(f'{self.path}[{{{self.index}}}]', variable)
 
 
 _MESSAGE: Final = _CodePosition('', 'message')

@@ -12,7 +12,7 @@ from dyknow_common import SECOND_NS, Value, ValueType
 from dyknow_stream_processing.errors import StreamError
 from dyknow_stream_processing.sample import Sample
 
-_FORMATTERS: Final[Mapping[type, tuple[str, Callable[[Any], str]]]] = {
+_FORMATS: Final[Mapping[type, tuple[str, Callable[[Any], str]]]] = {
     float: (ValueType.FLOAT.value, repr),
     int: (ValueType.INT.value, repr),
     str: (ValueType.STRING.value, str),
@@ -37,8 +37,7 @@ class SampleWriter:
     def __init__(self) -> None:
         self._message: Any = SampleMessage()
         self._message.header.stamp = self._message.valid_time
-        self._names: tuple[str, ...] = ()
-        self._types: list[type] = []
+        self._layout: tuple[list[str], list[type]] = ([], [])
         self._formatters: list[tuple[Any, Callable[[Any], str]]] = []
 
     def write(self, sample: Sample) -> Any:
@@ -46,22 +45,18 @@ class SampleWriter:
         message, fields = self._message, sample.fields
         _set_time(message.valid_time, sample.valid_time)
         _set_time(message.available_time, sample.available_time)
-        names, types = tuple(fields), list(map(type, fields.values()))
-        if names != self._names or types != self._types:
-            self._set_layout(names, types)
-        for (field, text), value in zip(self._formatters, fields.values(), strict=True):
-            field.value = text(value)
+        layout = list(fields), list(map(type, fields.values()))
+        if layout != self._layout:
+            formats = zip(fields, map(_FORMATS.__getitem__, layout[1]), strict=True)
+            self._formatters = [
+                (FieldMessage(type=type_name, name=name), formatter)
+                for name, (type_name, formatter) in formats
+            ]
+            self._layout = layout
+            message.fields = [field for field, _ in self._formatters]
+        for (field, formatter), value in zip(self._formatters, fields.values(), strict=True):
+            field.value = formatter(value)
         return message
-
-    def _set_layout(self, names: tuple[str, ...], types: list[type]) -> None:
-        formatters = [
-            (FieldMessage(type=type_name, name=name), text)
-            for name, (type_name, text) in zip(
-                names, map(_FORMATTERS.__getitem__, types), strict=True
-            )
-        ]
-        self._names, self._types, self._formatters = names, types, formatters
-        self._message.fields = [field for field, _ in formatters]
 
 
 def _set_time(message: Any, nanoseconds: int) -> None:

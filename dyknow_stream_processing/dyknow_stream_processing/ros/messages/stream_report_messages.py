@@ -10,7 +10,7 @@ from dyknow_interfaces.msg import StreamDrop, StreamSource, StreamStatus, Stream
 from dyknow_common.ros import (
     LATCHED,
     NO_PUBLISHER_EVENTS,
-    PULSE,
+    TICK_PERIOD_S,
     DyKnowNode,
     constraints_from_message,
     constraints_to_message,
@@ -70,7 +70,7 @@ class StreamReportPublisher:
         """Publish a report soon; simultaneous changes share one."""
         if not self._due:
             self._due = True
-            self._node.deadlines.after(PULSE).add_done_callback(lambda _: self._publish())
+            self._node.deadlines.after(TICK_PERIOD_S).add_done_callback(lambda _: self._publish())
 
     def _end_period(self) -> None:
         self._on_period_end()

@@ -7,6 +7,7 @@ one subscription for each topic, one timer that follows the publishers, and one 
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass, field
 from typing import Any, ClassVar, Final, Protocol, cast
 from weakref import WeakKeyDictionary, proxy
 
@@ -72,7 +73,7 @@ class NodeTopics:
         self.wall_clock = Clock(clock_type=ClockType.STEADY_TIME)
         self.group = ReentrantCallbackGroup()
         self.alarm = Alarm(self._node, self.group)
-        self._feeds: dict[Any, Feed] = {}
+        self._feeds: dict[Any, _Feed] = {}
         self._timer: Any = None
 
     @classmethod
@@ -106,7 +107,8 @@ class NodeTopics:
             # Only a new subscription receives the messages that the publishers keep.
             key = (*key, object())
         if key not in self._feeds:
-            self._feeds[key] = Feed(self, self._node, name, quality_of_service, message_type)
+            required_type = None if message_type is None else type_name_of(message_type)
+            self._feeds[key] = _Feed(self, self._node, name, quality_of_service, required_type)
         feed = self._feeds[key]
         feed.listeners = (*feed.listeners, listener)
 
@@ -145,39 +147,35 @@ class NodeTopics:
             self._timer.reset()
 
 
-class Feed:
+@dataclass(eq=False, slots=True)
+class _Feed:
     """A topic with one subscription, matched to its publishers, for all listeners."""
 
-    def __init__(
-        self,
-        topics: NodeTopics,
-        node: Node,
-        topic: str,
-        quality_of_service: QoSProfile | None,
-        message_type: Any,
-    ) -> None:
-        self.listeners: tuple[MessageListener, ...] = ()
-        self._topics = topics
-        self._node = node
-        self._topic = topic
-        self._quality_of_service = quality_of_service
-        self._required_type = None if message_type is None else type_name_of(message_type)
-        self._request: Publication | None = None
-        self._subscription: Any = None
-        self._relay: ViolationRelay | None = None
-        self._gaps = SequenceGaps(lambda: publishers_of(node, topic), self._on_gap)
-        self._fault = ''
+    topics: NodeTopics
+    node: Node
+    topic: str
+    quality_of_service: QoSProfile | None
+    required_type: str | None
+    listeners: tuple[MessageListener, ...] = ()
+    request: Publication | None = None
+    subscription: Any = None
+    relay: ViolationRelay | None = None
+    gaps: SequenceGaps = field(init=False)
+    fault: str = ''
+
+    def __post_init__(self) -> None:
+        self.gaps = SequenceGaps(lambda: publishers_of(self.node, self.topic), self._on_gap)
 
     @property
     def has_publishers(self) -> bool:
         """True if a publisher of the topic was found."""
-        return self._request is not None and bool(self._request.publishers)
+        return self.request is not None and bool(self.request.publishers)
 
     @property
     def is_latched(self) -> bool:
         """True if the subscription has received what was published before."""
-        request = self._request
-        return self._subscription is not None and request is not None and request.latched
+        request = self.request
+        return self.subscription is not None and request is not None and request.latched
 
     def prepare(self) -> Callable[[], None] | None:
         """Return a function that subscribes again; None if that is not needed."""
@@ -188,68 +186,68 @@ class Feed:
             class_ = message_class(request.type_name)
         except StreamError as error:
             # The graph is read periodically; an error is logged once.
-            if str(error) != self._fault:
-                self._fault = str(error)
-                self._node.get_logger().error(self._fault)
+            if str(error) != self.fault:
+                self.fault = str(error)
+                self.node.get_logger().error(self.fault)
             return None
-        self._fault = ''
+        self.fault = ''
         self._inform(class_)
-        held, self._request = self._request, request
-        if self._relay is not None:
-            self._relay.refresh()
-        if self._subscription is not None and held is not None and request.suits(held):
+        held, self.request = self.request, request
+        if self.relay is not None:
+            self.relay.refresh()
+        if self.subscription is not None and held is not None and request.suits(held):
             return None
         return lambda: self._subscribe(class_, request)
 
     def destroy(self) -> None:
         """Destroy all subscriptions."""
-        if self._subscription is not None:
-            self._node.destroy_subscription(self._subscription)
-            self._subscription = None
-        if self._relay is not None:
-            self._relay.destroy()
-            self._relay = None
+        if self.subscription is not None:
+            self.node.destroy_subscription(self.subscription)
+            self.subscription = None
+        if self.relay is not None:
+            self.relay.destroy()
+            self.relay = None
 
     def _inform(self, class_: Any) -> None:
         for listener in self.listeners:
             try:
                 listener.on_type(class_)
             except StreamError as error:
-                self._node.get_logger().error(f"topic '{self._topic}': {error}")
+                self.node.get_logger().error(f"topic '{self.topic}': {error}")
 
     def _next_request(self) -> Publication | None:
-        found, required = find_publication(self._node, self._topic), self._required_type
+        found, required = find_publication(self.node, self.topic), self.required_type
         if found is None:
-            return self._request or (None if required is None else Publication(required))
+            return self.request or (None if required is None else Publication(required))
         if required not in {None, found.type_name}:
             raise StreamError(
-                f"topic '{self._topic}' is published with the type {found.type_name}, not with "
+                f"topic '{self.topic}' is published with the type {found.type_name}, not with "
                 f'{required} as requested'
             )
-        return next_request(self._request, found)
+        return next_request(self.request, found)
 
     def _subscribe(self, class_: Any, request: Publication) -> None:
         # The middleware refuses two types on one topic: the old subscription goes first.
         self.destroy()
-        group = self._topics.group
+        group = self.topics.group
         if is_sample(class_):
-            self._relay = ViolationRelay(
-                self._node, self._topic, group, self._topics.wall_clock, self._on_violation
+            self.relay = ViolationRelay(
+                self.node, self.topic, group, self.topics.wall_clock, self._on_violation
             )
-            self._relay.refresh()
-        self._subscription = self._node.create_subscription(
+            self.relay.refresh()
+        self.subscription = self.node.create_subscription(
             class_,
-            self._topic,
+            self.topic,
             # The type hints of rclpy omit callbacks with a message info.
             cast('Any', self._on_message),
-            self._quality_of_service or request.quality_of_service,
+            self.quality_of_service or request.quality_of_service,
             callback_group=group,
             event_callbacks=NO_SUBSCRIPTION_EVENTS,
         )
 
     def _on_message(self, message: Any, info: Any) -> None:
-        self._gaps.note(info.get('publication_sequence_number'))
-        now = self._node.get_clock().now().nanoseconds
+        self.gaps.note(info.get('publication_sequence_number'))
+        now = self.node.get_clock().now().nanoseconds
         for listener in self.listeners:
             listener.on_message(message, now)
 
@@ -257,8 +255,8 @@ class Feed:
         if count:
             for listener in self.listeners:
                 listener.on_lost(count)
-        if self._relay is not None:
-            self._relay.report_gap(count)
+        if self.relay is not None:
+            self.relay.report_gap(count)
 
     def _on_violation(self, violation: Violation) -> None:
         for listener in self.listeners:

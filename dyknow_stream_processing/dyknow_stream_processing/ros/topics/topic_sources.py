@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Mapping
+from dataclasses import dataclass, field
 from typing import Any, Final
 
 from rclpy.clock import JumpThreshold
@@ -148,81 +149,71 @@ class TopicSources:
         self._schedule()
 
 
+@dataclass(eq=False, slots=True)
 class _Source:
     """Listener that converts the messages of a topic to samples of a dataflow."""
 
-    def __init__(
-        self,
-        node: Node,
-        topic: str,
-        fields: Collection[str],
-        valid_time_field: str | None,
-        dataflow: Dataflow,
-        schedule: Callable[[], None],
-    ) -> None:
-        self.received = 0
-        self.latest: int | None = None
-        self._node = node
-        self._topic = topic
-        self._fields = fields
-        self._valid_time_field = valid_time_field
-        self._dataflow = dataflow
-        self._schedule = schedule
-        self._zero_warning = Throttle(WARNING_PERIOD_S)
-        self._class: Any = None
-        self._read_valid_time: Callable[[Any], int] | None = None
-        self._extract: Callable[[Any], Mapping[str, Value]] | None = None
+    node: Node
+    topic: str
+    fields: Collection[str]
+    valid_time_field: str | None
+    dataflow: Dataflow
+    schedule: Callable[[], None]
+    received: int = 0
+    latest: int | None = None
+    zero_warning: Throttle = field(default_factory=lambda: Throttle(WARNING_PERIOD_S))
+    class_: Any = None
+    read_valid_time: Callable[[Any], int] | None = None
+    extract: Callable[[Any], Mapping[str, Value]] | None = None
 
     def set_fields(self, fields: Collection[str]) -> None:
-        if fields != self._fields:
-            self._fields = fields
-            if self._extract is not None:
-                self._extract = _extractor(self._class, fields)
+        if fields != self.fields:
+            self.fields = fields
+            if self.extract is not None:
+                self.extract = _extractor(self.class_, fields)
 
     def on_type(self, class_: Any) -> None:
-        if class_ is self._class:
+        if class_ is self.class_:
             return
-        self._class, self._extract = class_, None
-        type_ = _type_of_class(class_, self._valid_time_field)
-        self._read_valid_time = valid_time_reader(class_, self._valid_time_field)
-        self._extract = _extractor(class_, self._fields)
-        self._dataflow.set_source_type(self._topic, type_)
+        self.class_, self.extract = class_, None
+        type_ = _type_of_class(class_, self.valid_time_field)
+        self.read_valid_time = valid_time_reader(class_, self.valid_time_field)
+        self.extract = _extractor(class_, self.fields)
+        self.dataflow.set_source_type(self.topic, type_)
 
     def on_message(self, message: Any, now: int) -> None:
         self.received += 1
         self.latest = now
-        if self._extract is None:
+        if self.extract is None:
             return  # The type cannot be used, which is logged.
-        valid_time = now if self._read_valid_time is None else self._read_valid_time(message)
+        valid_time = now if self.read_valid_time is None else self.read_valid_time(message)
         if valid_time <= 0:
             if valid_time < 0:
                 self._reject(valid_time, now, 'it is stamped with a time before 1970')
                 return
-            if self._zero_warning.is_due():
-                self._node.get_logger().warning(
-                    f"topic '{self._topic}' leaves its stamps at zero: the time of receipt is used"
+            if self.zero_warning.is_due():
+                self.node.get_logger().warning(
+                    f"topic '{self.topic}' leaves its stamps at zero: the time of receipt is used"
                 )
             valid_time = now
         try:
-            sample = Sample(valid_time, now, self._extract(message))
+            sample = Sample(valid_time, now, self.extract(message))
         except StreamError as error:
             self._reject(valid_time, now, str(error))
             return
-        self._dataflow.push(self._topic, sample)
-        self._schedule()
+        self.dataflow.push(self.topic, sample)
+        self.schedule()
 
     def on_lost(self, count: int) -> None:
-        self._dataflow.drop(self._topic, ViolationKind.LOST, count)
+        self.dataflow.drop(self.topic, ViolationKind.LOST, count)
 
     def on_violation(self, violation: Violation) -> None:
-        self._dataflow.report(self._topic, violation)
+        self.dataflow.report(self.topic, violation)
 
     def _reject(self, valid_time: int, now: int, fault: str) -> None:
-        text = f"stream '{self._topic}': a message cannot be used: {fault}"
-        self._dataflow.drop(self._topic, ViolationKind.MESSAGE)
-        self.on_violation(
-            Violation(self._topic, ViolationKind.MESSAGE, valid_time, now, 0, 0, text)
-        )
+        text = f"stream '{self.topic}': a message cannot be used: {fault}"
+        self.dataflow.drop(self.topic, ViolationKind.MESSAGE)
+        self.on_violation(Violation(self.topic, ViolationKind.MESSAGE, valid_time, now, 0, 0, text))
 
 
 def _extractor(class_: Any, fields: Collection[str]) -> Callable[[Any], Mapping[str, Value]]:

@@ -21,8 +21,8 @@ from rclpy.node import Node
 
 from dyknow_common import SECOND_NS
 from dyknow_common.ros import (
-    FIRST_SIGN,
-    GRACE,
+    FIRST_ASSERTION_S,
+    GRACE_S,
     VIOLATIONS,
     AliveCount,
     time_to_nanoseconds,
@@ -67,7 +67,7 @@ class ViolationRelay:
         """Subscribe to the violations once they are published, and check the liveliness."""
         topic = violations_topic(self._topic)
         if self._subscription is None and self._node.count_publishers(topic):
-            self._expect_sign_within(FIRST_SIGN)
+            self._expect_assertion_within(FIRST_ASSERTION_S)
             self._subscription = self._node.create_subscription(
                 ConstraintViolation,
                 topic,
@@ -99,12 +99,12 @@ class ViolationRelay:
             self._report(ViolationKind.SOURCE, text)
 
     def _on_liveliness(self, event: Any) -> None:
-        if self._alive.note(event):
+        if self._alive.update(event):
             self._lost_after = None
         else:
-            self._expect_sign_within(GRACE)
+            self._expect_assertion_within(GRACE_S)
 
-    def _expect_sign_within(self, seconds: float) -> None:
+    def _expect_assertion_within(self, seconds: float) -> None:
         self._lost_after = self._wall_clock.now().nanoseconds + round(seconds * SECOND_NS)
 
     def _on_message(self, message: Any) -> None:
