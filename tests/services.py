@@ -16,22 +16,11 @@ from rclpy.qos import DurabilityPolicy, QoSProfile
 from std_msgs.msg import Float64
 
 from dyknow_bringup.processes.launcher import Launcher
-from dyknow_bringup.processes.processes import Process
+from dyknow_bringup.processes.processes import PACKAGES, Process
 from system import Client, private_environment
 
 LATCHED = QoSProfile(depth=1000, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 """What was published before one came is heard too."""
-
-PACKAGES = {
-    'stream_processing_engine': 'dyknow_stream_processing',
-    'stream_manager': 'dyknow_stream_processing',
-    'ontology_manager': 'dyknow_semantics',
-    'stream_semantics_manager': 'dyknow_semantics',
-    'semantic_matching_engine': 'dyknow_semantics',
-    'stream_reasoning_engine': 'dyknow_reasoning',
-    'stream_reasoning_coordinator': 'dyknow_coordinator',
-}
-"""The package of each of the seven nodes."""
 
 SERVICES = {
     'stream_processing_engine': {'StreamCreateFromSpec', 'StreamDestroy', 'ListStreams'},

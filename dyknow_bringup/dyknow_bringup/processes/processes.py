@@ -6,11 +6,24 @@ import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Final
 
 from dyknow_bringup.simulation.fleet import fleet_annotations, fleet_ontology, fleet_specification
 
 Parameter = bool | int | float | str | list[str]
 """The value of a node's parameter."""
+
+
+PACKAGES: Final = {
+    'stream_processing_engine': 'dyknow_stream_processing',
+    'stream_manager': 'dyknow_stream_processing',
+    'ontology_manager': 'dyknow_semantics',
+    'stream_semantics_manager': 'dyknow_semantics',
+    'semantic_matching_engine': 'dyknow_semantics',
+    'stream_reasoning_engine': 'dyknow_reasoning',
+    'stream_reasoning_coordinator': 'dyknow_coordinator',
+}
+"""The packages of the seven nodes of DyKnow."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,35 +64,22 @@ class SystemConfiguration:
 
 def dyknow_processes(configuration: SystemConfiguration) -> tuple[Process, ...]:
     """Return the seven nodes of DyKnow."""
-    return (
-        Process('dyknow_stream_processing', 'stream_processing_engine'),
-        Process(
-            'dyknow_stream_processing', 'stream_manager', _files('streams', configuration.streams)
+    store = configuration.store
+    parameters = {
+        'stream_manager': _parameters(streams=configuration.streams),
+        'ontology_manager': _parameters(
+            ontologies=configuration.ontologies,
+            store=store and store / 'ontology.sqlite3',
+            reasoner=configuration.reasoner,
         ),
-        Process(
-            'dyknow_semantics',
-            'ontology_manager',
-            {
-                **_files('ontologies', configuration.ontologies),
-                **_store(configuration.store, 'ontology.sqlite3'),
-                **({'reasoner': configuration.reasoner} if configuration.reasoner else {}),
-            },
+        'stream_semantics_manager': _parameters(
+            annotations=configuration.annotations, store=store and store / 'annotations.sqlite3'
         ),
-        Process(
-            'dyknow_semantics',
-            'stream_semantics_manager',
-            {
-                **_files('annotations', configuration.annotations),
-                **_store(configuration.store, 'annotations.sqlite3'),
-            },
-        ),
-        Process(
-            'dyknow_semantics',
-            'semantic_matching_engine',
-            _files('bridges', configuration.bridges),
-        ),
-        Process('dyknow_reasoning', 'stream_reasoning_engine'),
-        Process('dyknow_coordinator', 'stream_reasoning_coordinator'),
+        'semantic_matching_engine': _parameters(bridges=configuration.bridges),
+    }
+    return tuple(
+        Process(package, executable, parameters.get(executable, {}))
+        for executable, package in PACKAGES.items()
     )
 
 
@@ -138,9 +138,10 @@ def ros_arguments(
     return arguments
 
 
-def _store(folder: Path | None, file: str) -> Mapping[str, Parameter]:
-    return {} if folder is None else {'store': str(folder / file)}
-
-
-def _files(name: str, paths: Sequence[Path]) -> Mapping[str, Parameter]:
-    return {name: [str(path) for path in paths]} if paths else {}
+def _parameters(**values: tuple[Path, ...] | Path | str | None) -> dict[str, Parameter]:
+    """Return the parameters that have a value, with texts for paths."""
+    return {
+        name: [str(path) for path in value] if isinstance(value, tuple) else str(value)
+        for name, value in values.items()
+        if value
+    }

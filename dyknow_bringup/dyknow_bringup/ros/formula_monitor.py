@@ -54,20 +54,15 @@ class FormulaMonitor(DyKnowNode):
         """True if the coordinator monitors all formulas."""
         return all(monitor.accepted.done() for monitor in self._monitors.values())
 
-    def cancel_all(self) -> Future:
-        """Cancel the monitoring of all formulas; the future is done when all have ended."""
-        cancelled: Future = Future()
-        outcomes = [monitor.outcome for monitor in self._monitors.values()]
+    @property
+    def has_ended(self) -> bool:
+        """True if the monitoring of all formulas has ended."""
+        return all(monitor.outcome.done() for monitor in self._monitors.values())
 
-        def on_outcome(_: Future) -> None:
-            if all(each.done() for each in outcomes) and not cancelled.done():
-                cancelled.set_result(None)
-
+    def cancel_all(self) -> None:
+        """Cancel the monitoring of all formulas."""
         for monitor in self._monitors.values():
             monitor.cancel()
-        for each in outcomes:
-            each.add_done_callback(on_outcome)
-        return cancelled
 
     def destroy_node(self) -> None:
         """Cancel the evaluations and destroy the node."""

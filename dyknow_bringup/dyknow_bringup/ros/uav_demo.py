@@ -45,7 +45,8 @@ class Demonstration(ScenarioRun):
             while (elapsed := self._node.now() - self._start) < duration:
                 self._spin()
                 live.update(formula_table(monitor.formulas, self._start, elapsed))
-        self._wait_for(monitor.cancel_all().done, 'the end of the evaluations')
+        monitor.cancel_all()
+        self._wait_for(lambda: monitor.has_ended, 'the end of the evaluations')
 
     def _report(self, monitor: FormulaMonitor) -> bool:
         expected = self._scenario.expected
