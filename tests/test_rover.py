@@ -1,0 +1,138 @@
+"""The rover of the README and the manual, with the dyknow command."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import subprocess
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+from nav_msgs.msg import Odometry
+from sensor_msgs.msg import BatteryState
+
+from commands import command, output_of, running
+from system import Client, private_environment
+
+EXAMPLES = Path(__file__).parent.parent / 'docs' / 'examples'
+
+
+@pytest.fixture(scope='module')
+def rover() -> Iterator[dict[str, str]]:
+    """Run DyKnow for the rover of the README, as the README describes."""
+    environment = private_environment()
+    files = {name: str(EXAMPLES / f'rover.{name}') for name in ('owl', 'ssl', 'streams')}
+    line = command(
+        'dyknow', 'up', '--ontology', files['owl'], '--annotations', files['ssl'],
+        '--streams', files['streams'],
+    )  # fmt: skip
+    with running(line, environment) as process:
+        assert process.stdout is not None
+        assert 'DyKnow runs' in process.stdout.readline()
+        yield environment
+
+
+class Rover:
+    """Publishes the topics of the rover."""
+
+    def __init__(self, environment: dict[str, str]) -> None:
+        self.client = Client(environment)
+        node = self.client.node
+        self.charge, self.speed = 0.9, 1.0
+        self._battery = node.create_publisher(BatteryState, '/rover1/battery', 10)
+        self._odometry = node.create_publisher(Odometry, '/rover1/odom', 10)
+        node.create_timer(0.05, self._publish)
+
+    def _publish(self) -> None:
+        stamp = self.client.node.get_clock().now().to_msg()
+        battery, odometry = BatteryState(percentage=self.charge), Odometry()
+        battery.header.stamp = odometry.header.stamp = stamp
+        odometry.twist.twist.linear.x = self.speed
+        self._battery.publish(battery)
+        self._odometry.publish(odometry)
+
+    def run(self, line: list[str], environment: dict[str, str]) -> tuple[int, str]:
+        """Publish while a process runs; return its exit code and its output."""
+        process = subprocess.Popen(
+            line,
+            env={**os.environ, **environment},
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            text=True,
+        )
+        self.client.spin_until(lambda: process.poll() is not None, ' '.join(line), 60.0)
+        return process.returncode, process.communicate()[0]
+
+
+@pytest.fixture(scope='module')
+def vehicle(rover: dict[str, str]) -> Iterator[Rover]:
+    """The rover; its topics must not fall silent between two tests."""
+    publishing = Rover(rover)
+    publishing.client.wait_for_coordinator()
+    yield publishing
+    publishing.client.close()
+
+
+@pytest.mark.parametrize(
+    ('formula', 'timeout', 'code', 'verdict'),
+    [
+        ('forall r in Rover: always[0 s, 1 s] Speed[r] < 1.5', '20 s', 0, 'true'),
+        ('forall r in Rover: always[0 s, 1 s] Speed[r] < 0.5', '20 s', 1, 'false'),
+        ('forall r in Rover: always Speed[r] < 1.5', '1 s', 2, 'undecided'),
+    ],
+)
+def test_a_formula_is_evaluated_from_a_shell(
+    rover: dict[str, str], vehicle: Rover, formula: str, timeout: str, code: int, verdict: str
+) -> None:
+    line = command('dyknow', 'evaluate', formula, '--timeout', timeout, '--json')
+    returned, printed = vehicle.run(line, rover)
+    answer = json.loads(printed)
+    assert (returned, answer['verdict']) == (code, verdict), printed
+    assert answer['exit_status'] == ('TIMEOUT' if code == 2 else 'SUCCESS')
+
+
+def test_the_node_of_the_readme(rover: dict[str, str], vehicle: Rover) -> None:
+    vehicle.client.node.create_timer(1.5, lambda: setattr(vehicle, 'charge', 0.1))
+    returned, printed = vehicle.run(['python3', str(EXAMPLES / 'stop_when_empty.py')], rover)
+    assert returned == 0, printed
+    assert 'a rover did not stop' in printed
+    assert 'Speed[rover1] < 0.1' in printed
+
+
+def manual_block(words: str) -> str:
+    """Return the block of Python in docs/clients.md that contains some words."""
+    text = (EXAMPLES.parent / 'clients.md').read_text(encoding='utf-8')
+    (block,) = (
+        each for each in re.findall(r'```python\n(.*?)```', text, re.DOTALL) if words in each
+    )
+    return str(block)
+
+
+def test_the_script_of_the_manual(rover: dict[str, str], vehicle: Rover, tmp_path: Path) -> None:
+    script = tmp_path / 'is_all_well.py'
+    script.write_text(manual_block('is_all_well'), encoding='utf-8')
+    returned, printed = vehicle.run(['python3', str(script)], rover)
+    assert returned == 0, printed
+    assert printed.startswith('TRUE ')
+
+
+def test_the_plan_of_the_manual(vehicle: Rover) -> None:
+    names: dict[str, Any] = {}
+    exec(manual_block('PLAN = Plan('), names)  # noqa: S102
+
+    async def act() -> bool:
+        return True
+
+    client = vehicle.client
+    task = client.executor.create_task(names['deliver'], client.node, act, act)
+    client.spin_until(task.done, 'the end of the plan')
+    task.result()
+
+
+def test_dyknow_up_refuses_a_file_that_is_not_there() -> None:
+    done = output_of(command('dyknow', 'up', '--ontology', 'absent.owl'), private_environment())
+    assert done.returncode == 2
+    assert 'there is no file absent.owl' in done.stderr
