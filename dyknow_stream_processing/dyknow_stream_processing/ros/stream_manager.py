@@ -16,7 +16,7 @@ from dyknow_interfaces.srv import (
 from rclpy.exceptions import InvalidTopicNameException
 from rclpy.validate_topic_name import validate_topic_name
 
-from dyknow_common.ros import RUNNING, DyKnowNode, constraints_from_message, run
+from dyknow_common.ros import RUNNING, DyKnowNode, Throttle, constraints_from_message, run
 from dyknow_stream_processing.errors import StreamError
 from dyknow_stream_processing.language.parsing import parse_specification
 from dyknow_stream_processing.management.naming import NamingConvention, check_name
@@ -33,6 +33,9 @@ from dyknow_stream_processing.ros.management.placement import Placement
 from dyknow_stream_processing.ros.messages.message_types import message_class
 from dyknow_stream_processing.ros.messages.stream_report_messages import StreamReportPublisher
 from dyknow_stream_processing.ros.topics.publications import find_publication
+
+ERROR_PERIOD_S = 10.0
+"""The least time between two log messages about a memory file that cannot be written."""
 
 
 class StreamManager(DyKnowNode):
@@ -60,6 +63,7 @@ class StreamManager(DyKnowNode):
         for stream in read_streams(filter(None, files)):
             self._registry.add(stream)
         self._memory = PersistenceFile(memory)
+        self._memory_error = Throttle(ERROR_PERIOD_S)
         for remembered in self._memory.read():
             if self._registry.get(remembered.name) is None:
                 self._registry.add(remembered)
@@ -145,7 +149,8 @@ class StreamManager(DyKnowNode):
         try:
             self._memory.write(self._registry.streams())
         except StreamError as error:
-            self.get_logger().error(str(error), throttle_duration_sec=10.0)
+            if self._memory_error.is_due():
+                self.get_logger().error(str(error))
         self._report_publisher.publish_soon()
         self._update_status()
 
