@@ -6,7 +6,7 @@ from dyknow_common import DyKnowError, ExitCode
 
 
 class StreamError(DyKnowError):
-    """A stream cannot be created, found or kept."""
+    """A stream cannot be created, found or kept, or a sample does not fit its specification."""
 
 
 def unknown_stream(name: str, known: Iterable[str]) -> StreamError:

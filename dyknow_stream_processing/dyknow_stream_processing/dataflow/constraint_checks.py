@@ -83,7 +83,13 @@ class ReorderOperator(Operator):
     ) -> None:
         """Hold a sample, unless it is too late."""
         if self._max_delay is not None and now - valid_time > self._max_delay:
-            self._reject(_late(valid_time, now - valid_time, self._max_delay))
+            delay = now - valid_time
+            message = (
+                f'the sample valid at {round_time(valid_time)} came {round_duration(delay)} late; '
+                f'max_delay is {format_duration(self._max_delay)}'
+            )
+            kind = ViolationKind.MAX_DELAY
+            self._reject(Fault(kind, valid_time, message, delay, self._max_delay))
         elif valid_time < self._released:
             self._reject(_out_of_order(valid_time, self._released))
         else:
@@ -235,11 +241,3 @@ def _out_of_order(valid_time: int, predecessor: int) -> Fault:
         f'{format_time(predecessor)}; give the stream a max_delay to have samples put in order'
     )
     return Fault(ViolationKind.VALID_TIME_ORDER, valid_time, message, predecessor - valid_time)
-
-
-def _late(valid_time: int, delay: int, max_delay: int) -> Fault:
-    message = (
-        f'the sample valid at {round_time(valid_time)} came {round_duration(delay)} late; '
-        f'max_delay is {format_duration(max_delay)}'
-    )
-    return Fault(ViolationKind.MAX_DELAY, valid_time, message, delay, max_delay)

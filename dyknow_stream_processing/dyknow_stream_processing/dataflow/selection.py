@@ -9,6 +9,7 @@ from typing import Final
 from dyknow_common import Value, ValueType
 from dyknow_stream_processing.dataflow.operators import Operator, Wiring
 from dyknow_stream_processing.dataflow.scheduler import BEGINNING
+from dyknow_stream_processing.errors import StreamError
 from dyknow_stream_processing.language.specification import Condition, Selection, value_text
 from dyknow_stream_processing.language.type_rules import comparable_types
 from dyknow_stream_processing.sample import missing_text
@@ -51,8 +52,8 @@ class SelectOperator(Operator):
         except KeyError as error:
             known = ', '.join(fields) or 'nothing'
             message = missing_text(error, f' in the sample (it has: {known})')
-        except _UnfitError as error:
-            message = str(error)
+        except StreamError as error:
+            message = error.message
         else:
             self._emitted = valid_time
             self._emit(valid_time, selected, watermark if self.in_order else watermark - 1, now)
@@ -83,13 +84,9 @@ class SelectOperator(Operator):
         for namer, field in self._selections:
             name = namer(fields)
             if name in selected:
-                raise _UnfitError(f"two selected fields are both named '{name}'; rename one")
+                raise StreamError(f"two selected fields are both named '{name}'; rename one")
             selected[name] = fields[field]
         return selected
-
-
-class _UnfitError(Exception):
-    """A sample that does not fit the specification."""
 
 
 def _test(condition: Condition) -> Callable[[Value], bool]:
@@ -99,7 +96,7 @@ def _test(condition: Condition) -> Callable[[Value], bool]:
 
     def test(value: Value) -> bool:
         if type(value) not in types:
-            raise _UnfitError(
+            raise StreamError(
                 f"field '{condition.field}' is {value_text(value)} ({ValueType.of(value)}), "
                 f'which cannot be compared with {value_text(expected)}'
             )
