@@ -9,9 +9,8 @@ from typing import Any
 from dyknow_interfaces.msg import StreamStatusArray
 from rich.console import RenderableType
 
-from dyknow_common import ExitCode
 from dyknow_common.ros import ReportCommand, add_report_options, time_to_nanoseconds
-from dyknow_stream_processing.errors import StreamError
+from dyknow_stream_processing.errors import unknown_stream
 from dyknow_stream_processing.reporting.stream_report import StreamReport
 from dyknow_stream_processing.reporting.stream_table import as_json, stream_details, stream_table
 from dyknow_stream_processing.ros.messages.stream_report_messages import report_from_message
@@ -39,8 +38,7 @@ def rendered(message: Any, name: str) -> RenderableType:
 def _find(message: Any, name: str) -> StreamReport:
     reports = {status.name: report_from_message(status) for status in message.streams}
     if name not in reports:
-        known = ', '.join(reports) or 'none'
-        raise StreamError(f"there is no stream '{name}' (there are: {known})", ExitCode.NOT_FOUND)
+        raise unknown_stream(name, reports)
     return reports[name]
 
 

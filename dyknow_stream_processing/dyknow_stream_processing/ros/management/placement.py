@@ -47,7 +47,7 @@ _RETRYABLE: Final = (*_NO_RESPONSE, ExitCode.ALREADY_EXISTS)
 
 
 class Placement:
-    """Has engines make the streams of a registry.
+    """Placement of the streams of a registry on engines.
 
     A request that an engine did not answer is noted, and undone if its reports show later that the
     engine carried it out.

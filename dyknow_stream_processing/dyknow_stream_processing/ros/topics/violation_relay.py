@@ -1,4 +1,4 @@
-"""Violations of a stream that another node makes, and of its way to this node.
+"""Violations of a stream that another node makes, and losses between the nodes.
 
 For example, an engine makes `level`, and this node makes `half` from it. `half` reports
 
