@@ -23,12 +23,6 @@ from dyknow_semantics.ontology.knowledge import ALL_TRIPLES, Knowledge, Triple
 from dyknow_semantics.ontology.ontology import Ontology
 from dyknow_semantics.ontology.reasoner import Reasoner, ReasonerProcess
 from dyknow_semantics.ontology.vocabulary import UPPER_ONTOLOGY
-from dyknow_semantics.reporting.hierarchy import (
-    HierarchyEntry,
-    explanation_tree,
-    hierarchy_entries,
-    hierarchy_tree,
-)
 
 __all__ = [
     'ALL_TRIPLES',
@@ -43,7 +37,6 @@ __all__ = [
     'FeatureArgument',
     'FeatureSignature',
     'FeatureTerm',
-    'HierarchyEntry',
     'Key',
     'Knowledge',
     'Match',
@@ -59,9 +52,6 @@ __all__ = [
     'check_annotation',
     'check_concept',
     'check_fields',
-    'explanation_tree',
-    'hierarchy_entries',
-    'hierarchy_tree',
     'match',
     'parse_annotations',
     'parse_bridges',

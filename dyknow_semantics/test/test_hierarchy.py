@@ -12,11 +12,13 @@ from rich.tree import Tree
 from dyknow_semantics import (
     Knowledge,
     Matcher,
+    parse_annotations,
+    parse_concept,
+)
+from dyknow_semantics.reporting.hierarchy import (
     explanation_tree,
     hierarchy_entries,
     hierarchy_tree,
-    parse_annotations,
-    parse_concept,
 )
 
 SSL = """

@@ -56,11 +56,8 @@ class Match:
 
     Args:
         ground_feature: the feature, which is also the name of the only field: `Power[uav1]`.
-        declaration: the derivation from the annotated stream.
-        constraints: the constraints that the samples satisfy.
-        exact: True if the annotation states the requested feature or an equivalent one, False if
-            it states a feature below it.
-        reason: the reason why the annotated stream matches.
+        exact: True if the annotated stream carries the requested feature or an equivalent one,
+            False if it carries a feature below it.
     """
 
     ground_feature: str
@@ -98,7 +95,6 @@ class AnnotatedField:
     """A field of a stream with its annotation.
 
     Args:
-        annotation: the annotation of the stream.
         content: the part of the annotation that describes the field.
         pattern: the ground features that the field carries.
         unit: the unit of the values; empty for none.

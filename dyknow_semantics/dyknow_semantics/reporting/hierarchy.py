@@ -1,4 +1,7 @@
-"""The hierarchies of sorts and features, with the streams that carry each feature."""
+"""The hierarchies of sorts and features, with the streams that carry each feature.
+
+`dyknow_semantics` itself does not import this module, as rich is slow to import.
+"""
 
 from __future__ import annotations
 
@@ -29,10 +32,8 @@ class HierarchyEntry:
     Args:
         kind: `sort` or `feature`.
         name: the first of the equivalent names.
-        equivalents: the other names.
         parents: the concepts directly above.
         text: the text on the terminal.
-        streams: the streams that carry a feature.
         is_provided: True for a sort, and for a feature if a stream carries it or one below it.
     """
 

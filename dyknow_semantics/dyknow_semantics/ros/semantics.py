@@ -112,7 +112,7 @@ def _call(
 
     name = f'{node}/{snake_case(service_type.__name__)}'
     client = command.node.create_client(service_type, name, qos_profile=SERVICE)
-    end = command.end_of_wait(timeout_ns)
+    end = command.deadline(timeout_ns)
     command.spin_until(client.service_is_ready, end, no_answer)
     future = client.call_async(service_type.Request(**fields))
     command.spin_until(future.done, end, no_answer)

@@ -24,7 +24,7 @@ class StreamFields:
     def __init__(self, node: DyKnowNode) -> None:
         name = node.parameter('stream_manager', 'stream_manager', 'Name of the stream manager.')
         self._node = node
-        self._manager = RemoteNode(node, name, patience=_TIMEOUT_S, timeout=_TIMEOUT_S)
+        self._manager = RemoteNode(node, name, patience_s=_TIMEOUT_S, timeout_s=_TIMEOUT_S)
 
     async def find(self, annotation: Annotation) -> tuple[str, Mapping[str, ValueType]] | None:
         """Return the message type of a stream and the types of its fields; `None` if unknown."""
