@@ -233,7 +233,7 @@ def test_names_are_unique(flow: Flow) -> None:
     assert set(flow.dataflow.sources()) == {'a'}
 
 
-def test_unknown_names_are_told_with_what_there_is(flow: Flow) -> None:
+def test_an_unknown_name_is_reported_with_the_existing_ones(flow: Flow) -> None:
     flow.create('"a"', 'first')
     for call in (
         flow.dataflow.destroy,
@@ -271,7 +271,7 @@ def test_a_clock_that_goes_back_drops_what_comes_again(flow: Flow) -> None:
     assert flow.broken() == [('valid_time_order', 5)]
 
 
-def test_streams_begin_anew_when_the_clock_has_gone_back(flow: Flow) -> None:
+def test_streams_restart_when_the_clock_has_jumped_back(flow: Flow) -> None:
     flow.create('select x from "a" with sample_period = 100, max_delay = 50', name='part')
     flow.create('stream b = select x as y from "b"; sink sync(part, b)', name='s')
     for time in (1000, 1100):

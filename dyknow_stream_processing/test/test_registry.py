@@ -75,7 +75,7 @@ def test_the_streams_of_a_lost_engine_wait_for_another(registry: StreamRegistry)
     assert registry.waiting()[0].message == '/e1 is gone'
 
 
-def test_what_an_engine_is_asked_for_is_left_to_whoever_asks(registry: StreamRegistry) -> None:
+def test_what_an_engine_is_asked_for_is_left_to_the_caller(registry: StreamRegistry) -> None:
     registry.assign('waiting', E2)
     registry.withdraw_all(E2)
     assert [stream.name for stream in registry.waiting()] == ['c']
@@ -100,10 +100,10 @@ def test_relative_topics_mean_the_same_on_engines_elsewhere() -> None:
         'source (v: float) "/robot1/battery";\n'
         'sink sync("/robot1/battery", "/robot1/gps", "/clock")'
     )
-    told = registry.reported_stream(
+    reported = registry.reported_stream(
         FAR, 'y', 'select a from "gps"', NO_CONSTRAINTS, '/far/dyknow/streams/y'
     )
-    assert told.specification == 'sink select a from "/far/gps"'
+    assert reported.specification == 'sink select a from "/far/gps"'
 
 
 @pytest.mark.parametrize(
@@ -134,7 +134,7 @@ def test_a_stream_that_others_are_made_from_is_kept(registry: StreamRegistry) ->
     registry.remove('a')
 
 
-def test_a_stream_is_made_anew_when_its_sources_move(registry: StreamRegistry) -> None:
+def test_a_stream_is_recreated_when_its_sources_move(registry: StreamRegistry) -> None:
     registry.add(created('x', 'select a from a'))
     registry.place('x', E2, '/dyknow/streams/x', {'a': '/dyknow/streams/a'})
     registry.withdraw_all(E1)
@@ -145,7 +145,7 @@ def test_a_stream_is_made_anew_when_its_sources_move(registry: StreamRegistry) -
     assert [stream.name for stream in registry.outdated()] == ['x']
 
 
-def test_an_engine_makes_anew_what_it_makes_from_a_stream_that_it_makes_anew(
+def test_streams_made_from_a_recreated_stream_are_recreated(
     registry: StreamRegistry,
 ) -> None:
     for name, engine in (('y', E2), ('z', E2), ('far', E1)):
@@ -170,8 +170,8 @@ def test_what_a_manager_before_asked_for_is_understood_again() -> None:
     assert '"/dyknow/streams/c"' in text
 
     after = StreamRegistry()
-    told = after.reported_stream(E2, 'x', text, NO_CONSTRAINTS, '/dyknow/streams/x')
-    after.add(told)
+    reported = after.reported_stream(E2, 'x', text, NO_CONSTRAINTS, '/dyknow/streams/x')
+    after.add(reported)
     assert after.made_from('c') == ()  # Nothing is known of `c` yet.
     after.add(created('c'))
     place(after, 'c', FAR)
@@ -183,7 +183,7 @@ def test_what_a_manager_before_asked_for_is_understood_again() -> None:
     assert after.text_for(known, FAR)[0] == 'sink select a from c'
 
 
-def test_a_copy_is_told_from_another_stream_of_the_name(registry: StreamRegistry) -> None:
+def test_a_copy_is_distinguished_from_another_stream_of_the_name(registry: StreamRegistry) -> None:
     registry.add(created('x', 'select a from a'))
     registry.place('x', E2, '/dyknow/streams/x', {'a': '/dyknow/streams/a'})
     text, _ = registry.text_for(created('x', 'select a from a'), E2)
@@ -202,14 +202,14 @@ def test_a_copy_is_told_from_another_stream_of_the_name(registry: StreamRegistry
 
 
 def test_what_an_engine_makes_already_is_taken_over() -> None:
-    """Also where a stream that it is made from is no more where the engine was told."""
+    """Even if the alias of the engine is not the current topic of the stream it is made from."""
     registry = StreamRegistry()
     registry.add(created('c'))
     registry.add(created('x', 'select a from c'))
     text = 'stream c = "/odd/place/c";\nsink select a from c'
-    told = registry.reported_stream(E2, 'x', text, NO_CONSTRAINTS, '/dyknow/streams/x')
-    assert registry.is_copy(told)
-    registry.adopt(told)
+    reported = registry.reported_stream(E2, 'x', text, NO_CONSTRAINTS, '/dyknow/streams/x')
+    assert registry.is_copy(reported)
+    registry.adopt(reported)
     assert registry.topic('x') == '/dyknow/streams/x'
     place(registry, 'c', E1)
     assert [stream.name for stream in registry.outdated()] == ['x']
@@ -246,9 +246,9 @@ def test_a_name_that_no_text_can_mention(name: str) -> None:
         check_name(name)
 
 
-def test_an_account_tells_what_the_manager_and_the_engine_know(registry: StreamRegistry) -> None:
-    told = StreamReport('a', StreamState.FLOWING, samples=7)
-    flowing = registry.report(registry.find('a'), told)
+def test_a_report_joins_what_the_manager_and_the_engine_know(registry: StreamRegistry) -> None:
+    reported = StreamReport('a', StreamState.FLOWING, samples=7)
+    flowing = registry.report(registry.find('a'), reported)
     assert (flowing.samples, flowing.engine, flowing.topic) == (7, E1, '/dyknow/streams/a')
     registry.release('waiting', 'no unit', failed=True)
     failed = registry.report(registry.find('waiting'), None)

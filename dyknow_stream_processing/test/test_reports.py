@@ -18,7 +18,7 @@ VIOLATION = Violation('far', 'max_delay', 5, 7, 2, 1, "stream 'far': too late")
         'merge(select x from "a", select x from "a" where x > 1)',
     ],
 )
-def test_whoever_is_made_of_a_topic_is_told_once(flow: Flow, text: str) -> None:
+def test_a_stream_reports_a_violation_of_its_topic_once(flow: Flow, text: str) -> None:
     flow.create(text).dataflow.report('a', VIOLATION)
     assert flow.violations == [VIOLATION]
     assert flow.drops == {}

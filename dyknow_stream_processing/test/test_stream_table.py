@@ -93,15 +93,15 @@ def test_what_is_not_known_is_left_out(account: StreamReport) -> None:
 
 
 def test_a_stream_for_programs() -> None:
-    told = as_json(FLOWING)
-    assert told['state'] == 'FLOWING'
-    assert told['constraints'] == {'max_delay': 100 * MS}
-    assert list(told['sources']) == [
+    document = as_json(FLOWING)
+    assert document['state'] == 'FLOWING'
+    assert document['constraints'] == {'max_delay': 100 * MS}
+    assert list(document['sources']) == [
         {'topic': '/silent', 'samples': 0, 'latest_ns': None},
         {'topic': '/t', 'samples': 200, 'latest_ns': 1_000 * MS},
     ]
-    assert told['drops'] == {'max_delay': 2, 'fields': 1}
-    assert (told['rate_hz'], told['mean_delay_ns'], told['max_delay_ns']) == (
+    assert document['drops'] == {'max_delay': 2, 'fields': 1}
+    assert (document['rate_hz'], document['mean_delay_ns'], document['max_delay_ns']) == (
         9.96,
         12 * MS,
         31 * MS,

@@ -240,8 +240,8 @@ def test_a_period_against_its_definition(
     gaps = sum(later - earlier > period + deviation for earlier, later in pairwise(kept))
     assert flow.times() == kept
     # After the last sample there is a gap, too.
-    told = [constraint for constraint, _ in flow.broken() if constraint == 'sample_period']
-    assert len(told) == early + gaps + bool(kept)
+    reported = [constraint for constraint, _ in flow.broken() if constraint == 'sample_period']
+    assert len(reported) == early + gaps + bool(kept)
 
 
 @given(

@@ -225,7 +225,7 @@ class _RunningStream:
 
     @cached_property
     def own_names(self) -> Mapping[str, str]:
-        # Without those of other streams: these would be passed on from stream to stream for ever.
+        # Names of other streams are left out, as they would accumulate from stream to stream.
         return {**self.resolved.names, str(self.resolved.term): self.name}
 
     @cached_property

@@ -32,7 +32,7 @@ def check_name(name: str) -> None:
 
 @dataclass(frozen=True, slots=True)
 class NamingConvention:
-    """Topics of streams that nobody has named explicitly, such as `dyknow/streams/<name>`.
+    """Topics of streams that were neither created nor registered, such as `dyknow/streams/<name>`.
 
     Raises:
         StreamError: if the pattern does not contain `<name>` once.
