@@ -3,7 +3,6 @@
 from dyknow_common.constraints import (
     CONSTRAINT_KINDS,
     NO_CONSTRAINTS,
-    ConstraintKind,
     StreamConstraints,
 )
 from dyknow_common.durations import (
@@ -25,6 +24,7 @@ from dyknow_common.parsing import (
     PositionedError,
     SyntaxNode,
     TextPosition,
+    builder,
     distinct_settings,
     duration_value,
     quoted,
@@ -43,7 +43,6 @@ __all__ = [
     'NO_CONSTRAINTS',
     'SECOND_NS',
     'ConstraintBuilder',
-    'ConstraintKind',
     'DyKnowError',
     'ExitCode',
     'Language',
@@ -59,6 +58,7 @@ __all__ = [
     'Verdict',
     'absence',
     'all_elements',
+    'builder',
     'check_unit',
     'distinct_settings',
     'duration_value',

@@ -13,9 +13,9 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from importlib.resources import files
 from typing import Any, Final, TypeVar
 
@@ -220,7 +220,21 @@ class Language:
         return f"'{self._parser.get_terminal(terminal).pattern.value}'"
 
 
-@v_args(inline=True)
+def _build(method: Callable[..., Any], _rule: str, children: list[Any], meta: Any) -> Any:
+    node = method(*children)
+    if isinstance(node, SyntaxNode) and node.position == NOWHERE:
+        return replace(node, position=TextPosition.of(meta))
+    return node
+
+
+builder = v_args(wrapper=_build)
+"""A decorator for builders, whose methods get the children of their rules as arguments.
+
+A node without a position gets that of the first token of its rule.
+"""
+
+
+@builder
 class ConstraintBuilder(Transformer[Tree]):
     """A builder for the rule `constraint` of `common.lark`."""
 

@@ -22,6 +22,10 @@ class ValueType(StrEnum):
         """Return the type of a value."""
         return _TYPES[type(value)]
 
+    def accepts(self, other: ValueType) -> bool:
+        """Return True if values of another type fit; only int values are converted, to float."""
+        return other is self or (other is ValueType.INT and self is ValueType.FLOAT)
+
 
 _TYPES: Mapping[type, ValueType] = {
     bool: ValueType.BOOLEAN,

@@ -6,9 +6,9 @@ unit, in the ASCII spelling.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass
-from typing import ClassVar, TypeAlias
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from typing import Any, ClassVar, TypeAlias
 
 from dyknow_common import SyntaxNode, format_duration
 
@@ -271,14 +271,27 @@ Formula: TypeAlias = (
 def parts(node: Formula | Term) -> tuple[Formula | Term, ...]:
     """Return the formulas and terms that a node directly consists of, from left to right."""
     match node:
-        case Comparison() | Arithmetic() | And() | Or() | Implies() | Equivalent() | Until():
+        case _Operation() | _Connective() | Until():
             return (node.left, node.right)
-        case Not() | Forall() | Exists() | Always() | Eventually():
+        case Not() | _Quantifier() | _Temporal():
             return (node.body,)
         case Feature():
             return node.arguments
         case _:
             return ()
+
+
+def with_changed_parts(node: Any, change: Callable[[Any], Any]) -> Any:
+    """Return a node with a function applied to each of its parts."""
+    match node:
+        case _Operation() | _Connective() | Until():
+            return replace(node, left=change(node.left), right=change(node.right))
+        case Not() | _Quantifier() | _Temporal():
+            return replace(node, body=change(node.body))
+        case Feature():
+            return replace(node, arguments=tuple(map(change, node.arguments)))
+        case _:
+            return node
 
 
 def walk(node: Formula | Term) -> Iterator[Formula | Term]:

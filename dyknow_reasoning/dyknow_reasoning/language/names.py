@@ -2,27 +2,20 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from typing import Any
 
 from dyknow_reasoning.language.formula import (
-    Always,
-    And,
     Arithmetic,
     Comparison,
-    Equivalent,
-    Eventually,
     Exists,
     Feature,
     Forall,
     Formula,
-    Implies,
-    Not,
     Object,
-    Or,
     Term,
-    Until,
     Variable,
     walk,
+    with_changed_parts,
 )
 
 _Names = frozenset[str]
@@ -33,10 +26,11 @@ def resolve(formula: Formula) -> Formula:
 
     The rules are those of `parse_formula`.
     """
-    return _formula(formula, _names_of_objects(formula), frozenset())
+    resolved: Formula = _resolved(formula, _object_names(formula), frozenset(), is_operand=False)
+    return resolved
 
 
-def _names_of_objects(formula: Formula) -> _Names:
+def _object_names(formula: Formula) -> _Names:
     """Return the names of objects and variables, from their uses in the whole formula."""
     nodes = list(walk(formula))
     names = {node.name for node in nodes if isinstance(node, Object | Variable)}
@@ -56,51 +50,16 @@ def _compared_names(node: Formula | Term) -> set[str]:
     return {side.name for side in sides if isinstance(side, Feature) and not side.arguments}
 
 
-def _formula(node: Formula, objects: _Names, bound: _Names) -> Formula:
+def _resolved(node: Any, objects: _Names, bound: _Names, *, is_operand: bool) -> Any:
     match node:
-        case Comparison():
-            return replace(
-                node,
-                left=_term(node.left, objects, bound),
-                right=_term(node.right, objects, bound),
-            )
-        case Feature():
-            return _feature(node, bound)
-        case And() | Or() | Implies() | Equivalent() | Until():
-            return replace(
-                node,
-                left=_formula(node.left, objects, bound),
-                right=_formula(node.right, objects, bound),
-            )
-        case Not() | Always() | Eventually():
-            return replace(node, body=_formula(node.body, objects, bound))
-        case Forall() | Exists():
-            return replace(node, body=_formula(node.body, objects, bound | {node.variable}))
-        case _:
-            return node
-
-
-def _term(node: Term, objects: _Names, bound: _Names) -> Term:
-    match node:
-        case Arithmetic():
-            return replace(
-                node,
-                left=_term(node.left, objects, bound),
-                right=_term(node.right, objects, bound),
-            )
-        case Feature(name, ()) if name in bound:
+        case Feature(name, ()) if is_operand and name in objects | bound:
+            kind = Variable if name in bound else Object
+            return kind(name, position=node.position)
+        case Object(name) if name in bound:
             return Variable(name, position=node.position)
-        case Feature(name, ()) if name in objects:
-            return Object(name, position=node.position)
-        case Feature():
-            return _feature(node, bound)
-        case _:
-            return node
-
-
-def _feature(node: Feature, bound: _Names) -> Feature:
-    arguments = tuple(
-        Variable(argument.name, position=argument.position) if argument.name in bound else argument
-        for argument in node.arguments
+        case Forall() | Exists():
+            bound |= {node.variable}
+    are_operands = isinstance(node, Comparison | Arithmetic)
+    return with_changed_parts(
+        node, lambda part: _resolved(part, objects, bound, is_operand=are_operands)
     )
-    return replace(node, arguments=arguments)

@@ -7,9 +7,9 @@ from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
-from lark import Token, Transformer, v_args
+from lark import Token, Transformer
 
-from dyknow_common import NOWHERE, PositionedError, TextPosition, duration_value
+from dyknow_common import NOWHERE, PositionedError, TextPosition, builder, duration_value
 from dyknow_reasoning.language import formula as syntax
 from dyknow_reasoning.language.formula import Formula, Interval, Term
 from dyknow_reasoning.language.grammar import LANGUAGE
@@ -79,22 +79,22 @@ def _connective(kind: Callable[..., Formula]) -> Callable[..., Formula]:
 
 
 def _temporal(kind: Callable[..., Formula]) -> Callable[..., Formula]:
-    def build(_: object, word: Token, interval: Interval | None, body: Formula | Term) -> Formula:
-        return kind(_formula(body), interval or syntax.ALL_FUTURE, position=TextPosition.of(word))
+    def build(_: object, _word: Token, interval: Interval | None, body: Formula | Term) -> Formula:
+        return kind(_formula(body), interval or syntax.ALL_FUTURE)
 
     return build
 
 
 def _quantifier(kind: Callable[..., Formula]) -> Callable[..., Formula]:
     def build(
-        _: object, word: Token, variable: Token, sort: Token, body: Formula | Term
+        _: object, _word: Token, variable: Token, sort: Token, body: Formula | Term
     ) -> Formula:
-        return kind(str(variable), str(sort), _formula(body), position=TextPosition.of(word))
+        return kind(str(variable), str(sort), _formula(body))
 
     return build
 
 
-@v_args(inline=True)
+@builder
 class _FormulaBuilder(Transformer[Any]):
     """The builder of the abstract syntax: unbound names are features, arguments are objects."""
 
@@ -111,8 +111,8 @@ class _FormulaBuilder(Transformer[Any]):
         interval = interval or syntax.ALL_FUTURE
         return syntax.Until(_formula(left), _formula(right), interval, position=left.position)
 
-    def not_(self, word: Token, body: Formula | Term) -> Formula:
-        return syntax.Not(_formula(body), position=TextPosition.of(word))
+    def not_(self, _word: Token, body: Formula | Term) -> Formula:
+        return syntax.Not(_formula(body))
 
     def comparison(self, left: Formula | Term, operator: Token, right: Formula | Term) -> Formula:
         symbol = _ASCII_COMPARISONS.get(operator, str(operator))
@@ -124,37 +124,35 @@ class _FormulaBuilder(Transformer[Any]):
     def negative(self, minus: Token, operand: Formula | Term) -> Term:
         if isinstance(operand, syntax.Number):
             return replace(operand, value=-operand.value, position=TextPosition.of(minus))
-        zero = syntax.Number(0)
-        return syntax.Arithmetic('-', zero, _term(operand), position=TextPosition.of(minus))
+        return syntax.Arithmetic('-', syntax.Number(0), _term(operand))
 
     def number(self, token: Token) -> Term:
         value = int(token) if token.isdigit() else float(token)
         if value == float('inf'):
             raise PositionedError(f"the number '{token}' is too large", TextPosition.of(token))
-        return syntax.Number(value, position=TextPosition.of(token))
+        return syntax.Number(value)
 
     def text(self, token: Token) -> Term:
-        content = re.sub(r'\\(.)', r'\1', token[1:-1])
-        return syntax.TextLiteral(content, position=TextPosition.of(token))
+        return syntax.TextLiteral(re.sub(r'\\(.)', r'\1', token[1:-1]))
 
-    def true(self, token: Token) -> Formula:
-        return syntax.Truth(True, position=TextPosition.of(token))
+    def true(self, _word: Token) -> Formula:
+        return syntax.Truth(True)
 
-    def false(self, token: Token) -> Formula:
-        return syntax.Truth(False, position=TextPosition.of(token))
+    def false(self, _word: Token) -> Formula:
+        return syntax.Truth(False)
 
     def reference(self, token: Token) -> Term:
         if token.startswith('"'):
             stream, path = token[1:].split('".', 1)
         else:
             stream, path = token.split('.', 1)
-        return syntax.FieldReference(stream, path, position=TextPosition.of(token))
+        return syntax.FieldReference(stream, path)
 
     def name(self, token: Token) -> Term:
-        return syntax.Feature(str(token), (), position=TextPosition.of(token))
+        return syntax.Feature(str(token))
 
     def feature(self, token: Token, arguments: tuple[syntax.Object, ...]) -> Term:
-        return syntax.Feature(str(token), arguments, position=TextPosition.of(token))
+        return syntax.Feature(str(token), arguments)
 
     def arguments(self, *tokens: Token) -> tuple[syntax.Object, ...]:
         return tuple(syntax.Object(str(token), position=TextPosition.of(token)) for token in tokens)

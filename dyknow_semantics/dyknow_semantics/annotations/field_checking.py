@@ -30,8 +30,7 @@ def check_fields(
     for content in annotation.contents:
         feature = knowledge.feature(content.feature.name)
         found = field_type(content.field, content.feature.position)
-        is_widened = found is ValueType.INT and feature.value_type is ValueType.FLOAT
-        if found is not feature.value_type and not is_widened:
+        if not feature.value_type.accepts(found):
             raise ANNOTATION.error(
                 f"feature '{feature.name}' has values of the type {feature.value_type}, "
                 f"but field '{content.field}' of {owner} is of the type {found}",

@@ -6,7 +6,7 @@ from dataclasses import replace
 from functools import lru_cache
 from typing import Any
 
-from lark import Token, v_args
+from lark import Token
 
 from dyknow_common import (
     ConstraintBuilder,
@@ -14,6 +14,7 @@ from dyknow_common import (
     PositionedError,
     StreamConstraints,
     TextPosition,
+    builder,
     distinct_settings,
     text_value,
 )
@@ -50,39 +51,36 @@ def parse_concept(text: str) -> Concept:
     return concept
 
 
-@v_args(inline=True)
+@builder
 class _AnnotationBuilder(ConstraintBuilder[Any]):
     """The builder of the abstract syntax; it has a method for each rule of the grammar."""
 
-    def annotations(self, *annotations: Annotation) -> tuple[Annotation, ...]:
-        return annotations
+    def annotations(self, *parts: Any) -> tuple[Any, ...]:
+        return parts
 
-    def annotation(self, stream: Token, contents: tuple[Content, ...], *clauses: Any) -> Annotation:
-        given: dict[str, Any] = {}
-        for clause in clauses:
-            given |= clause
-        annotation = Annotation(
-            text_value(stream), contents, **given, is_topic=stream.type == 'QUOTED'
-        )
+    contents = annotations
+
+    def annotation(
+        self, stream: Token, contents: tuple[Content, ...], *clauses: dict[str, Any]
+    ) -> Annotation:
+        given = {name: value for clause in clauses for name, value in clause.items()}
+        is_topic = stream.type == 'QUOTED'
+        annotation = Annotation(text_value(stream), contents, **given, is_topic=is_topic)
         _require_keys(annotation)
         return annotation
-
-    def contents(self, *contents: Content) -> tuple[Content, ...]:
-        return contents
 
     def content(self, feature: FeatureTerm, field: Token, unit: Token | None = None) -> Content:
         if unit is None:
             return Content(feature, text_value(field))
-        return Content(
-            feature, text_value(field), unit[1:-1].strip(), unit_position=TextPosition.of(unit)
-        )
+        position = TextPosition.of(unit)
+        return Content(feature, text_value(field), unit[1:-1].strip(), unit_position=position)
 
     def keys(self, *keys: Key) -> dict[str, Any]:
         _require_distinct(keys)
         return {'keys': keys}
 
     def key(self, variable: Token, field: Token) -> Key:
-        return Key(str(variable), text_value(field), position=TextPosition.of(variable))
+        return Key(str(variable), text_value(field))
 
     def constraints(self, *settings: tuple[Token, int]) -> dict[str, Any]:
         constraints = StreamConstraints(**distinct_settings(settings))
@@ -96,22 +94,17 @@ class _AnnotationBuilder(ConstraintBuilder[Any]):
         return Concept(feature, **(clause or {}))
 
     def feature(self, name: Token, *arguments: FeatureArgument) -> FeatureTerm:
-        return FeatureTerm(str(name), arguments, position=TextPosition.of(name))
+        return FeatureTerm(str(name), arguments)
 
     def argument(self, name: Token) -> FeatureArgument:
-        return FeatureArgument(text_value(name), position=TextPosition.of(name))
+        return FeatureArgument(text_value(name))
 
     def ranges(self, *ranges: Range) -> dict[str, Any]:
         _require_distinct(ranges)
         return {'ranges': ranges}
 
     def range(self, variable: Token, sort: Token) -> Range:
-        return Range(
-            str(variable),
-            str(sort),
-            position=TextPosition.of(variable),
-            sort_position=TextPosition.of(sort),
-        )
+        return Range(str(variable), str(sort), sort_position=TextPosition.of(sort))
 
 
 def _require_distinct(parts: tuple[Range, ...] | tuple[Key, ...]) -> None:

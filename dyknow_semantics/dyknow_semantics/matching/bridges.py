@@ -12,9 +12,9 @@ from collections.abc import Iterable
 from enum import StrEnum
 from typing import Any, Final
 
-from lark import Token, Transformer, v_args
+from lark import Token, Transformer
 
-from dyknow_common import NOWHERE, Language, LanguageError, TextPosition, text_value
+from dyknow_common import NOWHERE, Language, LanguageError, TextPosition, builder, text_value
 from dyknow_semantics.ontology.features import differences
 from dyknow_semantics.ontology.knowledge import Knowledge, Triple
 from dyknow_semantics.ontology.vocabulary import EQUIVALENT_CLASS, SAME_AS, SUBCLASS_OF
@@ -148,7 +148,7 @@ def _check_kinds(bridge: Bridge, knowledge: Knowledge) -> None:
         raise LANGUAGE.error(fault, bridge.text, bridge.source_position)
 
 
-@v_args(inline=True)
+@builder
 class _BridgeBuilder(Transformer[Any]):
     """The builder of the abstract syntax; it has a method for each rule of the grammar."""
 

@@ -143,9 +143,7 @@ def differences(feature: FeatureSignature, above: FeatureSignature) -> list[str]
     faults: list[str] = []
     if len(feature.argument_sorts) != len(above.argument_sorts):
         faults.append('must have as many arguments')
-    if feature.value_type != above.value_type and not (
-        feature.value_type is ValueType.INT and above.value_type is ValueType.FLOAT
-    ):
+    if not above.value_type.accepts(feature.value_type):
         faults.append(f'must have the same value_type ({above.value_type})')
     if not converts(feature.unit, above.unit):
         faults.append(f'must measure the same ({above.unit or "no unit"})')

@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass, replace
 from typing import Any
 
-from lark import Token, v_args
+from lark import Token
 
 from dyknow_common import (
     NO_CONSTRAINTS,
@@ -18,6 +18,7 @@ from dyknow_common import (
     TextPosition,
     Value,
     ValueType,
+    builder,
     distinct_settings,
     duration_value,
     text_value,
@@ -78,21 +79,23 @@ class _GivenConstraints:
         return replace(constrained, approximation=self.approximation)
 
 
-@v_args(inline=True)
+@builder
 class _SpecificationBuilder(ConstraintBuilder[tuple[Declaration, ...]]):
     """The builder of the abstract syntax; it has a method for each rule of the grammar."""
 
-    def start(self, *declarations: Declaration) -> tuple[Declaration, ...]:
-        return declarations
+    def start(self, *parts: Any) -> tuple[Any, ...]:
+        return parts
+
+    selections = where = start
 
     def anonymous(self, stream: Term) -> tuple[Declaration, ...]:
-        return (SinkDeclaration(stream, position=stream.position),)
-
-    def source(self, fields: tuple[TypedField, ...], name: Token) -> SourceDeclaration:
-        return SourceDeclaration(_name(name), fields, position=TextPosition.of(name))
+        return (self.sink(stream),)
 
     def sink(self, stream: Term) -> SinkDeclaration:
         return SinkDeclaration(stream, position=stream.position)
+
+    def source(self, fields: tuple[TypedField, ...], name: Token) -> SourceDeclaration:
+        return SourceDeclaration(_name(name), fields, position=TextPosition.of(name))
 
     def unit(
         self, output: TypedField, name: Token, *parameters: tuple[TypedField, ...]
@@ -109,40 +112,34 @@ class _SpecificationBuilder(ConstraintBuilder[tuple[Declaration, ...]]):
         return fields
 
     def typed(self, name: Token, value_type: Token) -> TypedField:
-        return TypedField(_name(name), ValueType(value_type), position=TextPosition.of(name))
+        return TypedField(_name(name), ValueType(value_type))
 
     def constrained(self, stream: Term, *constraints: _GivenConstraints) -> Term:
         return constraints[0].added_to(stream) if constraints else stream
 
     def reference(self, name: Token) -> StreamReference:
-        return StreamReference(_name(name), name.type == 'QUOTED', position=TextPosition.of(name))
+        return StreamReference(_name(name), name.type == 'QUOTED')
 
     def call(self, unit: Token, *parts: Term | UnitArgument) -> Call:
         inputs = tuple(part for part in parts if not isinstance(part, UnitArgument))
         arguments = tuple(part for part in parts if isinstance(part, UnitArgument))
         if (*inputs, *arguments) != parts:
-            raise PositionedError('write the streams before the parameters', TextPosition.of(unit))
-        return Call(str(unit), inputs, arguments, position=TextPosition.of(unit))
+            message = 'write the streams before the parameters'
+            raise PositionedError(message, TextPosition.of(unit))
+        return Call(str(unit), inputs, arguments)
 
     def argument(self, name: Token, value: Token) -> UnitArgument:
-        position = TextPosition.of(name)
         if value.type == 'QUANTITY' and value[-1].isalpha():
-            return UnitArgument(
-                str(name), duration_value(value), is_duration=True, position=position
-            )
-        return UnitArgument(str(name), _value(value), position=position)
+            return UnitArgument(str(name), duration_value(value), is_duration=True)
+        return UnitArgument(str(name), _value(value))
 
-    @v_args(inline=False, meta=True)
-    def merge(self, meta: Any, inputs: list[Term]) -> Merge:
-        return Merge(tuple(inputs), position=TextPosition.of(meta))
+    def merge(self, *inputs: Term) -> Merge:
+        return Merge(inputs)
 
-    @v_args(inline=False, meta=True)
-    def sync(self, meta: Any, inputs: list[Term]) -> Sync:
-        return Sync(tuple(inputs), position=TextPosition.of(meta))
+    def sync(self, *inputs: Term) -> Sync:
+        return Sync(inputs)
 
-    @v_args(inline=False, meta=True)
-    def select(self, meta: Any, parts: list[Any]) -> Term:
-        selections, source, *rest = parts
+    def select(self, selections: tuple[Selection, ...], source: Term, *rest: Any) -> Term:
         conditions: tuple[Condition, ...] = ()
         constraints = _GivenConstraints()
         for part in rest:
@@ -152,22 +149,13 @@ class _SpecificationBuilder(ConstraintBuilder[tuple[Declaration, ...]]):
                 constraints = part
             else:
                 conditions = part
-        select = Select(selections, source, conditions, position=TextPosition.of(meta))
-        return constraints.added_to(select)
-
-    def selections(self, *selections: Selection) -> tuple[Selection, ...]:
-        return selections
+        return constraints.added_to(Select(selections, source, conditions))
 
     def selection(self, field: Token, renaming: Token | None = None) -> Selection:
-        new_name = None if renaming is None else _renaming(renaming)
-        return Selection(_name(field), new_name, position=TextPosition.of(field))
-
-    def where(self, *conditions: Condition) -> tuple[Condition, ...]:
-        return conditions
+        return Selection(_name(field), None if renaming is None else _renaming(renaming))
 
     def condition(self, field: Token, comparison: Token, value: Token) -> Condition:
-        position = TextPosition.of(field)
-        return Condition(_name(field), str(comparison), _value(value), position=position)
+        return Condition(_name(field), str(comparison), _value(value))
 
     def constraints(self, *settings: tuple[Token, Any]) -> _GivenConstraints:
         values = distinct_settings(settings)

@@ -344,8 +344,7 @@ def _interpolated(found: ValueType | None) -> ValueType | None:
 
 
 def _fits(found: ValueType | None, wanted: ValueType) -> bool:
-    widened = found is ValueType.INT and wanted is ValueType.FLOAT
-    return found is None or found is wanted or widened
+    return found is None or wanted.accepts(found)
 
 
 def _title(term: Term) -> str:
