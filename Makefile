@@ -31,10 +31,11 @@ demo: build  ## monitor a simulated UAV fleet (scenario power_surge)
 test: build  ## run all tests
 	@$(IN_ENVIRONMENT) python -m pytest
 
-check: build  ## ruff, mypy and the import rules
+check: build  ## ruff, mypy, the import rules and the rules of the code base
 	@$(IN_ENVIRONMENT) ruff format --check --quiet . && ruff check --quiet .
 	@$(IN_ENVIRONMENT) mypy $(foreach package,$(filter-out dyknow_interfaces,$(PACKAGES)),$(package)/$(package))
-	@$(IN_ENVIRONMENT) lint-imports
+	@$(IN_ENVIRONMENT) lint-imports --no-cache
+	@$(IN_ENVIRONMENT) python tools/check_code_base.py
 
 clean:  ## remove everything that was made
 	rm -rf build install log .venv .mypy_cache .ruff_cache .pytest_cache .hypothesis
