@@ -58,8 +58,7 @@ def record(
         storage: `mcap` or `sqlite3`.
 
     Raises:
-        BringupError: for an unknown storage, a folder that exists already, or a scenario that
-            needs other vehicles.
+        BringupError: for an unknown storage, an existing folder, or missing vehicles.
     """
     if storage not in STORAGES:
         raise BringupError(f"no storage '{storage}'; the storages are {', '.join(STORAGES)}")
@@ -84,5 +83,5 @@ def record(
         for telemetry in simulation.until(start + scenario.duration):
             message = ros_message(telemetry, types.types.__getitem__)
             data = types.serialize_cdr(message, MESSAGE_TYPES[telemetry.channel])
-            connection = connections[telemetry.vehicle, telemetry.channel]
-            writer.write(connection, telemetry.delivery_time, data)
+            key = telemetry.vehicle, telemetry.channel
+            writer.write(connections[key], telemetry.delivery_time, data)
