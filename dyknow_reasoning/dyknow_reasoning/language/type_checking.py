@@ -14,23 +14,8 @@ from enum import StrEnum
 from typing import TypeAlias
 
 from dyknow_common import PositionedError, TextPosition
-from dyknow_reasoning.language.formula import (
-    Arithmetic,
-    Comparison,
-    Exists,
-    Feature,
-    FieldReference,
-    Forall,
-    Formula,
-    Number,
-    Object,
-    Term,
-    TextLiteral,
-    Truth,
-    Variable,
-    parts,
-    walk,
-)
+from dyknow_reasoning.language import formula as syntax
+from dyknow_reasoning.language.formula import Formula, Term, parts, walk
 from dyknow_reasoning.language.grammar import LANGUAGE
 
 
@@ -80,21 +65,21 @@ class _TypeChecker:
     def check_names(self, formula: Formula) -> None:
         """Check that a name stands for one thing: a feature, a sort, a variable or an object."""
         nodes = list(walk(formula))
-        quantifiers = [node for node in nodes if isinstance(node, Forall | Exists)]
+        quantifiers = [node for node in nodes if isinstance(node, syntax.Forall | syntax.Exists)]
         variables = {node.variable for node in quantifiers}
         sorts = {node.sort for node in quantifiers}
-        objects = {node.name for node in nodes if isinstance(node, Object)}
-        arities: dict[str, Feature] = {}
+        objects = {node.name for node in nodes if isinstance(node, syntax.Object)}
+        arities: dict[str, syntax.Feature] = {}
         for node in nodes:
-            if isinstance(node, Feature):
+            if isinstance(node, syntax.Feature):
                 _check_feature(node, variables, objects)
                 _check_arity(node, arities.setdefault(node.name, node))
-            elif isinstance(node, Object):
+            elif isinstance(node, syntax.Object):
                 _check_object(node, variables, sorts)
 
     def check_variables(self, node: Formula | Term, bound: Mapping[str, TextPosition]) -> None:
         """Check that no quantifier binds a variable again."""
-        if isinstance(node, Forall | Exists):
+        if isinstance(node, syntax.Forall | syntax.Exists):
             if node.variable in bound:
                 raise PositionedError(
                     f"the variable '{node.variable}' is bound already, "
@@ -108,7 +93,7 @@ class _TypeChecker:
     def infer_kinds(self, formula: Formula) -> None:
         """Check that every feature is used as one kind of value."""
         self._infer_use(formula)
-        comparisons = [node for node in walk(formula) if isinstance(node, Comparison)]
+        comparisons = [node for node in walk(formula) if isinstance(node, syntax.Comparison)]
         known = -1
         while known != len(self.uses):
             known = len(self.uses)
@@ -117,27 +102,24 @@ class _TypeChecker:
 
     def _infer_use(self, node: Formula | Term) -> None:
         match node:
-            case Feature() | FieldReference():
+            case syntax.Feature() | syntax.FieldReference():
                 self._require(node, Kind.BOOLEAN, 'as a formula')
-            case Comparison('=' | '!=', left, right):
-                self._infer_arithmetic(left)
-                self._infer_arithmetic(right)
-            case Comparison() | Arithmetic():
+            case syntax.Comparison('=' | '!=', left, right):
+                for side in (left, right):
+                    self._infer_numbers(side)
+            case syntax.Comparison() | syntax.Arithmetic():
                 self._infer_numbers(node)
             case _:
                 for part in parts(node):
                     self._infer_use(part)
 
-    def _infer_numbers(self, node: Comparison | Arithmetic) -> None:
-        for side in (node.left, node.right):
-            self._infer_arithmetic(side)
-            self._require(side, Kind.NUMBER, f"as an operand of '{node.operator}'")
+    def _infer_numbers(self, node: Formula | Term) -> None:
+        if isinstance(node, syntax.Comparison | syntax.Arithmetic):
+            for side in (node.left, node.right):
+                self._infer_numbers(side)
+                self._require(side, Kind.NUMBER, f"as an operand of '{node.operator}'")
 
-    def _infer_arithmetic(self, node: Term) -> None:
-        if isinstance(node, Arithmetic):
-            self._infer_numbers(node)
-
-    def _infer_equality(self, node: Comparison) -> None:
+    def _infer_equality(self, node: syntax.Comparison) -> None:
         left, right = self._kind(node.left), self._kind(node.right)
         if left is not None:
             self._require(node.right, left, self._comparison_with(node.left))
@@ -146,15 +128,15 @@ class _TypeChecker:
 
     def _kind(self, term: Term) -> Kind | None:
         match term:
-            case Number() | Arithmetic():
+            case syntax.Number() | syntax.Arithmetic():
                 return Kind.NUMBER
-            case TextLiteral():
+            case syntax.TextLiteral():
                 return Kind.STRING
-            case Truth():
+            case syntax.Truth():
                 return Kind.BOOLEAN
-            case Object() | Variable():
+            case syntax.Object() | syntax.Variable():
                 return Kind.OBJECT
-            case Feature() | FieldReference():
+            case syntax.Feature() | syntax.FieldReference():
                 use = self.uses.get(_name(term))
                 return use.kind if use else None
 
@@ -177,7 +159,7 @@ class _TypeChecker:
         return f' (from its use at {use.position})' if use else ''
 
 
-def _check_feature(node: Feature, variables: set[str], objects: set[str]) -> None:
+def _check_feature(node: syntax.Feature, variables: set[str], objects: set[str]) -> None:
     if node.name in variables:
         raise PositionedError(
             f"the variable '{node.name}' stands for an object, not for a value; "
@@ -191,7 +173,7 @@ def _check_feature(node: Feature, variables: set[str], objects: set[str]) -> Non
         )
 
 
-def _check_arity(node: Feature, first: Feature) -> None:
+def _check_arity(node: syntax.Feature, first: syntax.Feature) -> None:
     if len(node.arguments) != len(first.arguments):
         raise PositionedError(
             f"'{node.name}' has {_counted(node)} here and "
@@ -200,7 +182,7 @@ def _check_arity(node: Feature, first: Feature) -> None:
         )
 
 
-def _check_object(node: Object, variables: set[str], sorts: set[str]) -> None:
+def _check_object(node: syntax.Object, variables: set[str], sorts: set[str]) -> None:
     if node.name in variables:
         raise PositionedError(
             f"the variable '{node.name}' is not bound here; its quantifier does not reach this far",
@@ -214,13 +196,13 @@ def _check_object(node: Object, variables: set[str], sorts: set[str]) -> None:
         )
 
 
-def _counted(feature: Feature) -> str:
+def _counted(feature: syntax.Feature) -> str:
     count = len(feature.arguments)
     return '1 argument' if count == 1 else f'{count} arguments'
 
 
 def _name(term: Term) -> str:
-    return term.name if isinstance(term, Feature) else str(term)
+    return term.name if isinstance(term, syntax.Feature) else str(term)
 
 
 def _article(kind: Kind) -> str:

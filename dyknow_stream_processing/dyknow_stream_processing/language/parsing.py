@@ -23,25 +23,12 @@ from dyknow_common import (
     duration_value,
     text_value,
 )
+from dyknow_stream_processing.language import specification as syntax
 from dyknow_stream_processing.language.specification import (
     LANGUAGE,
-    Approximation,
-    Call,
-    Condition,
     Declaration,
-    Merge,
-    Select,
-    Selection,
-    SinkDeclaration,
-    SourceDeclaration,
     Specification,
-    StreamDeclaration,
-    StreamReference,
-    Sync,
     Term,
-    TypedField,
-    UnitArgument,
-    UnitDeclaration,
 )
 
 
@@ -61,7 +48,7 @@ class _GivenConstraints:
     """A list of constraints in the text; the approximation of a sync is written among them."""
 
     values: StreamConstraints = NO_CONSTRAINTS
-    approximation: Approximation | None = None
+    approximation: syntax.Approximation | None = None
     position: TextPosition = NOWHERE
 
     def added_to(self, stream: Term) -> Term:
@@ -73,7 +60,7 @@ class _GivenConstraints:
         constrained = replace(stream, constraints=merged)
         if self.approximation is None:
             return constrained
-        if not isinstance(constrained, Sync):
+        if not isinstance(constrained, syntax.Sync):
             message = 'only a sync has an approximation; others keep the samples as they are'
             raise PositionedError(message, self.position)
         return replace(constrained, approximation=self.approximation)
@@ -91,56 +78,58 @@ class _SpecificationBuilder(ConstraintBuilder[tuple[Declaration, ...]]):
     def anonymous(self, stream: Term) -> tuple[Declaration, ...]:
         return (self.sink(stream),)
 
-    def sink(self, stream: Term) -> SinkDeclaration:
-        return SinkDeclaration(stream, position=stream.position)
+    def sink(self, stream: Term) -> syntax.SinkDeclaration:
+        return syntax.SinkDeclaration(stream, position=stream.position)
 
-    def source(self, fields: tuple[TypedField, ...], name: Token) -> SourceDeclaration:
-        return SourceDeclaration(_name(name), fields, position=TextPosition.of(name))
+    def source(
+        self, fields: tuple[syntax.TypedField, ...], name: Token
+    ) -> syntax.SourceDeclaration:
+        return syntax.SourceDeclaration(_name(name), fields, position=TextPosition.of(name))
 
     def unit(
-        self, output: TypedField, name: Token, *parameters: tuple[TypedField, ...]
-    ) -> UnitDeclaration:
-        return UnitDeclaration(str(name), output, parameters, position=TextPosition.of(name))
+        self, output: syntax.TypedField, name: Token, *parameters: tuple[syntax.TypedField, ...]
+    ) -> syntax.UnitDeclaration:
+        return syntax.UnitDeclaration(str(name), output, parameters, position=TextPosition.of(name))
 
-    def named(self, name: Token, stream: Term) -> StreamDeclaration:
-        return StreamDeclaration(str(name), stream, position=TextPosition.of(name))
+    def named(self, name: Token, stream: Term) -> syntax.StreamDeclaration:
+        return syntax.StreamDeclaration(str(name), stream, position=TextPosition.of(name))
 
-    def fields(self, *fields: TypedField) -> tuple[TypedField, ...]:
+    def fields(self, *fields: syntax.TypedField) -> tuple[syntax.TypedField, ...]:
         for field in fields:
             if sum(field.name == other.name for other in fields) > 1:
                 raise PositionedError(f"field '{field.name}' is declared twice", field.position)
         return fields
 
-    def typed(self, name: Token, value_type: Token) -> TypedField:
-        return TypedField(_name(name), ValueType(value_type))
+    def typed(self, name: Token, value_type: Token) -> syntax.TypedField:
+        return syntax.TypedField(_name(name), ValueType(value_type))
 
     def constrained(self, stream: Term, *constraints: _GivenConstraints) -> Term:
         return constraints[0].added_to(stream) if constraints else stream
 
-    def reference(self, name: Token) -> StreamReference:
-        return StreamReference(_name(name), name.type == 'QUOTED')
+    def reference(self, name: Token) -> syntax.StreamReference:
+        return syntax.StreamReference(_name(name), name.type == 'QUOTED')
 
-    def call(self, unit: Token, *parts: Term | UnitArgument) -> Call:
-        inputs = tuple(part for part in parts if not isinstance(part, UnitArgument))
-        arguments = tuple(part for part in parts if isinstance(part, UnitArgument))
+    def call(self, unit: Token, *parts: Term | syntax.UnitArgument) -> syntax.Call:
+        inputs = tuple(part for part in parts if not isinstance(part, syntax.UnitArgument))
+        arguments = tuple(part for part in parts if isinstance(part, syntax.UnitArgument))
         if (*inputs, *arguments) != parts:
             message = 'write the streams before the parameters'
             raise PositionedError(message, TextPosition.of(unit))
-        return Call(str(unit), inputs, arguments)
+        return syntax.Call(str(unit), inputs, arguments)
 
-    def argument(self, name: Token, value: Token) -> UnitArgument:
+    def argument(self, name: Token, value: Token) -> syntax.UnitArgument:
         if value.type == 'QUANTITY' and value[-1].isalpha():
-            return UnitArgument(str(name), duration_value(value), is_duration=True)
-        return UnitArgument(str(name), _value(value))
+            return syntax.UnitArgument(str(name), duration_value(value), is_duration=True)
+        return syntax.UnitArgument(str(name), _value(value))
 
-    def merge(self, *inputs: Term) -> Merge:
-        return Merge(inputs)
+    def merge(self, *inputs: Term) -> syntax.Merge:
+        return syntax.Merge(inputs)
 
-    def sync(self, *inputs: Term) -> Sync:
-        return Sync(inputs)
+    def sync(self, *inputs: Term) -> syntax.Sync:
+        return syntax.Sync(inputs)
 
-    def select(self, selections: tuple[Selection, ...], source: Term, *rest: Any) -> Term:
-        conditions: tuple[Condition, ...] = ()
+    def select(self, selections: tuple[syntax.Selection, ...], source: Term, *rest: Any) -> Term:
+        conditions: tuple[syntax.Condition, ...] = ()
         constraints = _GivenConstraints()
         for part in rest:
             # Constraints belong to the source if conditions or more constraints follow them.
@@ -149,13 +138,13 @@ class _SpecificationBuilder(ConstraintBuilder[tuple[Declaration, ...]]):
                 constraints = part
             else:
                 conditions = part
-        return constraints.added_to(Select(selections, source, conditions))
+        return constraints.added_to(syntax.Select(selections, source, conditions))
 
-    def selection(self, field: Token, renaming: Token | None = None) -> Selection:
-        return Selection(_name(field), None if renaming is None else _renaming(renaming))
+    def selection(self, field: Token, renaming: Token | None = None) -> syntax.Selection:
+        return syntax.Selection(_name(field), None if renaming is None else _renaming(renaming))
 
-    def condition(self, field: Token, comparison: Token, value: Token) -> Condition:
-        return Condition(_name(field), str(comparison), _value(value))
+    def condition(self, field: Token, comparison: Token, value: Token) -> syntax.Condition:
+        return syntax.Condition(_name(field), str(comparison), _value(value))
 
     def constraints(self, *settings: tuple[Token, Any]) -> _GivenConstraints:
         values = distinct_settings(settings)
@@ -163,8 +152,10 @@ class _SpecificationBuilder(ConstraintBuilder[tuple[Declaration, ...]]):
         position = TextPosition.of(settings[0][0])
         return _GivenConstraints(StreamConstraints(**values), approximation, position)
 
-    def approximation(self, name: Token, approximation: Token) -> tuple[Token, Approximation]:
-        return name, Approximation(approximation)
+    def approximation(
+        self, name: Token, approximation: Token
+    ) -> tuple[Token, syntax.Approximation]:
+        return name, syntax.Approximation(approximation)
 
 
 def _name(token: Token) -> str:

@@ -15,26 +15,8 @@ from dyknow_common import (
     absence,
     listed_as,
 )
-from dyknow_stream_processing.language.specification import (
-    Approximation,
-    Call,
-    Declaration,
-    Merge,
-    Select,
-    Selection,
-    SinkDeclaration,
-    SourceDeclaration,
-    Specification,
-    StreamDeclaration,
-    StreamReference,
-    Sync,
-    Term,
-    TypedField,
-    UnitDeclaration,
-    made,
-    references,
-    value_text,
-)
+from dyknow_stream_processing.language import specification as syntax
+from dyknow_stream_processing.language.specification import Specification, Term
 from dyknow_stream_processing.language.type_rules import (
     Unit,
     collision_text,
@@ -78,13 +60,13 @@ class Resolved:
 
 def free_names(specification: Specification) -> FreeNames:
     """Return the streams and topics that a specification refers to and does not declare."""
-    streams = {each.name for each in specification.declared(StreamDeclaration)}
-    sources = {each.name for each in specification.declared(SourceDeclaration)}
+    streams = {each.name for each in specification.declared(syntax.StreamDeclaration)}
+    sources = {each.name for each in specification.declared(syntax.SourceDeclaration)}
     found = [
         reference
         for each in specification.declarations
-        if isinstance(each, StreamDeclaration | SinkDeclaration)
-        for reference in references(each.stream)
+        if isinstance(each, syntax.StreamDeclaration | syntax.SinkDeclaration)
+        for reference in syntax.references(each.stream)
     ]
     return FreeNames(
         frozenset(each.name for each in found if not each.is_topic) - streams - sources,
@@ -114,9 +96,9 @@ def resolve(
         DyKnowError: if the added constraints contradict those of the specification.
     """
     resolver = _Resolver(specification, streams, topic_fields, units)
-    for each in specification.declared(StreamDeclaration):
+    for each in specification.declared(syntax.StreamDeclaration):
         resolver.stream(each)
-    term, fields = resolver.term(made(specification))
+    term, fields = resolver.term(syntax.made(specification))
     merged = term.constraints.merged(constraints)
     return Resolved(replace(term, constraints=merged), fields, resolver.names)
 
@@ -136,14 +118,18 @@ class _Resolver:
         self._topic_fields = topic_fields
         self._units = units
         self._error = specification.error
-        self._streams = {each.name: each for each in specification.declared(StreamDeclaration)}
-        self._sources = {each.name: each for each in specification.declared(SourceDeclaration)}
-        self._calls = {each.name: each for each in specification.declared(UnitDeclaration)}
+        self._streams = {
+            each.name: each for each in specification.declared(syntax.StreamDeclaration)
+        }
+        self._sources = {
+            each.name: each for each in specification.declared(syntax.SourceDeclaration)
+        }
+        self._calls = {each.name: each for each in specification.declared(syntax.UnitDeclaration)}
         self._resolved: dict[str, _TypedTerm] = {}
         self._pending: list[str] = []
         self._check_declared_once(specification.declarations)
 
-    def stream(self, declaration: StreamDeclaration) -> _TypedTerm:
+    def stream(self, declaration: syntax.StreamDeclaration) -> _TypedTerm:
         """Return a declared stream and its fields."""
         name = declaration.name
         if name in self._pending:
@@ -159,18 +145,18 @@ class _Resolver:
     def term(self, term: Term) -> _TypedTerm:
         """Return a term, resolved, and its fields."""
         match term:
-            case StreamReference():
+            case syntax.StreamReference():
                 return self._reference(term)
-            case Select():
+            case syntax.Select():
                 return self._select(term)
-            case Call():
+            case syntax.Call():
                 return self._call(term)
-            case Merge():
+            case syntax.Merge():
                 return self._merge(term)
-            case Sync():
+            case syntax.Sync():
                 return self._sync(term)
 
-    def _reference(self, reference: StreamReference) -> _TypedTerm:
+    def _reference(self, reference: syntax.StreamReference) -> _TypedTerm:
         target, fields = self._target(reference)
         if reference.constraints.is_empty:
             return target, fields
@@ -184,14 +170,14 @@ class _Resolver:
             self._add_name(reference.name, constrained)
         return constrained, fields
 
-    def _target(self, reference: StreamReference) -> _TypedTerm:
+    def _target(self, reference: syntax.StreamReference) -> _TypedTerm:
         name = reference.name
         if not reference.is_topic and name in self._streams:
             return self.stream(self._streams[name])
         if name in self._sources:
             return self._source(self._sources[name])
         if reference.is_topic:
-            return StreamReference(name, is_topic=True), self._topic_fields(name)
+            return syntax.StreamReference(name, is_topic=True), self._topic_fields(name)
         if name in self._existing:
             self._add_name(name, self._existing[name].term)
             return self._existing[name].term, self._existing[name].fields
@@ -202,19 +188,19 @@ class _Resolver:
             ExitCode.NOT_FOUND,
         )
 
-    def _source(self, source: SourceDeclaration) -> _TypedTerm:
+    def _source(self, source: syntax.SourceDeclaration) -> _TypedTerm:
         known = self._topic_fields(source.name)
         for field in source.fields:
             found = self._field(known, field.name, f"topic '{source.name}'", field.position)
             if not _fits(found, field.type):
                 message = f"field '{field.name}' of topic '{source.name}' is {_typed(found)}"
                 raise self._error(f'{message}, not {_typed(field.type)}', field.position)
-        topic = StreamReference(source.name, is_topic=True)
-        term = Select(tuple(Selection(field.name) for field in source.fields), topic)
+        topic = syntax.StreamReference(source.name, is_topic=True)
+        term = syntax.Select(tuple(syntax.Selection(field.name) for field in source.fields), topic)
         self._add_name(source.name, term)
         return term, {field.name: field.type for field in source.fields}
 
-    def _select(self, select: Select) -> _TypedTerm:
+    def _select(self, select: syntax.Select) -> _TypedTerm:
         source, fields = self.term(select.source)
         owner = _title(select.source)
         for condition in select.conditions:
@@ -222,14 +208,14 @@ class _Resolver:
             if found is not None and found not in comparable_types(condition):
                 message = (
                     f"field '{condition.field}' is {_typed(found)}, which cannot be compared "
-                    f'with {value_text(condition.value)}'
+                    f'with {syntax.value_text(condition.value)}'
                 )
                 raise self._error(message, condition.position)
         selected = self._selected(select.selections, fields, owner)
         return replace(select, source=source), selected
 
     def _selected(
-        self, selections: Iterable[Selection], fields: Fields | None, owner: str
+        self, selections: Iterable[syntax.Selection], fields: Fields | None, owner: str
     ) -> Fields | None:
         selected: dict[str, ValueType | None] = {}
         dynamic = False
@@ -243,7 +229,7 @@ class _Resolver:
             selected[each.name] = self._field(fields, each.field, owner, each.position)
         return None if dynamic else selected
 
-    def _call(self, call: Call) -> _TypedTerm:
+    def _call(self, call: syntax.Call) -> _TypedTerm:
         declaration = self._calls.get(call.unit)
         if declaration is None:
             known = _listing(self._calls)
@@ -265,7 +251,11 @@ class _Resolver:
         return replace(call, inputs=tuple(inputs), declaration=declaration), output
 
     def _check_argument(
-        self, argument: Term, fields: Fields | None, parameter: Sequence[TypedField], unit: str
+        self,
+        argument: Term,
+        fields: Fields | None,
+        parameter: Sequence[syntax.TypedField],
+        unit: str,
     ) -> None:
         for field in parameter:
             found = self._field(fields, field.name, _title(argument), argument.position)
@@ -276,7 +266,7 @@ class _Resolver:
                 )
                 raise self._error(message, argument.position)
 
-    def _check_settings(self, call: Call) -> None:
+    def _check_settings(self, call: syntax.Call) -> None:
         possible = settings(self._units[call.unit])
         names = [each.name for each in call.arguments]
         for each in call.arguments:
@@ -286,12 +276,12 @@ class _Resolver:
             if names.count(each.name) > 1:
                 raise self._error(f"parameter '{each.name}' is given twice", each.position)
 
-    def _merge(self, merge: Merge) -> _TypedTerm:
+    def _merge(self, merge: syntax.Merge) -> _TypedTerm:
         inputs, fields = zip(*map(self.term, merge.inputs), strict=True)
         same = all(each == fields[0] for each in fields)
         return replace(merge, inputs=inputs), fields[0] if same else None
 
-    def _sync(self, sync: Sync) -> _TypedTerm:
+    def _sync(self, sync: syntax.Sync) -> _TypedTerm:
         inputs, all_fields = zip(*map(self.term, sync.inputs), strict=True)
         owners: dict[str, Term] = {}
         for each, fields in zip(sync.inputs, all_fields, strict=True):
@@ -303,7 +293,7 @@ class _Resolver:
                     )
         known = [fields for fields in all_fields if fields is not None]
         joined = {name: found for fields in known for name, found in fields.items()}
-        if sync.approximation is Approximation.LINEAR:
+        if sync.approximation is syntax.Approximation.LINEAR:
             joined = {name: _interpolated(found) for name, found in joined.items()}
         return replace(sync, inputs=inputs), joined if len(known) == len(all_fields) else None
 
@@ -318,13 +308,13 @@ class _Resolver:
             raise self._error(absence(owner, fields, name), position)
         return fields[listed]
 
-    def _check_declared_once(self, declarations: Iterable[Declaration]) -> None:
+    def _check_declared_once(self, declarations: Iterable[syntax.Declaration]) -> None:
         streams: set[str] = set()
         units: set[str] = set()
         for each in declarations:
-            if isinstance(each, SinkDeclaration):
+            if isinstance(each, syntax.SinkDeclaration):
                 continue
-            names = units if isinstance(each, UnitDeclaration) else streams
+            names = units if isinstance(each, syntax.UnitDeclaration) else streams
             if each.name in names:
                 raise self._error(f"'{each.name}' is declared twice", each.position)
             names.add(each.name)
@@ -348,7 +338,7 @@ def _fits(found: ValueType | None, wanted: ValueType) -> bool:
 
 
 def _title(term: Term) -> str:
-    return f"stream '{term.name if isinstance(term, StreamReference) else term}'"
+    return f"stream '{term.name if isinstance(term, syntax.StreamReference) else term}'"
 
 
 def _typed(value_type: ValueType | None) -> str:
