@@ -25,7 +25,7 @@ from rclpy.task import Task
 from rclpy.waitable import NumberOfEntities
 
 Take = Callable[[Any], Any]
-"""Takes the data of an entity; returns a coroutine function that runs its callback, or None."""
+"""A function that takes the data of an entity and returns its callback as a coroutine function."""
 
 MAX_IDLE_PASSES: Final = 2
 """A task may complete the future of another one that was resumed before it in the same pass."""
@@ -54,7 +54,7 @@ def supports_node_executor(executor: SingleThreadedExecutor) -> bool:
 
 
 class NodeExecutor(SingleThreadedExecutor):
-    """Runs callbacks and coroutines as `SingleThreadedExecutor` does, in the thread that spins.
+    """An executor that runs callbacks and coroutines in the thread that spins.
 
     rclpy's `EventsExecutor` is no alternative: it cannot run a coroutine as a service, and polls
     coroutines without a pause.

@@ -1,8 +1,8 @@
 """Bridge rules between ontologies, such as those of several robots (paper, section V; C-OWL).
 
-`robot2:height equivalent uav:Altitude` says that two features, or two sorts, mean the same;
-`robot2:Drone into uav:UAV` that whatever is of the first is of the second, and not the other way
-round; `robot2:self same uav:uav2` that two names are those of one object.
+`robot2:height equivalent uav:Altitude`: two features, or two sorts, mean the same;
+`robot2:Drone into uav:UAV`: each instance of the first is one of the second, but not vice versa;
+`robot2:self same uav:uav2`: two names of one object.
 """
 
 from __future__ import annotations
