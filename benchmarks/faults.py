@@ -24,7 +24,7 @@ CALM = 1.0
 
 @dataclass
 class Faults:
-    """Injects faults at random times and repairs them later.
+    """Generator of faults at random times, which repairs them later.
 
     Args:
         nodes: the nodes to kill and to stop.

@@ -68,7 +68,7 @@ class Fleet:
         self._next = time.time_ns() // self._period * self._period + self._period
 
     def run(self) -> None:
-        """Publishes at each tick and obeys, until the standard input ends."""
+        """Publish at each tick and execute commands, until the standard input ends."""
         while True:
             self._tick_if_due()
             wait = max(0, self._next - time.time_ns()) / SECOND_NS

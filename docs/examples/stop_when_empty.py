@@ -10,7 +10,7 @@ FORMULA = 'forall r in Rover: always (Charge[r] < 0.2 -> eventually[0 s, 2 s] Sp
 
 
 class StopWhenEmpty(Node):
-    """Monitors that every rover stops within two seconds when its battery is low."""
+    """A node that monitors if every rover stops in time when its battery is low."""
 
     def __init__(self):
         super().__init__('stop_when_empty')

@@ -1,4 +1,4 @@
-"""Starts and stops processes without the launch package."""
+"""Start and stop processes without the launch package."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The dyknow command: starts DyKnow for a robot, and asks it formulas."""
+"""Start DyKnow for a robot, or evaluate a formula with it."""
 
 from __future__ import annotations
 
@@ -69,7 +69,7 @@ def _existing(files: Sequence[Path]) -> tuple[Path, ...]:
 
 
 def evaluate(chosen: argparse.Namespace) -> int:
-    """Ask one formula; the exit code is 0 for true, 1 for false and 2 for no verdict."""
+    """Evaluate one formula; the exit code is 0 for true, 1 for false and 2 for no verdict."""
     answer = _ask(chosen)
     if chosen.json:
         _print(json.dumps(_as_json(answer)))
@@ -120,7 +120,7 @@ def options(arguments: Sequence[str]) -> argparse.Namespace:
     _add_up_options(commands.add_parser('up', help='start the seven nodes'))
     _add_evaluate_options(
         commands.add_parser(
-            'evaluate', help='ask a formula; exit code 0: true, 1: false, 2: no verdict'
+            'evaluate', help='evaluate a formula; exit code 0: true, 1: false, 2: no verdict'
         )
     )
     return parser.parse_args(arguments)

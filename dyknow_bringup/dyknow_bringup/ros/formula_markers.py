@@ -1,4 +1,4 @@
-"""Shows formulas as markers, for rviz2 and Foxglove: fences, lines between vehicles, and texts."""
+"""Show formulas as markers, for rviz2 and Foxglove: fences, lines between vehicles, and texts."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ MARKERS = QoSProfile(depth=1)
 
 
 class FormulaMarkers(DyKnowNode):
-    """Publishes `~/markers` of a coordinator's evaluations while it has subscribers.
+    """Publisher of the evaluations of a coordinator on `~/markers`, while that has subscribers.
 
     The vehicles are the objects of the formulas' ground features that have an odometry topic.
     """

@@ -1,4 +1,4 @@
-"""Monitors the formulas of a file with the stream reasoning coordinator, all at once."""
+"""Monitor the formulas of a file with the stream reasoning coordinator, all at once."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ RETRY_DELAY_S = 0.5
 
 
 class FormulaMonitor(DyKnowNode):
-    """Monitors each formula by a MonitorFormula action, and keeps its outcome.
+    """A client that monitors each formula by a MonitorFormula action, and keeps its outcome.
 
     Args:
         on_change: called with every formula that gets an outcome; None: it is logged.

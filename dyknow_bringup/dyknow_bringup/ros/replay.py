@@ -1,4 +1,4 @@
-"""Publishes a rosbag2 recording on its topics, at a chosen rate and optionally with /clock."""
+"""Publish a rosbag2 recording on its topics, at a chosen rate and optionally with /clock."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ LINGER_NS = SECOND_NS
 
 
 class ReplayNode(DyKnowNode):
-    """Publishes the serialised messages of a bag when they are due."""
+    """Publisher of the serialised messages of a bag when they are due."""
 
     def __init__(self, options: argparse.Namespace) -> None:
         super().__init__('replay')

@@ -1,4 +1,4 @@
-"""The simulated fleet: publishes `uavN/odometry` and `uavN/battery` as real vehicles do."""
+"""Simulate a fleet, which publishes `uavN/odometry` and `uavN/battery` as real vehicles do."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ DEPTH = 100
 
 
 class UavSimulation(DyKnowNode):
-    """Simulates a scenario in real time, by the ROS clock."""
+    """Simulation of a scenario in real time, by the ROS clock."""
 
     def __init__(self) -> None:
         super().__init__('uav_simulation')

@@ -107,7 +107,7 @@ class Scenario:
 
     @property
     def vehicles(self) -> frozenset[str]:
-        """Vehicles that the scenario needs."""
+        """The vehicles that the scenario needs."""
         disturbed = {each.vehicle for each in (*self.gusts, *self.telemetry_losses)}
         return frozenset(self.plans) | disturbed
 
