@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from contextlib import closing
 
 import pytest
 from dyknow_interfaces.msg import ExitStatus, FormulaResult
@@ -10,7 +11,7 @@ from dyknow_interfaces.srv import ConceptCreate, ConceptDestroy, InstanceCreate,
 
 from evaluations import Evaluations, Monitored, Spares
 from services import nanoseconds
-from system import Batteries, System
+from system import POLL, SOON_NOTICED, Batteries, SharedSystem, System
 
 TRUE, FALSE = FormulaResult.TRUE, FormulaResult.FALSE
 SPARE = 'uav1_spare_power'
@@ -20,15 +21,24 @@ pytestmark = pytest.mark.usefixtures('calm')
 
 
 @pytest.fixture(scope='module')
-def system(tmp_path_factory: pytest.TempPathFactory) -> Iterator[System]:
-    parameters = {'stream_reasoning_engine': {'progress_period': 0.2}}
-    with System(tmp_path_factory.mktemp('system'), parameters=parameters) as running:
-        yield running
+def system(shared_system: SharedSystem) -> System:
+    return shared_system.get(parameters=SOON_NOTICED)
 
 
 @pytest.fixture(scope='module')
-def batteries(system: System) -> Batteries:
-    return Batteries(system.client, (*system.vehicles, 'spare1', 'uav3'))
+def batteries(system: System) -> Iterator[Batteries]:
+    vehicles = (*system.vehicles, 'spare1', 'uav3')
+    with closing(Batteries(system.client, vehicles)) as publishing:
+        yield publishing
+
+
+def wait_for_own_streams(system: System, count: int) -> None:
+    """Wait until there are so many streams beside those of the fleet."""
+    system.client.spin_until(
+        lambda: len(system.streams() - system.fleet_streams) == count,
+        f'{count} streams beside those of the fleet',
+        pause=POLL,
+    )
 
 
 def assert_no_state_was_lost(monitored: Monitored) -> None:
@@ -48,7 +58,7 @@ def test_a_better_stream_comes_and_goes(
     spares.power(SPARE, 'spare1', of='uav1', timing=FAST)
     evaluations.wait_for_event('better', SPARE)
     # What the other stream says does not count any more, once all states are made of this one.
-    system.client.spin_until(lambda: len(system.streams() - system.fleet_streams) == 2, 'one left')
+    wait_for_own_streams(system, 2)
     batteries.power['uav1'] = 240.0
     said = batteries.stamp
     system.client.spin_until(lambda: batteries.stamp >= said + 10**9, 'a second')
@@ -57,7 +67,7 @@ def test_a_better_stream_comes_and_goes(
     system.client.spin_until(lambda: batteries.stamp >= settled + 10**9, 'a second')
     spares.forget(SPARE)
     evaluations.wait_for_event('better', 'from uav1_power')
-    system.client.spin_until(lambda: len(system.streams() - system.fleet_streams) == 2, 'one left')
+    wait_for_own_streams(system, 2)
     count = len(monitored.feedback)
     system.client.spin_until(lambda: len(monitored.feedback) > count + 1, 'more states')
     assert_no_state_was_lost(monitored)
@@ -147,7 +157,7 @@ def test_an_annotation_that_is_taken_away(
 def test_a_new_vehicle(
     system: System, batteries: Batteries, evaluations: Evaluations, spares: Spares
 ) -> None:
-    """A domain is fixed for an evaluation, unless it asked to begin anew."""
+    """A domain is fixed for an evaluation, unless it asked to restart."""
     formula = 'forall u in UAV: always Power[u] < 150'
     fixed = system.ask(formula, timeout=60.0)
     following = Monitored(system.client, formula, timeout=60.0, restart_on_change=True)
@@ -157,7 +167,7 @@ def test_a_new_vehicle(
         InstanceCreate, 'ontology_manager/instance_create',
         instance_name='uav3', concept_names=['UAV'],
     )  # fmt: skip
-    evaluations.wait_for_event('cannot begin anew', 'Power[uav3]')
+    evaluations.wait_for_event('cannot restart', 'Power[uav3]')
     spares.power('uav3_power', 'uav3', of='uav3')
     result = following.result()
     assert result.verdict == FALSE, result
@@ -192,7 +202,7 @@ def test_a_vehicle_that_leaves(
     evaluations.wait_for_state()
     spares.forget('uav3_power')
     call(InstanceDestroy, 'ontology_manager/instance_destroy', instance_name='uav3')
-    evaluations.wait_for_event('begins anew', 'uav1, uav2')
+    evaluations.wait_for_event('restarted', 'uav1, uav2')
     batteries.silent.add('uav3')
     evaluations.wait_for_state()
     batteries.power['uav1'] = 240.0

@@ -19,7 +19,7 @@ from dyknow_stream_processing import Select, StreamDeclaration, UnitDeclaration,
 
 
 class Grounding(IntEnum):
-    """How symbols find their streams; the numbers are those of EvaluateFormula."""
+    """Method to find streams for symbols; the numbers are those of EvaluateFormula."""
 
     AUTO = 0
     SYNTACTIC = 1

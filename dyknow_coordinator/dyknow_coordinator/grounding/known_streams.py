@@ -35,7 +35,7 @@ class KnownStreams:
     """All streams that the stream manager reports.
 
     Args:
-        is_published: tells if a topic has a publisher.
+        is_published: returns True if a topic has a publisher.
         absolute: returns the absolute name of a topic.
     """
 

@@ -24,12 +24,8 @@ def field_names(
 ) -> tuple[str, ...]:
     """Return the fields of the stream that a specification makes.
 
-    Fields that are named by the samples themselves (`A%b%`) are unknown, and left out.
-
-    Args:
-        specification: in the stream language.
-        stream_fields: returns the fields of a stream that is referred to, but not declared.
-        topic_fields: returns the fields of a topic.
+    Fields that are named by the samples themselves (`A%b%`) are unknown, and left out. The
+    functions return the fields of a stream that is not declared, and of a topic.
     """
     parsed = parse_specification(specification)
     declared = {

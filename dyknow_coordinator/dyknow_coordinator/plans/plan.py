@@ -26,7 +26,7 @@ from dyknow_coordinator.errors import CoordinationError
 
 
 class Holds(IntEnum):
-    """When a formula of an action must hold; the numbers are those of PlanFormula."""
+    """Period in which a formula of an action must hold; the numbers are those of PlanFormula."""
 
     WHILE_EXECUTING = 0
     """From the start of its action to the end of the action."""

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import zlib
+from dataclasses import dataclass
 from functools import partial
 from itertools import count
-from typing import Any, Final
+from typing import Any, Final, Self
 
 from diagnostic_msgs.msg import DiagnosticStatus
 from dyknow_interfaces.action import MonitorFormula
@@ -40,36 +41,53 @@ _PROGRESS_FIELDS: Final = (
 """The fields that FormulaProgress and the feedback of MonitorFormula have in common."""
 
 
+@dataclass(frozen=True, slots=True)
+class _Settings:
+    """Parameters of the coordinator, in seconds."""
+
+    default_timeout_s: float
+    max_timeout_s: float
+    keep_ended_s: float
+    silence_limit_s: float
+
+    @classmethod
+    def declare(cls, node: DyKnowNode) -> Self:
+        """Declare the parameters of a node, and return their values."""
+        return cls(
+            default_timeout_s=node.parameter(
+                'default_timeout',
+                60.0,
+                'Seconds for which a formula is evaluated if the client gives no timeout.',
+                (0.1, 1e9),
+            ),
+            max_timeout_s=node.parameter(
+                'timeout_limit',
+                0.0,
+                'Longest timeout in seconds, whatever the client requests; 0: no limit.',
+                (0.0, 1e9),
+            ),
+            keep_ended_s=node.parameter(
+                'keep_ended',
+                30.0,
+                'Seconds for which a formula is reported to operators after its end.',
+                (0.0, 1e6),
+            ),
+            silence_limit_s=node.parameter(
+                'silence_limit',
+                5.0,
+                'Seconds after which a silent stream is replaced, if others match, and operators '
+                'get a warning.',
+                (0.1, 1e9),
+            ),
+        )
+
+
 class StreamReasoningCoordinator(DyKnowNode):
     """Answers EvaluateFormula, MonitorFormula and MonitorPlan."""
 
     def __init__(self) -> None:
         super().__init__('stream_reasoning_coordinator')
-        self._default_timeout_s = self.parameter(
-            'default_timeout',
-            60.0,
-            'Seconds for which a formula is evaluated if the client gives no timeout.',
-            (0.1, 1e9),
-        )
-        self._max_timeout_s = self.parameter(
-            'timeout_limit',
-            0.0,
-            'Longest timeout in seconds, whatever the client requests; 0: no limit.',
-            (0.0, 1e9),
-        )
-        self._keep_ended_s = self.parameter(
-            'keep_ended',
-            30.0,
-            'Seconds for which a formula is reported to operators after its end.',
-            (0.0, 1e6),
-        )
-        silence_limit_s = self.parameter(
-            'silence_limit',
-            5.0,
-            'Seconds after which a silent stream is replaced, if others match, and operators get '
-            'a warning.',
-            (0.1, 1e9),
-        )
+        self._settings = _Settings.declare(self)
         self._prefix = f'states_{zlib.crc32(self.get_fully_qualified_name().encode()):08x}_'
         clients = ServiceClients(self)
         self._shared = CoordinatorContext(
@@ -84,9 +102,9 @@ class StreamReasoningCoordinator(DyKnowNode):
         self._groups = EvaluationGroups(self._shared)
         self._evaluations: list[FormulaEvaluation] = []
         self._service_evaluations: list[FormulaEvaluation] = []
-        self._report = EvaluationsReport(self, self._statuses, silence_limit_s)
+        self._report = EvaluationsReport(self, self._statuses, self._settings.silence_limit_s)
         ChangeListener(self, clients.version_topics, self._on_semantics_changed)
-        SilenceMonitor(self._shared, self._groups, silence_limit_s)
+        SilenceMonitor(self._shared, self._groups, self._settings.silence_limit_s)
         for remote in clients.nodes:
             remote.on_found.append(self._update_status)
             remote.on_lost.append(self._update_status)
@@ -116,7 +134,7 @@ class StreamReasoningCoordinator(DyKnowNode):
 
     async def _run(self, evaluation: FormulaEvaluation) -> None:
         await evaluation.run()
-        expiry = self.deadlines.after(self._keep_ended_s)
+        expiry = self.deadlines.after(self._settings.keep_ended_s)
         expiry.add_done_callback(lambda _: self._forget(evaluation))
 
     def _forget(self, evaluation: FormulaEvaluation) -> None:
@@ -145,7 +163,9 @@ class StreamReasoningCoordinator(DyKnowNode):
         return result
 
     def _read_request(self, message: Any) -> EvaluationRequest:
-        return request_from_message(message, self._default_timeout_s, self._max_timeout_s)
+        return request_from_message(
+            message, self._settings.default_timeout_s, self._settings.max_timeout_s
+        )
 
     def _statuses(self) -> list[EvaluationStatus]:
         return [evaluation.status() for evaluation in self._evaluations]

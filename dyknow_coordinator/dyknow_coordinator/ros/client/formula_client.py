@@ -127,8 +127,10 @@ class FormulaClient:
 
         The request cannot be cancelled; it ends after its timeout. See `monitor` for others.
         """
+        refusal = self._refusal(timeout)
+        if refusal is not None:
+            return Answer(error=refusal)
         try:
-            self._check(timeout)
             request = _request(EvaluateFormula.Request, formula, timeout, grounding, constraints)
             response = await self._coordinator.request(
                 EvaluateFormula, request, wait, timeout + GRACE_S
@@ -157,15 +159,7 @@ class FormulaClient:
         _refuse_in_callback(self._node)
         if self._is_closed:
             return Answer(error=_closed())
-        # A hidden node beside the client's, for the thread that waits.
-        helper = Node(
-            f'_{self._node.get_name()}_formula_client',
-            context=self._node.context,
-            namespace=self._node.get_namespace(),
-            use_global_arguments=False,
-            start_parameter_services=False,
-            enable_rosout=False,
-        )
+        helper = _helper_node(self._node)
         executor = SingleThreadedExecutor(context=self._node.context)
         executor.add_node(helper)
         try:
@@ -199,16 +193,9 @@ class FormulaClient:
     ) -> Monitor:
         """Evaluate a formula from now on, in the background.
 
-        Args:
-            formula: see the class.
-            on_verdict: called once, with the answer or an error; may be `async`.
-            on_feedback: called after states.
-            name: the name that operators see; empty for the formula itself.
-            restart_on_change: restart when a sort in the formula gains or loses objects.
-            timeout: see the class.
-            grounding: see the class.
-            constraints: see the class.
-            wait: see the class.
+        `on_verdict` is called once, with the answer or an error, and may be `async`; `on_feedback`
+        after states. `name` is shown to operators, by default the formula. `restart_on_change`
+        restarts the formula when one of its sorts gains or loses objects.
         """
         monitor = Monitor()
 
@@ -219,19 +206,19 @@ class FormulaClient:
                 monitor.accepted.set_result(None)
             _notify(self._node, on_verdict, answer)
 
-        try:
-            self._check(timeout)
-        except DyKnowError as error:
-            end(None, error)
+        refusal = self._refusal(timeout)
+        if refusal is not None:
+            end(None, refusal)
             return monitor
         goal = _request(MonitorFormula.Goal, formula, timeout, grounding, constraints)
         goal.name, goal.restart_on_change = name, restart_on_change
+        timeouts = GoalTimeouts(wait, timeout)
         monitor.call = self._send(
             MonitorFormula,
             goal,
-            GoalTimeouts(wait, timeout),
+            timeouts,
             end,
-            lambda feedback: on_feedback(progress_from_message(feedback)),
+            lambda each: on_feedback(progress_from_message(each)),
         )
         monitor.call.accepted.add_done_callback(lambda _: monitor.accepted.set_result(None))
         return monitor
@@ -247,12 +234,8 @@ class FormulaClient:
     ) -> PlanMonitor:
         """Monitor the execution of a plan, whose progress the caller reports to the handle.
 
-        Args:
-            plan: its name must be unique among the plans that are monitored.
-            on_verdict: called for every change of the status of a formula.
-            grounding: of all formulas; see the class.
-            constraints: of the states of all formulas.
-            wait: see the class.
+        `on_verdict` is called for every change of the status of a formula. The other options are
+        those of all formulas.
         """
         monitor = PlanMonitor(plan.name, self._coordinator, on_verdict)
 
@@ -313,11 +296,13 @@ class FormulaClient:
             )
         return self._actions[action_type]
 
-    def _check(self, timeout: float) -> None:
+    def _refusal(self, timeout_s: float) -> CoordinationError | None:
+        """Return the reason why a request cannot be sent, if there is one."""
         if self._is_closed:
-            raise _closed()
-        if timeout <= 0:
-            raise CoordinationError(f'the timeout of {timeout:g} s is not above 0; give it more')
+            return _closed()
+        if timeout_s <= 0:
+            return CoordinationError(f'the timeout of {timeout_s:g} s is not above 0; give it more')
+        return None
 
 
 def _closed() -> CoordinationError:
@@ -336,6 +321,18 @@ def _request(
         grounding=int(grounding),
         constraints=constraints_to_message(constraints),
         timeout=nanoseconds_to_duration(round(timeout_s * SECOND_NS)),
+    )
+
+
+def _helper_node(node: Node) -> Node:
+    """Return a hidden node beside another one, for a thread that waits."""
+    return Node(
+        f'_{node.get_name()}_formula_client',
+        context=node.context,
+        namespace=node.get_namespace(),
+        use_global_arguments=False,
+        start_parameter_services=False,
+        enable_rosout=False,
     )
 
 
