@@ -74,13 +74,15 @@ class FormulaClient:
     The client works in callbacks of any executor, single-threaded or multi-threaded, and may be
     created before the node is spun. All methods but `evaluate_blocking` return at once.
 
-    The options of all methods:
+    Options:
 
     - formula: in the formula language.
     - timeout: seconds of the wall clock after which the answer is TIMEOUT.
     - grounding: how symbols find their streams.
     - constraints: of the state stream.
     - wait: seconds to wait for the coordinator to be available.
+    - name: shown to operators; by default the formula.
+    - restart_on_change: restart when a sort of the formula gains or loses objects.
 
     Args:
         node: any node; the client has callback groups of its own.
@@ -193,32 +195,25 @@ class FormulaClient:
     ) -> Monitor:
         """Evaluate a formula from now on, in the background.
 
-        `on_verdict` is called once, with the answer or an error, and may be `async`; `on_feedback`
-        after states. `name` is shown to operators, by default the formula. `restart_on_change`
-        restarts the formula when one of its sorts gains or loses objects.
+        `on_verdict` (may be `async`) is called once, with the answer or an error; `on_feedback`
+        after states.
         """
         monitor = Monitor()
 
         def end(result: Any, error: DyKnowError | None) -> None:
             answer = Answer(error=error) if error is not None else answer_from_message(result)
             monitor.outcome.set_result(answer)
-            if monitor.call is None:
-                monitor.accepted.set_result(None)
             _notify(self._node, on_verdict, answer)
 
-        refusal = self._refusal(timeout)
-        if refusal is not None:
+        if (refusal := self._refusal(timeout)) is not None:
+            monitor.accepted.set_result(None)
             end(None, refusal)
             return monitor
         goal = _request(MonitorFormula.Goal, formula, timeout, grounding, constraints)
         goal.name, goal.restart_on_change = name, restart_on_change
-        timeouts = GoalTimeouts(wait, timeout)
+        limits = GoalTimeouts(wait, timeout)
         monitor.call = self._send(
-            MonitorFormula,
-            goal,
-            timeouts,
-            end,
-            lambda each: on_feedback(progress_from_message(each)),
+            MonitorFormula, goal, limits, end, lambda each: on_feedback(progress_from_message(each))
         )
         monitor.call.accepted.add_done_callback(lambda _: monitor.accepted.set_result(None))
         return monitor
