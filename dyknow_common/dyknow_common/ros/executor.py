@@ -25,7 +25,7 @@ from rclpy.task import Task
 from rclpy.waitable import NumberOfEntities
 
 Take = Callable[[Any], Any]
-"""A function that takes the data of an entity and returns its callback as a coroutine function."""
+"""A function that takes the data of an entity; it returns a coroutine function, or None."""
 
 MAX_IDLE_PASSES: Final = 2
 """A task may complete the future of another one that was resumed before it in the same pass."""
