@@ -1,4 +1,4 @@
-"""Metric temporal logic over streams of states: its language, progression, formula groups."""
+"""Metric temporal logic over streams of states: language, progression, formula groups."""
 
 from dyknow_reasoning.check import CheckResult, check_trace
 from dyknow_reasoning.errors import ReasoningError
@@ -17,8 +17,7 @@ from dyknow_reasoning.language.formula import (
 from dyknow_reasoning.language.parsing import parse_formula
 from dyknow_reasoning.language.symbols import symbols_of
 from dyknow_reasoning.language.type_checking import Kind, check_types
-from dyknow_reasoning.named_formula import NamedFormula
-from dyknow_reasoning.results import FormulaResult
+from dyknow_reasoning.results import FormulaResult, NamedFormula
 from dyknow_reasoning.trace import RecordedState, read_trace
 
 __all__ = [

@@ -1,11 +1,11 @@
-"""Formulas checked over a recorded trace, as a function and as a command."""
+"""The function `check_trace` and the command `check`: formulas over a recorded trace."""
 
 from __future__ import annotations
 
 import argparse
 import json
 import sys
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -21,16 +21,16 @@ _NONE_FALSE, _ONE_FALSE, _BAD_INPUT = 0, 1, 2
 
 @dataclass(frozen=True, slots=True)
 class CheckResult:
-    """What a trace says of a formula.
+    """The result of a formula over a trace.
 
     Args:
-        formula: its canonical text.
-        verdict: undecided if the trace ends too early, or the formula failed.
-        decided_at: the valid time of the deciding state in nanoseconds, None if undecided.
-        decided_at_state: its index, from 0; None if undecided.
-        states: how many states the trace has.
-        explanation: why; of an undecided formula, what remains of it.
-        error: why the formula failed.
+        formula: the canonical text of the formula.
+        verdict: undecided if the trace ends too early or the formula failed.
+        decided_at: the valid time of the deciding state in nanoseconds; None if undecided.
+        decided_at_state: the index of the deciding state, from 0; None if undecided.
+        states: the number of states of the trace.
+        explanation: the reasons; for an undecided formula, what remains of it.
+        error: the reason why the formula failed.
     """
 
     formula: str
@@ -45,15 +45,15 @@ class CheckResult:
 def check_trace(
     formulas: Sequence[str], domains: Domains, trace: Iterable[RecordedState]
 ) -> list[CheckResult]:
-    """Progresses formulas over a trace; a result for each, in their order.
+    """Progress formulas over a trace; return a result for each, in their order.
 
     Args:
-        formulas: their texts.
+        formulas: the texts of the formulas.
         domains: the objects of each sort.
         trace: the states, in the order of their valid times.
 
     Raises:
-        LanguageError: for a text that is no formula.
+        LanguageError: for a text that is not a formula.
         ReasoningError: for a sort without a domain.
     """
     group = FormulaGroup()
@@ -69,7 +69,7 @@ def check_trace(
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """The command `check`.
+    """Run the command `check`.
 
     Returns:
         0 if no formula is false, 1 if one is, 2 for bad input.
@@ -88,7 +88,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
         sys.stdout.write(f'{_json(result) if options.json else _report(result)}\n')
         if result.error:
             sys.stderr.write(f'{result.formula}: {result.error}\n')
-    return _exit_code(results)
+    if any(result.error for result in results):
+        return _BAD_INPUT
+    is_false = any(result.verdict is Verdict.FALSE for result in results)
+    return _ONE_FALSE if is_false else _NONE_FALSE
 
 
 def _parser() -> argparse.ArgumentParser:
@@ -128,13 +131,12 @@ def _read_formulas(path: str | None) -> list[str]:
 def _domains(options: Sequence[str]) -> Domains:
     domains: dict[str, list[str]] = {}
     for option in options:
-        sort, found, objects = option.partition('=')
-        if not found or not sort.strip():
+        sort, found, objects = (part.strip() for part in option.partition('='))
+        if not found or not sort:
             raise ReasoningError(f"'{option}' is not a domain; write it as UAV=uav1,uav2")
-        if sort.strip() in domains:
-            raise ReasoningError(f"the sort '{sort.strip()}' has two domains; give it one")
-        names = (name.strip() for name in objects.split(','))
-        domains[sort.strip()] = [name for name in names if name]
+        if sort in domains:
+            raise ReasoningError(f"the sort '{sort}' has two domains; give it one")
+        domains[sort] = [name.strip() for name in objects.split(',') if name.strip()]
     return domains
 
 
@@ -155,18 +157,13 @@ def _result(
 
 
 def _report(result: CheckResult) -> str:
-    return '\n  '.join((result.formula, *_lines(result)))
-
-
-def _lines(result: CheckResult) -> Iterator[str]:
     if result.error:
-        yield f'failed: {result.explanation}'
-    elif result.decided_at is None:
-        yield result.explanation
-    else:
-        time = round_time(result.decided_at)
-        yield f'{result.verdict.name.lower()} at {time} (state {result.decided_at_state})'
-        yield result.explanation
+        return f'{result.formula}\n  failed: {result.explanation}'
+    if result.decided_at is None:
+        return f'{result.formula}\n  {result.explanation}'
+    decided = f'{result.verdict.name.lower()} at {round_time(result.decided_at)}'
+    state = f'(state {result.decided_at_state})'
+    return f'{result.formula}\n  {decided} {state}\n  {result.explanation}'
 
 
 def _json(result: CheckResult) -> str:
@@ -181,10 +178,3 @@ def _json(result: CheckResult) -> str:
         },
         ensure_ascii=False,
     )
-
-
-def _exit_code(results: Iterable[CheckResult]) -> int:
-    verdicts = [(result.verdict, result.error) for result in results]
-    if any(error for _, error in verdicts):
-        return _BAD_INPUT
-    return _ONE_FALSE if any(verdict is Verdict.FALSE for verdict, _ in verdicts) else _NONE_FALSE

@@ -1,4 +1,4 @@
-"""What can go wrong when a formula is evaluated."""
+"""Errors in the evaluation of formulas."""
 
 from __future__ import annotations
 

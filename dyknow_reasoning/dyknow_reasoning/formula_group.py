@@ -1,47 +1,47 @@
-"""Formula groups: formulas over one stream of states and one domain for each sort (VI-A.6)."""
+"""Formula groups: formulas over one stream of states and one domain for each sort (VI-A.6).
+
+A formula passes through these stages: `parse_formula` parses it (language), `instances_of` makes
+its instances when the domains are known (progression), `InstanceMonitor` progresses them over the
+states (execution), and `explain` gives the reasons of the verdict (explanation).
+"""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from collections.abc import Set as AbstractSet
 from itertools import chain, count
-from operator import attrgetter
 from typing import Any
 
-import numpy as np
-
-from dyknow_common import ExitCode, Symbol, Verdict, format_time, round_time
+from dyknow_common import ExitCode, Symbol, Verdict, round_time
 from dyknow_reasoning.errors import ReasoningError
-from dyknow_reasoning.execution.aggregation import StateOutcome
-from dyknow_reasoning.execution.automata.templates import formula_instances
-from dyknow_reasoning.execution.instance_monitor import InstanceMonitor
-from dyknow_reasoning.execution.vectors.atom_vectors import Array, Recording, recorded
-from dyknow_reasoning.execution.vectors.recordings import values_at
+from dyknow_reasoning.execution import InstanceMonitor, Outcomes, Recording
 from dyknow_reasoning.explanation.explanation import explain
 from dyknow_reasoning.explanation.remainders import Remainders
+from dyknow_reasoning.language.parsing import parse_formula
 from dyknow_reasoning.language.symbols import symbols_of
-from dyknow_reasoning.named_formula import NamedFormula
+from dyknow_reasoning.language.type_checking import check_types
 from dyknow_reasoning.progression.atoms import Values
 from dyknow_reasoning.progression.bounds import Chronology
-from dyknow_reasoning.progression.gaps import Gap
-from dyknow_reasoning.progression.instances import Domains, Instance, ground_symbols, instances_of
+from dyknow_reasoning.progression.instances import (
+    Domains,
+    Instance,
+    instances_of,
+    required_features,
+)
 from dyknow_reasoning.progression.node_store import NodeStore
 from dyknow_reasoning.progression.nodes import FALSE, Constant
-from dyknow_reasoning.results import FormulaResult
+from dyknow_reasoning.results import FormulaResult, NamedFormula
 
 DEFAULT_NODE_LIMIT = 100_000
-_MOST_NODES = 10_000
-_WHATEVER = {
-    Verdict.TRUE: 'true for these objects, whatever the states are',
-    Verdict.FALSE: 'false for these objects, whatever the states are',
-}
+_MAX_NODES = 10_000
+_FOR_ALL_STATES = '{} for these objects, whatever the states are'
 
 
 class FormulaGroup:
     """Formulas that are progressed over the same states, each until it is decided.
 
-    Add formulas, `begin` with the domains, then `progress` state by state. Formulas may come and go
-    at any time.
+    Add formulas, call `begin` with the domains, then `progress` for each state. Formulas may be
+    added and removed at any time.
 
     Args:
         node_limit: a formula that grows to more nodes by progression fails.
@@ -52,16 +52,15 @@ class FormulaGroup:
         self._ids = count(1)
         self._formulas: dict[int, NamedFormula] = {}
         self._instances: dict[int, list[Instance]] = {}
-        # The formulas that need no state, until that has been told.
+        # The verdicts of formulas that need no state, until they are reported.
         self._known: dict[int, Verdict] = {}
+        # The residual texts of formulas that have a result.
         self._ends: dict[int, str] = {}
         self._undecided: set[int] = set()
         self._store = NodeStore(Chronology())
-        self._most_nodes = _MOST_NODES
+        self._max_nodes = _MAX_NODES
         self._domains: Domains = {}
-        self._ensemble: InstanceMonitor | None = None
-        self._latest: int | None = None
-        self._gap_follows = False
+        self._monitor: InstanceMonitor | None = None
         self._remainders: Remainders | None = None
 
     @property
@@ -71,184 +70,175 @@ class FormulaGroup:
 
     @property
     def undecided(self) -> AbstractSet[int]:
-        """The ids of the formulas that have no result yet; none before `begin`."""
+        """The ids of the formulas without a result; empty before `begin`."""
         return self._undecided
 
     def add_formula(self, name: str, text: str) -> int:
-        """Adds a formula and returns its id.
+        """Add a formula and return its id.
 
-        Once the group has begun, the formula begins with the next state.
+        If the group has begun, the formula begins with the next state.
 
         Raises:
-            LanguageError: for a text that is no formula, or makes no sense; with the place.
-            ReasoningError: once the group has begun, for a sort without a domain.
+            LanguageError: for a text that is not a formula or is badly typed, with the position.
+            ReasoningError: if the group has begun, for a sort without a domain.
         """
-        named = NamedFormula.parsed(name, text)
-        self._forget_nodes()
-        instances = (
-            instances_of(named.formula, self._domains, self._store) if self._ensemble else []
-        )
+        formula = parse_formula(text)
+        named = NamedFormula(name, formula, check_types(formula, text))
+        self._limit_nodes()
+        instances = instances_of(formula, self._domains, self._store) if self._monitor else []
         formula_id = next(self._ids)
         self._formulas[formula_id] = named
-        if self._ensemble:
-            self._begin_formula(formula_id, instances, self._ensemble)
+        if self._monitor:
+            self._begin_formula(formula_id, instances, self._monitor)
         return formula_id
 
     def remove_formula(self, formula_id: int) -> None:
-        """Takes a formula out of the group; the others go on.
+        """Remove a formula.
 
         Raises:
             ReasoningError: for an unknown formula.
         """
         self._find(formula_id)
-        if self._ensemble and formula_id in self._undecided:
-            self._ensemble.drop([formula_id])
+        if self._monitor and formula_id in self._undecided:
+            self._monitor.remove([formula_id])
         self._undecided.discard(formula_id)
-        for known in (self._formulas, self._instances, self._known, self._ends):
-            known.pop(formula_id, None)
+        for each in (self._formulas, self._instances, self._known, self._ends):
+            each.pop(formula_id, None)
 
     def symbols(self) -> list[Symbol]:
-        """The symbols of all formulas, each once.
+        """Return the symbols of all formulas, each once.
 
-        Before `begin` they are those of the texts; the argument of a feature is an object, or the
-        sort that the variable there ranges over. After it they are the ground features that the
-        formulas depend on once simplified: the fields that each state must hold.
+        Before `begin` they are the symbols of the texts; an argument of a feature is an object, or
+        the sort that the variable there ranges over. After `begin` they are the features of objects
+        that the simplified formulas depend on: the fields that each state must hold.
         """
-        if self._ensemble:
-            return ground_symbols(chain.from_iterable(self._instances.values()))
+        if self._monitor:
+            return required_features(chain.from_iterable(self._instances.values()))
         found = (symbol for each in self._formulas.values() for symbol in symbols_of(each.formula))
         return list(dict.fromkeys(found))
 
     def begin(self, domains: Domains) -> None:
-        """Fixes the objects of each sort, in the order given.
+        """Fix the objects of each sort.
 
         Raises:
-            ReasoningError: for a sort without a domain, or when the group has begun before.
+            ReasoningError: for a sort without a domain, or if the group has begun before.
         """
-        if self._ensemble:
+        if self._monitor:
             raise ReasoningError('the formula group has begun already', ExitCode.ALREADY_EXISTS)
         instances = {
             formula_id: instances_of(each.formula, domains, self._store)
             for formula_id, each in self._formulas.items()
         }
         self._domains = domains
-        self._ensemble = InstanceMonitor(self._node_limit)
-        self._remainders = Remainders(self._ensemble)
+        self._monitor = InstanceMonitor(self._node_limit)
+        self._remainders = Remainders(self._monitor)
         for formula_id, found in instances.items():
-            self._begin_formula(formula_id, found, self._ensemble)
-        self._ensemble.admit(0)
+            self._begin_formula(formula_id, found, self._monitor)
+        self._monitor.prepare()
 
     def decided_at_once(self) -> list[FormulaResult]:
-        """The results of the formulas that are decided whatever the states are.
+        """Return the results of the formulas that are decided for all states.
 
-        Who does not ask gets them with the first state.
-        """
-        self._begun()
-        return self._decide_at_once(None)
-
-    def progress(self, valid_time: int, values: Values) -> list[FormulaResult]:
-        """Progresses all undecided formulas over a state; returns the results that it brings.
-
-        A formula fails, and the others go on, when the state lacks a field that the formula still
-        depends on or holds a value there that it cannot use.
-
-        Args:
-            valid_time: of the state, in nanoseconds; later than that of the state before.
-            values: a value for each ground feature, by the name `Symbol.field`.
+        Without a call they are returned with the first state.
 
         Raises:
             ReasoningError: before `begin`.
         """
-        latest = self._latest
-        if self._ensemble is None or latest is None:
-            return self._progress_first(valid_time, values)
-        if valid_time <= latest:
-            return self.fail(_not_later(valid_time, latest), valid_time)
-        elapsed = valid_time - latest
-        routine = self._ensemble.routine
-        if routine and elapsed == routine.elapsed and routine.step(values):
-            self._latest = valid_time
+        self._begun()
+        return self._known_results(None)
+
+    def progress(self, valid_time: int, values: Values) -> list[FormulaResult]:
+        """Progress all undecided formulas over a state; return the new results.
+
+        A formula fails if the state lacks a field that the formula still depends on, or holds an
+        unusable value there. All formulas fail if the valid time is not later than the previous.
+
+        Args:
+            valid_time: the valid time of the state, in nanoseconds.
+            values: a value for each feature of objects, by the name `Symbol.field`.
+
+        Raises:
+            ReasoningError: before `begin`.
+        """
+        monitor = self._monitor or self._begun()
+        quick_step = monitor.quick_step
+        if quick_step and not self._known and quick_step(valid_time, values):
             return []
-        results = self._before(self._ensemble, latest, valid_time, values)
-        self._latest = valid_time
-        outcome = self._ensemble.progress(valid_time, elapsed, values)
-        return results + self._take(outcome, valid_time, values) if outcome else results
+        try:
+            outcomes = monitor.progress(valid_time, values)
+        except ReasoningError as error:
+            return self.fail(error, valid_time)
+        if outcomes or self._known:
+            return self._known_results(valid_time) + self._results(outcomes, valid_time, values)
+        return []
 
     def progress_many(
         self, valid_times: Iterable[int], columns: Mapping[str, Iterable[Any]]
     ) -> list[FormulaResult]:
-        """Progresses all undecided formulas over many states.
+        """Progress all undecided formulas over many states; return the new results.
 
         Args:
-            valid_times: of the states, in nanoseconds; may be an array of numpy.
-            columns: for each ground feature its values, one for each state; may be arrays of numpy.
+            valid_times: the valid times of the states, in nanoseconds; may be a numpy array.
+            columns: for each feature of objects, its values at the states; may be numpy arrays.
 
         Raises:
             ReasoningError: for columns of different lengths, or before `begin`.
         """
-        ensemble = self._begun()
-        times = np.array(valid_times if isinstance(valid_times, np.ndarray) else list(valid_times))
-        recording = recorded(columns)
-        for name, column in recording.items():
-            if len(column) != len(times):
-                raise ReasoningError(
-                    f"the column '{name}' has {len(column)} values for {len(times)} states"
-                )
-        if not len(times):
-            return []
-        results = []
-        latest = self._latest
-        if latest is None:
-            latest = int(times[0])
-            results = self._progress_first(latest, values_at(recording, 0))
-            times, recording = times[1:], {name: each[1:] for name, each in recording.items()}
-        steps = np.diff(times, prepend=latest)
-        return results + self._progress_recording(ensemble, latest, times, steps, recording)
+        monitor = self._begun()
+        recording = Recording.read(valid_times, columns)
+        usable = recording.increasing(monitor.latest)
+        results = self._known_results(usable.times[0]) if usable.times else []
+        for index, outcomes in monitor.progress_many(usable):
+            results += self._results(outcomes, usable.times[index], usable.values(index))
+        end = len(usable.times)
+        if end < len(recording.times):
+            results += self.progress(recording.times[end], recording.values(end))
+        return results
 
     def gap(self) -> None:
-        """Tells that states may be missing before the next one, any number with any values.
+        """Record that states may be missing before the next one, any number with any values.
 
-        No verdict depends on them: see `gaps`. A formula that can become neither true nor false
-        any more fails. Formulas that have seen no state begin with the next one as ever.
+        No verdict depends on them: see `progression.gaps`. A formula that can become neither true
+        nor false fails. Formulas that have seen no state are not affected.
 
         Raises:
             ReasoningError: before `begin`.
         """
-        self._begun().interrupt()
-        self._gap_follows = self._latest is not None
+        self._begun().gap()
 
     def fail(self, error: ReasoningError, valid_time: int) -> list[FormulaResult]:
-        """Gives up all undecided formulas, for a state that cannot be used.
+        """Fail all undecided formulas, and return their results.
 
         Args:
-            error: what is wrong with the state.
-            valid_time: of that state, in nanoseconds.
+            error: the reason.
+            valid_time: the valid time of the unusable state, in nanoseconds.
         """
-        results = [self._failed(each, error, valid_time) for each in sorted(self._undecided)]
-        if self._ensemble:
-            self._ensemble.drop(self._undecided)
-        return self._end(results)
+        failed = sorted(self._undecided)
+        if self._monitor:
+            self._monitor.remove(failed)
+        return self._results(dict.fromkeys(failed, error), valid_time, {})
 
     def residual(self, formula_id: int) -> str:
-        """The canonical text of what remains of a formula.
+        """Return the canonical text of what remains of a formula, for the states to come.
 
-        After a state its intervals count from there, and it speaks of the states to come.
+        After a state, its intervals count from that state.
 
         Raises:
             ReasoningError: for an unknown formula.
         """
-        named = self._find(formula_id)
+        formula = self._find(formula_id)
         if formula_id in self._ends:
             return self._ends[formula_id]
-        if self._latest is None or self._remainders is None or formula_id in self._known:
-            return str(named)
-        return self._remainders.text(formula_id, self._latest) or str(named)
+        if self._remainders is None or formula_id in self._known:
+            return str(formula)
+        return self._remainders.text(formula_id) or str(formula)
 
     def presumably_false(self, formula_id: int) -> bool:
-        """Whether a formula would be false if no further state came (RV-LTL).
+        """Return True if a formula would be false if no further state came (RV-LTL).
 
-        Then what shall always hold does, and what shall come about does not. After a gap it is told
-        of what `residual` shows. False for one that failed, and where nothing is known yet.
+        Then all that must always hold does, and all that must eventually hold does not. After a
+        gap, this is about the formula of `residual`. Return False for a formula that failed, and
+        before `begin`.
 
         Raises:
             ReasoningError: for an unknown formula.
@@ -258,57 +248,12 @@ class FormulaGroup:
             return self._ends[formula_id] == 'false'
         if formula_id in self._known or self._remainders is None:
             return self._known.get(formula_id) is Verdict.FALSE
-        return not self._remainders.holds_at_the_end(formula_id, self._latest or 0)
-
-    def _progress_first(self, valid_time: int, values: Values) -> list[FormulaResult]:
-        ensemble = self._begun()
-        self._latest = valid_time
-        known = self._decide_at_once(valid_time)
-        outcome = ensemble.progress(valid_time, 0, values)
-        return known + self._take(outcome, valid_time, values) if outcome else known
-
-    def _before(
-        self, ensemble: InstanceMonitor, latest: int, valid_time: int, values: Values
-    ) -> list[FormulaResult]:
-        """What is known as soon as a state has come, before it is looked at."""
-        results = self._decide_at_once(valid_time) if self._known else []
-        if self._gap_follows:
-            self._gap_follows = False
-            results += self._take(ensemble.cross(Gap(latest, valid_time)), valid_time, values)
-        return results
-
-    def _progress_recording(
-        self,
-        ensemble: InstanceMonitor,
-        latest: int,
-        times: Array,
-        steps: Array,
-        recording: Recording,
-    ) -> list[FormulaResult]:
-        usable = int(np.argmax(steps <= 0)) if (steps <= 0).any() else len(times)
-        results: list[FormulaResult] = []
-        ahead = times[:usable].tolist()
-        if ahead and (self._known or self._gap_follows):
-            results += self._before(ensemble, latest, ahead[0], values_at(recording, 0))
-        for index, outcome in ensemble.progress_many(ahead, steps[:usable].tolist(), recording):
-            results += self._take(outcome, ahead[index], values_at(recording, index))
-        if usable:
-            self._latest = ahead[-1]
-        if usable < len(times):
-            results += self.progress(int(times[usable]), values_at(recording, usable))
-        return results
+        return not self._remainders.holds_at_the_end(formula_id)
 
     def _begun(self) -> InstanceMonitor:
-        if self._ensemble is None:
+        if self._monitor is None:
             raise ReasoningError('the formula group has not begun; give it the domains first')
-        return self._ensemble
-
-    def _forget_nodes(self) -> None:
-        """Drops the nodes of formulas that have left, when they have become many."""
-        if len(self._store) > self._most_nodes:
-            known = chain.from_iterable(self._instances.values())
-            self._store = NodeStore(Chronology(), {instance.node for instance in known})
-            self._most_nodes = max(_MOST_NODES, 2 * len(self._store))
+        return self._monitor
 
     def _find(self, formula_id: int) -> NamedFormula:
         if formula_id not in self._formulas:
@@ -317,73 +262,62 @@ class FormulaGroup:
             )
         return self._formulas[formula_id]
 
+    def _limit_nodes(self) -> None:
+        """Drop the nodes of removed formulas if there are many."""
+        if len(self._store) > self._max_nodes:
+            known = chain.from_iterable(self._instances.values())
+            self._store = NodeStore(Chronology(), {instance.node for instance in known})
+            self._max_nodes = max(_MAX_NODES, 2 * len(self._store))
+
     def _begin_formula(
-        self, formula_id: int, instances: list[Instance], ensemble: InstanceMonitor
+        self, formula_id: int, instances: list[Instance], monitor: InstanceMonitor
     ) -> None:
         self._instances[formula_id] = instances
         self._undecided.add(formula_id)
         if verdict := _verdict(instances):
             self._known[formula_id] = verdict
-            ensemble.interrupt()
         else:
-            ensemble.add(formula_instances(formula_id, instances, self._formulas[formula_id].kinds))
+            monitor.add(formula_id, instances, self._formulas[formula_id].kinds)
 
-    def _decide_at_once(self, valid_time: int | None) -> list[FormulaResult]:
+    def _known_results(self, valid_time: int | None) -> list[FormulaResult]:
         known, self._known = self._known, {}
-        return self._end(
-            [
-                self._decided(formula_id, verdict, valid_time, _WHATEVER[verdict])
-                for formula_id, verdict in known.items()
-                if formula_id in self._undecided
-            ]
-        )
-
-    def _take(self, outcome: StateOutcome, valid_time: int, values: Values) -> list[FormulaResult]:
-        """The results that a state brings."""
-        results = [
-            self._failed(formula_id, error, valid_time)
-            for formula_id, error in outcome.failures.items()
-        ]
-        for formula_id, finish in outcome.decisions.items():
-            verdict = Verdict.TRUE if finish.verdict else Verdict.FALSE
-            why = explain(finish, values)
-            results.append(self._decided(formula_id, verdict, valid_time, why))
-        return self._end(sorted(results, key=attrgetter('formula_id')))
-
-    def _end(self, results: list[FormulaResult]) -> list[FormulaResult]:
-        """Goes on without the formulas that have a result."""
-        for result in results:
-            self._undecided.discard(result.formula_id)
-            decided = result.verdict is not Verdict.UNDECIDED
-            true = str(result.verdict is Verdict.TRUE).lower()
-            self._ends[result.formula_id] = (
-                true if decided else str(self._formulas[result.formula_id])
+        return [
+            self._decided(
+                formula_id, verdict, valid_time, _FOR_ALL_STATES.format(verdict.name.lower())
             )
+            for formula_id, verdict in known.items()
+            if formula_id in self._undecided
+        ]
+
+    def _results(self, outcomes: Outcomes, valid_time: int, values: Values) -> list[FormulaResult]:
+        results = []
+        for formula_id, outcome in outcomes.items():
+            if isinstance(outcome, ReasoningError):
+                results.append(self._failed(formula_id, outcome, valid_time))
+            else:
+                verdict = Verdict.TRUE if outcome.holds else Verdict.FALSE
+                why = explain(outcome, values)
+                results.append(self._decided(formula_id, verdict, valid_time, why))
         return results
 
     def _decided(
         self, formula_id: int, verdict: Verdict, valid_time: int | None, why: str
     ) -> FormulaResult:
-        name = self._formulas[formula_id].name
-        return FormulaResult(formula_id, name, verdict, valid_time, why)
+        self._undecided.discard(formula_id)
+        self._ends[formula_id] = verdict.name.lower()
+        return FormulaResult(formula_id, self._formulas[formula_id].name, verdict, valid_time, why)
 
     def _failed(self, formula_id: int, error: ReasoningError, valid_time: int) -> FormulaResult:
-        name = self._formulas[formula_id].name
+        self._undecided.discard(formula_id)
+        formula = self._formulas[formula_id]
+        self._ends[formula_id] = str(formula)
         located = ReasoningError(f'at {round_time(valid_time)}: {error}', error.code)
-        return FormulaResult(formula_id, name, Verdict.UNDECIDED, None, '', located)
+        return FormulaResult(formula_id, formula.name, Verdict.UNDECIDED, None, '', located)
 
 
 def _verdict(instances: Sequence[Instance]) -> Verdict:
-    """What is known of a formula before any state."""
+    """Return the verdict on a formula that holds for all states, or undecided."""
     if any(instance.node is FALSE for instance in instances):
         return Verdict.FALSE
     decided = all(type(instance.node) is Constant for instance in instances)
     return Verdict.TRUE if decided else Verdict.UNDECIDED
-
-
-def _not_later(valid_time: int, latest: int) -> ReasoningError:
-    return ReasoningError(
-        f'the valid time {format_time(valid_time)} is not later than {format_time(latest)}, '
-        'that of the state before; valid times must increase',
-        ExitCode.CONSTRAINT_VIOLATION,
-    )

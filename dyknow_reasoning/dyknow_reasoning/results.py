@@ -1,4 +1,4 @@
-"""What a formula group tells of its formulas."""
+"""Formulas of a group, and their results."""
 
 from __future__ import annotations
 
@@ -6,20 +6,40 @@ from dataclasses import dataclass
 
 from dyknow_common import Verdict
 from dyknow_reasoning.errors import ReasoningError
+from dyknow_reasoning.language.formula import Formula
+from dyknow_reasoning.language.type_checking import Kinds
+
+
+@dataclass(frozen=True, slots=True)
+class NamedFormula:
+    """A formula of a group; its `str` is the canonical text.
+
+    Args:
+        name: the name that the user gave it.
+        formula: its abstract syntax.
+        kinds: the kinds of its features.
+    """
+
+    name: str
+    formula: Formula
+    kinds: Kinds
+
+    def __str__(self) -> str:
+        return str(self.formula)
 
 
 @dataclass(frozen=True, slots=True)
 class FormulaResult:
-    """The end of one formula.
+    """The result of one formula.
 
     Args:
-        formula_id: which formula of the group.
-        name: what the user calls it.
+        formula_id: the id of the formula in its group.
+        name: the name that the user gave it.
         verdict: undecided if the formula failed.
-        decided_at: the valid time of the deciding state in nanoseconds; None if the formula failed,
+        decided_at: the valid time of the deciding state in nanoseconds; None if the formula failed
             or needed no state.
-        explanation: why, for those who operate the robot; empty if the formula failed.
-        error: why it failed.
+        explanation: the reasons, for those who operate the robot; empty if the formula failed.
+        error: the reason why the formula failed.
     """
 
     formula_id: int

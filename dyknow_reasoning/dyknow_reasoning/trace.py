@@ -1,4 +1,4 @@
-"""Recorded traces: one state a row, read from comma-separated values."""
+"""Recorded traces: one state per row, read from comma-separated values."""
 
 from __future__ import annotations
 
@@ -23,8 +23,8 @@ class RecordedState:
     """A row of a trace.
 
     Args:
-        valid_time: in nanoseconds.
-        values: by the canonical text of the ground feature; an empty cell has none.
+        valid_time: the valid time in nanoseconds.
+        values: the values by the canonical texts of features; empty cells are left out.
     """
 
     valid_time: int
@@ -32,16 +32,16 @@ class RecordedState:
 
 
 def read_trace(lines: Iterable[str]) -> Iterator[RecordedState]:
-    """The states of a trace, one by one.
+    """Return the states of a trace, one by one.
 
-    The first line names the columns: `time_ns` or `time_s`, and a ground feature each. A value is
-    `true` or `false`, an integer, a decimal, or else a string.
+    The first line names the columns: `time_ns` or `time_s`, and one column for each ground feature.
+    A value is `true` or `false`, an integer, a decimal, or else a string.
 
     Args:
-        lines: of a file of comma-separated values.
+        lines: the lines of a file of comma-separated values.
 
     Raises:
-        ReasoningError: with the line, for what is no trace.
+        ReasoningError: for an invalid trace, with the line.
     """
     rows = csv.reader(lines, skipinitialspace=True)
     columns = _columns(next(rows, []))
@@ -51,17 +51,22 @@ def read_trace(lines: Iterable[str]) -> Iterator[RecordedState]:
 
 
 def _columns(header: Sequence[str]) -> list[str]:
-    """The names of the columns, features by their canonical texts."""
+    """Return the canonical names of the columns."""
     names = [name.strip() for name in header]
     if sum(name in _UNITS for name in names) != 1:
         raise ReasoningError(
             'line 1: a trace has one column of times, time_ns or time_s; '
             f'this one has the columns: {", ".join(names) or "none"}'
         )
-    columns = [_canonical(name) for name in names]
-    if len(set(columns)) < len(columns):
-        twice = next(name for name in columns if columns.count(name) > 1)
-        raise ReasoningError(f"line 1: there are two columns '{twice}'; remove one")
+    columns: list[str] = []
+    for name in names:
+        try:
+            column = str(parse_formula(name))
+        except LanguageError:
+            raise ReasoningError(f"line 1: the column '{name}' is not a ground feature") from None
+        if column in columns:
+            raise ReasoningError(f"line 1: there are two columns '{column}'; remove one")
+        columns.append(column)
     return columns
 
 
@@ -72,13 +77,6 @@ def _state(row: Sequence[str], columns: Sequence[str], where: str) -> RecordedSt
     clock = next(name for name in columns if name in _UNITS)
     valid_time = _nanoseconds(cells.pop(clock), clock, where)
     return RecordedState(valid_time, {name: _value(cell) for name, cell in cells.items() if cell})
-
-
-def _canonical(name: str) -> str:
-    try:
-        return str(parse_formula(name))
-    except LanguageError:
-        raise ReasoningError(f"line 1: the column '{name}' is not a ground feature") from None
 
 
 def _nanoseconds(cell: str, clock: str, where: str) -> int:

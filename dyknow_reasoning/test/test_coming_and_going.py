@@ -13,8 +13,7 @@ from test_progression import traces
 
 from dyknow_common import ExitCode, Verdict
 from dyknow_reasoning import FormulaGroup, FormulaResult, ReasoningError, formula_group
-from dyknow_reasoning.execution import batching as seating
-from dyknow_reasoning.execution import instance_monitor as ensemble
+from dyknow_reasoning.execution import fast_path, instance_pool
 from dyknow_reasoning.language.formula import Formula
 
 ARRIVALS = st.lists(st.tuples(st.integers(0, 9), formulas(3)), min_size=1, max_size=6)
@@ -48,8 +47,8 @@ def test_each_formula_is_as_in_a_group_of_its_own(
     found: dict[int, list[FormulaResult]] = {}
     spans: dict[int, tuple[Formula, int, int]] = {}
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(seating, '_FEWEST_IN_A_BATCH', batch)
-        patch.setattr(ensemble, '_ROUTINE_AFTER', 1)
+        patch.setattr(instance_pool, '_MIN_BATCH_SIZE', batch)
+        patch.setattr(fast_path, '_MIN_STATES', 1)
         for index, (time, values) in enumerate(trace):
             for number, (begin, formula) in enumerate(arrivals):
                 if begin == index:
@@ -102,7 +101,7 @@ def test_a_formula_that_is_not_there_cannot_be_removed() -> None:
 
 
 def test_a_group_forgets_the_formulas_that_have_left(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(formula_group, '_MOST_NODES', 100)
+    monkeypatch.setattr(formula_group, '_MAX_NODES', 100)
     group = FormulaGroup()
     group.begin({})
     for time in range(300):

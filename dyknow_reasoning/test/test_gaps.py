@@ -13,7 +13,7 @@ from reasoning_reference import NAMES, Trace, formulas, holds
 
 from dyknow_common import ExitCode, Verdict, round_time
 from dyknow_reasoning import FormulaGroup, FormulaResult
-from dyknow_reasoning.execution import batching as seating
+from dyknow_reasoning.execution import instance_pool
 from dyknow_reasoning.language.formula import Formula
 
 EXAMPLES = 20_000 if os.environ.get('DYKNOW_LONG_TESTS') else 200
@@ -176,7 +176,7 @@ def test_instances_in_a_gap(
     told = []
     for batch, progressed in product((1, 1000), (results, at_once)):
         with pytest.MonkeyPatch.context() as patch:
-            patch.setattr(seating, '_FEWEST_IN_A_BATCH', batch)
+            patch.setattr(instance_pool, '_MIN_BATCH_SIZE', batch)
             found = progressed(started(text, domain=OBJECTS), together(fleet))
             told.append([(each.verdict, each.explanation, str(each.error)) for each in found])
     assert all(each == told[0] for each in told)
@@ -293,5 +293,5 @@ def test_typical_formulas_go_on_with_one_half() -> None:
     for time in range(10, 100, 10):
         group.gap()
         assert group.progress(time, P) == []
-    assert group._ensemble is not None
-    assert len(list(group._ensemble.seats(90))) == 2
+    assert group._monitor is not None
+    assert len(list(group._monitor.states())) == 2

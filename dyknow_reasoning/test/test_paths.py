@@ -16,8 +16,7 @@ from hypothesis import strategies as st
 from reasoning_reference import formulas
 
 from dyknow_reasoning import FormulaGroup, FormulaResult
-from dyknow_reasoning.execution import batching as seating
-from dyknow_reasoning.execution import instance_monitor as ensemble
+from dyknow_reasoning.execution import fast_path, instance_pool
 from dyknow_reasoning.execution.automata import automaton, configurations
 from dyknow_reasoning.language.formula import Formula
 
@@ -67,10 +66,10 @@ PATHS = list(product((one_by_one, at_once), (1, 1000), (0, 1 << 14), (8, 1 << 16
 
 
 def set_limits(patch: pytest.MonkeyPatch, batch: int, configurations_: int, nodes: int) -> None:
-    patch.setattr(seating, '_FEWEST_IN_A_BATCH', batch)
-    patch.setattr(ensemble, '_ROUTINE_AFTER', 1)
-    patch.setattr(configurations, '_MOST_CONFIGURATIONS', configurations_)
-    patch.setattr(automaton, '_MOST_NODES', nodes)
+    patch.setattr(instance_pool, '_MIN_BATCH_SIZE', batch)
+    patch.setattr(fast_path, '_MIN_STATES', 1)
+    patch.setattr(configurations, '_MAX_CONFIGURATIONS', configurations_)
+    patch.setattr(automaton, '_MAX_NODES', nodes)
 
 
 @st.composite

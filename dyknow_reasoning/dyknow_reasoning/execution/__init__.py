@@ -1,1 +1,31 @@
-"""Fast progression of the instances of many formulas."""
+"""Progression of all instances of the formulas of a group, as fast as possible.
+
+`InstanceMonitor` takes the instances and the states, and returns the outcomes of formulas. All
+ways to progress give identical results; the monitor chooses the fastest one:
+
+- `automata`: each step of progression is computed once, and stored in a timed automaton.
+- `single_instance`, `fast_path`: individual instances, state by state.
+- `vectors`: many instances that are alike, as numpy vectors.
+- `recorded_symbols`: the atoms of many states at once.
+"""
+
+from dyknow_reasoning.execution.aggregation import Outcome, Outcomes
+from dyknow_reasoning.execution.automata.instance_states import (
+    DecidingMoment,
+    FormulaInstance,
+    InstanceState,
+    InstanceVerdict,
+)
+from dyknow_reasoning.execution.instance_monitor import InstanceMonitor
+from dyknow_reasoning.execution.recording import Recording
+
+__all__ = [
+    'DecidingMoment',
+    'FormulaInstance',
+    'InstanceMonitor',
+    'InstanceState',
+    'InstanceVerdict',
+    'Outcome',
+    'Outcomes',
+    'Recording',
+]

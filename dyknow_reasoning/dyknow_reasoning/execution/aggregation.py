@@ -1,103 +1,91 @@
-"""What is known of formulas, from what is known of their instances."""
+"""Aggregation of the verdicts on instances into the outcomes of formulas."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from typing import TypeAlias
 
 from dyknow_reasoning.errors import ReasoningError
-from dyknow_reasoning.execution.automata.templates import FormulaInstance, InstanceVerdict
+from dyknow_reasoning.execution.automata.instance_states import FormulaInstance, InstanceVerdict
 from dyknow_reasoning.progression.gaps import Gap, Half, unknowable
 
+Outcome: TypeAlias = InstanceVerdict | ReasoningError
+"""The verdict on the instance that decides a formula, or the error by which the formula fails."""
 
-@dataclass(frozen=True, slots=True)
-class StateOutcome:
-    """What a state brings.
-
-    Args:
-        decisions: for each formula that it decides, the instance that made the difference.
-        failures: for each formula that it fails, why.
-    """
-
-    decisions: Mapping[int, InstanceVerdict] = field(default_factory=dict)
-    failures: Mapping[int, ReasoningError] = field(default_factory=dict)
+Outcomes: TypeAlias = Mapping[int, Outcome]
+"""The outcomes of formulas by their ids."""
 
 
 class VerdictAggregation:
-    """Keeps which instances, or halves of them, are undecided.
+    """The undecided instances of formulas, or their halves after a gap.
 
-    A formula is false if an instance is, or the optimistic half of one. It is true once no instance
-    is left, unless the pessimistic half of one was false: then nothing can be known.
+    A formula is false if an instance, or the optimistic half of one, is false. It is true once no
+    instance is left. However, if the pessimistic half of an instance is false, the formula cannot
+    become true, and fails once no instance is left.
     """
 
     def __init__(self) -> None:
         self._undecided: dict[int, set[FormulaInstance]] = {}
-        # Where states are missing that keep a formula from being found true.
+        # For each formula that cannot become true, the gap that prevents it.
         self._unprovable: dict[int, Gap] = {}
 
     def __bool__(self) -> bool:
         return bool(self._undecided)
 
-    def __contains__(self, member: FormulaInstance) -> bool:
-        return member in self._undecided.get(member.formula_id, ())
+    def __contains__(self, instance: FormulaInstance) -> bool:
+        return instance in self._undecided.get(instance.formula_id, ())
 
-    def add(self, members: Iterable[FormulaInstance]) -> None:
-        """Takes on instances."""
-        for member in members:
-            self._undecided.setdefault(member.formula_id, set()).add(member)
+    def add(self, instances: Iterable[FormulaInstance]) -> None:
+        """Add undecided instances."""
+        for instance in instances:
+            self._undecided.setdefault(instance.formula_id, set()).add(instance)
 
     def count(self, formula_id: int) -> int:
-        """How many instances of a formula are undecided, halves for themselves."""
+        """Return the number of undecided instances of a formula; each half counts."""
         return len(self._undecided[formula_id])
 
-    def replace(self, member: FormulaInstance, halves: Iterable[FormulaInstance]) -> None:
-        """Goes on with what became of an instance in a gap."""
-        self._undecided[member.formula_id].discard(member)
-        unprovable = member.formula_id in self._unprovable
+    def replace(self, instance: FormulaInstance, halves: Iterable[FormulaInstance]) -> None:
+        """Replace an instance by its halves after a gap."""
+        self._undecided[instance.formula_id].discard(instance)
+        unprovable = instance.formula_id in self._unprovable
         self.add(half for half in halves if not (unprovable and half.half is Half.PESSIMISTIC))
 
-    def take(
-        self, finishes: Iterable[InstanceVerdict]
-    ) -> tuple[StateOutcome, Sequence[FormulaInstance]]:
-        """What the ends of instances come to, and with whom not to go on; drops the formulas."""
-        decisions: dict[int, InstanceVerdict] = {}
-        failures: dict[int, ReasoningError] = {}
-        gone: list[FormulaInstance] = []
-        for finish in sorted(finishes, key=_order):
-            member, formula_id = finish.member, finish.member.formula_id
-            if member not in self:
+    def apply(
+        self, verdicts: Iterable[InstanceVerdict]
+    ) -> tuple[dict[int, Outcome], Sequence[FormulaInstance]]:
+        """Apply verdicts; return the outcomes, and all instances that have become irrelevant."""
+        outcomes: dict[int, Outcome] = {}
+        removed: list[FormulaInstance] = []
+        # The pessimistic half of an instance comes last: it is the one that proves a formula.
+        for verdict in sorted(verdicts, key=lambda v: (v.instance.order, v.instance.half.value)):
+            instance, formula_id = verdict.instance, verdict.instance.formula_id
+            if instance not in self:
                 continue
-            ended = {member, *self._superseded(finish)}
+            ended = {instance, *self._superseded(verdict)}
             undecided = self._undecided[formula_id]
             undecided -= ended
-            gone += ended
-            if formula_id in decisions:
+            removed += ended
+            if formula_id in outcomes:
                 continue
-            if not finish.verdict and member.half is not Half.PESSIMISTIC:
-                decisions[formula_id] = finish
-            elif not undecided and formula_id in self._unprovable:
-                failures[formula_id] = unknowable(self._unprovable[formula_id])
+            if not verdict.holds and instance.half is not Half.PESSIMISTIC:
+                outcomes[formula_id] = verdict
             elif not undecided:
-                decisions[formula_id] = finish
-        self.forget([*decisions, *failures])
-        return StateOutcome(decisions, failures), gone
+                gap = self._unprovable.get(formula_id)
+                outcomes[formula_id] = unknowable(gap) if gap else verdict
+        self.forget(outcomes)
+        return outcomes, removed
 
     def forget(self, formulas: Iterable[int]) -> None:
-        """Goes on without some formulas."""
+        """Remove formulas."""
         for formula_id in formulas:
             self._undecided.pop(formula_id, None)
             self._unprovable.pop(formula_id, None)
 
-    def _superseded(self, finish: InstanceVerdict) -> Iterable[FormulaInstance]:
-        """The other pessimistic halves once one is false: the formula cannot be found true."""
-        member = finish.member
-        if finish.verdict or member.gap is None or member.half is not Half.PESSIMISTIC:
+    def _superseded(self, verdict: InstanceVerdict) -> Iterable[FormulaInstance]:
+        """Return the other pessimistic halves once one is false."""
+        instance = verdict.instance
+        if verdict.holds or instance.gap is None or instance.half is not Half.PESSIMISTIC:
             return ()
-        self._unprovable[member.formula_id] = member.gap
-        others = self._undecided[member.formula_id]
+        self._unprovable[instance.formula_id] = instance.gap
+        others = self._undecided[instance.formula_id]
         return [other for other in others if other.half is Half.PESSIMISTIC]
-
-
-def _order(finish: InstanceVerdict) -> tuple[int, str]:
-    """By instance; the pessimistic half last, for it is the one that proves a formula."""
-    return finish.member.order, finish.member.half.value

@@ -1,92 +1,84 @@
-"""One instance of a formula, progressed by itself."""
+"""One instance that is progressed individually, not in a batch."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 
-from dyknow_reasoning.execution.automata.automaton import Location, Move, Sides, Times
+from dyknow_reasoning.execution.automata.automaton import Location, Move, Times
 from dyknow_reasoning.execution.automata.configurations import Configuration
-from dyknow_reasoning.execution.automata.readers import Reader, quick_reader
-from dyknow_reasoning.execution.automata.templates import (
+from dyknow_reasoning.execution.automata.instance_states import (
     DecidingMoment,
     InstanceState,
     InstanceVerdict,
-    Template,
 )
+from dyknow_reasoning.execution.automata.readers import Reader, quick_reader
+from dyknow_reasoning.execution.automata.templates import Template
 from dyknow_reasoning.progression.atoms import Predicate, predicate
-from dyknow_reasoning.progression.nodes import slots
+from dyknow_reasoning.progression.nodes import Sides, slots
 
 
 class SingleInstance:
-    """An undecided instance: where it is in the automaton of its shape.
+    """An undecided instance, at a configuration, or at a location with clocks.
 
-    Either `configuration` tells that, or `location` and `times` do.
+    `read` returns the truth of the atoms in `mask`, on which the instance depends now.
 
     Args:
-        seat: where it is.
+        state: the state of the instance.
     """
 
     __slots__ = (
         '_location',
-        '_opened',
+        '_origins',
         '_predicates',
         '_readers',
         '_times',
         'configuration',
+        'instance',
         'mask',
-        'member',
         'read',
-        'shape',
+        'template',
     )
 
-    def __init__(self, seat: InstanceState) -> None:
-        self.member = member = seat.member
-        self.shape: Template = seat.shape
+    def __init__(self, state: InstanceState) -> None:
+        self.instance = instance = state.instance
+        self.template: Template = state.template
         self.configuration: Configuration | None = None
         self.mask: int
         self.read: Reader
-        self._location = seat.location
-        self._times: Times = seat.times
-        self._opened: Mapping[Sides, int] = seat.opened
-        self._predicates = [predicate(atom, member.kinds) for atom in member.instance.atoms]
+        self._location = state.location
+        self._times: Times = state.times
+        self._origins: Mapping[Sides, int] = state.window_origins
+        self._predicates = [predicate(atom, instance.kinds) for atom in instance.atoms]
         self._readers: dict[int, Reader] = {}
         self._read_for(self._location)
 
-    def where(self, latest: int) -> tuple[Location, Times]:
-        """What remains, and the times that its bounds count from.
-
-        Args:
-            latest: the valid time of the latest state.
-        """
-        if self.configuration is None:
-            return self._location, self._times
+    def position(self, latest: int) -> tuple[Location, Times]:
+        """Return the location and the clocks; `latest` is the valid time of the latest state."""
         found = self.configuration
+        if found is None:
+            return self._location, self._times
         return found.location, tuple(latest - age for age in found.ages)
 
-    def seat(self, latest: int) -> InstanceState:
-        """Where it is; `latest` is the valid time of the latest state."""
-        return InstanceState(self.member, self.shape, *self.where(latest), self._opened)
+    def state(self, latest: int) -> InstanceState:
+        """Return the state of the instance; `latest` as in `position`."""
+        return InstanceState(self.instance, self.template, *self.position(latest), self._origins)
 
     def leave_configurations(self, latest: int) -> Location:
-        """Goes on without a table; tells what remains.
-
-        Args:
-            latest: the valid time of the latest state.
-        """
-        self._location, self._times = self.where(latest)
+        """Stop using configurations; return the location. `latest` as in `position`."""
+        self._location, self._times = self.position(latest)
         self.configuration = None
         return self._location
 
     def step(self, symbol: int, now: int, elapsed: int, *, regular: bool) -> InstanceVerdict | None:
-        """Progresses the instance over a state.
+        """Progress the instance over a state; return the verdict, if there is one.
 
         Args:
-            symbol: the truth of the atoms of `mask`, as `read` gives it.
+            symbol: the truth of the atoms in `mask`, as bits.
             now: the valid time of the state, in nanoseconds.
-            elapsed: since the state before.
-            regular: whether steps of time repeat.
+            elapsed: nanoseconds since the previous state.
+            regular: True if steps of time repeat.
         """
-        if regular and self.shape.tabulates:
+        if regular and self.template.uses_configurations:
             return self._step_by_table(symbol, now, elapsed)
         if self.configuration is not None:
             self.leave_configurations(now - elapsed)
@@ -94,12 +86,12 @@ class SingleInstance:
         location = self._location
         move = location.moves.get(symbol)
         if type(move) is not Move:
-            move = self.shape.automaton.move(location, symbol, times)
+            move = self.template.automaton.move(location, symbol, times)
         target = move.target
         if target is not location:
             if target.verdict is not None:
-                return self._finish(target.verdict, location, symbol, times)
-            self._go(location, target, now)
+                return self._verdict(target.verdict, symbol, now, elapsed)
+            self._enter(target, location, now)
             self._location = target
         self._times = move.select(times)
         return None
@@ -108,49 +100,45 @@ class SingleInstance:
         before = self.configuration
         if before is None:
             ages = tuple(now - elapsed - time for time in self._times)
-            before = self.shape.configurations.at(self._location, ages)
+            before = self.template.configurations.at(self._location, ages)
         known = before.row(elapsed).get(symbol)
         if known is not None:
             self.configuration = known.configuration
             return None
-        after = self.shape.configurations.step(before, symbol, elapsed)
+        after = self.template.configurations.step(before, symbol, elapsed)
         location, target = before.location, after.location
         if target is not location:
             if target.verdict is not None:
-                times = (*(now - elapsed - age for age in before.ages), now)
-                return self._finish(target.verdict, location, symbol, times)
-            self._go(location, target, now)
+                return self._verdict(target.verdict, symbol, now, elapsed)
+            self._enter(target, location, now)
         self.configuration = after
         return None
 
-    def _go(self, location: Location, target: Location, now: int) -> None:
+    def _enter(self, target: Location, location: Location, now: int) -> None:
         if target.node.mask != location.node.mask:
             self._read_for(target)
-        if target.unbounded != location.unbounded or location is self.shape.automaton.initial:
-            self._opened = {sides: self._opened.get(sides, now) for sides in target.unbounded}
+        if target.unbounded != location.unbounded or location is self.template.automaton.initial:
+            self._origins = {sides: self._origins.get(sides, now) for sides in target.unbounded}
 
-    def _finish(
+    def _verdict(
         self,
-        verdict: bool,  # noqa: FBT001
-        location: Location,
+        holds: bool,  # noqa: FBT001
         symbol: int,
-        times: Times,
+        now: int,
+        elapsed: int,
     ) -> InstanceVerdict:
-        moment = DecidingMoment(self.shape, location, symbol, times, self._opened)
-        return InstanceVerdict(self.member, verdict, moment)
+        moment = DecidingMoment(self.state(now - elapsed), symbol, now)
+        return InstanceVerdict(self.instance, holds, moment)
 
     @property
-    def active(self) -> Mapping[int, Predicate]:
-        """The predicates of the atoms that it depends on, by their slots."""
-        location, _ = self.where(0)
-        return {slot: self._predicates[slot] for slot in slots(location.node.mask)}
+    def predicates(self) -> Mapping[int, Predicate]:
+        """The predicates of the atoms in `mask`, by their slots."""
+        return {slot: self._predicates[slot] for slot in slots(self.mask)}
 
     def _read_for(self, location: Location) -> None:
-        """Reads from now on the atoms that a location depends on."""
-        mask = location.node.mask
+        """Set `read` and `mask` to the atoms that a location depends on."""
+        self.mask = mask = location.node.mask
         if mask not in self._readers:
-            predicates = {slot: self._predicates[slot] for slot in slots(mask)}
-            atoms, kinds = self.member.instance.atoms, self.member.kinds
-            self._readers[mask] = quick_reader(atoms, kinds, predicates)
-        self.mask = mask
+            instance = self.instance
+            self._readers[mask] = quick_reader(instance.atoms, instance.kinds, self.predicates)
         self.read = self._readers[mask]

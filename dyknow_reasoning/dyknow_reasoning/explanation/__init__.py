@@ -1,1 +1,1 @@
-"""Explanations of verdicts and texts of residual formulas."""
+"""Texts for people: why a formula is decided, and what remains of an undecided one."""

@@ -1,7 +1,7 @@
-"""Why a formula was decided, in words for those who operate the robot.
+"""Explanation of a verdict, for those who operate the robot.
 
-Nothing is kept for this while a formula is undecided but the time from which its windows without an
-end are open: what remained of the formula before the deciding state, and that state, tell the rest.
+The explanation follows from the remaining formula before the deciding state and from this state.
+The only data that is kept for it is the time since which each window without an end is open.
 """
 
 from __future__ import annotations
@@ -10,8 +10,7 @@ from collections import defaultdict
 from collections.abc import Mapping
 
 from dyknow_common import Value, round_time
-from dyknow_reasoning.execution.automata.automaton import Sides, sides
-from dyknow_reasoning.execution.automata.templates import DecidingMoment, InstanceVerdict
+from dyknow_reasoning.execution import DecidingMoment, InstanceVerdict
 from dyknow_reasoning.explanation.residual import (
     interval_of,
     parts_in_order,
@@ -20,65 +19,72 @@ from dyknow_reasoning.explanation.residual import (
 )
 from dyknow_reasoning.language.formula import Comparison, Interval, Number, Term, TextLiteral, Truth
 from dyknow_reasoning.progression.atoms import NEGATED_COMPARISONS, Values, evaluate
-from dyknow_reasoning.progression.instances import Binding, Instance
 from dyknow_reasoning.progression.nodes import (
     TRUE,
     Constant,
     Junction,
     Literal,
     Node,
+    Sides,
     Window,
     constant,
     descendants,
+    sides,
 )
+from dyknow_reasoning.progression.progression import Progression
 
-_MOST_REASONS = 4
-_LONGEST_FORMULA = 160
+_MAX_REASONS = 4
+_MAX_FORMULA_LENGTH = 160
 _MIRRORED = {'<': '>', '<=': '>=', '>': '<', '>=': '<=', '=': '=', '!=': '!='}
 
 
-def explain(finish: InstanceVerdict, values: Values) -> str:
-    """What decided the formula: the objects, their values, and what was due since when.
+def explain(verdict: InstanceVerdict, values: Values) -> str:
+    """Return the reasons of a verdict: objects, values, and the times of pending obligations.
 
     Args:
-        finish: the instance that made the difference.
-        values: of the state that decided it.
+        verdict: the verdict on the instance that decides the formula.
+        values: the values of the deciding state.
     """
-    member, moment = finish.member, finish.moment
+    instance, moment = verdict.instance, verdict.moment
     if moment is None:
-        why = _bound(f'what remained can only be {finish.verdict}'.lower(), member.instance.binding)
+        why = f'what remained can only be {verdict.holds}'.lower()
     else:
-        why = _Explainer(member.instance, moment, values).text()
-    if member.gap is None:
+        why = _Explainer(moment, values).text()
+    objects = ', '.join(f'{variable} = {name}' for variable, name in instance.binding.items())
+    why = f'for {objects}: {why}' if objects else why
+    if instance.gap is None:
         return why
-    return f'{why}; so it is whatever the states were that are missing {member.gap}'
+    return f'{why}; so it is whatever the states were that are missing {instance.gap}'
 
 
 class _Explainer:
-    def __init__(self, instance: Instance, moment: DecidingMoment, values: Values) -> None:
-        self._moment = moment
+    """Explains why a state decides a node, by progressing the parts of the node."""
+
+    def __init__(self, moment: DecidingMoment, values: Values) -> None:
+        before = moment.before
+        self._before = before
+        self._symbol = moment.symbol
         self._values = values
-        self._now = moment.times[-1]
-        self._automaton = moment.shape.automaton
-        self._progression = self._automaton.progressed(moment.location, moment.symbol, moment.times)
-        self._binding = instance.binding
-        self._atoms = instance.atoms
-        self._intervals = _fresh_intervals(instance.node)
+        self._now = moment.valid_time
+        self._times = (*before.times, moment.valid_time)
+        self._progression = Progression([before.node])
+        self._progression.begin(moment.symbol, self._times)
+        self._atoms = before.instance.atoms
+        self._intervals = _intervals(before.instance.node)
 
     def text(self) -> str:
-        location = self._moment.location
-        fresh = location is self._automaton.initial
-        reasons = list(dict.fromkeys(self._reasons(location.node, fresh=fresh)))
-        shown = '; '.join(reasons[:_MOST_REASONS])
-        more = len(reasons) - _MOST_REASONS
-        shown += f'; and {more} more' if more > 0 else ''
-        return _bound(shown, self._binding)
+        """Return the reasons, shortened."""
+        found = self._reasons(self._before.node, fresh=self._before.is_fresh)
+        reasons = list(dict.fromkeys(found))
+        shown = '; '.join(reasons[:_MAX_REASONS])
+        more = len(reasons) - _MAX_REASONS
+        return f'{shown}; and {more} more' if more > 0 else shown
 
     def _progressed(self, node: Node, *, fresh: bool) -> Node:
         return self._progression.progress(node, fresh=fresh)
 
     def _reasons(self, node: Node, *, fresh: bool) -> list[str]:
-        """Why the state decides a node."""
+        """Return the reasons why the state decides a node."""
         match node:
             case Literal():
                 return [self._fact(node)]
@@ -119,7 +125,7 @@ class _Explainer:
         return [f"'{right}' held at no state {span}", *last]
 
     def _during(self, node: Window, reasons: list[str], *, fresh: bool) -> list[str]:
-        """The reasons, with the obligation that was pending, if it began at an earlier state."""
+        """Return the reasons, with the pending obligation if it began at an earlier state."""
         origin = self._origin(node, fresh=fresh)
         if origin is None or fresh:
             return reasons
@@ -127,68 +133,62 @@ class _Explainer:
         return [f'{" and ".join(reasons)} ({_operator(node)} {due} since {round_time(origin)})']
 
     def _opened(self, node: Window, *, fresh: bool) -> int | None:
-        """The valid time at which a window began to look at its right side."""
+        """Return the valid time at which the interval of a window began."""
         origin, intervals = self._origin(node, fresh=fresh), self._intervals[sides(node)]
         if origin is None or len(intervals) > 1:
             return None
         return origin + next(iter(intervals)).start
 
     def _origin(self, node: Window, *, fresh: bool) -> int | None:
-        """The valid time of the state from which a window counts, where that can be told."""
+        """Return the valid time of the state that a window counts from; None if it is unknown."""
         if fresh:
             return self._now
         if node.end is None:
-            return self._moment.opened.get(sides(node))
-        return self._moment.times[node.end.state]
+            return self._before.window_origins.get(sides(node))
+        return self._times[node.end.state]
 
     def _end(self, node: Window, *, fresh: bool) -> int | None:
         if node.end is None:
             return None
-        begin = self._now if fresh else self._moment.times[node.end.state]
+        begin = self._now if fresh else self._times[node.end.state]
         return begin + node.end.offset
 
     def _remaining(self, node: Junction, *, fresh: bool) -> str:
-        """What remains of the parts of a junction after this state."""
+        """Return the text of what remains of a junction after this state."""
         word = 'and' if node.universal else 'or'
         parts = parts_in_order(node, self._atoms)
         progressed = (self._progressed(part, fresh=fresh) for part in parts)
-        times = self._moment.times
         texts = (
-            remaining_text(part, times, self._now, self._atoms)
+            remaining_text(part, self._times, self._now, self._atoms)
             for part in progressed
             if type(part) is not Constant
         )
         return _shortened(f' {word} '.join(f'({text})' for text in texts))
 
     def _fact(self, literal: Literal) -> str:
-        """The value of an atom, beside what the formula says of it."""
+        """Return the value of an atom at this state, compared with its bound."""
         atom = self._atoms[literal.slot]
         time = round_time(self._now)
         if not isinstance(atom, Comparison):
-            return f'{atom} is {_spelled(self._values[str(atom)])} at {time}'
-        holds = (self._moment.symbol >> literal.slot & 1) == literal.positive
+            return f'{atom} is {_literal_text(self._values[str(atom)])} at {time}'
+        holds = (self._symbol >> literal.slot & 1) == literal.positive
         operator, left, right = atom.operator, atom.left, atom.right
         if not literal.positive:
             operator = NEGATED_COMPARISONS[operator]
         if isinstance(left, Number | TextLiteral | Truth):
             operator, left, right = _MIRRORED[operator], right, left
-        sides = self._with_value(left), self._with_value(right)
-        return f'{sides[0]} at {time} is {"" if holds else "not "}{operator} {sides[1]}'
+        first, second = self._with_value(left), self._with_value(right)
+        return f'{first} at {time} is {"" if holds else "not "}{operator} {second}'
 
     def _with_value(self, term: Term) -> str:
         if isinstance(term, Number | TextLiteral | Truth):
             return str(term)
         value = evaluate(term, self._values)
-        return f'{term} = {_spelled(value)}'
-
-
-def _bound(reasons: str, binding: Binding) -> str:
-    objects = ', '.join(f'{variable} = {name}' for variable, name in binding.items())
-    return f'for {objects}: {reasons}' if objects else reasons
+        return f'{term} = {_literal_text(value)}'
 
 
 def _shortened(text: str) -> str:
-    return text if len(text) <= _LONGEST_FORMULA else f'{text[:_LONGEST_FORMULA]}...'
+    return text if len(text) <= _MAX_FORMULA_LENGTH else f'{text[:_MAX_FORMULA_LENGTH]}...'
 
 
 def _operator(node: Window) -> str:
@@ -197,7 +197,7 @@ def _operator(node: Window) -> str:
     return 'not until' if node.universal else 'until'
 
 
-def _spelled(value: Value) -> str:
+def _literal_text(value: Value) -> str:
     match value:
         case bool():
             return str(Truth(value))
@@ -209,7 +209,7 @@ def _spelled(value: Value) -> str:
             return str(value)
 
 
-def _fresh_intervals(node: Node) -> Mapping[Sides, set[Interval]]:
+def _intervals(node: Node) -> Mapping[Sides, set[Interval]]:
     intervals: defaultdict[Sides, set[Interval]] = defaultdict(set)
     for window in descendants([node]):
         if type(window) is Window:

@@ -1,66 +1,60 @@
-"""What remains of undecided formulas, for those who ask between two states."""
+"""The remaining formulas of undecided formulas, between two states."""
 
 from __future__ import annotations
 
+from collections import defaultdict
 from collections.abc import Sequence
 from functools import reduce
 
-from dyknow_reasoning.execution.automata.templates import InstanceState
-from dyknow_reasoning.execution.instance_monitor import InstanceMonitor
+from dyknow_reasoning.execution import InstanceMonitor, InstanceState
 from dyknow_reasoning.explanation.residual import holds_at_the_end, remaining_text
 from dyknow_reasoning.progression.gaps import Half
 
 
 class Remainders:
-    """Where the instances of each formula are, found once after a state for all formulas.
+    """The states of the instances of each formula, collected once after a state of the stream.
 
-    Of two halves after a gap, the optimistic one counts: it is what the rest of the states must
-    satisfy for the formula not to be false.
+    If an instance has two halves after a gap, the optimistic one is used: the rest of the states
+    must satisfy it for the formula not to be false.
 
     Args:
-        ensemble: the instances.
+        monitor: has the instances.
     """
 
-    def __init__(self, ensemble: InstanceMonitor) -> None:
-        self._ensemble = ensemble
-        self._seats: dict[int, list[InstanceState]] = {}
-        self._found_at: int | None = None
+    def __init__(self, monitor: InstanceMonitor) -> None:
+        self._monitor = monitor
+        self._states: dict[int, list[InstanceState]] = {}
+        self._latest: int | None = None
 
-    def text(self, formula_id: int, latest: int) -> str | None:
-        """What remains; None if the formula has seen no state.
-
-        Args:
-            formula_id: an undecided formula.
-            latest: the valid time of the latest state.
-        """
-        seats = self._of(formula_id, latest)
-        if any(seat.is_fresh for seat in seats):
+    def text(self, formula_id: int) -> str | None:
+        """Return the text that remains of an undecided formula; None if it has seen no state."""
+        states = self._of(formula_id)
+        latest = self._monitor.latest
+        if latest is None or any(state.is_fresh for state in states):
             return None
         texts = [
-            remaining_text(seat.location.node, seat.times, latest, seat.member.instance.atoms)
-            for seat in seats
+            remaining_text(state.node, state.times, latest, state.instance.atoms)
+            for state in states
         ]
         return reduce(lambda left, right: f'({left}) and ({right})', texts)
 
-    def holds_at_the_end(self, formula_id: int, latest: int) -> bool:
-        """Whether what remains holds if no further state comes."""
-        seats = self._of(formula_id, latest)
-        return all(holds_at_the_end(seat.location.node) for seat in seats)
+    def holds_at_the_end(self, formula_id: int) -> bool:
+        """Return True if an undecided formula would hold if no further state came."""
+        return all(holds_at_the_end(state.node) for state in self._of(formula_id))
 
-    def _of(self, formula_id: int, latest: int) -> Sequence[InstanceState]:
-        if self._found_at != latest or formula_id not in self._seats:
-            self._seats = self._found(latest)
-            self._found_at = latest
-        return self._seats[formula_id]
+    def _of(self, formula_id: int) -> Sequence[InstanceState]:
+        if self._latest != self._monitor.latest or formula_id not in self._states:
+            self._states = self._collect()
+            self._latest = self._monitor.latest
+        return self._states[formula_id]
 
-    def _found(self, latest: int) -> dict[int, list[InstanceState]]:
-        by_formula: dict[int, dict[int, InstanceState]] = {}
-        for seat in self._ensemble.seats(latest):
-            by_order = by_formula.setdefault(seat.member.formula_id, {})
-            order = seat.member.order
-            if order not in by_order or seat.member.half is Half.OPTIMISTIC:
-                by_order[order] = seat
+    def _collect(self) -> dict[int, list[InstanceState]]:
+        found: defaultdict[int, dict[int, InstanceState]] = defaultdict(dict)
+        for state in self._monitor.states():
+            by_order, order = found[state.instance.formula_id], state.instance.order
+            if order not in by_order or state.instance.half is Half.OPTIMISTIC:
+                by_order[order] = state
         return {
             formula_id: [by_order[order] for order in sorted(by_order)]
-            for formula_id, by_order in by_formula.items()
+            for formula_id, by_order in found.items()
         }

@@ -1,4 +1,4 @@
-"""The text of a node: a formula as it stands after some states."""
+"""The text of a node: the formula that remains after some states."""
 
 from __future__ import annotations
 
@@ -20,32 +20,30 @@ from dyknow_reasoning.progression.nodes import (
     Window,
     bounds_of,
     descendants,
-    remains,
+    pending_parts,
 )
 
 
 def residual_text(node: Node, atoms: Sequence[Atom]) -> str:
-    """The canonical text of a node.
-
-    It speaks of the states after the latest one.
+    """Return the canonical text of a node, about the states after the latest one.
 
     Args:
-        node: what remains of a formula; its bounds count from the latest state.
+        node: a formula whose bounds count from the latest state.
         atoms: the atom of each slot.
     """
     texts: dict[Node, str] = {}
-    # From the leaves up and not by recursion: what remains of a formula may nest very deeply.
+    # From the leaves up instead of by recursion: a remaining formula may nest very deeply.
     for part in sorted(descendants([node]), key=attrgetter('depth')):
         texts[part] = _text(part, texts, atoms)
     return texts[node]
 
 
 def remaining_text(node: Node, times: Sequence[int], now: int, atoms: Sequence[Atom]) -> str:
-    """The canonical text of what remains; its intervals count from the present state.
+    """Return the canonical text of a node, with intervals that count from the present state.
 
     Args:
-        node: what remains of a formula.
-        times: of the states that its bounds count from, in nanoseconds.
+        node: a remaining formula.
+        times: the times of the states that its bounds count from, in nanoseconds.
         now: the time of the present state.
         atoms: the atom of each slot.
     """
@@ -54,13 +52,13 @@ def remaining_text(node: Node, times: Sequence[int], now: int, atoms: Sequence[A
 
 
 def holds_at_the_end(node: Node) -> bool:
-    """Whether what remains of a formula holds if no further state comes.
+    """Return True if a remaining formula holds if no further state comes.
 
-    What shall always hold does then, and what shall come about does not. Literals of a formula that
-    has seen no state count as true: nothing is known against them.
+    Universal windows hold then, existential ones do not. Literals of a formula that has seen no
+    state count as true.
     """
     found: dict[Node, bool] = {}
-    for each in remains(node):
+    for each in pending_parts(node):
         match each:
             case Junction():
                 combine = all if each.universal else any
@@ -73,16 +71,16 @@ def holds_at_the_end(node: Node) -> bool:
 
 
 def parts_in_order(node: Junction, atoms: Sequence[Atom]) -> Sequence[Node]:
-    """The parts of a junction in the order of their first atoms, whichever were found first."""
-    return sorted(node.parts, key=lambda part: _place(part, residual_text(part, atoms)))
+    """Return the parts of a junction in the order of their first atoms."""
+    return sorted(node.parts, key=lambda part: _order(part, residual_text(part, atoms)))
 
 
-def _place(part: Node, text: str) -> tuple[int, str, list[Bound]]:
+def _order(part: Node, text: str) -> tuple[int, str, list[Bound]]:
     return part.mask & -part.mask, text, sorted(bounds_of(part))
 
 
 def interval_of(node: Window) -> Interval:
-    """The interval of a window whose bounds count from one state."""
+    """Return the interval of a window whose bounds count from one state."""
     start = node.start.offset if node.start else 0
     return Interval(start, node.end.offset if node.end else None)
 
@@ -95,7 +93,7 @@ def _text(node: Node, texts: Mapping[Node, str], atoms: Sequence[Atom]) -> str:
             return str(_literal(atoms[node.slot], positive=node.positive))
         case Junction():
             word = 'and' if node.universal else 'or'
-            parts = sorted(node.parts, key=lambda part: _place(part, texts[part]))
+            parts = sorted(node.parts, key=lambda part: _order(part, texts[part]))
             first, *others = (_operand(part, texts, atoms) for part in parts)
             *inner, last = others
             left = reduce(lambda left, right: f'({left} {word} {right})', inner, first)

@@ -1,9 +1,10 @@
-"""Ground atoms as predicates over the values of a state."""
+"""Atoms without variables, as predicates over the values of a state."""
 
 from __future__ import annotations
 
 import operator
 from collections.abc import Callable, Iterator, Mapping
+from itertools import chain
 from typing import Any, TypeAlias
 
 from dyknow_common import Value
@@ -27,11 +28,11 @@ Values: TypeAlias = Mapping[str, Value]
 """A value for each ground feature, by its canonical text."""
 
 Predicate: TypeAlias = Callable[[Values], bool]
-"""Whether an atom holds at a state; raises ReasoningError where the values do not tell."""
+"""The truth of an atom at a state; raises ReasoningError if the values are unusable."""
 
 _Reader: TypeAlias = Callable[[Values], Any]
 
-_COMPARE: Mapping[str, Callable[[Any, Any], bool]] = {
+COMPARE: Mapping[str, Callable[[Any, Any], bool]] = {
     '=': operator.eq,
     '!=': operator.ne,
     '<': operator.lt,
@@ -39,12 +40,20 @@ _COMPARE: Mapping[str, Callable[[Any, Any], bool]] = {
     '>': operator.gt,
     '>=': operator.ge,
 }
+"""The comparison operators."""
 
-_CALCULATE: Mapping[str, Callable[[Any, Any], Any]] = {
+CALCULATE: Mapping[str, Callable[[Any, Any], Any]] = {
     '+': operator.add,
     '-': operator.sub,
     '*': operator.mul,
     '/': operator.truediv,
+}
+"""The arithmetic operators."""
+
+_PYTHON_TYPES: Mapping[Kind | None, tuple[type, ...]] = {
+    Kind.NUMBER: (float, int),
+    Kind.BOOLEAN: (bool,),
+    Kind.STRING: (str,),
 }
 
 NEGATED_COMPARISONS: Mapping[str, str] = {
@@ -55,63 +64,66 @@ NEGATED_COMPARISONS: Mapping[str, str] = {
     '<=': '>',
     '>': '<=',
 }
-"""The comparison that holds exactly where another does not."""
+"""The negation of each comparison operator."""
 
 
 def fields(node: Formula | Term) -> Iterator[Feature | FieldReference]:
-    """The features and syntactic references in a formula, in the order of the text."""
+    """Return the features and syntactic references of a formula, in the order of the text."""
     return (part for part in walk(node) if isinstance(part, Feature | FieldReference))
 
 
 def evaluate(term: Term, values: Values) -> Value:
-    """The value of a ground term whose features the state is known to hold."""
+    """Return the value of a term; the state must hold its features."""
     match term:
         case Number(value) | TextLiteral(value) | Truth(value):
             return value
         case Arithmetic(symbol, left, right):
-            result: Value = _CALCULATE[symbol](evaluate(left, values), evaluate(right, values))
+            result: Value = CALCULATE[symbol](evaluate(left, values), evaluate(right, values))
             return result
         case _:
             return values[str(term)]
 
 
 def predicate(atom: Atom, kinds: Kinds) -> Predicate:
-    """The predicate of a ground atom.
+    """Return the predicate of an atom without variables.
 
     Args:
-        atom: without variables.
-        kinds: what `check_types` told about the formula.
+        atom: the atom.
+        kinds: the kinds of features, from `check_types`.
     """
     if not isinstance(atom, Comparison):
         return _field(atom, Kind.BOOLEAN)
-    compare = _COMPARE[atom.operator]
+    compare = COMPARE[atom.operator]
     left, right = _reader(atom.left, kinds), _reader(atom.right, kinds)
     if isinstance(atom.right, Number | TextLiteral | Truth):
         constant = atom.right.value
         return lambda values: compare(left(values), constant)
-    if any(_is_open(side, kinds) for side in (atom.left, atom.right)):
-        return _compare_alike(atom, left, right)
+    if has_unknown_kind(atom, kinds):
+        return _compare_same_kind(atom, left, right)
     return lambda values: compare(left(values), right(values))
 
 
-def _is_open(term: Term, kinds: Kinds) -> bool:
-    return isinstance(term, Feature | FieldReference) and kind_of(term, kinds) is None
+def has_unknown_kind(atom: Comparison, kinds: Kinds) -> bool:
+    """Return True if only the values show the kind of a side of a comparison."""
+    return any(
+        isinstance(side, Feature | FieldReference) and kind_of(side, kinds) is None
+        for side in (atom.left, atom.right)
+    )
 
 
 def kind_of(term: Feature | FieldReference, kinds: Kinds) -> Kind | None:
-    """The kind of what a feature holds, where the formula tells."""
+    """Return the kind of the values of a feature; None if the formula does not determine it."""
     return kinds.get(term.name if isinstance(term, Feature) else str(term))
 
 
-def _compare_alike(atom: Comparison, left: _Reader, right: _Reader) -> Predicate:
-    """Compares two features of which only the values tell what they are."""
-    compare = _COMPARE[atom.operator]
+def _compare_same_kind(atom: Comparison, left: _Reader, right: _Reader) -> Predicate:
+    compare = COMPARE[atom.operator]
 
     def holds(values: Values) -> bool:
         first, second = left(values), right(values)
         if _kind_of_value(first) is not _kind_of_value(second):
             raise ReasoningError(
-                f"'{atom}' compares {_described(first)} with {_described(second)}; "
+                f"'{atom}' compares {_description(first)} with {_description(second)}; "
                 'both must be of one type'
             )
         return compare(first, second)
@@ -127,12 +139,12 @@ def _reader(term: Term, kinds: Kinds) -> _Reader:
             return _calculation(term, kinds)
         case Feature() | FieldReference():
             return _field(term, kind_of(term, kinds))
-        case _:  # pragma: no cover - ground atoms compare values
+        case _:  # pragma: no cover - atoms compare values
             raise AssertionError(term)
 
 
 def _calculation(term: Arithmetic, kinds: Kinds) -> _Reader:
-    calculate = _CALCULATE[term.operator]
+    calculate = CALCULATE[term.operator]
     left, right = _reader(term.left, kinds), _reader(term.right, kinds)
 
     def read(values: Values) -> int | float:
@@ -150,55 +162,22 @@ def _calculation(term: Arithmetic, kinds: Kinds) -> _Reader:
 
 def _field(term: Feature | FieldReference, kind: Kind | None) -> _Reader:
     name = str(term)
-    match kind:
-        case Kind.NUMBER:
-            return _number(name)
-        case Kind.BOOLEAN:
-            return _typed(name, bool, Kind.BOOLEAN)
-        case Kind.STRING:
-            return _typed(name, str, Kind.STRING)
-        case _:
-            return _open(name)
+    types = _PYTHON_TYPES.get(kind, tuple(chain.from_iterable(_PYTHON_TYPES.values())))
+    # Subclasses, such as the floats of numpy, are usable as numbers only.
+    subclass_kinds = {Kind.NUMBER: {Kind.NUMBER}, None: set(Kind)}.get(kind, set[Kind]())
 
-
-def _number(name: str) -> _Reader:
-    def read(values: Values) -> int | float:
-        try:
-            value = values[name]
-        except KeyError:
-            raise _missing(name) from None
-        kind = type(value)
-        if (kind is float and value == value) or kind is int:  # noqa: PLR0124 - not NaN
-            return value  # type: ignore[return-value]
-        if kind is not bool and isinstance(value, int | float) and value == value:  # noqa: PLR0124
-            return value
-        raise _unusable(name, value, Kind.NUMBER)
-
-    return read
-
-
-def _typed(name: str, python_type: type, kind: Kind) -> _Reader:
     def read(values: Values) -> Value:
         try:
             value = values[name]
         except KeyError:
-            raise _missing(name) from None
-        if type(value) is python_type:
+            raise ReasoningError(
+                f"the state has no field '{name}'; the state stream must hold it"
+            ) from None
+        is_usable = type(value) in types or _kind_of_value(value) in subclass_kinds
+        if is_usable and value == value:  # noqa: PLR0124 - not NaN
             return value
-        raise _unusable(name, value, kind)
-
-    return read
-
-
-def _open(name: str) -> _Reader:
-    def read(values: Values) -> Value:
-        try:
-            value = values[name]
-        except KeyError:
-            raise _missing(name) from None
-        if value == value and _kind_of_value(value) is not None:  # noqa: PLR0124 - not NaN
-            return value
-        raise _unusable(name, value, None)
+        wanted = f'a {kind}' if kind else 'a number, a string or a boolean'
+        raise ReasoningError(f"the field '{name}' holds {_description(value)}, not {wanted}")
 
     return read
 
@@ -211,16 +190,7 @@ def _kind_of_value(value: object) -> Kind | None:
     return Kind.STRING if isinstance(value, str) else None
 
 
-def _missing(name: str) -> ReasoningError:
-    return ReasoningError(f"the state has no field '{name}'; the state stream must hold it")
-
-
-def _unusable(name: str, value: object, kind: Kind | None) -> ReasoningError:
-    wanted = f'a {kind}' if kind else 'a number, a string or a boolean'
-    return ReasoningError(f"the field '{name}' holds {_described(value)}, not {wanted}")
-
-
-def _described(value: object) -> str:
+def _description(value: object) -> str:
     kind = _kind_of_value(value)
     if kind is None:
         return f'a value of type {type(value).__name__}'

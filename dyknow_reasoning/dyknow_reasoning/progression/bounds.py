@@ -1,4 +1,4 @@
-"""The bounds of windows: times that count from numbered states."""
+"""Bounds of windows: times that count from numbered states."""
 
 from __future__ import annotations
 
@@ -7,11 +7,11 @@ from typing import NamedTuple
 
 
 class Bound(NamedTuple):
-    """The time so many nanoseconds after a state.
+    """A time relative to a state.
 
     Args:
-        state: the number of the state; 0 in a formula that is yet to be evaluated.
-        offset: nanoseconds after it.
+        state: the number of the state; 0 in a formula that has seen no state.
+        offset: nanoseconds after that state.
     """
 
     state: int
@@ -19,7 +19,7 @@ class Bound(NamedTuple):
 
 
 class TimeQuestion(NamedTuple):
-    """Whether one state is more than so many nanoseconds after another; states by number."""
+    """The question whether state `later` is more than `more_than` ns after state `earlier`."""
 
     later: int
     earlier: int
@@ -27,11 +27,11 @@ class TimeQuestion(NamedTuple):
 
 
 class Chronology:
-    """Tells which of two bounds is later, and keeps what could not be told without the clock.
+    """Compares bounds, and records the comparisons that need the times of states.
 
-    The numbers of states are in the order of their times. What follows from that, or from the
-    offsets of bounds that count from one state, is known whatever the times are. All else is asked
-    of the times; `asked` holds these questions, in their order, with the answers.
+    States are numbered in the order of their times. The order of some bounds follows from these
+    numbers, or from the offsets of bounds that count from one state. All other comparisons use the
+    times; `asked` maps these questions, in their order, to the answers.
     """
 
     def __init__(self) -> None:
@@ -39,12 +39,12 @@ class Chronology:
         self.asked: dict[TimeQuestion, bool] = {}
 
     def begin(self, times: Sequence[int]) -> None:
-        """Takes the times of the states that bounds count from, and forgets what was asked."""
+        """Set the times of the states that bounds count from, and clear `asked`."""
         self.times = times
         self.asked = {}
 
     def later(self, first: Bound, second: Bound, margin: int = 0) -> bool:
-        """Whether one bound is more than a margin in nanoseconds after another."""
+        """Return True if the first bound is more than `margin` nanoseconds after the second."""
         if first.state == second.state:
             return first.offset > second.offset + margin
         more_than = second.offset + margin - first.offset
@@ -57,7 +57,7 @@ class Chronology:
         return answer
 
     def compare(self, first: Bound | None, second: Bound | None) -> int:
-        """Negative, zero or positive, as `sorted` wants it; None is earlier than all."""
+        """Return a negative number, 0 or a positive one, for `cmp_to_key`; None is the earliest."""
         if first is None or second is None:
             return (first is not None) - (second is not None)
         return self.later(first, second) - self.later(second, first)

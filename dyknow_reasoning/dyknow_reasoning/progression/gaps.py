@@ -1,13 +1,22 @@
-"""What a gap does to what remains of a formula.
+"""Effect of a gap, in which states may be missing, on the remaining formula.
 
-In a gap, states are missing, any number of them with any values. So nothing is known of a window
-whose sides may have been evaluated there, but for this: whatever the missing states were, the
-formula is no better than if they did nothing but good to it, and no worse than if they did nothing
-but harm. So what remains is rewritten twice. Where the *optimistic* half is false the formula is
-false, where the *pessimistic* one is true it is true; where neither can be, nothing can be known.
+In a gap, any number of states with any values may be missing. A window may have been evaluated
+there, so the remaining formula is rewritten twice: the *optimistic* half assumes that the missing
+states did only good to the formula, the *pessimistic* half that they did only harm. If the
+optimistic half is false, so is the formula; if the pessimistic half is true, so is the formula.
+Otherwise nothing is known.
 
-Both are what remains itself with some windows replaced by constants. Bounds count from numbered
-past states, so the other windows need no change.
+Each half is the remaining formula with some windows replaced by constants. Bounds count from
+numbered past states, so the other windows need no change. Examples, with a gap from 2 s to 8 s
+in which all windows may have been evaluated:
+
+    remaining formula                optimistic half    pessimistic half
+    always p                         always p           false
+    eventually q                     true               eventually q
+    (always p) and eventually q      always p           false
+    (always p) or eventually q       true               eventually q
+
+After the gap, `always p` can still be false (at the first state without p) but never true.
 """
 
 from __future__ import annotations
@@ -26,12 +35,12 @@ from dyknow_reasoning.progression.nodes import (
     Node,
     Window,
     constant,
-    remains,
+    pending_parts,
 )
 
 
 class Half(Enum):
-    """What a node stands for: all that is known of an instance, or one half after a gap."""
+    """The part of an instance's truth that a node stands for."""
 
     WHOLE = 'whole'
     OPTIMISTIC = 'optimistic'
@@ -40,11 +49,11 @@ class Half(Enum):
 
 @dataclass(frozen=True, slots=True)
 class Gap:
-    """Where states may be missing, as an open interval; its `str` goes on after 'missing'.
+    """An open interval in which states may be missing; its `str` continues the word 'missing'.
 
     Args:
         after: the valid time of the last state before it, in nanoseconds.
-        before: that of the first one after it.
+        before: the valid time of the first state after it.
     """
 
     after: int
@@ -53,32 +62,27 @@ class Gap:
     def __str__(self) -> str:
         return f'between {round_time(self.after)} and {round_time(self.before)}'
 
-    @property
-    def is_empty(self) -> bool:
-        """Whether there is no time for a state in it."""
-        return self.before - self.after <= 1
-
-    def until(self, later: Gap) -> Gap:
-        """From the beginning of this one to the end of a later one."""
+    def join(self, later: Gap) -> Gap:
+        """Return the gap from the start of this one to the end of a later one."""
         return Gap(self.after, later.before)
 
 
-def rewritten(node: Node, gap: Gap, times: Sequence[int], store: NodeStore) -> tuple[Node, Node]:
-    """The optimistic and the pessimistic half of what remains; equal where the gap is harmless.
+def halves_after(node: Node, gap: Gap, times: Sequence[int], store: NodeStore) -> tuple[Node, Node]:
+    """Return the optimistic and the pessimistic half; both are `node` if the gap has no effect.
 
     Args:
-        node: what remains after the last state before the gap.
-        gap: in which states are missing.
-        times: of the states that the bounds of the node count from, in nanoseconds.
+        node: the formula that remains after the last state before the gap.
+        gap: the gap.
+        times: the times of the states that the bounds of the node count from, in nanoseconds.
         store: makes nodes; its chronology has these times.
     """
-    if gap.is_empty:
-        return node, node
+    if gap.before - gap.after <= 1:
+        return node, node  # There is no time for a state.
     found: dict[Node, tuple[Node, Node]] = {}
-    for each in remains(node):
+    for each in pending_parts(node):
         match each:
             case Window():
-                found[each] = _window(each, gap, times)
+                found[each] = _window_halves(each, gap, times)
             case Junction():
                 halves = zip(*(found[part] for part in each.parts), strict=True)
                 optimistic, pessimistic = (_junction(each, half, store) for half in halves)
@@ -88,21 +92,20 @@ def rewritten(node: Node, gap: Gap, times: Sequence[int], store: NodeStore) -> t
     return found[node]
 
 
-def _window(node: Window, gap: Gap, times: Sequence[int]) -> tuple[Node, Node]:
-    """The halves of a window.
+def _window_halves(node: Window, gap: Gap, times: Sequence[int]) -> tuple[Node, Node]:
+    """Return the halves of a window.
 
-    At a missed state the right side may have settled an existential window for good, and a
-    universal one for bad, if the interval reaches there. The left side may have done the contrary
-    at any.
+    The right side of a missing state in the interval may have made an existential window true, or a
+    universal one false. The left side of any missing state may have done the opposite.
     """
-    settled = constant(value=not node.universal) if _meets(node, gap, times) else node
+    settled = constant(value=not node.universal) if _overlap(node, gap, times) else node
     never = FALSE if node.universal else TRUE
-    spoilt = node if node.left is never else constant(value=node.universal)
-    return (spoilt, settled) if node.universal else (settled, spoilt)
+    released = node if node.left is never else constant(value=node.universal)
+    return (released, settled) if node.universal else (settled, released)
 
 
-def _meets(node: Window, gap: Gap, times: Sequence[int]) -> bool:
-    """Whether a state may be missing that is in the interval of a window."""
+def _overlap(node: Window, gap: Gap, times: Sequence[int]) -> bool:
+    """Return True if a state may be missing in the interval of a window."""
     first, last = gap.after + 1, gap.before - 1
     if node.start is not None:
         first = max(first, times[node.start.state] + node.start.offset)
@@ -116,7 +119,7 @@ def _junction(node: Junction, members: tuple[Node, ...], store: NodeStore) -> No
 
 
 def unknowable(gap: Gap) -> ReasoningError:
-    """The error of a formula that can become neither true nor false any more."""
+    """Return the error of a formula that can become neither true nor false."""
     return ReasoningError(
         f'the verdict depends on states that are missing {gap}', ExitCode.CONSTRAINT_VIOLATION
     )

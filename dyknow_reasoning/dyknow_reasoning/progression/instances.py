@@ -1,9 +1,14 @@
-"""From a formula and the domains of its sorts to nodes over numbered ground atoms."""
+"""Instances of a formula: nodes over numbered atoms, without variables.
+
+`forall` at the outside of a formula yields an instance for each choice of objects. Other
+quantifiers become junctions. All variables are substituted, so the atoms are about objects.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import TypeAlias, cast
 
 from dyknow_common import Symbol
@@ -40,16 +45,16 @@ Domains: TypeAlias = Mapping[str, Sequence[str]]
 """The objects of each sort."""
 
 Binding: TypeAlias = Mapping[str, str]
-"""The object that each variable stands for."""
+"""The object of each variable."""
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class Instance:
     """A formula for one choice of objects for its outermost universal variables.
 
     Args:
-        binding: that choice.
-        atoms: the ground atom of each slot; comparisons only with `=`, `<` and `<=`.
+        binding: the choice.
+        atoms: the atom of each slot; comparisons only with `=`, `<` and `<=`.
         node: the formula over these slots.
     """
 
@@ -59,40 +64,26 @@ class Instance:
 
 
 def instances_of(formula: Formula, domains: Domains, store: NodeStore) -> list[Instance]:
-    """The instances that must all hold for the formula to hold, without duplicates.
+    """Return the instances that must all hold for the formula to hold, without duplicates.
 
     Raises:
         ReasoningError: for a sort without a domain.
     """
     instances: dict[tuple[Node, tuple[Atom, ...]], Instance] = {}
     for binding, body in _instances(formula, domains, {}):
-        grounder = _Grounder(store, domains)
-        node = grounder.node(body, binding)
-        atoms = tuple(grounder.slots)
+        translator = _Translator(store, domains)
+        node = translator.node(body, binding)
+        atoms = tuple(translator.slots)
         instances.setdefault((node, atoms), Instance(binding, atoms, node))
     return list(instances.values())
 
 
-def ground_symbols(instances: Iterable[Instance]) -> list[Symbol]:
-    """The ground features that instances still depend on, each once."""
+def required_features(instances: Iterable[Instance]) -> list[Symbol]:
+    """Return the features of objects that simplified instances depend on, each once."""
     atoms = (instance.atoms[slot] for instance in instances for slot in slots(instance.node.mask))
     return list(
         dict.fromkeys(feature_symbol(field, {}) for atom in atoms for field in fields(atom))
     )
-
-
-def objects(sort: str, domains: Domains) -> list[str]:
-    """The objects of a sort, each once.
-
-    Raises:
-        ReasoningError: for a sort without a domain.
-    """
-    if sort not in domains:
-        known = ', '.join(sorted(domains)) or 'none'
-        raise ReasoningError(
-            f"the sort '{sort}' has no domain (there are: {known}); give its objects"
-        )
-    return list(dict.fromkeys(domains[sort]))
 
 
 def _instances(
@@ -100,48 +91,43 @@ def _instances(
 ) -> Iterator[tuple[Binding, Formula]]:
     match formula:
         case Forall(variable, sort, body):
-            for name in objects(sort, domains):
+            for name in _objects(sort, domains):
                 yield from _instances(body, domains, {**binding, variable: name})
         case Always(body=Forall() as inner):
-            # `always` and `forall` commute, and instances apart are cheaper than together.
+            # `always` and `forall` commute; separate instances are cheaper than a junction.
             outer = replace(inner, body=replace(formula, body=inner.body))
             yield from _instances(outer, domains, binding)
         case _:
             yield binding, formula
 
 
-class _Grounder:
+class _Translator:
+    """Translates a formula to nodes, and numbers its atoms."""
+
     def __init__(self, store: NodeStore, domains: Domains) -> None:
         self.slots: dict[Atom, int] = {}
         self._store = store
         self._domains = domains
 
     def node(self, formula: Formula, binding: Binding) -> Node:
-        """The node of a formula, its free variables bound."""
+        """Return the node of a formula whose free variables are bound."""
         match formula:
             case Truth(value):
                 return constant(value=value)
-            case Feature() | FieldReference():
-                return self._atom(cast('Atom', _ground_term(formula, binding)), positive=True)
-            case Comparison():
-                return self._comparison(formula, binding)
+            case Feature() | FieldReference() | Comparison():
+                return self._atom(formula, binding)
             case Not(body):
                 return self._store.negation(self.node(body, binding))
-            case Forall() | Exists():
-                return self._quantified(formula, binding)
+            case Forall(variable, sort, body) | Exists(variable, sort, body):
+                names = _objects(sort, self._domains)
+                members = [self.node(body, {**binding, variable: name}) for name in names]
+                return self._store.junction(members, universal=isinstance(formula, Forall))
+            case And() | Or() | Implies() | Equivalent():
+                return self._connective(formula, binding)
             case _:
-                return self._temporal_or_connective(formula, binding)
+                return self._window(formula, binding)
 
-    def _quantified(self, formula: Forall | Exists, binding: Binding) -> Node:
-        names = objects(formula.sort, self._domains)
-        members = [self.node(formula.body, {**binding, formula.variable: name}) for name in names]
-        return self._store.junction(members, universal=isinstance(formula, Forall))
-
-    def _temporal_or_connective(
-        self,
-        formula: Always | Eventually | Until | And | Or | Implies | Equivalent,
-        binding: Binding,
-    ) -> Node:
+    def _window(self, formula: Always | Eventually | Until, binding: Binding) -> Node:
         sides: tuple[Node, Node]
         match formula:
             case Always(body):
@@ -150,43 +136,43 @@ class _Grounder:
                 sides = TRUE, self.node(body, binding)
             case Until(left, right):
                 sides = self.node(left, binding), self.node(right, binding)
-            case _:
-                return self._connective(formula, binding)
         start, end = formula.interval.start, formula.interval.end
         bounds = Bound(0, start) if start else None, None if end is None else Bound(0, end)
         return self._store.window(*bounds, *sides, universal=isinstance(formula, Always))
 
     def _connective(self, formula: And | Or | Implies | Equivalent, binding: Binding) -> Node:
         left, right = self.node(formula.left, binding), self.node(formula.right, binding)
-        store = self._store
+        negation = self._store.negation
+        all_of = partial(self._store.junction, universal=True)
+        any_of = partial(self._store.junction, universal=False)
         match formula:
             case And():
-                return store.junction((left, right), universal=True)
+                return all_of((left, right))
             case Or():
-                return store.junction((left, right), universal=False)
+                return any_of((left, right))
             case Implies():
-                return store.junction((store.negation(left), right), universal=False)
+                return any_of((negation(left), right))
             case Equivalent():
-                both = store.junction((left, right), universal=True)
-                negations = store.negation(left), store.negation(right)
-                neither = store.junction(negations, universal=True)
-                return store.junction((both, neither), universal=False)
+                neither = all_of((negation(left), negation(right)))
+                return any_of((all_of((left, right)), neither))
 
-    def _comparison(self, formula: Comparison, binding: Binding) -> Node:
-        left, right = _ground_term(formula.left, binding), _ground_term(formula.right, binding)
+    def _atom(self, formula: Atom, binding: Binding) -> Node:
+        if not isinstance(formula, Comparison):
+            return self._literal(cast('Atom', _substitute(formula, binding)), positive=True)
+        left, right = _substitute(formula.left, binding), _substitute(formula.right, binding)
         if isinstance(left, Object) and isinstance(right, Object):
             return constant(value=(left == right) == (formula.operator == '='))
-        # One of each pair of opposites, so that both share an atom.
+        # Opposite comparisons share an atom.
         negative = formula.operator in {'!=', '>', '>='}
         operator = NEGATED_COMPARISONS[formula.operator] if negative else formula.operator
-        return self._atom(Comparison(operator, left, right), positive=not negative)
+        return self._literal(Comparison(operator, left, right), positive=not negative)
 
-    def _atom(self, atom: Atom, *, positive: bool) -> Node:
+    def _literal(self, atom: Atom, *, positive: bool) -> Node:
         slot = self.slots.setdefault(atom, len(self.slots))
         return self._store.literal(slot, positive=positive)
 
 
-def _ground_term(term: Term, binding: Binding) -> Term:
+def _substitute(term: Term, binding: Binding) -> Term:
     match term:
         case Variable(name):
             return Object(binding[name])
@@ -194,6 +180,16 @@ def _ground_term(term: Term, binding: Binding) -> Term:
             names = (binding.get(each.name, each.name) for each in arguments)
             return Feature(name, tuple(map(Object, names)))
         case Arithmetic(operator, left, right):
-            return Arithmetic(operator, _ground_term(left, binding), _ground_term(right, binding))
+            return Arithmetic(operator, _substitute(left, binding), _substitute(right, binding))
         case _:
             return term
+
+
+def _objects(sort: str, domains: Domains) -> list[str]:
+    """Return the objects of a sort, each once; raise ReasoningError for a sort without a domain."""
+    if sort not in domains:
+        known = ', '.join(sorted(domains)) or 'none'
+        raise ReasoningError(
+            f"the sort '{sort}' has no domain (there are: {known}); give its objects"
+        )
+    return list(dict.fromkeys(domains[sort]))

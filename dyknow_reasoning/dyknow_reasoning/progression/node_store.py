@@ -1,4 +1,4 @@
-"""Where nodes are made and simplified, each one stored once."""
+"""Creation and simplification of nodes; each node is stored once."""
 
 from __future__ import annotations
 
@@ -13,23 +13,24 @@ from dyknow_reasoning.progression.nodes import (
     Junction,
     Literal,
     Node,
+    Sides,
     Window,
     constant,
     descendants,
-    remains,
+    pending_parts,
+    sides,
 )
 
-_Group: TypeAlias = tuple[bool, Node, Node]
 _WindowKey: TypeAlias = tuple[bool, Bound | None, Bound | None, Node, Node]
 _JunctionKey: TypeAlias = tuple[bool, tuple[Node, ...]]
 
 
 class NodeStore:
-    """Makes nodes, simplified, and keeps one of each.
+    """Makes simplified nodes, and keeps one of each.
 
     Args:
-        chronology: tells which bound is later.
-        roots: nodes to begin with, and what they consist of.
+        chronology: compares bounds.
+        roots: existing nodes to include, with all that they consist of.
     """
 
     def __init__(self, chronology: Chronology, roots: Iterable[Node] = ()) -> None:
@@ -47,7 +48,7 @@ class NodeStore:
         return len(self._literals) + len(self._junctions) + len(self._windows)
 
     def literal(self, slot: int, *, positive: bool) -> Node:
-        """The atom of a slot, or its negation."""
+        """Return the atom of a slot, or its negation."""
         key = (slot, positive)
         node = self._literals.get(key)
         if node is None:
@@ -64,13 +65,13 @@ class NodeStore:
         *,
         universal: bool,
     ) -> Node:
-        """A window; one that its right side decides whatever the states is a constant."""
+        """Return a window, or a constant if the right side decides it for all states."""
         if right is constant(value=universal):
             return right
         return self._window((universal, start, end, left, right))
 
     def junction(self, members: Iterable[Node], *, universal: bool) -> Node:
-        """All of the members if universal, at least one of them if not; simplified."""
+        """Return the simplified conjunction (universal) or disjunction of the members."""
         absorbing = constant(value=not universal)
         flat: dict[Node, None] = {}
         for member in members:
@@ -92,7 +93,7 @@ class NodeStore:
         return self._junction((universal, ordered))
 
     def negation(self, node: Node) -> Node:
-        """The negation of a formula that is yet to be evaluated."""
+        """Return the negation of a formula that has seen no state."""
         found = self._negations.get(node)
         if found is None:
             found = self._negation(node)
@@ -101,16 +102,16 @@ class NodeStore:
         return found
 
     def renumbered(self, node: Node, bounds: Mapping[Bound, Bound]) -> Node:
-        """What remains of a formula, with other bounds that are in the same order.
+        """Return a node with its bounds replaced; the new bounds must have the same order.
 
         Args:
-            node: what remains.
+            node: a formula that has seen states.
             bounds: the new bound for each old one.
         """
         if all(old == new for old, new in bounds.items()):
             return node
         found: dict[Node, Node] = {}
-        for each in remains(node):
+        for each in pending_parts(node):
             match each:
                 case Window(universal, start, end, left, right):
                     begins, ends = start and bounds[start], end and bounds[end]
@@ -141,8 +142,8 @@ class NodeStore:
                 parts = map(self.negation, node.parts)
                 return self.junction(parts, universal=not node.universal)
             case Window(universal, start, end, left, right):
-                sides = self.negation(left), self.negation(right)
-                return self.window(start, end, *sides, universal=not universal)
+                opposite = self.negation(left), self.negation(right)
+                return self.window(start, end, *opposite, universal=not universal)
 
     def _window(self, key: _WindowKey) -> Window:
         node = self._windows.get(key)
@@ -178,38 +179,37 @@ class NodeStore:
         return node
 
     def _simplified(self, flat: dict[Node, None], *, universal: bool) -> dict[Node, None]:
-        """The members without those that the others make superfluous.
+        """Return the members that are not redundant.
 
-        Holds the absorbing constant when two members contradict each other.
+        Return the absorbing constant alone if two members contradict each other.
         """
-        groups: dict[_Group, list[Window]] = {}
+        groups: dict[Sides, list[Window]] = {}
         junctions = []
         for member in flat:
             if type(member) is Window:
-                group = (member.universal, member.left, member.right)
-                groups.setdefault(group, []).append(member)
+                groups.setdefault(sides(member), []).append(member)
             elif type(member) is Junction:
                 junctions.append(member)
             elif type(member) is Literal and self.negation(member) in flat:
                 return {constant(value=not universal): None}
-        for group, windows in groups.items():
+        for key, windows in groups.items():
             if len(windows) > 1:
-                groups[group] = self._merged(windows, universal=universal)
+                groups[key] = self._merged(windows, universal=universal)
                 flat = {member: None for member in flat if member not in windows}
-                flat.update(dict.fromkeys(groups[group]))
+                flat.update(dict.fromkeys(groups[key]))
         kinds = {kind for kind, _, _ in groups}
         if len(kinds) > 1 and self._contradictory(groups, universal=universal):
             return {constant(value=not universal): None}
         for junction in junctions:
             if any(
-                self._is_superfluous(part, flat, groups, universal=universal)
+                self._is_redundant(part, flat, groups, universal=universal)
                 for part in junction.parts
             ):
                 del flat[junction]
         return flat
 
     def _merged(self, windows: list[Window], *, universal: bool) -> list[Window]:
-        """Windows over the same sides: their union, or those that contain no other."""
+        """Merge windows over the same sides: the union, or those that contain no other."""
         if windows[0].universal is not universal:
             return self._innermost(windows)
         merged: list[Window] = []
@@ -223,7 +223,7 @@ class NodeStore:
         return merged
 
     def _innermost(self, windows: list[Window]) -> list[Window]:
-        """The windows that contain no other."""
+        """Return the windows that contain no other."""
         kept: list[Window] = []
         for window in sorted(windows, key=cmp_to_key(self._by_narrowness)):
             if not kept or self._ends_later(kept[-1], window):
@@ -234,12 +234,12 @@ class NodeStore:
         return self._chronology.compare(first.start, second.start)
 
     def _by_narrowness(self, first: Window, second: Window) -> int:
-        """Later starts first; of those that start together, earlier ends first."""
+        """Compare two windows: later starts first, then earlier ends first."""
         ends = self._ends_later(first, second) - self._ends_later(second, first)
         return -self._by_start(first, second) or ends
 
     def _is_apart(self, first: Window, second: Window) -> bool:
-        """Whether there is a time between the end of one window and the start of another."""
+        """Return True if a time lies between the end of one window and the start of another."""
         if first.end is None or second.start is None:
             return False
         return self._chronology.later(second.start, first.end, 1)
@@ -252,8 +252,8 @@ class NodeStore:
     def _contains(self, outer: Window, inner: Window) -> bool:
         return self._by_start(outer, inner) <= 0 and not self._ends_later(inner, outer)
 
-    def _contradictory(self, groups: dict[_Group, list[Window]], *, universal: bool) -> bool:
-        """Whether a window contains one that asks for the opposite."""
+    def _contradictory(self, groups: dict[Sides, list[Window]], *, universal: bool) -> bool:
+        """Return True if a window contains one that requires the opposite."""
         for (kind, left, right), outer in groups.items():
             if kind is universal:
                 opposite = (not kind, self.negation(left), self.negation(right))
@@ -262,25 +262,25 @@ class NodeStore:
                         return True
         return False
 
-    def _is_superfluous(
+    def _is_redundant(
         self,
         part: Node,
         siblings: dict[Node, None],
-        groups: dict[_Group, list[Window]],
+        groups: dict[Sides, list[Window]],
         *,
         universal: bool,
     ) -> bool:
-        """Whether a part of an inner junction makes it say no more than one of its siblings."""
+        """Return True if this part makes an inner junction redundant beside its siblings."""
         if part in siblings:
             return True
         if type(part) is not Window:
             return False
-        windows = groups.get((part.universal, part.left, part.right), ())
+        windows = groups.get(sides(part), ())
         if part.universal is universal:
             return any(self._contains(window, part) for window in windows)
         return any(self._contains(part, window) for window in windows)
 
 
 def _rank(node: Node) -> tuple[int, int]:
-    """The order of members: as their first atoms come in the formula."""
+    """Return the sort key of members: the order of their first atoms in the formula."""
     return node.mask & -node.mask, node.serial

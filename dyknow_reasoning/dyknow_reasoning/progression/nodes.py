@@ -1,9 +1,9 @@
-"""Formulas as progression sees them: in negation normal form, each one stored once.
+"""Formulas as progression uses them: in negation normal form, each stored once.
 
 Two nodes cover the whole logic, each in a universal and an existential form: a junction (`and`,
 `or`) and a window (the negation of `until`, and `until`). `always F` is a universal window whose
 left side is false, `eventually F` an existential one whose left side is true. Atoms are numbers,
-called slots, so that formulas which differ only in their objects share their nodes.
+called slots, so formulas that differ only in their objects share their nodes.
 
 Equal nodes are one object: compare them with `is`.
 """
@@ -20,7 +20,7 @@ from dyknow_reasoning.progression.bounds import Bound
 
 @dataclass(eq=False, slots=True)
 class Constant:
-    """A formula that is decided."""
+    """A decided formula."""
 
     value: bool
     serial: int = 0
@@ -36,15 +36,15 @@ FALSE = Constant(False)
 
 @dataclass(eq=False, slots=True)
 class Literal:
-    """An atom, or its negation.
+    """An atom or its negation.
 
     Args:
         slot: the number of the atom.
         positive: False for the negation.
-        serial: the order in which nodes were made.
+        serial: increases in the order in which nodes are made.
         mask: the slots of all atoms in the node, as bits.
-        size: how many nodes a text of the formula would show.
-        depth: how deep the formula nests.
+        size: the number of nodes that a text of the formula would show.
+        depth: the nesting depth of the formula.
         unbounded: the windows without an end that are open now.
     """
 
@@ -72,7 +72,7 @@ class Junction:
 
 @dataclass(eq=False, slots=True)
 class Window:
-    """`left until[start, end] right`, or if universal the dual of that.
+    """`left until[start, end] right`, or its dual if universal.
 
     The dual: `right` holds at each state of the interval, up to the first one that comes after a
     state at which `left` held. A start of None is reached by the next state at the latest, an end
@@ -93,44 +93,45 @@ class Window:
 
 Node: TypeAlias = Constant | Literal | Junction | Window
 
+Sides: TypeAlias = tuple[bool, Node, Node]
+"""A window without its bounds: universal, left, right."""
+
+
+def sides(window: Window) -> Sides:
+    """Return a window without its bounds."""
+    return window.universal, window.left, window.right
+
 
 def constant(*, value: bool) -> Constant:
-    """The decided formula of that value."""
+    """Return the decided formula of a value."""
     return TRUE if value else FALSE
 
 
 def slots(mask: int) -> tuple[int, ...]:
-    """The slots whose bits are set in a mask."""
+    """Return the slots whose bits are set in a mask."""
     return tuple(slot for slot in range(mask.bit_length()) if mask >> slot & 1)
 
 
 def descendants(roots: Iterable[Node]) -> set[Node]:
-    """The nodes and all that they consist of."""
+    """Return the nodes and everything that they consist of."""
     found: set[Node] = set()
     pending = list(roots)
     while pending:
         node = pending.pop()
         if node not in found:
             found.add(node)
-            pending.extend(parts(node))
+            match node:
+                case Junction():
+                    pending.extend(node.parts)
+                case Window():
+                    pending += (node.left, node.right)
     return found
 
 
-def parts(node: Node) -> tuple[Node, ...]:
-    """The nodes that a node directly consists of."""
-    match node:
-        case Junction():
-            return node.parts
-        case Window():
-            return (node.left, node.right)
-        case _:
-            return ()
+def pending_parts(node: Node) -> list[Node]:
+    """Return a node that has seen states and the parts of its junctions, the simplest first.
 
-
-def remains(node: Node) -> list[Node]:
-    """A node that states have been seen for, and what it consists of; the simpler ones first.
-
-    The sides of a window are not among them: they are yet to be evaluated.
+    The sides of windows are not included: they have seen no state.
     """
     found: dict[Node, None] = {}
     pending = [node]
@@ -143,7 +144,7 @@ def remains(node: Node) -> list[Node]:
 
 
 def bounds_of(node: Node) -> set[Bound]:
-    """The bounds of the windows that remain."""
-    windows = (each for each in remains(node) if type(each) is Window)
-    both = (bound for window in windows for bound in (window.start, window.end))
-    return {bound for bound in both if bound is not None}
+    """Return the bounds of the windows in a node that has seen states."""
+    windows = (each for each in pending_parts(node) if type(each) is Window)
+    bounds = (bound for window in windows for bound in (window.start, window.end))
+    return {bound for bound in bounds if bound is not None}

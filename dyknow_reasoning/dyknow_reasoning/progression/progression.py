@@ -1,12 +1,17 @@
-"""Progression: what the rest of a stream must satisfy, given its next state (paper, section IV).
+"""Progression: rewriting a formula over a state (paper, section IV).
 
-A formula is *fresh* until the state at which it is evaluated, and *running* after it. What a fresh
-one leaves behind is running, and is progressed over each later state. This is what tells the
-paper's `until`, whose left side need not hold at the first state, from what remains of it, whose
-left side must hold from then on.
+The result is the formula that the rest of the states must satisfy. A formula is *fresh* until it
+has seen a state, and *running* after that. The distinction implements the paper's `until`: its left
+side need not hold at the first state, but must hold at each later state until the right side does.
 
-The bounds of a running window count from the state at which it was fresh. So what remains of a
-formula changes when something happens, and not because time passes: see `automaton`.
+The bounds of a running window count from the state at which the window was fresh, so a formula does
+not change while only time passes. Example, `always (p -> eventually[0, 2 s] q)`, with the time of
+state n written as tn:
+
+    state                    remaining formula
+    t0 = 0 s: p, not q       always (...) and eventually[until t0 + 2 s] q
+    t1 = 1 s: not p, not q   the same node: t1 <= t0 + 2 s, and nothing else happened
+    t2 = 3 s: not p, q       false: t2 > t0 + 2 s
 """
 
 from __future__ import annotations
@@ -26,7 +31,8 @@ from dyknow_reasoning.progression.nodes import (
     Window,
 )
 
-_DEEP = 64
+_RECURSION_DEPTH = 64
+"""Nodes that nest deeper are progressed without recursion over junctions."""
 
 
 class Progression:
@@ -44,11 +50,12 @@ class Progression:
         self._now = Bound(0, 0)
 
     def begin(self, symbol: int, times: Sequence[int]) -> None:
-        """Goes to a state.
+        """Set the state to progress over.
 
         Args:
             symbol: the truth of the atoms at the state; bit n is the atom of slot n.
-            times: of the states that bounds count from, in nanoseconds; this one is the last.
+            times: the times of the states that bounds count from, in nanoseconds; the last one is
+                the time of this state.
         """
         self.chronology.begin(times)
         self._memo.clear()
@@ -56,13 +63,13 @@ class Progression:
         self._now = Bound(len(times) - 1, 0)
 
     def progress(self, node: Node, *, fresh: bool) -> Node:
-        """What must hold after the state for the formula to hold."""
+        """Return the formula that must hold after the state for the node to hold at it."""
         if type(node) is Constant:
             return node
         key = (node, fresh)
         found = self._memo.get(key)
         if found is None:
-            if node.depth > _DEEP:
+            if node.depth > _RECURSION_DEPTH:
                 self._progress_deep_parts(node, fresh=fresh)
             found = self._memo[key] = self._step(node, fresh=fresh)
         return found
@@ -75,7 +82,7 @@ class Progression:
             return self.store.junction(members, universal=node.universal)
         if type(node) is Junction:
             members = self._step_parts(node, fresh=fresh)
-            # Where nothing happened there is nothing to simplify: how bounds compare never changes.
+            # Unchanged parts need no simplification: the order of their bounds never changes.
             if members == node.parts:
                 return node
             return self.store.junction(members, universal=node.universal)
@@ -84,7 +91,7 @@ class Progression:
         return node
 
     def _step_parts(self, node: Junction, *, fresh: bool) -> tuple[Node, ...]:
-        """What must hold for the parts; a window's share is simplified once, with the others."""
+        """Progress the parts; the members of a window join those of the junction."""
         members: list[Node] = []
         for part in node.parts:
             if type(part) is Window and part.universal is node.universal:
@@ -94,7 +101,7 @@ class Progression:
         return tuple(members)
 
     def _step_window(self, node: Window, *, fresh: bool) -> tuple[Node, ...]:
-        """What must hold for a window: all of these if it is universal, one of them if not."""
+        """Progress a window; return the members of a junction of the same kind."""
         neutral = TRUE if node.universal else FALSE
         start, end = node.start, node.end
         if fresh:
@@ -107,7 +114,7 @@ class Progression:
         current = self.progress(node.right, fresh=True) if begun else neutral
         if last or (type(current) is Constant and current is not neutral):
             return (current,)
-        # The next state is at least a nanosecond away, so a start of one is already reached then.
+        # The next state is at least 1 ns away.
         if start is not None and not later(start, now, 1):
             start = None
         rest: Node = node
@@ -125,13 +132,13 @@ class Progression:
         return bound and Bound(self._now.state, bound.offset)
 
     def _progress_deep_parts(self, node: Node, *, fresh: bool) -> None:
-        """Progress deep parts first, the deepest last, so that the recursion stays shallow."""
+        """Progress the deep parts of junctions in the order of their depth, to limit recursion."""
         deep: set[Node] = set()
         pending: list[Node] = [node]
         while pending:
             each = pending.pop()
             if type(each) is Junction:
-                found = {part for part in each.parts if part.depth > _DEEP} - deep
+                found = {part for part in each.parts if part.depth > _RECURSION_DEPTH} - deep
                 deep |= found
                 pending.extend(found)
         for part in sorted(deep, key=attrgetter('depth')):

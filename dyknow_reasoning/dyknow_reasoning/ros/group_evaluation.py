@@ -1,4 +1,4 @@
-"""The evaluation of one formula group over one stream of states after another."""
+"""The evaluation of one formula group, over one state stream after another."""
 
 from __future__ import annotations
 
@@ -25,17 +25,17 @@ from dyknow_reasoning.results import FormulaResult
 from dyknow_reasoning.ros.state_subscription import Breach, State, StateSubscription, check_topic
 from dyknow_stream_processing.ros import sample_fields
 
-_MOST_WAITING = 1000
-_MOST_EVENTS = 20
+_MAX_QUEUED_STATES = 1000
+_MAX_EVENTS = 20
 
 
 @dataclass(frozen=True, slots=True)
 class Pause:
-    """Nothing is progressed since a stream broke a constraint.
+    """A pause of the progression after a violation of a constraint.
 
     Args:
-        since: by the wall clock, in nanoseconds.
-        breach: what was broken.
+        since: the start by the wall clock, in nanoseconds.
+        breach: the violation.
     """
 
     since: int
@@ -43,10 +43,10 @@ class Pause:
 
 
 class GroupEvaluation:
-    """One formula group and the stream of states that it is progressed over.
+    """One formula group and the state stream that it is progressed over.
 
-    While it goes over to another stream, the states of that one wait until the former has come as
-    far, so that none is lost.
+    To change to another stream without a gap, the states of the new stream are queued until the
+    old stream has delivered a state as late as the first of them.
     """
 
     def __init__(self, node: DyKnowNode, group_id: int, name: str, group: FormulaGroup) -> None:
@@ -55,33 +55,33 @@ class GroupEvaluation:
         self._node = node
         self._id = group_id
         self._states = 0
-        # How many states came before each formula.
+        # For each formula, the number of states before it was added.
         self._states_before: dict[int, int] = {}
         self._latest: int | None = None
-        self._events: deque[str] = deque(maxlen=_MOST_EVENTS)
+        self._events: deque[str] = deque(maxlen=_MAX_EVENTS)
         self._domains: Mapping[str, Sequence[str]] = {}
         self._result_topic = ''
         self._results: Any = None
         self._current: StateSubscription | None = None
         self._next: StateSubscription | None = None
-        self._waiting: list[State] = []
+        self._queue: list[State] = []
         self._pause: Pause | None = None
-        # Whether states may come that the former stream has brought already, and how many did.
+        # True until the current stream delivers a state later than those of the former one.
         self._catches_up = False
         self._skipped = 0
-        self._wanted_at = self._wall_time()
+        self._requested_at = self._wall_time()
 
     @property
     def has_begun(self) -> bool:
-        """Whether it is evaluated."""
+        """True if the evaluation has begun."""
         return self._current is not None
 
     def add_formula(self, name: str, text: str) -> int:
-        """Adds a formula, that begins with the next state, and returns its id.
+        """Add a formula, which begins with the next state, and return its id.
 
         Raises:
-            LanguageError: as `FormulaGroup.add_formula` does.
-            ReasoningError: likewise.
+            LanguageError: as `FormulaGroup.add_formula`.
+            ReasoningError: as `FormulaGroup.add_formula`.
         """
         formula_id = self.group.add_formula(name, text)
         self._states_before[formula_id] = self._states
@@ -90,7 +90,7 @@ class GroupEvaluation:
         return formula_id
 
     def remove_formula(self, formula_id: int) -> None:
-        """Takes a formula out.
+        """Remove a formula.
 
         Raises:
             ReasoningError: for an unknown formula.
@@ -101,10 +101,10 @@ class GroupEvaluation:
     def begin(
         self, domains: Mapping[str, Sequence[str]], state_stream: str, result_topic: str
     ) -> None:
-        """Fixes the domains and listens to the states.
+        """Fix the domains and subscribe to the states.
 
         Raises:
-            ReasoningError: when a topic has no valid name or a sort no domain.
+            ReasoningError: for an invalid topic name, or a sort without a domain.
         """
         check_topic('state_stream', state_stream)
         check_topic('result_topic', result_topic)
@@ -117,9 +117,9 @@ class GroupEvaluation:
             event_callbacks=NO_PUBLISHER_EVENTS,
         )
         self.publish(self.group.decided_at_once())
-        self._current = self._stream(state_stream)
+        self._current = self._subscribe(state_stream)
 
-    def go_over(
+    def change_stream(
         self,
         domains: Mapping[str, Sequence[str]],
         state_stream: str,
@@ -127,56 +127,56 @@ class GroupEvaluation:
         *,
         gap: bool,
     ) -> None:
-        """Goes over to another stream of states, or stays with the present one after all.
+        """Change to another state stream, or cancel a change by naming the present one.
 
         Args:
-            domains: none, or what they are.
+            domains: empty, or the domains of the evaluation.
             state_stream: the topic of the new states.
-            result_topic: empty, or what it is.
-            gap: whether states may be missing between the former stream's and the new one's.
+            result_topic: empty, or the result topic of the evaluation.
+            gap: True if states may be missing between those of the two streams.
 
         Raises:
-            ReasoningError: when the topic has no valid name, or domains or result topic are others.
+            ReasoningError: for an invalid topic name, or other domains or another result topic.
         """
         check_topic('state_stream', state_stream)
         self._check_same(domains, result_topic)
         if self._next:
             self._next.destroy()
-        self._next, self._waiting = None, []
-        stays = self._current and self._current.topic == state_stream
-        if stays and not (gap or self._pause):
+        self._next, self._queue = None, []
+        is_current = self._current and self._current.topic == state_stream
+        if is_current and not (gap or self._pause):
             return
-        self._next = self._stream(state_stream)
+        self._next = self._subscribe(state_stream)
         if self._latest is None or gap or self._pause:
             self._switch(gap=True)
 
-    def end(self) -> None:
-        """Frees what listens and publishes."""
+    def destroy(self) -> None:
+        """Destroy the subscriptions and the publisher."""
         for stream in (self._current, self._next):
             if stream:
                 stream.destroy()
         if self._results is not None:
             self._node.destroy_publisher(self._results)
 
-    def touch(self) -> None:
-        """Takes note that somebody asks for the group."""
-        self._wanted_at = self._wall_time()
+    def note_request(self) -> None:
+        """Record that a service was called for the group."""
+        self._requested_at = self._wall_time()
 
-    def is_orphan(self, limit: float) -> bool:
-        """Whether nobody has asked for the group, or listened to its results, for some seconds."""
+    def is_orphan(self, limit_s: float) -> bool:
+        """Return True if there was no request and no subscriber to the results for some time."""
         if self._results is not None and self._results.get_subscription_count() > 0:
-            self.touch()
-        return self._wall_time() - self._wanted_at > limit * SECOND_NS
+            self.note_request()
+        return self._wall_time() - self._requested_at > limit_s * SECOND_NS
 
-    def end_patience(self, limit: float) -> None:
-        """Gives up all formulas when nobody has come to help for some seconds after a violation."""
+    def fail_after_pause(self, limit_s: float) -> None:
+        """Fail all formulas if the group has been paused for longer than the limit."""
         pause = self._pause
-        if pause and self.group.undecided and self._wall_time() - pause.since > limit * SECOND_NS:
+        if pause and self.group.undecided and self._wall_time() - pause.since > limit_s * SECOND_NS:
             error = ReasoningError(pause.breach.message, ExitCode.CONSTRAINT_VIOLATION)
             self.publish(self.group.fail(error, pause.breach.valid_time))
 
     def progress_reports(self) -> Iterable[Any]:
-        """How far each undecided formula has come, and what has happened since the last reports."""
+        """Return a report on each undecided formula, with the events since the last reports."""
         events = list(self._events)
         self._events.clear()
         for formula_id in sorted(self.group.undecided):
@@ -193,15 +193,27 @@ class GroupEvaluation:
             )
 
     def publish(self, results: Iterable[FormulaResult]) -> None:
-        """Tells what has been decided, or has failed."""
+        """Publish the results of formulas."""
         for result in results:
-            self._results.publish(self._message(result))
+            message = FormulaResultMessage(
+                formula_group_id=self._id,
+                formula_id=result.formula_id,
+                formula_name=result.name,
+                verdict=int(result.verdict),
+                explanation=result.explanation,
+            )
+            message.header.stamp = self._node.get_clock().now().to_msg()
+            if result.decided_at is not None:
+                message.decided_at = nanoseconds_to_time(result.decided_at)
+            if result.error is not None:
+                fill_exit_status(message.exit_status, result.error)
+            self._results.publish(message)
 
     def _wall_time(self) -> int:
         return int(self._node.wall_clock.now().nanoseconds)
 
-    def _stream(self, topic: str) -> StateSubscription:
-        return StateSubscription(self._node, topic, self._receive, self._suffer)
+    def _subscribe(self, topic: str) -> StateSubscription:
+        return StateSubscription(self._node, topic, self._on_state, self._on_breach)
 
     def _check_same(self, domains: Mapping[str, Sequence[str]], result_topic: str) -> None:
         for sort, objects in domains.items():
@@ -217,27 +229,25 @@ class GroupEvaluation:
                 f"as it is evaluated, not on '{result_topic}'"
             )
 
-    def _receive(self, stream: StateSubscription, state: State) -> None:
+    def _on_state(self, stream: StateSubscription, state: State) -> None:
         if stream is self._current:
-            self._take(state)
+            self._receive(state)
         elif stream is self._next:
-            self._waiting.append(state)
-        if self._next and self._has_caught_up():
+            self._queue.append(state)
+        latest = self._latest
+        if self._next is None:
+            return
+        if latest is not None and self._queue and self._queue[0].valid_time <= latest:
             self._switch(gap=False)
-        elif self._next and len(self._waiting) >= _MOST_WAITING:
+        elif len(self._queue) >= _MAX_QUEUED_STATES:
             self._node.get_logger().warning(
-                f"the group '{self.name}' goes over to '{self._next.topic}' with a gap: the former "
-                f'stream has not come as far as the {len(self._waiting)} states that wait'
+                f"the group '{self.name}' changes to '{self._next.topic}' with a gap: the former "
+                f'stream has no state as late as the {len(self._queue)} queued ones'
             )
             self._switch(gap=True)
 
-    def _has_caught_up(self) -> bool:
-        """Whether the former stream has brought all states before those that wait."""
-        latest = self._latest
-        return latest is not None and any(state.valid_time <= latest for state in self._waiting[:1])
-
     def _switch(self, *, gap: bool) -> None:
-        """Takes the states of the next stream from now on, first those that wait."""
+        """Change to the next stream now, and progress its queued states."""
         if self._current:
             self._current.destroy()
         self._current, self._next = self._next, None
@@ -245,30 +255,28 @@ class GroupEvaluation:
         self._catches_up = self._latest is not None
         if gap and self._latest is not None:
             self.group.gap()
-        waiting, self._waiting = self._waiting, []
+        queue, self._queue = self._queue, []
         breach = self._current and self._current.breach
         if breach:
-            self._rest(breach)
-        for state in waiting:
-            self._take(state)
+            self._pause_after(breach)
+        for state in queue:
+            self._receive(state)
 
-    def _suffer(self, stream: StateSubscription, breach: Breach) -> None:
-        """A verdict over states that are not as they were asked for would be false."""
+    def _on_breach(self, stream: StateSubscription, breach: Breach) -> None:
+        """Change to the next stream, or pause: a verdict over these states would be unsound."""
         if stream is not self._current or self._pause:
             return
         if self._next:
             self._switch(gap=True)
         else:
-            self._rest(breach)
+            self._pause_after(breach)
 
-    def _rest(self, breach: Breach) -> None:
+    def _pause_after(self, breach: Breach) -> None:
         self._pause = Pause(self._wall_time(), breach)
-        self._node.get_logger().warning(
-            f"the group '{self.name}' takes no more states: {breach.message}"
-        )
+        self._node.get_logger().warning(f"the group '{self.name}' is paused: {breach.message}")
 
-    def _take(self, state: State) -> None:
-        """Progresses a state of the current stream, unless there is a reason not to."""
+    def _receive(self, state: State) -> None:
+        """Progress the group over a state of the current stream, if it is usable."""
         if self._pause:
             return
         if self._catches_up and self._latest is not None and state.valid_time <= self._latest:
@@ -276,12 +284,15 @@ class GroupEvaluation:
             return
         if self._catches_up:
             self._node.get_logger().info(
-                f"the group '{self.name}' goes on with other states, of which {self._skipped} were "
-                'skipped: it has come further than they'
+                f"the group '{self.name}' continues with another stream; "
+                f'skipped {self._skipped} states that it had already processed'
             )
             self._catches_up, self._skipped = False, 0
-        if state.lost and self._latest is not None:
-            self._miss(state.lost, Gap(self._latest, state.valid_time))
+        if state.loss and self._latest is not None:
+            self.group.gap()
+            gap = Gap(self._latest, state.valid_time)
+            self._events.append(f'{state.loss}: states may be missing {gap}')
+            self._node.get_logger().warning(f"the group '{self.name}': {self._events[-1]}")
         self._latest = state.valid_time
         if self.group.undecided:
             self._progress(state)
@@ -295,24 +306,3 @@ class GroupEvaluation:
             self.publish(self.group.fail(failure, state.valid_time))
             return
         self.publish(self.group.progress(state.valid_time, fields))
-
-    def _miss(self, why: str, gap: Gap) -> None:
-        """Goes on over states that did not all come: no verdict depends on the others."""
-        self.group.gap()
-        self._events.append(f'{why}: states may be missing {gap}')
-        self._node.get_logger().warning(f"the group '{self.name}': {self._events[-1]}")
-
-    def _message(self, result: FormulaResult) -> Any:
-        message = FormulaResultMessage(
-            formula_group_id=self._id,
-            formula_id=result.formula_id,
-            formula_name=result.name,
-            verdict=int(result.verdict),
-            explanation=result.explanation,
-        )
-        message.header.stamp = self._node.get_clock().now().to_msg()
-        if result.decided_at is not None:
-            message.decided_at = nanoseconds_to_time(result.decided_at)
-        if result.error is not None:
-            fill_exit_status(message.exit_status, result.error)
-        return message

@@ -1,4 +1,4 @@
-"""A stream of states that a formula group is progressed over, and what breaks in it."""
+"""Subscription to a state stream and to its violations."""
 
 from __future__ import annotations
 
@@ -23,26 +23,26 @@ from dyknow_stream_processing.ros import SequenceGaps, publishers_of
 
 @dataclass(frozen=True, slots=True)
 class State:
-    """A state as it came.
+    """A received state.
 
     Args:
-        valid_time: in nanoseconds.
+        valid_time: the valid time in nanoseconds.
         message: the `Sample`.
-        lost: says so if states before it may be missing; empty otherwise.
+        loss: the reason why states before it may be missing; empty if there is none.
     """
 
     valid_time: int
     message: Any
-    lost: str
+    loss: str
 
 
 @dataclass(frozen=True, slots=True)
 class Breach:
-    """A violation of a constraint of a stream of states.
+    """A violation of a constraint of a state stream.
 
     Args:
-        valid_time: of what broke the constraint, in nanoseconds.
-        message: says what was broken.
+        valid_time: the valid time of the sample that broke the constraint, in nanoseconds.
+        message: the description of the violation.
     """
 
     valid_time: int
@@ -50,12 +50,12 @@ class Breach:
 
 
 class StateSubscription:
-    """Listens to states, and to violations on the topic that belongs to theirs.
+    """Receives the states of one stream, and the violations on its violation topic.
 
     Args:
-        topic: that of the states.
-        on_state: is told each state, and by which stream.
-        on_breach: is told each violation, and by which stream.
+        topic: the topic of the states.
+        on_state: called with this subscription and each state.
+        on_breach: called with this subscription and each violation.
     """
 
     def __init__(
@@ -70,52 +70,56 @@ class StateSubscription:
         self._node = node
         self._on_state = on_state
         self._on_breach = on_breach
-        self._begun = node.now()
-        self._numbering = SequenceGaps(lambda: publishers_of(node, topic), self._missed)
-        self._lost = ''
-        # The first one is served first where both have messages: no state is taken that comes
-        # after a violation.
+        self._start_time = node.now()
+        self._sequence = SequenceGaps(lambda: publishers_of(node, topic), self._on_loss)
+        self._loss = ''
+        # If both have messages, the subscription that is created first is served first. So no state
+        # after a violation is processed before the violation.
         self._violations = node.create_subscription(
             ConstraintViolation,
             f'{topic}/violations',
-            self._violated,
+            self._on_violation,
             VIOLATIONS,
             event_callbacks=NO_SUBSCRIPTION_EVENTS,
         )
         self._states = node.create_subscription(
             Sample,
             topic,
-            # rclpy is typed as if no callback could ask for the message's info.
-            cast('Any', self._receive),
+            # The types of rclpy do not know callbacks with message info.
+            cast('Any', self._on_sample),
             STREAM,
             event_callbacks=NO_SUBSCRIPTION_EVENTS,
         )
 
     def destroy(self) -> None:
-        """Stops listening."""
+        """End both subscriptions."""
         self._node.destroy_subscription(self._states)
         self._node.destroy_subscription(self._violations)
 
-    def _receive(self, message: Any, info: Mapping[str, int | None]) -> None:
-        self._lost = ''
-        self._numbering.note(info.get('publication_sequence_number'))
-        self._on_state(self, State(time_to_nanoseconds(message.valid_time), message, self._lost))
+    def _on_sample(self, message: Any, info: Mapping[str, int | None]) -> None:
+        self._loss = ''
+        self._sequence.note(info.get('publication_sequence_number'))
+        self._on_state(self, State(time_to_nanoseconds(message.valid_time), message, self._loss))
 
-    def _missed(self, count: int) -> None:
-        self._lost = f'{count} states were lost' if count else 'the stream of states was made anew'
+    def _on_loss(self, count: int) -> None:
+        self._loss = f'{count} states were lost' if count else 'the stream of states was made anew'
 
-    def _violated(self, message: Any) -> None:
-        # The topic is latched: what was broken before anybody here cared is kept in it.
-        if time_to_nanoseconds(message.available_time) >= self._begun:
+    def _on_violation(self, message: Any) -> None:
+        # The topic is latched: violations before the subscription are ignored.
+        if time_to_nanoseconds(message.available_time) >= self._start_time:
             self.breach = Breach(time_to_nanoseconds(message.valid_time), message.message)
             self._on_breach(self, self.breach)
 
 
 def check_topic(field: str, topic: str) -> None:
-    """Asserts that a topic has a valid name.
+    """Check the name of a topic.
+
+    Args:
+        field: the field of the request that holds the name.
+        topic: the name.
 
     Raises:
-        ReasoningError: if it has not; names the field of the request.
+        ReasoningError: for an invalid name.
     """
     try:
         validate_topic_name(topic)

@@ -1,4 +1,4 @@
-"""The stream reasoning engine: evaluates groups of formulas over streams of states (VI-A.6)."""
+"""The stream reasoning engine: evaluates formula groups over state streams (VI-A.6)."""
 
 from __future__ import annotations
 
@@ -21,46 +21,46 @@ from dyknow_reasoning.errors import ReasoningError
 from dyknow_reasoning.formula_group import FormulaGroup
 from dyknow_reasoning.ros.group_evaluation import GroupEvaluation
 
-_LOOK_PERIOD = 0.2
+_SUPERVISION_PERIOD_S = 0.2
 
 
 class StreamReasoningEngine(DyKnowNode):
-    """Serves the formula groups; evaluates them as their states come."""
+    """The node that has the formula groups and evaluates them."""
 
     def __init__(self) -> None:
         super().__init__('stream_reasoning_engine')
         self._node_limit = self.parameter(
             'node_limit',
             100_000,
-            'Most nodes that a formula may grow to by progression before it is given up.',
+            'Maximum number of nodes that a formula may grow to by progression before it fails.',
             (100, 100_000_000),
         )
         period = self.parameter(
             'progress_period',
             1.0,
-            'Seconds between two reports on ~/progress, where somebody listens.',
+            'Seconds between two reports on ~/progress, if the topic has subscribers.',
             (0.05, 60.0),
         )
         self._violation_patience = self.parameter(
             'violation_patience',
             5.0,
-            'Seconds that a group whose states broke a constraint waits for other states.',
+            'Seconds that a group waits for other states after a constraint violation.',
             (0.0, 3600.0),
         )
         self._orphan_limit = self.parameter(
             'orphan_limit',
             10.0,
-            'Seconds after which a group is destroyed that nobody asks for and to whose results '
-            'nobody listens; 0: never.',
+            'Seconds without a request and without a subscriber to the results after which a group '
+            'is destroyed; 0: never.',
             (0.0, 86_400.0),
         )
         self._groups: dict[int, GroupEvaluation] = {}
-        self._ids = count(_first_id(self.born))
+        self._ids = count(_first_id(self.started_at))
         self._progress = self.create_publisher(
             FormulaProgress, '~/progress', 100, event_callbacks=NO_PUBLISHER_EVENTS
         )
         self.create_timer(period, self._report_progress, clock=self.wall_clock)
-        self.create_timer(_LOOK_PERIOD, self._look_after_groups, clock=self.wall_clock)
+        self.create_timer(_SUPERVISION_PERIOD_S, self._supervise_groups, clock=self.wall_clock)
         self.serve(FormulaGroupCreate, self._create)
         self.serve(FormulaGroupAddFormula, self._add_formula)
         self.serve(FormulaGroupRemoveFormula, self._remove_formula)
@@ -92,14 +92,14 @@ class StreamReasoningEngine(DyKnowNode):
     def _evaluate(self, request: Any, _response: Any) -> None:
         evaluation = self._find(request.formula_group_id)
         domains = {domain.sort: list(domain.objects) for domain in request.domains}
-        wanted = domains, request.state_stream, request.result_topic
+        arguments = domains, request.state_stream, request.result_topic
         if evaluation.has_begun:
-            evaluation.go_over(*wanted, gap=request.gap)
+            evaluation.change_stream(*arguments, gap=request.gap)
         else:
-            evaluation.begin(*wanted)
+            evaluation.begin(*arguments)
 
     def _destroy(self, request: Any, _response: Any) -> None:
-        self._find(request.formula_group_id).end()
+        self._find(request.formula_group_id).destroy()
         del self._groups[request.formula_group_id]
 
     def _find(self, group_id: int) -> GroupEvaluation:
@@ -109,18 +109,18 @@ class StreamReasoningEngine(DyKnowNode):
                 f'there is no formula group {group_id} (there are: {known})', ExitCode.NOT_FOUND
             )
         found = self._groups[group_id]
-        found.touch()
+        found.note_request()
         return found
 
-    def _look_after_groups(self) -> None:
+    def _supervise_groups(self) -> None:
         for group_id, evaluation in list(self._groups.items()):
-            evaluation.end_patience(self._violation_patience)
+            evaluation.fail_after_pause(self._violation_patience)
             if self._orphan_limit and evaluation.is_orphan(self._orphan_limit):
                 self.get_logger().warning(
-                    f"the formula group {group_id}, '{evaluation.name}', is destroyed: nobody has "
-                    f'asked for it or listened to its results for {self._orphan_limit:g} s'
+                    f"the formula group {group_id}, '{evaluation.name}', is destroyed: it had no "
+                    f'request and no subscriber to its results for {self._orphan_limit:g} s'
                 )
-                evaluation.end()
+                evaluation.destroy()
                 del self._groups[group_id]
 
     def _report_progress(self) -> None:
@@ -130,15 +130,15 @@ class StreamReasoningEngine(DyKnowNode):
                     self._progress.publish(report)
 
 
-def _first_id(born: int) -> int:
-    """A number that groups of an engine that had this one's name before are unlikely to have.
+def _first_id(started_at: int) -> int:
+    """Return a first group id that differs from the ids of an earlier engine of the same name.
 
-    Who asks for a group of the other one gets NOT_FOUND rather than somebody else's group.
+    A request for a group of that engine must fail, not reach another group.
     """
-    seconds = born // SECOND_NS
+    seconds = started_at // SECOND_NS
     return seconds % 1_000_000 * 1_000 + 1
 
 
 def main() -> int:
-    """The executable stream_reasoning_engine."""
+    """Run the executable stream_reasoning_engine."""
     return run(StreamReasoningEngine)

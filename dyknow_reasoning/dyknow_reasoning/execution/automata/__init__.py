@@ -1,1 +1,1 @@
-"""Timed automata that cache the steps of progression."""
+"""Progression as look-ups: the timed automaton of a formula, its configurations, its instances."""

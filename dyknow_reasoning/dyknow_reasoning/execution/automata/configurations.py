@@ -1,26 +1,35 @@
-"""What a formula can come to when states come at a few steps of time only, numbered.
+"""Configurations: locations with the ages of their clocks, numbered.
 
-Where the steps of time repeat, as in a stream with a sample period, the clocks of the automaton
-take few values. A location with the values of its clocks is a *configuration*. From it, the truth
-of the atoms and the step of time lead to one other configuration, by a look-up in a table that is
-filled as needed.
+If the steps of time between states repeat, as in a stream with a sample period, clocks have few
+values. The truth of the atoms and the step of time then lead from each configuration to exactly one
+other, which is a look-up in a table that is filled on demand.
+
+Example, the automaton of `always (p -> eventually[0, 2 s] q)` (see `automaton`) with a state each
+second; the age of clock c0 is in brackets:
+
+    configuration    not p, not q    p, not q    q
+    0: A             0               1           0
+    1: B (0 s)       2               2           0
+    2: B (1 s)       false           false       0
+
+With a period of 1 ms, there are 2001 configurations.
 """
 
 from __future__ import annotations
 
 from dyknow_reasoning.execution.automata.automaton import Automaton, Location, Times
 
-_MOST_CONFIGURATIONS = 1 << 14
-_MOST_STEPS = 16
+_MAX_CONFIGURATIONS = 1 << 14
+_MAX_STEPS = 16
 
 
 class Configuration:
-    """A location and the ages of the states that its bounds count from.
+    """A location and the ages of its clocks.
 
     Args:
-        number: its place in the list of configurations.
-        location: what remains.
-        ages: nanoseconds from those states to the latest one.
+        number: the index in the list of configurations.
+        location: the location.
+        ages: for each clock, the nanoseconds from its time to the latest state.
     """
 
     __slots__ = ('ages', 'location', 'number', 'rows')
@@ -32,7 +41,7 @@ class Configuration:
         self.rows: dict[int, Row] = {}
 
     def row(self, elapsed: int) -> Row:
-        """The row of the table for a step of time, in nanoseconds."""
+        """Return the row of the table for a step of time in nanoseconds."""
         found = self.rows.get(elapsed)
         if found is None:
             found = self.rows[elapsed] = Row(self)
@@ -40,10 +49,10 @@ class Configuration:
 
 
 class Row(dict[int, 'Row']):
-    """The steps from a configuration after one step of time: for the truth of the atoms, a row.
+    """A row of the table: the next row for each truth of the atoms, after one step of time.
 
-    Only steps that go on with the same atoms and open no window without an end are kept: they need
-    no more than the look-up.
+    It holds only steps after which the instance depends on the same atoms and has the same open
+    windows without an end. Such a step needs no more than the look-up.
     """
 
     __slots__ = ('configuration',)
@@ -54,11 +63,7 @@ class Row(dict[int, 'Row']):
 
 
 class Configurations:
-    """The configurations of an automaton, as far as they have been reached.
-
-    Args:
-        automaton: finds the steps.
-    """
+    """The configurations of an automaton that have been reached."""
 
     def __init__(self, automaton: Automaton) -> None:
         self.found: list[Configuration] = []
@@ -68,31 +73,31 @@ class Configurations:
 
     @property
     def are_too_many(self) -> bool:
-        """Whether the clocks take too many values."""
-        return len(self.found) > _MOST_CONFIGURATIONS
+        """True if the clocks have too many values."""
+        return len(self.found) > _MAX_CONFIGURATIONS
 
     @property
     def is_full(self) -> bool:
-        """Whether it is time to `forget`."""
-        return self.are_too_many or len(self._steps) > _MOST_STEPS
+        """True if `forget` should be called."""
+        return self.are_too_many or len(self._steps) > _MAX_STEPS
 
     def at(self, location: Location, ages: Times) -> Configuration:
-        """The configuration of a location and ages."""
+        """Return the configuration of a location and ages."""
         key = (location, ages)
         found = self._numbers.get(key)
         if found is None:
             found = self._numbers[key] = Configuration(len(self.found), location, ages)
             self.found.append(found)
-            self._automaton.has_news = True
+            self._automaton.has_grown = True
         return found
 
     def step(self, before: Configuration, symbol: int, elapsed: int) -> Configuration:
-        """The configuration after a state.
+        """Return the configuration after a state.
 
         Args:
-            before: that before the state.
-            symbol: the truth of the atoms that the location depends on.
-            elapsed: nanoseconds since the state before.
+            before: the configuration before the state.
+            symbol: the truth of the atoms that its location depends on, as bits.
+            elapsed: nanoseconds since the previous state.
         """
         times = (*(-age - elapsed for age in before.ages), 0)
         location = before.location
@@ -101,18 +106,18 @@ class Configurations:
         after = self.at(target, tuple(-time for time in move.select(times)))
         if elapsed not in self._steps:
             self._steps.add(elapsed)
-            self._automaton.has_news = True
+            self._automaton.has_grown = True
         same_atoms = target.node.mask == location.node.mask
-        begun = location is not self._automaton.initial
-        same_windows = begun and target.unbounded == location.unbounded
+        has_begun = location is not self._automaton.initial
+        same_windows = has_begun and target.unbounded == location.unbounded
         if same_atoms and same_windows and target.verdict is None:
             before.row(elapsed)[symbol] = after.row(elapsed)
         return after
 
     def forget(self) -> None:
-        """Drops all configurations."""
-        for each in self.found:
-            each.rows.clear()
+        """Drop all configurations."""
+        for configuration in self.found:
+            configuration.rows.clear()  # Rows refer to each other.
         self.found = []
         self._numbers = {}
         self._steps.clear()

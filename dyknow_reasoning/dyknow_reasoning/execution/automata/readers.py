@@ -1,7 +1,7 @@
-"""Reads the truth of the atoms of a formula from the values of a state, by generated code.
+"""Readers: functions that return the truth of atoms at a state, as bits.
 
-The code handles values that are plainly what they should be. For all others it hands over to the
-predicates of `atoms`, which tell exactly what is wrong, or take what is unusual.
+Generated code reads values of the expected types. All other values are passed to the predicates of
+`atoms`, which accept unusual values or raise an error that describes them.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from dyknow_reasoning.language.type_checking import Kind, Kinds
 from dyknow_reasoning.progression.atoms import Predicate, Values, kind_of
 
 Reader: TypeAlias = Callable[[Values], int]
-"""The truth of atoms as bits; raises ReasoningError where the values do not tell."""
+"""The truth of atoms as bits; raises ReasoningError if the values are unusable."""
 
 _UNUSUAL: Mapping[Kind, str] = {
     Kind.NUMBER: '(type({0}) is not float or {0} != {0}) and type({0}) is not int',
@@ -33,11 +33,7 @@ _OPERATORS = {'=': '==', '<': '<', '<=': '<='}
 
 
 def careful_reader(predicates: Mapping[int, Predicate]) -> Reader:
-    """Reads by predicates.
-
-    Args:
-        predicates: by the slots of their atoms.
-    """
+    """Return a reader that calls the predicates, given by the slots of their atoms."""
     bits = [(1 << slot, holds) for slot, holds in predicates.items()]
 
     def read(values: Values) -> int:
@@ -53,24 +49,24 @@ def careful_reader(predicates: Mapping[int, Predicate]) -> Reader:
 def quick_reader(
     atoms: Sequence[Atom], kinds: Kinds, predicates: Mapping[int, Predicate]
 ) -> Reader:
-    """Reads by generated code what is simple, and by predicates what is not.
+    """Return a reader of generated code, which calls predicates where needed.
 
     Args:
-        atoms: of all slots.
-        kinds: of the features.
-        predicates: of the slots to read.
+        atoms: the atoms of all slots.
+        kinds: the kinds of the features.
+        predicates: the predicates of the slots to read.
     """
     careful = careful_reader(predicates)
     source = ReaderCode()
     symbol = source.symbol(atoms, kinds, predicates)
-    if not source.is_simple:
+    if not source.reads_fields:
         return careful
     source.names['careful'] = careful
     return cast(
         'Reader',
-        source.compiled(
+        source.run(
             f"""
-def made():
+def make():
     def read(values):
         try: {source.reads}
         except KeyError: return careful(values)
@@ -83,15 +79,15 @@ def made():
 
 
 class ReaderCode:
-    """Puts together the code of a function that reads the values of a state."""
+    """Generates the code of a function that reads the values of a state."""
 
     def __init__(self) -> None:
         self.names: dict[str, Any] = {}
         self._fields: dict[tuple[str, Kind], str] = {}
 
     @property
-    def is_simple(self) -> bool:
-        """Whether there is a field to be read by code."""
+    def reads_fields(self) -> bool:
+        """True if the code reads any field itself."""
         return bool(self._fields)
 
     @property
@@ -102,20 +98,14 @@ class ReaderCode:
 
     @property
     def unusual(self) -> str:
-        """An expression for whether a field holds what the code cannot deal with."""
+        """An expression that is true if a field holds a value that the code cannot handle."""
         tests = (_UNUSUAL[kind].format(name) for (_, kind), name in self._fields.items())
         return ' or '.join(tests) or 'False'
 
     def symbol(
         self, atoms: Sequence[Atom], kinds: Kinds, predicates: Mapping[int, Predicate]
     ) -> str:
-        """An expression for the truth of atoms as bits.
-
-        Args:
-            atoms: of all slots.
-            kinds: of the features.
-            predicates: of the slots to read.
-        """
+        """Return an expression for the truth of atoms as bits; the arguments of `quick_reader`."""
         bits = []
         for slot, holds in predicates.items():
             text = self._atom(atoms[slot], kinds) or f'{self.name(holds)}(values)'
@@ -123,21 +113,22 @@ class ReaderCode:
         return ' | '.join(bits) or '0'
 
     def name(self, thing: object) -> str:
-        """A name for something that the code refers to."""
+        """Return a name by which the code can refer to an object."""
         name = f'name_{len(self.names)}'
         self.names[name] = thing
         return name
 
-    def compiled(self, code: str) -> Any:
-        """What the function `made` in some code returns."""
+    def run(self, code: str) -> Any:
+        """Run code that defines a function `make`, and return the result of that function."""
         exec(code, self.names)  # noqa: S102 - built from checked parts
-        return self.names['made']()
+        return self.names['make']()
 
     def _atom(self, atom: Atom, kinds: Kinds) -> str | None:
-        """The code of an atom; None if it is not simple."""
+        """Return the code of an atom; None if a predicate must evaluate it."""
         if not isinstance(atom, Comparison):
             return self._field(atom, Kind.BOOLEAN)
-        if {_kind(side, kinds) for side in (atom.left, atom.right)} not in _COMPARABLE:
+        sides = {_kind(side, kinds) for side in (atom.left, atom.right)}
+        if sides not in ({Kind.NUMBER}, {Kind.STRING}):
             return None
         left, right = (self._term(side, kinds) for side in (atom.left, atom.right))
         return f'{left} {_OPERATORS[atom.operator]} {right}'
@@ -150,9 +141,6 @@ class ReaderCode:
 
     def _field(self, term: Feature | FieldReference, kind: Kind) -> str:
         return self._fields.setdefault((str(term), kind), f'value_{len(self._fields)}')
-
-
-_COMPARABLE = ({Kind.NUMBER}, {Kind.STRING})
 
 
 def _kind(term: Term, kinds: Kinds) -> Kind | None:

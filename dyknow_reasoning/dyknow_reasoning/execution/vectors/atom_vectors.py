@@ -1,21 +1,20 @@
-"""The truth of the atoms of many instances at once, over columns of values.
+"""Evaluation of the atoms of many instances at once, over vectors of field values.
 
-An array of truth has an entry for each instance; over a recording it has a row for each state. What
-an array could not represent exactly (a value of another type, a missing field, an integer that no
-float equals) raises `UnreadableError`: then the states are to be read value by value.
+A vector of truth has an entry for each instance; over a recording it has a row for each state. A
+value that a vector cannot represent exactly (another type, a missing field, an integer that no
+float equals) raises `UnreadableError`. The states must then be read value by value.
 """
 
 from __future__ import annotations
 
 import math
-import operator
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from operator import itemgetter
 from typing import Any, TypeAlias
 
 import numpy as np
 
-from dyknow_reasoning.execution.automata.atom_forms import EXACT
+from dyknow_reasoning.execution.vectors.batch_keys import EXACT
 from dyknow_reasoning.language.formula import (
     Arithmetic,
     Atom,
@@ -28,36 +27,35 @@ from dyknow_reasoning.language.formula import (
     Truth,
 )
 from dyknow_reasoning.language.type_checking import Kind, Kinds
-from dyknow_reasoning.progression.atoms import Values, kind_of
+from dyknow_reasoning.progression.atoms import (
+    CALCULATE,
+    COMPARE,
+    Values,
+    has_unknown_kind,
+    kind_of,
+)
 
 Array: TypeAlias = 'np.ndarray[Any, np.dtype[Any]]'
 
 Truths: TypeAlias = Callable[[], Array]
-"""Whether an atom holds, for each instance, of the columns that were last loaded."""
+"""The truth of an atom for each instance, from the values that were last loaded."""
 
-Recording: TypeAlias = Mapping[str, Array]
-"""For each field its values, one for each state."""
-
-_COMPARE: Mapping[str, Callable[[Any, Any], Any]] = {
-    '=': operator.eq,
-    '<': operator.lt,
-    '<=': operator.le,
-}
-
+Columns: TypeAlias = Mapping[str, Array]
+"""For each field, its values at the states of a recording."""
 
 _WIDE: Mapping[str, type] = {'b': bool, 'i': int, 'f': float}
 
 
 class UnreadableError(Exception):
-    """The values do not fit into columns."""
+    """The values do not fit into vectors."""
 
 
 class FieldVector:
-    """The values of some fields, one for each instance.
+    """The value of one field for each instance.
 
     Args:
-        fields: their names, in the order of the instances.
-        kind: what they hold; None if only the values tell.
+        fields: the names of the fields, in the order of the instances.
+        kind: the kind of the values; None if only the values show it.
     """
 
     def __init__(self, fields: Sequence[str], kind: Kind | None) -> None:
@@ -68,23 +66,15 @@ class FieldVector:
         self._items: Callable[[Values], Any] = itemgetter(*fields)
 
     def load(self, values: Values) -> None:
-        """Takes the values of a state.
-
-        Raises:
-            UnreadableError: if they do not fit.
-        """
+        """Load the values of a state; raise UnreadableError if they do not fit."""
         try:
             items = self._items(values)
         except KeyError:
             raise UnreadableError from None
         self.values = _array(items if len(self._fields) > 1 else (items,), self._kind)
 
-    def open(self, recording: Recording) -> None:
-        """Takes the values of a recording, for `select`.
-
-        Raises:
-            UnreadableError: if they do not fit.
-        """
+    def open(self, recording: Columns) -> None:
+        """Set the recording for `select`; raise UnreadableError if its values do not fit."""
         try:
             arrays = [recording[name] for name in self._fields]
         except KeyError:
@@ -94,62 +84,46 @@ class FieldVector:
         self._recorded = np.stack(arrays)
 
     def select(self, states: slice) -> None:
-        """Takes the values of some states of the recording: a row for each state.
-
-        Raises:
-            UnreadableError: if they do not fit.
-        """
+        """Load states of the recording, as rows; raise UnreadableError if they do not fit."""
         selected = np.ascontiguousarray(self._recorded[:, states].T)
         self.values = _checked(selected, self._kind)
 
 
 class FieldVectors:
-    """The columns that instances need, each loaded once for all of them."""
+    """The vectors that instances read, each loaded once for all of them."""
 
     def __init__(self) -> None:
         self._found: dict[tuple[tuple[str, ...], Kind | None], FieldVector] = {}
 
     def truths(self, atoms: Sequence[Atom], kinds: Kinds) -> Truths:
-        """The truth of atoms that are alike, one for each instance."""
+        """Return the truth of atoms of one form, one for each instance."""
         atom = atoms[0]
         if not isinstance(atom, Comparison):
-            column = self._column(atoms, Kind.BOOLEAN)
-            return lambda: column.values
-        compare = _COMPARE[atom.operator]
+            field = self._field(atoms, Kind.BOOLEAN)
+            return lambda: field.values
+        compare: Callable[[Any, Any], Any] = COMPARE[atom.operator]
         left = self._terms([each.left for each in atoms if isinstance(each, Comparison)], kinds)
         right = self._terms([each.right for each in atoms if isinstance(each, Comparison)], kinds)
-        if _is_open(atom.left, kinds) or _is_open(atom.right, kinds):
-            return lambda: _compare_alike(compare, left(), right())
+        if has_unknown_kind(atom, kinds):
+            return lambda: _compare_same_kind(compare, left(), right())
         return lambda: compare(left(), right())
 
     def load(self, values: Values) -> None:
-        """Takes the values of a state.
+        """Load the values of a state; raise UnreadableError if they do not fit."""
+        for field in self._found.values():
+            field.load(values)
 
-        Raises:
-            UnreadableError: if they do not fit.
-        """
-        for column in self._found.values():
-            column.load(values)
-
-    def open(self, recording: Recording) -> None:
-        """Takes the values of a recording, for `select`.
-
-        Raises:
-            UnreadableError: if they do not fit.
-        """
-        for column in self._found.values():
-            column.open(recording)
+    def open(self, recording: Columns) -> None:
+        """Set the recording for `select`; raise UnreadableError if its values do not fit."""
+        for field in self._found.values():
+            field.open(recording)
 
     def select(self, states: slice) -> None:
-        """Takes the values of some states of the recording.
+        """Load states of the recording; raise UnreadableError if they do not fit."""
+        for field in self._found.values():
+            field.select(states)
 
-        Raises:
-            UnreadableError: if they do not fit.
-        """
-        for column in self._found.values():
-            column.select(states)
-
-    def _column(self, terms: Iterable[Term | Atom], kind: Kind | None) -> FieldVector:
+    def _field(self, terms: Iterable[Term | Atom], kind: Kind | None) -> FieldVector:
         fields = tuple(map(str, terms))
         return self._found.setdefault((fields, kind), FieldVector(fields, kind))
 
@@ -164,9 +138,9 @@ class FieldVectors:
                 right = self._terms([part.right for part in parts], kinds)
                 return lambda: _calculated(symbol, left(), right())
             case Feature() | FieldReference() as term:
-                column = self._column(terms, kind_of(term, kinds))
-                return lambda: column.values
-            case _:  # pragma: no cover - ground atoms compare values
+                field = self._field(terms, kind_of(term, kinds))
+                return lambda: field.values
+            case _:  # pragma: no cover - atoms compare values
                 raise AssertionError(terms[0])
 
 
@@ -174,7 +148,7 @@ _CONSTANTS = Number | TextLiteral | Truth
 
 
 def bits(truths: Sequence[tuple[int, Truths]]) -> Array:
-    """The truth of atoms as bits, from what was last loaded; the atoms by their slots."""
+    """Return the truth of atoms as bits; the atoms are given by their slots."""
     found: Array | None = None
     for slot, holds in truths:
         bit = holds().view(np.uint8)
@@ -184,30 +158,25 @@ def bits(truths: Sequence[tuple[int, Truths]]) -> Array:
     return found
 
 
-def recorded(columns: Mapping[str, Iterable[Any]]) -> Recording:
-    """The columns of a recording as arrays: numbers, booleans, or else objects."""
-    return {name: _plain_array(column) for name, column in columns.items()}
-
-
-def _is_open(term: Term, kinds: Kinds) -> bool:
-    return isinstance(term, Feature | FieldReference) and kind_of(term, kinds) is None
-
-
-def _plain_array(column: Iterable[Any]) -> Array:
+def column_vector(column: Iterable[Any]) -> Array:
+    """Return a column of a recording as a vector of numbers or booleans, or else of objects."""
     if isinstance(column, np.ndarray):
         wide = _WIDE.get(column.dtype.kind)
-        narrow = wide is not None and column.dtype.itemsize <= np.dtype(wide).itemsize
-        return column.astype(wide if narrow else object, copy=False)
+        is_narrow = wide is not None and column.dtype.itemsize <= np.dtype(wide).itemsize
+        return column.astype(wide if is_narrow else object, copy=False)
     values = list(column)
     if set(map(type, values)) in ({bool}, {float}):
         return np.array(values)
+    return _object_vector(values)
+
+
+def _object_vector(values: Sequence[Any]) -> Array:
     found = np.empty(len(values), dtype=object)
     found[:] = values
     return found
 
 
 def _array(items: Sequence[Any], kind: Kind | None) -> Array:
-    """The values of a state, checked."""
     types = set(map(type, items))
     found: Array
     if types == {bool}:
@@ -222,7 +191,7 @@ def _array(items: Sequence[Any], kind: Kind | None) -> Array:
 
 
 def _checked(found: Array, kind: Kind | None) -> Array:
-    """An array of one type, if it holds what that kind allows."""
+    """Return a vector of one type; raise UnreadableError if the kind does not allow its values."""
     match found.dtype.kind:
         case 'f' if kind in {Kind.NUMBER, None}:
             if math.isnan(np.minimum.reduce(found, axis=None)):
@@ -255,15 +224,12 @@ def _constant(values: Sequence[Any]) -> Any:
     if len(set(values)) == 1:
         return values[0]
     if isinstance(values[0], str):
-        found = np.empty(len(values), dtype=object)
-        found[:] = values
-        return found
+        return _object_vector(values)
     return np.array(values)
 
 
-def _compare_alike(compare: Callable[[Any, Any], Any], left: Any, right: Any) -> Array:
-    """Compares values of which only they tell what they are."""
-    if len({_family(side) for side in (left, right)}) > 1:
+def _compare_same_kind(compare: Callable[[Any, Any], Any], left: Any, right: Any) -> Array:
+    if _family(left) != _family(right):
         raise UnreadableError
     result: Array = compare(left, right)
     return result
@@ -275,26 +241,18 @@ def _family(side: Any) -> str:
 
 
 def _calculated(symbol: str, left: Any, right: Any) -> Any:
-    """The result of arithmetic, as Python would compute it."""
+    """Return the result of arithmetic, exactly as Python computes it for single values."""
     sides = [np.asarray(side, dtype=float) for side in (left, right)]
     whole = all(np.asarray(side).dtype.kind == 'i' for side in (left, right))
-    if (whole and not _small(sides)) or (symbol == '/' and not sides[1].all()):
+    if (whole and not _are_small(sides)) or (symbol == '/' and not sides[1].all()):
         raise UnreadableError
     with np.errstate(all='ignore'):
-        result = _CALCULATE[symbol](*sides)
+        result = CALCULATE[symbol](*sides)
     if np.isnan(result).any():
         raise UnreadableError
     return result.astype(int) if whole and symbol != '/' else result
 
 
-_CALCULATE: Mapping[str, Callable[[Any, Any], Any]] = {
-    '+': operator.add,
-    '-': operator.sub,
-    '*': operator.mul,
-    '/': operator.truediv,
-}
-
-
-def _small(sides: Iterable[Array]) -> bool:
-    """Whether floats hold what integers would give: all products are below 2 ** 53."""
+def _are_small(sides: Iterable[Array]) -> bool:
+    """Return True if all products of integers are below 2 ** 53, so that floats are exact."""
     return all(bool((np.abs(side) < 1 << 26).all()) for side in sides)

@@ -1,4 +1,4 @@
-"""Many instances of one shape, progressed together as vectors."""
+"""Batch: instances of one template that are progressed together as vectors."""
 
 from __future__ import annotations
 
@@ -8,14 +8,14 @@ import numpy as np
 
 from dyknow_reasoning.errors import ReasoningError
 from dyknow_reasoning.execution.automata.automaton import Location, Times
-from dyknow_reasoning.execution.automata.readers import careful_reader
-from dyknow_reasoning.execution.automata.templates import (
+from dyknow_reasoning.execution.automata.instance_states import (
     DecidingMoment,
     FormulaInstance,
     InstanceState,
     InstanceVerdict,
-    Template,
 )
+from dyknow_reasoning.execution.automata.readers import careful_reader
+from dyknow_reasoning.execution.automata.templates import Template
 from dyknow_reasoning.execution.vectors.atom_vectors import Array, FieldVectors, Truths, bits
 from dyknow_reasoning.execution.vectors.instance_vectors import (
     ClockedVectors,
@@ -28,148 +28,152 @@ from dyknow_reasoning.progression.nodes import slots
 
 
 class Batch:
-    """Undecided instances of one shape whose atoms are alike.
+    """Undecided instances with one batch key.
 
     Args:
-        seats: where the instances are.
+        states: the states of the instances.
     """
 
-    def __init__(self, seats: Sequence[InstanceState]) -> None:
-        self.kin = seats[0].member.kin
-        self.shape: Template = seats[0].shape
-        self._members: Array = np.empty(len(seats), dtype=object)
-        self._members[:] = [seat.member for seat in seats]
-        self._formulas = np.array([seat.member.formula_id for seat in seats])
-        mask = self.shape.automaton.initial.node.mask
+    def __init__(self, states: Sequence[InstanceState]) -> None:
+        self.key = states[0].instance.batch_key
+        self.template: Template = states[0].template
+        self._instances: Array = np.empty(len(states), dtype=object)
+        self._instances[:] = [state.instance for state in states]
+        self._formulas = np.array([state.instance.formula_id for state in states])
+        mask = self.template.automaton.initial.node.mask
         self._slots = slots(mask)
-        self._places = _places(self.shape, seats, width=1 << mask.bit_length())
-        self._opened = WindowOrigins(seats)
+        self._vectors = _vectors(self.template, states, width=1 << mask.bit_length())
+        self._origins = WindowOrigins(states)
         self._truths: list[tuple[int, Truths]] = []
+        # The indices of the instances in the field vectors; None if all are left.
         self._rows: Array | None = None
-        self._loaded = len(seats)
+        self._loaded = len(states)
         self._predicates: dict[FormulaInstance, list[Predicate]] = {}
 
     def __len__(self) -> int:
-        return len(self._members)
+        return len(self._instances)
 
     @property
     def is_sparse(self) -> bool:
-        """Whether few are left of the instances for which columns are loaded."""
-        return 2 * len(self._members) < self._loaded
+        """True if most values are loaded for instances that are gone."""
+        return 2 * len(self._instances) < self._loaded
 
     @property
     def loads_too_much(self) -> bool:
-        """Whether columns are loaded for instances that are gone."""
+        """True if some values are loaded for instances that are gone."""
         return self._rows is not None
 
-    def attach(self, columns: FieldVectors) -> None:
-        """Takes the atoms' values from columns."""
+    def attach(self, fields: FieldVectors) -> None:
+        """Set the field vectors from which the atoms are evaluated."""
         self._rows = None
-        self._loaded = len(self._members)
+        self._loaded = len(self._instances)
         self._truths = []
         for slot in self._slots:
-            atoms = [member.instance.atoms[slot] for member in self._members]
-            self._truths.append((slot, columns.truths(atoms, self._members[0].kinds)))
+            atoms = [instance.atoms[slot] for instance in self._instances]
+            self._truths.append((slot, fields.truths(atoms, self._instances[0].kinds)))
 
     def symbols(self) -> Array:
-        """The truth of the atoms as bits, from what was last loaded into the columns."""
+        """Return the truth of the atoms as bits, from the values that were last loaded."""
         found = bits(self._truths)
         return found if self._rows is None else found[..., self._rows]
 
     def read(self, values: Values) -> tuple[Array, list[tuple[FormulaInstance, ReasoningError]]]:
-        """The truth of the atoms value by value, and the errors of those without any."""
-        found = np.zeros(len(self._members), dtype=np.uint8)
+        """Return the truth of the atoms, read value by value, and errors of instances."""
+        found = np.zeros(len(self._instances), dtype=np.uint8)
         errors = []
-        for index, member in enumerate(self._members):
-            location, _ = self._places.where(index, 0)
+        for index, instance in enumerate(self._instances):
+            location, _ = self._vectors.position(index, 0)
             try:
-                found[index] = self._read(member, location, values)
+                found[index] = self._read(instance, location, values)
             except ReasoningError as error:
-                errors.append((member, error))
+                errors.append((instance, error))
         return found, errors
 
     def step(
         self, symbols: Array, now: int, elapsed: int, *, regular: bool
     ) -> list[InstanceVerdict]:
-        """Progresses the instances over a state.
+        """Progress the instances over a state; return the verdicts.
 
         Args:
-            symbols: the truth of their atoms.
+            symbols: the truth of the atoms of each instance, as bits.
             now: the valid time of the state, in nanoseconds.
-            elapsed: since the state before.
-            regular: whether steps of time repeat.
+            elapsed: nanoseconds since the previous state.
+            regular: True if steps of time repeat.
         """
-        places = self._places_for(now - elapsed, regular=regular)
-        decided = places.step(symbols, now, elapsed)
-        self._opened.update(places, now)
-        return [self._finish(each, int(symbols[each.which])) for each in decided] if decided else []
+        vectors = self._vectors_for(now - elapsed, regular=regular)
+        decided = vectors.step(symbols, now, elapsed)
+        self._origins.update(vectors, now)
+        return [self._verdict(each, int(symbols[each.row]), now) for each in decided]
 
-    def without(self, formulas: Collection[int]) -> Array:
-        """Which instances are of other formulas."""
+    def not_of(self, formulas: Collection[int]) -> Array:
+        """Return a mask of the instances of all other formulas."""
         return ~np.isin(self._formulas, list(formulas))
 
-    def drop(self, finished: Collection[int], formulas: Collection[int]) -> None:
-        """Goes on without some instances, given by their `id`, and without some formulas."""
-        kept = self.without(formulas)
-        if finished:
-            kept &= np.array([id(member) not in finished for member in self._members], dtype=bool)
+    def remove(self, formulas: Collection[int], instances: Collection[int]) -> None:
+        """Remove all instances of some formulas, and some instances given by their `id`."""
+        kept = self.not_of(formulas)
+        if instances:
+            kept &= np.array([id(each) not in instances for each in self._instances], dtype=bool)
         if not kept.all():
-            self._members, self._formulas = self._members[kept], self._formulas[kept]
+            self._instances, self._formulas = self._instances[kept], self._formulas[kept]
             rows = np.arange(kept.size) if self._rows is None else self._rows
             self._rows = rows[kept]
-            self._places.keep(kept)
-            self._opened.keep(kept)
+            self._vectors.keep(kept)
+            self._origins.keep(kept)
 
-    def seats(self, latest: int) -> Iterator[InstanceState]:
-        """Where each instance is; `latest` is the valid time of the latest state."""
-        for index, member in enumerate(self._members):
-            location, times = self._places.where(index, latest)
-            opened = self._opened.of(index, location)
-            yield InstanceState(member, self.shape, location, times, opened)
+    def states(self, latest: int) -> Iterator[InstanceState]:
+        """Return the states of the instances; `latest` is the valid time of the latest state."""
+        for index, instance in enumerate(self._instances):
+            location, times = self._vectors.position(index, latest)
+            origins = self._origins.of(index, location)
+            yield InstanceState(instance, self.template, location, times, origins)
 
     def sizes(self) -> Mapping[int, int]:
-        """The number of nodes that each formula has here."""
-        sizes = np.array([location.node.size for location in self._places.locations])
-        totals = np.bincount(self._formulas, weights=sizes[self._places.numbers])
+        """Return the number of nodes that the instances of each formula have."""
+        sizes = np.array([location.node.size for location in self._vectors.locations])
+        totals = np.bincount(self._formulas, weights=sizes[self._vectors.numbers])
         return {number: int(totals[number]) for number in np.unique(self._formulas).tolist()}
 
     def leave_configurations(self, latest: int) -> set[Location]:
-        """Goes on without a table; tells what remains of the instances."""
-        self._places = self._places_for(latest, regular=False).packed(self.shape.automaton, latest)
-        return set(self._places.locations)
+        """Stop using configurations; return the locations of the instances."""
+        vectors = self._vectors_for(latest, regular=False)
+        self._vectors = vectors.clocked(self.template.automaton, latest)
+        return set(self._vectors.locations)
 
-    def _places_for(self, latest: int, *, regular: bool) -> TabulatedVectors | ClockedVectors:
-        """The places in the form that suits."""
-        places = self._places
-        if regular and self.shape.tabulates:
-            if type(places) is ClockedVectors:
-                self._places = places.tabulated(self.shape.configurations, latest)
-        elif type(places) is TabulatedVectors:
-            self._places = places.packed(self.shape.automaton, latest)
-        return self._places
+    def _vectors_for(self, latest: int, *, regular: bool) -> TabulatedVectors | ClockedVectors:
+        """Convert the vectors to the suitable form."""
+        vectors = self._vectors
+        if regular and self.template.uses_configurations:
+            if type(vectors) is ClockedVectors:
+                self._vectors = vectors.tabulated(self.template.configurations, latest)
+        elif type(vectors) is TabulatedVectors:
+            self._vectors = vectors.clocked(self.template.automaton, latest)
+        return self._vectors
 
-    def _finish(self, decided: Decided, symbol: int) -> InstanceVerdict:
-        location = decided.location
-        opened = self._opened.of(decided.which, location)
-        symbol &= location.node.mask
-        moment = DecidingMoment(self.shape, location, symbol, decided.times, opened)
-        return InstanceVerdict(self._members[decided.which], decided.verdict, moment)
+    def _verdict(self, decided: Decided, symbol: int, now: int) -> InstanceVerdict:
+        instance, location = self._instances[decided.row], decided.location
+        origins = self._origins.of(decided.row, location)
+        before = InstanceState(instance, self.template, location, decided.times, origins)
+        moment = DecidingMoment(before, symbol & location.node.mask, now)
+        return InstanceVerdict(instance, decided.holds, moment)
 
-    def _read(self, member: FormulaInstance, location: Location, values: Values) -> int:
-        if member not in self._predicates:
-            atoms = member.instance.atoms
-            self._predicates[member] = [predicate(atom, member.kinds) for atom in atoms]
-        found = self._predicates[member]
+    def _read(self, instance: FormulaInstance, location: Location, values: Values) -> int:
+        if instance not in self._predicates:
+            atoms = instance.atoms
+            self._predicates[instance] = [predicate(atom, instance.kinds) for atom in atoms]
+        found = self._predicates[instance]
         return careful_reader({slot: found[slot] for slot in slots(location.node.mask)})(values)
 
 
-def _places(
-    shape: Template, seats: Sequence[InstanceState], width: int
+def _vectors(
+    template: Template, states: Sequence[InstanceState], width: int
 ) -> TabulatedVectors | ClockedVectors:
-    """Where instances are, as vectors."""
-    if all(seat.is_fresh for seat in seats):
-        begin = shape.configurations.at(shape.automaton.initial, ())
-        return TabulatedVectors(shape.configurations, np.full(len(seats), begin.number), width)
-    wheres: dict[tuple[Location, Times], int] = {}
-    chosen = [wheres.setdefault((seat.location, seat.times), len(wheres)) for seat in seats]
-    return ClockedVectors(shape.automaton, list(wheres), width, np.array(chosen))
+    if all(state.is_fresh for state in states):
+        initial = template.configurations.at(template.automaton.initial, ())
+        numbers = np.full(len(states), initial.number)
+        return TabulatedVectors(template.configurations, numbers, width)
+    positions: dict[tuple[Location, Times], int] = {}
+    chosen = [
+        positions.setdefault((state.location, state.times), len(positions)) for state in states
+    ]
+    return ClockedVectors(template.automaton, list(positions), width, np.array(chosen))

@@ -1,8 +1,22 @@
-"""Where many instances of one shape are in their automaton, as vectors.
+"""Vectors of instances of one template: where each instance is in the automaton.
 
-`TabulatedVectors` holds a configuration for each instance, `ClockedVectors` a location and the
-times that its bounds count from. Both number what they hold; instances at one place that see the
-same truth of the atoms take their step together.
+`TabulatedVectors` holds the number of a configuration for each instance. `ClockedVectors` holds the
+number of a location for each instance, and a row for each clock (a clock vector). Instances at one
+location that see the same truth of the atoms make their step together.
+
+Example, the automaton of `always (p -> eventually[0, 2 s] q)` (see `automaton`) with four instances
+in ClockedVectors, at a state at 6 s; times are in seconds:
+
+    instance                   x    y    z    w
+    location                   A    B    B    B
+    clock 0                    -    5    3    5     (A has no clocks: the entry is not used)
+    p, q at 6 s                TF   FF   FF   FT
+
+    y and z share location and symbol; the guard 6 - clock 0 < 2 is evaluated as a vector:
+                                    yes  no
+
+    location                   B    B    false  A
+    clock 0                    6    5    -      -
 """
 
 from __future__ import annotations
@@ -32,50 +46,50 @@ class Decided(NamedTuple):
     """An instance that a state decides.
 
     Args:
-        which: of the instances.
-        verdict: whether it is true.
-        location: what remained before the state.
-        times: those that its bounds count from, and that of the state.
+        row: the index of the instance.
+        holds: the verdict.
+        location: the location before the state.
+        times: the clocks before the state.
     """
 
-    which: int
-    verdict: bool
+    row: int
+    holds: bool
     location: Location
     times: Times
 
 
 class TabulatedVectors:
-    """The configuration of each instance, by number.
+    """The number of the configuration of each instance.
 
     Args:
-        configurations: of the shape.
-        numbers: a configuration for each instance.
-        width: how many truths of the atoms there are.
+        configurations: the configurations of the template.
+        numbers: the number of a configuration for each instance.
+        width: the number of possible symbols, truths of the atoms as bits.
     """
 
     def __init__(self, configurations: Configurations, numbers: Array, width: int) -> None:
         self.numbers = numbers
         self._configurations = configurations
         self._width = width
-        # For each step of time: by number * width + symbol, the number of the next configuration;
-        # if that is decided, -2 minus its number.
+        # For each step of time, by number * width + symbol: the number n of the next configuration,
+        # or -2 - n if that is decided.
         self._tables: dict[int, Array] = {}
 
     @property
     def locations(self) -> list[Location]:
-        """What remains at each number."""
+        """The location of each number."""
         return [each.location for each in self._configurations.found]
 
-    def where(self, index: int, latest: int) -> tuple[Location, Times]:
-        """What remains of an instance, and the times that its bounds count from."""
-        return self._where(int(self.numbers[index]), latest)
+    def position(self, index: int, latest: int) -> tuple[Location, Times]:
+        """Return the location and the clocks of an instance."""
+        return self._position(int(self.numbers[index]), latest)
 
     def keep(self, kept: Array) -> None:
-        """Goes on with some of the instances."""
+        """Keep the selected instances only."""
         self.numbers = self.numbers[kept]
 
     def step(self, symbols: Array, now: int, elapsed: int) -> list[Decided]:
-        """Progresses all instances over a state; returns those that it decides."""
+        """Progress all instances over a state; return those that it decides."""
         before = self.numbers
         codes = before * self._width + symbols
         table = self._table(elapsed)
@@ -85,15 +99,15 @@ class TabulatedVectors:
                 self._fill(codes[after == _UNKNOWN], elapsed)
                 after = self._tables[elapsed].take(codes)
             self.numbers = np.where(after < _UNKNOWN, -2 - after, after)
-            return list(self._decided(before, after, now - elapsed, now))
+            return list(self._decided(before, after, now - elapsed))
         self.numbers = after
         return []
 
-    def packed(self, automaton: Automaton, latest: int) -> ClockedVectors:
-        """The same places by the locations that occur, and times."""
+    def clocked(self, automaton: Automaton, latest: int) -> ClockedVectors:
+        """Return the same instances with clocks."""
         present, inverse = np.unique(self.numbers, return_inverse=True)
-        wheres = [self._where(number, latest) for number in present.tolist()]
-        return ClockedVectors(automaton, wheres, self._width, inverse)
+        positions = [self._position(number, latest) for number in present.tolist()]
+        return ClockedVectors(automaton, positions, self._width, inverse)
 
     def _table(self, elapsed: int) -> Array:
         table = self._tables.get(elapsed)
@@ -114,31 +128,30 @@ class TabulatedVectors:
             decided = after.location.verdict is not None
             self._table(elapsed)[code] = -2 - after.number if decided else after.number
 
-    def _decided(self, before: Array, after: Array, latest: int, now: int) -> Iterator[Decided]:
+    def _decided(self, before: Array, after: Array, latest: int) -> Iterator[Decided]:
         for index in np.flatnonzero(after < _UNKNOWN).tolist():
             verdict = self._configurations.found[-2 - int(after[index])].location.verdict
-            location, times = self._where(int(before[index]), latest)
-            yield Decided(index, verdict is True, location, (*times, now))
+            yield Decided(index, verdict is True, *self._position(int(before[index]), latest))
 
-    def _where(self, number: int, latest: int) -> tuple[Location, Times]:
+    def _position(self, number: int, latest: int) -> tuple[Location, Times]:
         found: Configuration = self._configurations.found[number]
         return found.location, tuple(latest - age for age in found.ages)
 
 
 class ClockedVectors:
-    """The location of each instance, and the times that its bounds count from.
+    """The location and the clocks of each instance.
 
     Args:
-        automaton: of the shape.
-        wheres: locations, and the times that their bounds count from.
-        width: how many truths of the atoms there are.
-        chosen: for each instance, which of these.
+        automaton: the automaton of the template.
+        positions: locations, each with its clocks.
+        width: the number of possible symbols, truths of the atoms as bits.
+        chosen: for each instance, the index of its position.
     """
 
     def __init__(
         self,
         automaton: Automaton,
-        wheres: Sequence[tuple[Location, Times]],
+        positions: Sequence[tuple[Location, Times]],
         width: int,
         chosen: Array,
     ) -> None:
@@ -146,25 +159,26 @@ class ClockedVectors:
         self._numbers: dict[Location, int] = {}
         self._automaton = automaton
         self._width = width
-        clocks = np.zeros((max((len(times) for _, times in wheres), default=0), len(wheres)), int)
-        for column, (_, times) in enumerate(wheres):
+        rows = max((len(times) for _, times in positions), default=0)
+        clocks = np.zeros((rows, len(positions)), int)
+        for column, (_, times) in enumerate(positions):
             clocks[: len(times), column] = times
-        numbers = np.array([self._number(location) for location, _ in wheres], dtype=np.intp)
+        numbers = np.array([self._number(location) for location, _ in positions], dtype=np.intp)
         self.numbers: Array = numbers[chosen]
         self._clocks: Array = clocks[:, chosen]
 
-    def where(self, index: int, latest: int) -> tuple[Location, Times]:  # noqa: ARG002
-        """What remains of an instance, and the times that its bounds count from."""
+    def position(self, index: int, latest: int) -> tuple[Location, Times]:  # noqa: ARG002
+        """Return the location and the clocks of an instance."""
         location = self.locations[int(self.numbers[index])]
         return location, self._times(location, index)
 
     def keep(self, kept: Array) -> None:
-        """Goes on with some of the instances."""
+        """Keep the selected instances only."""
         self.numbers = self.numbers[kept]
         self._clocks = self._clocks[:, kept]
 
     def step(self, symbols: Array, now: int, elapsed: int) -> list[Decided]:  # noqa: ARG002
-        """Progresses all instances over a state; returns those that it decides."""
+        """Progress all instances over a state; return those that it decides."""
         codes = self.numbers * self._width + symbols
         present = np.flatnonzero(np.bincount(codes)).tolist()
         decided: list[Decided] = []
@@ -174,23 +188,25 @@ class ClockedVectors:
             alike = slice(None) if len(present) == 1 else np.flatnonzero(codes == code)
             for move, indices in self._moves(location, symbol, alike, now):
                 if move.target.verdict is None:
-                    self._go(location, move, indices, now)
-                else:
-                    decided += self._decided(location, move.target.verdict, indices, now)
+                    self._apply(move, location, indices, now)
+                    continue
+                for index in np.arange(self.numbers.size)[indices].tolist():
+                    times = self._times(location, index)
+                    decided.append(Decided(index, move.target.verdict, location, times))
         return decided
 
-    def packed(self, automaton: Automaton, latest: int) -> ClockedVectors:  # noqa: ARG002
-        """The same places by the locations that occur, and times."""
+    def clocked(self, automaton: Automaton, latest: int) -> ClockedVectors:  # noqa: ARG002
+        """Return the same instances without the locations that do not occur."""
         present, inverse = np.unique(self.numbers, return_inverse=True)
-        wheres: list[tuple[Location, Times]] = [
+        positions: list[tuple[Location, Times]] = [
             (self.locations[number], ()) for number in present.tolist()
         ]
-        packed = ClockedVectors(automaton, wheres, self._width, inverse)
-        packed._clocks = self._clocks
-        return packed
+        vectors = ClockedVectors(automaton, positions, self._width, inverse)
+        vectors._clocks = self._clocks
+        return vectors
 
     def tabulated(self, configurations: Configurations, latest: int) -> TabulatedVectors:
-        """The same places by configurations."""
+        """Return the same instances with configurations."""
         rows = np.vstack((self.numbers, latest - self._clocks))
         for number, location in enumerate(self.locations):
             rows[1 + location.clocks :, self.numbers == number] = 0
@@ -205,20 +221,21 @@ class ClockedVectors:
     def _moves(
         self, location: Location, symbol: int, indices: Indices, now: int
     ) -> Iterator[tuple[Move, Indices]]:
-        """The steps from a location, each with the instances that take it."""
+        """Return the moves from a location, each with its instances."""
         symbol &= location.node.mask
         pending: list[tuple[Decision | None, Indices]] = [(location.moves.get(symbol), indices)]
         while pending:
             decision, alike = pending.pop()
             if decision is None:
-                times = self._times(location, _first(alike))
+                first = 0 if isinstance(alike, slice) else int(alike[0])
+                times = self._times(location, first)
                 self._automaton.move(location, symbol, (*times, now))
                 pending.append((location.moves.get(symbol), alike))
             elif type(decision) is Move:
                 yield decision, alike
             elif type(decision) is Guard:
                 yes = self._answer(decision, location, alike, now)
-                for branch, chosen in ((decision.yes, yes), (decision.no, ~yes)):
+                for branch, chosen in zip(decision.branches, (~yes, yes), strict=True):
                     if chosen.all():
                         pending.append((branch, alike))
                     elif chosen.any():
@@ -235,28 +252,18 @@ class ClockedVectors:
             answer = later[indices] - earlier[indices] > guard.more_than
         return answer
 
-    def _go(self, location: Location, move: Move, indices: Indices, now: int) -> None:
+    def _apply(self, move: Move, location: Location, indices: Indices, now: int) -> None:
         if move.target is not location:
             self.numbers[indices] = self._number(move.target)
         if (missing := len(move.kept) - len(self._clocks)) > 0:
             more = np.zeros((missing, self.numbers.size), dtype=np.int64)
             self._clocks = np.vstack((self._clocks, more))
-        # The kept ones are in increasing order, so none is overwritten before it is copied.
+        # `kept` increases, so no clock is overwritten before it is copied.
         for row, kept in enumerate(move.kept):
             if kept == location.clocks:
                 self._clocks[row, indices] = now
             elif kept != row:
                 self._clocks[row, indices] = self._clocks[kept, indices]
-
-    def _decided(
-        self,
-        location: Location,
-        verdict: bool,  # noqa: FBT001
-        indices: Indices,
-        now: int,
-    ) -> Iterator[Decided]:
-        for index in np.arange(self.numbers.size)[indices].tolist():
-            yield Decided(index, verdict, location, (*self._times(location, index), now))
 
     def _times(self, location: Location, index: int) -> Times:
         return tuple(self._clocks[: location.clocks, index].tolist())
@@ -267,10 +274,6 @@ class ClockedVectors:
             number = self._numbers[location] = len(self.locations)
             self.locations.append(location)
         return number
-
-
-def _first(indices: Indices) -> int:
-    return 0 if isinstance(indices, slice) else int(indices[0])
 
 
 def _chosen(indices: Indices, chosen: Array) -> Array:

@@ -1,4 +1,4 @@
-"""Since when windows without an end have been open, for many instances."""
+"""Origins of windows without an end: the valid times since which they are open."""
 
 from __future__ import annotations
 
@@ -6,64 +6,65 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from dyknow_reasoning.execution.automata.automaton import Location, Sides
-from dyknow_reasoning.execution.automata.templates import InstanceState
+from dyknow_reasoning.execution.automata.automaton import Location
+from dyknow_reasoning.execution.automata.instance_states import InstanceState
 from dyknow_reasoning.execution.vectors.atom_vectors import Array
 from dyknow_reasoning.execution.vectors.instance_vectors import ClockedVectors, TabulatedVectors
+from dyknow_reasoning.progression.nodes import Sides
 
 
 class WindowOrigins:
-    """The valid times from which windows have been open.
+    """The window origins of the instances of a batch.
 
-    Where none opens later than the formula, the state at which each instance began tells them.
+    If no window opens after the first state of an instance, the time of that state is the origin.
 
     Args:
-        seats: where the instances are.
+        states: the states of the instances.
     """
 
-    def __init__(self, seats: Sequence[InstanceState]) -> None:
-        self._tracks = seats[0].shape.opens_later
-        self._fresh: Array = np.array([seat.is_fresh for seat in seats])
+    def __init__(self, states: Sequence[InstanceState]) -> None:
+        self._opens_later = states[0].template.opens_windows_later
+        self._fresh: Array = np.array([state.is_fresh for state in states])
         self._has_fresh = bool(self._fresh.any())
-        begins = [min(seat.opened.values(), default=0) for seat in seats]
+        begins = [min(state.window_origins.values(), default=0) for state in states]
         self._begins: Array = np.array(begins, dtype=np.int64)
-        self._since: dict[Sides, Array] = {}
+        self._origins: dict[Sides, Array] = {}
         self._open: dict[Sides, Array] = {}
-        known = {sides for seat in seats for sides in seat.opened} if self._tracks else ()
-        for sides in known:
-            since = [seat.opened.get(sides) for seat in seats]
-            self._open[sides] = np.array([time is not None for time in since])
-            self._since[sides] = np.array([time or 0 for time in since], dtype=np.int64)
+        known = {sides for state in states for sides in state.window_origins}
+        for sides in known if self._opens_later else ():
+            origins = [state.window_origins.get(sides) for state in states]
+            self._open[sides] = np.array([time is not None for time in origins])
+            self._origins[sides] = np.array([time or 0 for time in origins], dtype=np.int64)
 
-    def update(self, places: TabulatedVectors | ClockedVectors, now: int) -> None:
-        """Takes what is open after a state."""
+    def update(self, vectors: TabulatedVectors | ClockedVectors, now: int) -> None:
+        """Record which windows are open after the state at `now`."""
         if self._has_fresh:
             self._begins[self._fresh] = now
             self._fresh[:] = False
             self._has_fresh = False
-        if not self._tracks:
+        if not self._opens_later:
             return
-        locations = places.locations
+        locations = vectors.locations
         known = {sides for location in locations for sides in location.unbounded}
         for sides in known:
             holds = np.array([sides in location.unbounded for location in locations])
-            is_open = holds[places.numbers]
-            since = self._since.setdefault(sides, np.full(is_open.size, now))
+            is_open = holds[vectors.numbers]
+            origins = self._origins.setdefault(sides, np.full(is_open.size, now))
             was_open = self._open.get(sides)
-            since[is_open if was_open is None else is_open & ~was_open] = now
+            origins[is_open if was_open is None else is_open & ~was_open] = now
             self._open[sides] = is_open
 
     def keep(self, kept: Array) -> None:
-        """Goes on with some of the instances."""
+        """Keep the selected instances only."""
         self._begins, self._fresh = self._begins[kept], self._fresh[kept]
-        self._since = {sides: since[kept] for sides, since in self._since.items()}
+        self._origins = {sides: origins[kept] for sides, origins in self._origins.items()}
         self._open = {sides: is_open[kept] for sides, is_open in self._open.items()}
 
     def of(self, index: int, location: Location) -> Mapping[Sides, int]:
-        """Since when those of a location have been open for an instance."""
+        """Return the origins of the windows of a location, for one instance."""
         if self._fresh[index]:
             return {}
-        if not self._tracks:
+        if not self._opens_later:
             return dict.fromkeys(location.unbounded, int(self._begins[index]))
-        found = ((sides, self._since.get(sides)) for sides in location.unbounded)
-        return {sides: int(since[index]) for sides, since in found if since is not None}
+        found = ((sides, self._origins.get(sides)) for sides in location.unbounded)
+        return {sides: int(origins[index]) for sides, origins in found if origins is not None}

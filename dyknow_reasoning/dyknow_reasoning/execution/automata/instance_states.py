@@ -1,0 +1,118 @@
+"""Data on the undecided instances of formulas, and on their verdicts."""
+
+from __future__ import annotations
+
+from collections.abc import Hashable, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+from dyknow_reasoning.execution.automata.automaton import Location, Move, Times
+from dyknow_reasoning.execution.automata.templates import Template
+from dyknow_reasoning.language.type_checking import Kinds
+from dyknow_reasoning.progression.gaps import Gap, Half
+from dyknow_reasoning.progression.instances import Instance
+from dyknow_reasoning.progression.nodes import Node, Sides
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FormulaInstance(Instance):
+    """An instance of a formula of a group, or one half of it after a gap.
+
+    Args:
+        formula_id: the formula.
+        order: the index of the instance in the formula.
+        kinds: the kinds of the features of the formula.
+        batch_key: equal for instances that can share a batch; None if no batch can hold it.
+        half: the half that it stands for.
+        gap: the gap that its verdict depends on.
+    """
+
+    formula_id: int
+    order: int
+    kinds: Kinds
+    batch_key: Hashable
+    half: Half = Half.WHOLE
+    gap: Gap | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class InstanceState:
+    """The state of an undecided instance between two states of the stream.
+
+    Args:
+        instance: the instance.
+        template: its template.
+        location: its location in the automaton.
+        times: the clocks: the times of the states that bounds of the location count from, in ns.
+        window_origins: for each open window without an end, the valid time since which it is open.
+    """
+
+    instance: FormulaInstance
+    template: Template
+    location: Location
+    times: Times
+    window_origins: Mapping[Sides, int]
+
+    @property
+    def node(self) -> Node:
+        """The remaining formula."""
+        return self.location.node
+
+    @property
+    def is_fresh(self) -> bool:
+        """True if the instance has seen no state."""
+        return self.location is self.template.automaton.initial
+
+    def after_gap(self, gap: Gap, halves: tuple[Move, Move]) -> Sequence[InstanceState]:
+        """Return the state itself if the gap has no effect, else one half or both.
+
+        Args:
+            gap: the gap.
+            halves: the moves to the optimistic and the pessimistic half of the location.
+        """
+        optimistic, pessimistic = halves
+        if optimistic.target is pessimistic.target is self.location:
+            return [self]
+        moves = {Half.OPTIMISTIC: optimistic, Half.PESSIMISTIC: pessimistic}
+        half = self.instance.half
+        if half in moves:
+            moves = {half: moves[half]}
+        elif optimistic.target is pessimistic.target:
+            moves = {half: optimistic}
+        return [self._moved(move, half, gap) for half, move in moves.items()]
+
+    def _moved(self, move: Move, half: Half, gap: Gap) -> InstanceState:
+        joined = self.instance.gap.join(gap) if self.instance.gap else gap
+        instance = replace(self.instance, half=half, gap=joined)
+        location, times = move.target, move.select(self.times)
+        origins = {sides: self.window_origins[sides] for sides in location.unbounded}
+        return InstanceState(instance, self.template, location, times, origins)
+
+
+@dataclass(frozen=True, slots=True)
+class DecidingMoment:
+    """The state of the stream that decides an instance.
+
+    Args:
+        before: the instance before this state.
+        symbol: the truth of the atoms at this state, as bits.
+        valid_time: the valid time of this state, in nanoseconds.
+    """
+
+    before: InstanceState
+    symbol: int
+    valid_time: int
+
+
+@dataclass(frozen=True, slots=True)
+class InstanceVerdict:
+    """The verdict on an instance.
+
+    Args:
+        instance: the instance.
+        holds: the verdict.
+        moment: the deciding state; None if a gap before it decided the instance.
+    """
+
+    instance: FormulaInstance
+    holds: bool
+    moment: DecidingMoment | None

@@ -1,0 +1,163 @@
+"""The pool of undecided instances: individual ones, and batches of those that are alike."""
+
+from __future__ import annotations
+
+from collections import Counter, defaultdict
+from collections.abc import Collection, Hashable, Iterable, Iterator, Mapping, Sequence
+from itertools import chain
+from typing import TypeAlias
+
+from dyknow_reasoning.errors import ReasoningError
+from dyknow_reasoning.execution.automata.automaton import Location
+from dyknow_reasoning.execution.automata.instance_states import FormulaInstance, InstanceState
+from dyknow_reasoning.execution.automata.templates import Template
+from dyknow_reasoning.execution.single_instance import SingleInstance
+from dyknow_reasoning.execution.vectors.atom_vectors import Array, FieldVectors, UnreadableError
+from dyknow_reasoning.execution.vectors.batch import Batch
+from dyknow_reasoning.progression.atoms import Values
+
+_MIN_BATCH_SIZE = 24
+
+Symbols: TypeAlias = tuple[Sequence[int], Sequence[Array]]
+"""The truth of the atoms at a state, as bits: of each individual instance, and of each batch."""
+
+
+class InstancePool:
+    """Individual instances and batches.
+
+    The lists `singles` and `batches` are replaced, not changed, if instances come or go.
+    """
+
+    def __init__(self) -> None:
+        self.singles: list[SingleInstance] = []
+        self.batches: list[Batch] = []
+        self.fields = FieldVectors()
+
+    @property
+    def templates(self) -> list[Template]:
+        """The templates of the instances, with repetitions."""
+        return [
+            *(each.template for each in self.singles),
+            *(each.template for each in self.batches),
+        ]
+
+    def states(self, latest: int) -> Iterator[InstanceState]:
+        """Return the states of the instances; `latest` is the valid time of the latest state."""
+        for single in self.singles:
+            yield single.state(latest)
+        for batch in self.batches:
+            yield from batch.states(latest)
+
+    def add(self, states: Iterable[InstanceState], latest: int) -> None:
+        """Add instances; those with one batch key become a batch if there are enough.
+
+        Args:
+            states: the states of the instances to add.
+            latest: the valid time of the latest state.
+        """
+        new: defaultdict[Hashable, list[InstanceState]] = defaultdict(list)
+        for state in states:
+            new[state.instance.batch_key].append(state)
+        singles: defaultdict[Hashable, list[SingleInstance]] = defaultdict(list)
+        for single in self.singles:
+            singles[single.instance.batch_key].append(single)
+        batches = {batch.key: batch for batch in self.batches}
+        for key, found in new.items():
+            if key in batches:
+                batches[key] = Batch([*batches[key].states(latest), *found])
+            elif key is not None and len(found) + len(singles[key]) >= _MIN_BATCH_SIZE:
+                others = (single.state(latest) for single in singles.pop(key))
+                batches[key] = Batch([*others, *found])
+            else:
+                singles[key] += map(SingleInstance, found)
+        self.singles = list(chain.from_iterable(singles.values()))
+        self.batches = list(batches.values())
+        self._attach()
+
+    def remove(self, formulas: Collection[int], instances: Iterable[FormulaInstance] = ()) -> None:
+        """Remove all instances of some formulas, and some other instances."""
+        removed = set(map(id, instances))
+        self.singles = [
+            each
+            for each in self.singles
+            if each.instance.formula_id not in formulas and id(each.instance) not in removed
+        ]
+        for batch in self.batches:
+            batch.remove(formulas, removed)
+        self.batches = [batch for batch in self.batches if len(batch)]
+        if any(batch.is_sparse for batch in self.batches):
+            self._attach()
+
+    def read(self, values: Values) -> Symbols:
+        """Return the truth of the atoms at a state.
+
+        Raises:
+            UnreadableError: if the values of a batch do not fit into vectors.
+            ReasoningError: for unusable values of an individual instance.
+        """
+        singles = [single.read(values) for single in self.singles]
+        return singles, self._read_batches(values) if self.batches else ()
+
+    def sizes(self, latest: int) -> Mapping[int, int]:
+        """Return the number of nodes that the instances of each formula have together."""
+        sizes: Counter[int] = Counter()
+        for single in self.singles:
+            location, _ = single.position(latest)
+            sizes[single.instance.formula_id] += location.node.size
+        for batch in self.batches:
+            sizes.update(batch.sizes())
+        return sizes
+
+    def leave_configurations(self, template: Template, latest: int) -> set[Location]:
+        """Stop using the configurations of a template; return the locations of its instances."""
+        singles = (each for each in self.singles if each.template is template)
+        locations = {single.leave_configurations(latest) for single in singles}
+        for batch in self.batches:
+            if batch.template is template:
+                locations |= batch.leave_configurations(latest)
+        return locations
+
+    def _attach(self) -> None:
+        self.fields = FieldVectors()
+        for batch in self.batches:
+            batch.attach(self.fields)
+
+    def _read_batches(self, values: Values) -> Sequence[Array]:
+        try:
+            self.fields.load(values)
+        except UnreadableError:
+            if not any(batch.loads_too_much for batch in self.batches):
+                raise
+            self._attach()
+            self.fields.load(values)
+        return [batch.symbols() for batch in self.batches]
+
+    def read_one_by_one(self, values: Values) -> tuple[Symbols, Mapping[int, ReasoningError]]:
+        """Return the truth of the atoms at a state; remove the formulas with unusable values.
+
+        Returns:
+            The symbols of the instances that are left, and the errors of the removed formulas.
+        """
+        found: list[tuple[FormulaInstance, ReasoningError]] = []
+        singles: dict[int, int] = {}
+        for single in self.singles:
+            try:
+                singles[id(single)] = single.read(values)
+            except ReasoningError as error:
+                found.append((single.instance, error))
+        batches: dict[int, Array] = {}
+        for batch in self.batches:
+            batches[id(batch)], errors = batch.read(values)
+            found += errors
+        # The first instance of a formula gives the error.
+        found.sort(key=lambda each: each[0].order, reverse=True)
+        failures = {instance.formula_id: error for instance, error in found}
+        if failures:
+            for batch in self.batches:
+                batches[id(batch)] = batches[id(batch)][batch.not_of(failures)]
+            self.remove(failures)
+        symbols = (
+            [singles[id(single)] for single in self.singles],
+            [batches[id(batch)] for batch in self.batches],
+        )
+        return symbols, failures

@@ -1,0 +1,60 @@
+"""Batch keys: equal for instances whose atoms can be evaluated together as vectors."""
+
+from __future__ import annotations
+
+from collections.abc import Hashable
+from typing import Any, Final
+
+from dyknow_reasoning.language.formula import (
+    Arithmetic,
+    Atom,
+    Comparison,
+    Feature,
+    FieldReference,
+    Number,
+    Term,
+    TextLiteral,
+    Truth,
+)
+from dyknow_reasoning.language.type_checking import Kinds
+from dyknow_reasoning.progression.atoms import fields, kind_of
+from dyknow_reasoning.progression.instances import Instance
+
+EXACT: Final = 1 << 53
+"""The smallest absolute value from which on some integers are not floats."""
+
+_MAX_BATCH_SLOTS = 6
+
+
+def batch_key(instance: Instance, kinds: Kinds) -> Hashable:
+    """Return the template and the forms of the atoms; None if no batch can hold the instance."""
+    forms = tuple(atom_form(atom, kinds) for atom in instance.atoms)
+    slots = instance.node.mask.bit_length()
+    return (instance.node, forms) if 0 < slots <= _MAX_BATCH_SLOTS and None not in forms else None
+
+
+def atom_form(atom: Atom, kinds: Kinds) -> Any:
+    """Return all but the fields and constants of an atom.
+
+    Return None if the atom cannot be evaluated with others, or depends on no field.
+    """
+    if not isinstance(atom, Comparison):
+        return ('boolean',)
+    left, right = _term_form(atom.left, kinds), _term_form(atom.right, kinds)
+    is_constant = next(fields(atom), None) is None
+    return None if is_constant or None in {left, right} else (atom.operator, left, right)
+
+
+def _term_form(term: Term, kinds: Kinds) -> Any:
+    match term:
+        case Number(value):
+            return None if abs(value) >= EXACT else ('constant', type(value))
+        case TextLiteral(value) | Truth(value):
+            return ('constant', type(value))
+        case Arithmetic(symbol, left, right):
+            sides = _term_form(left, kinds), _term_form(right, kinds)
+            return None if None in sides else (symbol, *sides)
+        case Feature() | FieldReference():
+            return ('field', kind_of(term, kinds))
+        case _:  # pragma: no cover - atoms compare values
+            raise AssertionError(term)
