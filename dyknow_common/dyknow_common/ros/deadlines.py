@@ -20,9 +20,9 @@ class Deadlines:
     """Futures that end after a time: one timer of the wall clock for all waits of a node.
 
     The timer ticks always. A node without timers sometimes stays in its wait set although a signal
-    or a request has come; a tick wakes it. (`Alarm` of dyknow_stream_processing is another
+    or a request has come; a tick wakes it. (`TimedCalls` of dyknow_stream_processing is another
     mechanism: its timer follows the ROS clock, which may stand still or jump, and runs only while
-    an action is due, at its exact time.)
+    a call is due, at its exact time.)
     """
 
     def __init__(self, node: Node, wall_clock: Clock) -> None:

@@ -1,7 +1,7 @@
 """The topics that a node subscribes to, shared by all its streams.
 
 Each subscription and timer of a node costs time at every message, so the streams of a node share
-one subscription for each topic, one timer that follows the publishers, and one alarm.
+one subscription for each topic, one timer that follows the publishers, and one for timed calls.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from dyknow_stream_processing.ros.messages.message_types import (
     message_class,
     type_name_of,
 )
-from dyknow_stream_processing.ros.topics.alarm import Alarm
+from dyknow_stream_processing.ros.topics.timed_calls import TimedCalls
 from dyknow_stream_processing.ros.topics.publications import (
     Publication,
     find_publication,
@@ -72,7 +72,7 @@ class NodeTopics:
         self._node = proxy(node)
         self.wall_clock = Clock(clock_type=ClockType.STEADY_TIME)
         self.group = ReentrantCallbackGroup()
-        self.alarm = Alarm(self._node, self.group)
+        self.timed_calls = TimedCalls(self._node, self.group)
         self._feeds: dict[Any, _Feed] = {}
         self._timer: Any = None
 
@@ -117,7 +117,7 @@ class NodeTopics:
             if not feed.listeners:
                 self._feeds.pop(key).destroy()
             if not self._feeds:
-                self.alarm.destroy()
+                self.timed_calls.destroy()
                 if self._timer is not None:
                     self._node.destroy_timer(self._timer)
                     self._timer = None

@@ -125,7 +125,7 @@ class TopicSources:
         self._sources[topic] = source, remove
 
     def _clear(self) -> None:
-        self._topics.alarm.forget(self._advance)
+        self._topics.timed_calls.cancel(self._advance)
         for _, remove in self._sources.values():
             remove()
         self._sources.clear()
@@ -142,7 +142,7 @@ class TopicSources:
     def _schedule(self) -> None:
         deadline = self._dataflow.next_deadline()
         if deadline is not None:
-            self._topics.alarm.set(self._advance, deadline)
+            self._topics.timed_calls.schedule(self._advance, deadline)
 
     def _advance(self, now: int) -> None:
         self._dataflow.advance(now)
