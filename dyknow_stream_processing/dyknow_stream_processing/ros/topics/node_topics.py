@@ -24,7 +24,6 @@ from dyknow_stream_processing.ros.messages.message_types import (
     message_class,
     type_name_of,
 )
-from dyknow_stream_processing.ros.topics.timed_calls import TimedCalls
 from dyknow_stream_processing.ros.topics.publications import (
     Publication,
     find_publication,
@@ -32,6 +31,7 @@ from dyknow_stream_processing.ros.topics.publications import (
     publishers_of,
 )
 from dyknow_stream_processing.ros.topics.sequence_gaps import SequenceGaps
+from dyknow_stream_processing.ros.topics.timed_calls import TimedCalls
 from dyknow_stream_processing.ros.topics.violation_relay import ViolationRelay
 from dyknow_stream_processing.violation import Violation
 
