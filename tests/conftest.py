@@ -1,9 +1,15 @@
-"""Fixtures of the system tests."""
+"""Fixtures of the system tests, and how they are distributed over processes.
+
+`pytest -n 6` runs six processes. Each runs one unit of tests after the other, the longest first: a
+group of modules that share one running system, a module, or a single test.
+"""
 
 from __future__ import annotations
 
 import sys
+from contextlib import closing
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -12,26 +18,114 @@ sys.path.insert(0, str(Path(__file__).parent))
 from collections.abc import Iterator
 
 from evaluations import Evaluations, Spares
-from system import Batteries, Client, System, private_environment
+from system import Batteries, Client, SharedSystem, System, private_environment
+
+FOLDER = Path(__file__).parent
+
+SCHEDULE = (
+    (
+        'test_grounding_answers',
+        'test_evaluate_formula',
+        'test_shared_states',
+        'test_reasoning_services',
+        'test_monitor_plan',
+        'test_plain_client',
+        # Its last test kills a node.
+        'test_formula_client',
+    ),
+    ('test_hung_nodes', 'test_failures'),
+    ('test_stand_ins', 'test_change'),
+    ('test_callers',),
+    ('test_demonstration',),
+    ('test_sim_time_jumps',),
+    ('test_rover',),
+    ('test_many_engines',),
+    ('test_replay',),
+    ('test_services',),
+    ('test_streams_command',),
+    ('test_semantic_stores',),
+    ('test_reasoners',),
+)
+"""Units of modules, the slowest first. All modules of a unit run in one process, in this order."""
+
+OF_INDEPENDENT_TESTS = {'test_demonstration', 'test_many_engines', 'test_replay'}
+"""Modules whose tests share nothing: each test is a unit."""
+
+SHARED_SYSTEM = pytest.StashKey[SharedSystem]()
+
+
+def unit_of(test: str) -> str:
+    """Return the name of the unit of a test, given its node id."""
+    path = Path(test.partition('::')[0])
+    if path.parent.name != FOLDER.name:
+        return str(path)
+    if path.stem in OF_INDEPENDENT_TESTS:
+        return test
+    return next((' '.join(modules) for modules in SCHEDULE if path.stem in modules), str(path))
+
+
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    """Run the system tests in the order of the schedule, in parallel runs before all others."""
+    scheduled = [module for modules in SCHEDULE for module in modules]
+    others = len(scheduled) + 1 if hasattr(config, 'workerinput') else -1
+
+    def rank(item: pytest.Item) -> int:
+        if item.path.parent != FOLDER:
+            return others
+        return scheduled.index(item.path.stem) if item.path.stem in scheduled else len(scheduled)
+
+    items.sort(key=rank)
+
+
+@pytest.hookimpl(optionalhook=True)
+def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> Any:
+    """Give each process of pytest-xdist one unit after the other."""
+    from xdist.scheduler import LoadScopeScheduling  # noqa: PLC0415 - only where it is installed
+
+    class UnitScheduling(LoadScopeScheduling):  # type: ignore[misc]
+        def _split_scope(self, nodeid: str) -> str:
+            return unit_of(nodeid)
+
+    config.option.loadscopereorder = False
+    return UnitScheduling(config, log)
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_teardown(item: pytest.Item, nextitem: pytest.Item | None) -> Iterator[None]:
+    """Stop the shared system with the last test of its unit."""
+    yield
+    shared = item.config.stash.get(SHARED_SYSTEM, None)
+    if shared and (nextitem is None or unit_of(nextitem.nodeid) != unit_of(item.nodeid)):
+        shared.stop()
+
+
+@pytest.fixture(scope='session')
+def shared_system(
+    request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory
+) -> SharedSystem:
+    shared = SharedSystem(tmp_path_factory.mktemp)
+    request.config.stash[SHARED_SYSTEM] = shared
+    return shared
 
 
 @pytest.fixture(scope='module')
-def system(tmp_path_factory: pytest.TempPathFactory) -> Iterator[System]:
-    """DyKnow for two vehicles, shared by the tests of a module."""
-    with System(tmp_path_factory.mktemp('system')) as running:
-        yield running
+def system(shared_system: SharedSystem) -> System:
+    """DyKnow for two vehicles, shared by the modules of a unit."""
+    return shared_system.get()
 
 
 @pytest.fixture(scope='module')
-def batteries(system: System) -> Batteries:
+def batteries(system: System) -> Iterator[Batteries]:
     """The telemetry of the vehicles."""
-    return Batteries(system.client, system.vehicles)
+    with closing(Batteries(system.client, system.vehicles)) as publishing:
+        yield publishing
 
 
 @pytest.fixture(scope='module')
-def evaluations(system: System) -> Evaluations:
+def evaluations(system: System) -> Iterator[Evaluations]:
     """What the coordinator tells of all evaluations."""
-    return Evaluations(system)
+    with closing(Evaluations(system)) as heard:
+        yield heard
 
 
 @pytest.fixture
@@ -45,8 +139,8 @@ def spares(system: System) -> Iterator[Spares]:
 @pytest.fixture
 def calm(batteries: Batteries, evaluations: Evaluations) -> Iterator[None]:
     """The test begins with 100 W everywhere, and leaves nothing behind."""
-    batteries.silent.clear()
     batteries.power.update(dict.fromkeys(batteries.power, 100.0))
+    batteries.end_silence()
     yield
     evaluations.wait_for_nothing()
 
@@ -54,6 +148,5 @@ def calm(batteries: Batteries, evaluations: Evaluations) -> Iterator[None]:
 @pytest.fixture
 def client() -> Iterator[Client]:
     """A node in a private domain of its own."""
-    alone = Client(private_environment())
-    yield alone
-    alone.close()
+    with closing(Client(private_environment())) as alone:
+        yield alone

@@ -18,7 +18,7 @@ from rclpy.action import ActionClient
 from rclpy.qos import DurabilityPolicy, QoSProfile
 
 from dyknow_common.ros import nanoseconds_to_duration
-from system import Client, System
+from system import LIMIT, POLL, Client, System
 
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 COORDINATOR = 'stream_reasoning_coordinator'
@@ -33,9 +33,13 @@ class Evaluations:
     def __init__(self, system: System) -> None:
         self._system = system
         self._statuses: list[Any] = []
-        system.client.node.create_subscription(
+        self._subscription = system.client.node.create_subscription(
             EvaluationStatusArray, f'{COORDINATOR}/evaluations', self._hear, LATCHED
         )
+
+    def close(self) -> None:
+        """Listen no more."""
+        self._system.client.node.destroy_subscription(self._subscription)
 
     @property
     def running(self) -> list[Any]:
@@ -96,11 +100,13 @@ class Evaluations:
 
     def wait_for_nothing(self) -> None:
         """Waits until nothing is evaluated, and nothing is left of what was."""
-        self._system.client.spin_until(lambda: not self.running, 'nothing is evaluated')
-        self._system.client.spin_until(lambda: not self.groups(), 'no formula group is left')
-        self._system.client.spin_until(
+        wait = self._system.client.spin_until
+        wait(lambda: not self.running, 'nothing is evaluated', instead=self.told)
+        wait(lambda: not self.groups(), 'no formula group is left', pause=POLL)
+        wait(
             lambda: not any('states_' in name for name in self._system.streams()),
             'no stream of states is left',
+            pause=POLL,
         )
 
     def _hear(self, report: Any) -> None:
@@ -110,7 +116,7 @@ class Evaluations:
 class Monitored:
     """A formula that is evaluated for a client of the action."""
 
-    def __init__(self, client: Client, formula: str, timeout: float = 10.0, **fields: Any) -> None:
+    def __init__(self, client: Client, formula: str, timeout: float = LIMIT, **fields: Any) -> None:
         self.feedback: list[Any] = []
         self._client = client
         self._action = ActionClient(client.node, MonitorFormula, f'{COORDINATOR}/monitor_formula')
@@ -201,7 +207,7 @@ class Spares:
         for name in list(self._annotated):
             self.forget(name)
         while self._made:
-            self._system.client.spin_until(self._end_last, 'a stream can be ended')
+            self._system.client.spin_until(self._end_last, 'a stream can be ended', pause=POLL)
 
     def _end_last(self) -> bool:
         service = 'stream_manager/stream_destroy'

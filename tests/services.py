@@ -17,7 +17,7 @@ from std_msgs.msg import Float64
 
 from dyknow_bringup.processes.launcher import Launcher
 from dyknow_bringup.processes.processes import PACKAGES, Process
-from system import Client, private_environment
+from system import LIMIT, Client, private_environment
 
 LATCHED = QoSProfile(depth=1000, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 """What was published before one came is heard too."""
@@ -82,6 +82,8 @@ class Nodes:
     def __init__(self, folder: Path, **executables: dict[str, Any]) -> None:
         environment = private_environment()
         self.client = Client(environment)
+        self.environment = environment
+        self._subscriptions: list[Any] = []
         self._launcher = Launcher(folder, environment=environment)
         self.processes = {
             executable: self._launcher.start(Process(PACKAGES[executable], executable, parameters))
@@ -112,15 +114,22 @@ class Nodes:
         """Sends a signal to each process, and returns their exit codes."""
         for process in self.processes.values():
             process.send_signal(number)
-        return {name: process.wait(10.0) for name, process in self.processes.items()}
+        return {name: process.wait(LIMIT) for name, process in self.processes.items()}
 
     def collect(self, message_type: Any, topic: str, quality_of_service: Any = 100) -> list[Any]:
         """The messages of a topic, as they come."""
         messages: list[Any] = []
-        self.client.node.create_subscription(
-            message_type, topic, messages.append, quality_of_service
+        self._subscriptions.append(
+            self.client.node.create_subscription(
+                message_type, topic, messages.append, quality_of_service
+            )
         )
         return messages
+
+    def stop_collecting(self) -> None:
+        """End the collection of all topics."""
+        while self._subscriptions:
+            self.client.node.destroy_subscription(self._subscriptions.pop())
 
     def request(self, node: str, service_type: Any, **fields: Any) -> Any:
         """The future of the response of a service."""

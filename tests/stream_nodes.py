@@ -17,7 +17,7 @@ from rclpy.qos import DurabilityPolicy, QoSProfile
 from std_msgs.msg import Float64
 
 from dyknow_bringup.resources import executable_path
-from system import PATIENCE, Client, private_environment
+from system import LIMIT, PATIENCE, Client, private_environment
 
 PACKAGE = 'dyknow_stream_processing'
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
@@ -55,7 +55,7 @@ class StreamNodes:
         for running in self._running.values():
             running.send_signal(signal.SIGCONT)
             running.terminate()
-        codes = {name: running.wait(10.0) for name, running in self._running.items()}
+        codes = {name: running.wait(LIMIT) for name, running in self._running.items()}
         assert set(codes.values()) <= {0}, f'exit codes of the nodes: {codes}'
 
     def start(self, name: str, executable: str = 'stream_processing_engine', **given: Any) -> None:
@@ -96,7 +96,7 @@ class StreamNodes:
     def until(self, condition: Callable[[], bool], what: str) -> None:
         """Waits for a condition."""
         self.client.spin_until(
-            condition, f'{what}; the manager says:\n{self.report}\n{self.status}'
+            condition, what, instead=lambda: f'{self.report}\n{self.status} of the manager'
         )
 
     def wait_for_engines(self, *names: str) -> None:

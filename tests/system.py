@@ -46,8 +46,11 @@ from dyknow_stream_processing import parse_specification, specifications_by_sink
 PATIENCE = 3.0
 """Seconds after which a request that is not answered is sent again."""
 
-LIMIT = 20.0
-"""Seconds after which a wait has failed."""
+LIMIT = 40.0
+"""Seconds after which a wait has failed; on a machine with nothing else to do it takes a few."""
+
+POLL = 0.1
+"""Seconds between two looks where a look is a request to a node: waits leave it the processor."""
 
 
 def private_environment() -> dict[str, str]:
@@ -103,19 +106,26 @@ class Client:
         what: str,
         limit: float = LIMIT,
         instead: Callable[[], object] | None = None,
+        pause: float = 0.0,
     ) -> None:
-        """Runs callbacks until a condition holds; fails the test when it does not come to hold.
+        """Run callbacks until a condition holds; fail the test if it does not within a limit.
 
         Args:
-            what: is waited for.
-            instead: what there is as long as there is not.
+            condition: is evaluated after each callback.
+            what: names the condition.
+            limit: seconds.
+            instead: describes what there is as long as the condition does not hold.
+            pause: seconds between two evaluations of a condition that costs much.
         """
         end = time.monotonic() + limit
         while not condition():
             if time.monotonic() > end:
                 found = '' if instead is None else f'; there is {instead()}'
                 raise AssertionError(f'not within {limit} s: {what}{found}')
+            again = time.monotonic() + pause
             self.executor.spin_once(timeout_sec=0.05)
+            while time.monotonic() < again:
+                self.executor.spin_once(timeout_sec=max(again - time.monotonic(), 0.0))
 
     def request(self, service_type: Any, service: str, **fields: Any) -> Any:
         """Sends a request and returns the future of its response."""
@@ -144,6 +154,13 @@ class Client:
         )
         self.spin_until(lambda: said[-1:] == [RUNNING], f'the coordinator runs: {said}')
         self.node.destroy_subscription(listener)
+
+
+SOON_NOTICED: Mapping[str, Mapping[str, Parameter]] = {
+    'stream_reasoning_coordinator': {'silence_limit': 2.5},
+    'stream_reasoning_engine': {'progress_period': 0.2},
+}
+"""Parameters with which silence and progress are reported sooner than by default."""
 
 
 class System:
@@ -282,14 +299,18 @@ class System:
     def wait_until_running(self, future: Any) -> None:
         """Waits until the state stream of an evaluation flows."""
         self.client.spin_until(
-            lambda: future.done() or self.streams() > self.fleet_streams, 'the state stream'
+            lambda: future.done() or self.streams() > self.fleet_streams,
+            'the state stream',
+            pause=POLL,
         )
         assert not future.done(), f'answered already: {future.result()}'
 
     def wait_for_streams(self) -> None:
         """Waits until the streams of the fleet, and no others, are made."""
         self.client.spin_until(
-            lambda: self.streams() == self.fleet_streams, 'just the streams of the fleet'
+            lambda: self.streams() == self.fleet_streams,
+            'just the streams of the fleet',
+            pause=POLL,
         )
 
     @property
@@ -297,13 +318,13 @@ class System:
         """The streams that the configuration asks for."""
         return set(specifications_by_sink(parse_specification(fleet_specification(self.vehicles))))
 
-    def evaluate(self, formula: str, timeout: float = 10.0, **fields: Any) -> Any:
+    def evaluate(self, formula: str, timeout: float = LIMIT, **fields: Any) -> Any:
         """The coordinator's answer to a formula."""
         future = self.ask(formula, timeout, **fields)
         self.client.spin_until(future.done, f'answer to {formula}', timeout + LIMIT)
         return future.result()
 
-    def ask(self, formula: str, timeout: float = 10.0, **fields: Any) -> Any:
+    def ask(self, formula: str, timeout: float = LIMIT, **fields: Any) -> Any:
         """The future of the coordinator's answer to a formula."""
         return self.client.request(
             EvaluateFormula,
@@ -312,6 +333,29 @@ class System:
             timeout=nanoseconds_to_duration(round(timeout * 1e9)),
             **fields,
         )
+
+
+class SharedSystem:
+    """The running system of this process, which successive test modules may share."""
+
+    def __init__(self, make_folder: Callable[[str], Path]) -> None:
+        self._make_folder = make_folder
+        self._options: dict[str, Any] = {}
+        self._system: System | None = None
+
+    def get(self, **options: Any) -> System:
+        """Return a running system with these options: the present one if it has them."""
+        if self._system is None or self._options != options:
+            self.stop()
+            self._system = System(self._make_folder('system'), **options).__enter__()
+            self._options = options
+        return self._system
+
+    def stop(self) -> None:
+        """Stop the system, if one runs; all its nodes must end with exit code 0."""
+        if self._system is not None:
+            running, self._system = self._system, None
+            running.__exit__(None, None, None)
 
 
 class Batteries:
@@ -323,6 +367,7 @@ class Batteries:
     def __init__(self, client: Client, vehicles: tuple[str, ...]) -> None:
         self.power = dict.fromkeys(vehicles, 100.0)
         self.silent: set[str] = set()
+        self._client = client
         self._node = client.node
         self._publishers = {
             vehicle: client.node.create_publisher(BatteryState, f'{vehicle}/battery', 10)
@@ -330,6 +375,19 @@ class Batteries:
         }
         self.stamp = client.node.get_clock().now().nanoseconds // self.PERIOD * self.PERIOD
         self._timer = client.node.create_timer(0.02, self._publish_due)
+
+    def close(self) -> None:
+        """Publish nothing any more."""
+        self._node.destroy_timer(self._timer)
+        for publisher in self._publishers.values():
+            self._node.destroy_publisher(publisher)
+
+    def end_silence(self) -> None:
+        """Publish all batteries again, and wait until each has a new sample."""
+        if self.silent:
+            self.silent.clear()
+            silence = self.stamp
+            self._client.spin_until(lambda: self.stamp > silence, 'a sample of each battery')
 
     def _publish_due(self) -> None:
         now = self._node.get_clock().now().nanoseconds
@@ -347,4 +405,11 @@ class Batteries:
         self._publishers[vehicle].publish(message)
 
 
-__all__ = ['Batteries', 'Client', 'System', 'SystemConfiguration', 'private_environment']
+__all__ = [
+    'Batteries',
+    'Client',
+    'SharedSystem',
+    'System',
+    'SystemConfiguration',
+    'private_environment',
+]

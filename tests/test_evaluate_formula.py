@@ -14,9 +14,8 @@ SYNTACTIC = EvaluateFormula.Request.SYNTACTIC
 @pytest.fixture(autouse=True)
 def calm(system: System, batteries: Batteries) -> None:
     """Every test begins with every vehicle at 100 W, and with no evaluation left."""
-    batteries.silent.clear()
-    for vehicle in system.vehicles:
-        batteries.power[vehicle] = 100.0
+    batteries.power.update(dict.fromkeys(batteries.power, 100.0))
+    batteries.end_silence()
     system.wait_for_streams()
 
 

@@ -96,7 +96,7 @@ def test_an_evaluation_that_is_not_there(reporter: Reporter) -> None:
 def test_a_coordinator_that_is_not_there(reporter: Reporter) -> None:
     shown = evaluations(reporter, '--timeout', '5 s', '--node', 'nobody')
     assert shown.returncode == 2
-    assert 'nothing was heard of /nobody within 5 s' in shown.stderr
+    assert 'no report of /nobody within 5 s' in shown.stderr
     assert f'there are: /{COORDINATOR} (choose one by --node)' in shown.stderr
 
 

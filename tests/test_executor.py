@@ -16,7 +16,7 @@ from rclpy.task import Future
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
-from dyknow_common.ros import NodeExecutor, fits
+from dyknow_common.ros import NodeExecutor, supports_node_executor
 from system import private_environment
 
 PERIOD = 0.01
@@ -227,7 +227,7 @@ def test_what_a_callback_raises_ends_the_spin(bench: Bench, *, is_coroutine: boo
 
 def test_another_rclpy_runs_nodes_by_its_own_executor(bench: Bench) -> None:
     plain = SingleThreadedExecutor(context=bench.context)
-    assert fits(plain)
+    assert supports_node_executor(plain)
     delattr(plain, '_tasks')
-    assert not fits(plain)
+    assert not supports_node_executor(plain)
     bench.end()

@@ -5,17 +5,16 @@ from __future__ import annotations
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
-from pathlib import Path
 from typing import Any
 
 import pytest
-from dyknow_interfaces.msg import EvaluationStatusArray
 from rclpy.executors import MultiThreadedExecutor, SingleThreadedExecutor
 from rclpy.node import Node
 
 from dyknow_common import DyKnowError, ExitCode, Verdict
-from dyknow_coordinator import Answer, EvaluationPhase, Grounding, Progress
+from dyknow_coordinator import Answer, Grounding, Progress
 from dyknow_coordinator.ros import FormulaClient
+from evaluations import Evaluations
 from system import Batteries, Client, System
 
 ALWAYS = 'forall u in UAV: always Power[u] < 150'
@@ -28,6 +27,7 @@ def calm(request: pytest.FixtureRequest) -> None:
     if 'batteries' in request.fixturenames:
         system, batteries = (request.getfixturevalue(name) for name in ('system', 'batteries'))
         batteries.power.update(dict.fromkeys(system.vehicles, 100.0))
+        batteries.end_silence()
         system.wait_for_streams()
 
 
@@ -280,39 +280,26 @@ def test_without_a_coordinator(client: Client) -> None:
         assert 'stream_reasoning_coordinator is not running' in answer.error.message
 
 
-def phases(report: Any) -> list[int]:
-    """Of the evaluations that a coordinator reports."""
-    return [evaluation.phase for evaluation in report.evaluations]
+# The last test of the unit, as it kills a node.
+def test_a_coordinator_that_dies_meanwhile(
+    system: System, evaluations: Evaluations, asker: Node
+) -> None:
+    told: list[Answer] = []
+    with FormulaClient(asker) as client, spinning(asker, single(asker)):
+        client.monitor(ALWAYS, on_verdict=told.append)
+        thread = threading.Thread(target=lambda: told.append(client.evaluate_blocking(ALWAYS)))
+        thread.start()
+        evaluations.wait_for(2)
+        system.launcher.kill('stream_reasoning_coordinator')
+        system.client.spin_until(lambda: len(told) == 2, 'the answers', 10.0)
+        thread.join()
+        for answer in told:
+            assert answer.error is not None
+            assert answer.error.code is ExitCode.UNAVAILABLE
+            assert 'has died' in answer.error.message
 
-
-def test_a_coordinator_that_dies_meanwhile(tmp_path: Path) -> None:
-    with System(tmp_path) as system, asker_beside(system.client) as node:
-        Batteries(system.client, system.vehicles)
-        told: list[Answer] = []
-        reports: list[Any] = []
-        system.client.node.create_subscription(
-            EvaluationStatusArray,
-            'stream_reasoning_coordinator/evaluations',
-            reports.append,
-            10,
-        )
-        with FormulaClient(node) as client, spinning(node, single(node)):
-            client.monitor(ALWAYS, on_verdict=told.append)
-            thread = threading.Thread(target=lambda: told.append(client.evaluate_blocking(ALWAYS)))
-            thread.start()
-            system.client.spin_until(
-                lambda: bool(reports) and phases(reports[-1]) == [EvaluationPhase.RUNNING] * 2,
-                'both are evaluated',
-            )
-            system.launcher.kill('stream_reasoning_coordinator')
-            system.client.spin_until(lambda: len(told) == 2, 'the answers', 10.0)
-            thread.join()
-            for answer in told:
-                assert answer.error is not None
-                assert answer.error.code is ExitCode.UNAVAILABLE
-                assert 'has died' in answer.error.message
-
-            system.restart('stream_reasoning_coordinator')
-            again = client.monitor('forall u in UAV: u = u')
-            system.client.spin_until(again.outcome.done, 'the answer of the new one')
-            assert again.outcome.result().verdict is Verdict.TRUE
+        system.restart('stream_reasoning_coordinator')
+        system.client.wait_for_coordinator()
+        again = client.monitor('forall u in UAV: u = u')
+        system.client.spin_until(again.outcome.done, 'the answer of the new one')
+        assert again.outcome.result().verdict is Verdict.TRUE

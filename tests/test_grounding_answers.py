@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from typing import Any
 
 import pytest
@@ -24,7 +25,7 @@ pytestmark = pytest.mark.usefixtures('calm')
 
 
 @pytest.fixture(scope='module')
-def positions(system: System) -> dict[str, tuple[float, float]]:
+def positions(system: System) -> Iterator[dict[str, tuple[float, float]]]:
     """Where the vehicles are, published 20 times a second."""
     where = {'uav1': (0.0, 0.0), 'uav2': (30.0, 40.0)}
     node = system.client.node
@@ -45,8 +46,11 @@ def positions(system: System) -> dict[str, tuple[float, float]]:
                 message.pose.pose.position.y = north
                 publishers[vehicle].publish(message)
 
-    node.create_timer(0.01, publish)
-    return where
+    timer = node.create_timer(0.01, publish)
+    yield where
+    node.destroy_timer(timer)
+    for publisher in publishers.values():
+        node.destroy_publisher(publisher)
 
 
 def grounded(answer: Any) -> dict[str, tuple[int, str]]:

@@ -12,6 +12,7 @@ from dyknow_interfaces import srv
 from dyknow_interfaces.msg import ExitStatus, StreamSpec
 
 from stream_nodes import TANK, StreamNodes
+from system import POLL
 
 ONE, TWO = '/engine_one', '/engine_two'
 FAR = '/far/engine'
@@ -201,8 +202,10 @@ def test_an_engine_that_stops_while_it_is_asked(nodes: StreamNodes) -> None:
     nodes.wait_for_engines(ONE, TWO)
     count = nodes.client.node.count_publishers
     nodes.until(lambda: count(made.stream_topic) == 1, 'it is made once')
-    nodes.until(
-        lambda: list(nodes.call(ONE, srv.ListStreams).stream_names) == [], 'the other has none'
+    nodes.client.spin_until(
+        lambda: list(nodes.call(ONE, srv.ListStreams).stream_names) == [],
+        'the other has none',
+        pause=POLL,
     )
     assert list(nodes.call(TWO, srv.ListStreams).stream_names) == ['level']
 

@@ -21,6 +21,7 @@ from dyknow_interfaces.msg import (
 from dyknow_interfaces.srv import (
     AddSemanticSpecification,
     ConceptCreate,
+    ConceptDestroy,
     ConceptGetInstances,
     EvaluateFormula,
     FindAllMatchingStreams,
@@ -29,7 +30,10 @@ from dyknow_interfaces.srv import (
     FormulaGroupDestroy,
     FormulaGroupExtractSymbols,
     InstanceCreate,
+    InstanceDestroy,
+    RemoveSemanticSpecification,
     StreamCreateFromSpec,
+    StreamDestroy,
     StreamGetTopic,
 )
 from rclpy.action import ActionClient
@@ -40,7 +44,7 @@ from std_msgs.msg import Float64
 
 from system import System
 
-LIMIT = 20.0
+LIMIT = 40.0
 
 
 class Plain:
@@ -64,13 +68,16 @@ class Plain:
             assert time.monotonic() < end, 'nothing came'
             self.executor.spin_once(timeout_sec=0.05)
 
-    def call(self, service_type: Any, name: str, **fields: Any) -> Any:
+    def ask(self, service_type: Any, name: str, **fields: Any) -> Any:
         client = self.node.create_client(service_type, name)
         self.wait(client.service_is_ready)
         future = client.call_async(service_type.Request(**fields))
         self.wait(future.done)
         self.node.destroy_client(client)
-        answer = future.result()
+        return future.result()
+
+    def call(self, service_type: Any, name: str, **fields: Any) -> Any:
+        answer = self.ask(service_type, name, **fields)
         assert answer.exit_status.code == ExitStatus.SUCCESS, answer.exit_status.message
         return answer
 
@@ -82,8 +89,14 @@ def plain(system: System) -> Iterator[Plain]:
     client.close()
 
 
+def destroyed(plain: Plain) -> bool:
+    """Destroy the stream, unless another one is made of it."""
+    answer = plain.ask(StreamDestroy, '/stream_manager/stream_destroy', stream_name='tank')
+    return bool(answer.exit_status.code == ExitStatus.SUCCESS)
+
+
 @pytest.fixture(scope='module')
-def tank(plain: Plain) -> dict[str, float]:
+def tank(plain: Plain) -> Iterator[dict[str, float]]:
     """A topic of the client's own, made a stream, told what it means."""
     said = {'level': 0.5}
     publisher = plain.node.create_publisher(Float64, '/tank/level', 10)
@@ -104,7 +117,14 @@ def tank(plain: Plain) -> dict[str, float]:
         AddSemanticSpecification, '/stream_semantics_manager/add_semantic_specification',
         ssl_statement='stream tank contains Altitude[tank] = level;',
     )  # fmt: skip
-    return said
+    yield said
+    plain.call(
+        RemoveSemanticSpecification, '/stream_semantics_manager/remove_semantic_specification',
+        stream_name='tank',
+    )  # fmt: skip
+    plain.wait(lambda: destroyed(plain))
+    plain.call(InstanceDestroy, '/ontology_manager/instance_destroy', instance_name='tank')
+    plain.call(ConceptDestroy, '/ontology_manager/concept_destroy', concept_name='Tank')
 
 
 def test_what_was_made_is_found(plain: Plain, tank: dict[str, float]) -> None:

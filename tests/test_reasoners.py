@@ -16,7 +16,7 @@ from dyknow_interfaces.msg import ExitStatus
 
 from dyknow_bringup.resources import executable_path
 from services import LATCHED, Nodes, assert_refused
-from system import private_environment
+from system import LIMIT, POLL, private_environment
 
 ONTOLOGY = 'ontology_manager'
 HARBOUR = """
@@ -59,7 +59,7 @@ def test_a_reasoner_that_cannot_run_ends_the_node_with_one_clear_complaint(
         env={**os.environ, **private_environment(), 'PATH': path},
         capture_output=True,
         text=True,
-        timeout=20,
+        timeout=LIMIT,
         check=False,
     )
     assert ended.returncode == 1
@@ -82,7 +82,9 @@ def instances(nodes: Nodes, concept: str) -> list[str]:
 
 def reaches(nodes: Nodes, concept: str, expected: list[str]) -> None:
     """Waits until what follows is known."""
-    nodes.client.spin_until(lambda: instances(nodes, concept) == expected, f'{expected}')
+    nodes.client.spin_until(
+        lambda: instances(nodes, concept) == expected, f'{expected}', pause=POLL
+    )
 
 
 def load(nodes: Nodes, folder: Path, text: str) -> Any:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from itertools import count
-from typing import Any
+from typing import Any, ClassVar
 
 import pytest
 from dyknow_interfaces import srv
@@ -20,6 +20,7 @@ from dyknow_interfaces.msg import (
 
 from dyknow_common.ros import VIOLATIONS
 from services import LATCHED, Nodes, assert_refused, nanoseconds, time_of
+from system import POLL
 
 ENGINE = 'stream_reasoning_engine'
 SECOND = 1_000_000_000
@@ -38,8 +39,21 @@ def nodes(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Nodes]:
         yield nodes
 
 
+@pytest.fixture(autouse=True)
+def clean(nodes: Nodes) -> Iterator[None]:
+    """No group, topic or subscription of a test is left to the next one."""
+    yield
+    while Group.made:
+        nodes.call(ENGINE, srv.FormulaGroupDestroy, formula_group_id=Group.made.pop())
+    while States.publishers:
+        nodes.client.node.destroy_publisher(States.publishers.pop())
+    nodes.stop_collecting()
+
+
 class States:
     """A stream of states that a test publishes."""
+
+    publishers: ClassVar[list[Any]] = []
 
     def __init__(self, nodes: Nodes, topic: str = '') -> None:
         self.topic = topic or f'/states/number_{next(NUMBERS)}'
@@ -49,6 +63,7 @@ class States:
         self._violations = node.create_publisher(
             ConstraintViolation, f'{self.topic}/violations', VIOLATIONS
         )
+        self.publishers.extend((self._states, self._violations))
 
     @property
     def is_heard(self) -> bool:
@@ -86,10 +101,13 @@ class States:
 class Group:
     """A formula group, evaluated."""
 
+    made: ClassVar[list[int]] = []
+
     def __init__(self, nodes: Nodes, states: States, *formulas: str) -> None:
         self._nodes = nodes
         made = nodes.obtain(ENGINE, srv.FormulaGroupCreate, formula_group_name='power')
         self.number = made.formula_group_id
+        self.made.append(self.number)
         self.topic = f'/results/of_{self.number}'
         self.results: list[Any] = nodes.collect(FormulaResult, self.topic, LATCHED)
         self._progress = nodes.collect(FormulaProgress, f'/{ENGINE}/progress')
@@ -396,6 +414,8 @@ def test_orphans_are_destroyed(nodes: Nodes) -> None:
     listened = Group(nodes, States(nodes), CALM)
     nodes.client.spin_until(lambda: states.is_heard, 'the states are heard')
     nodes.client.spin_until(lambda: states.is_left, 'the group that is not heard is destroyed')
-    nodes.client.spin_until(lambda: forgotten not in known_groups(nodes), 'the other one is, too')
+    nodes.client.spin_until(
+        lambda: forgotten not in known_groups(nodes), 'the other one is, too', pause=POLL
+    )
     assert str(made.formula_group_id) not in known_groups(nodes)
     assert str(listened.number) in known_groups(nodes)

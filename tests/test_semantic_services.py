@@ -13,6 +13,7 @@ from sensor_msgs.msg import BatteryState
 
 from dyknow_bringup.resources import uav_ontology_path
 from services import LATCHED, Nodes, assert_refused
+from system import POLL
 
 ONTOLOGY = 'ontology_manager'
 SEMANTICS = 'stream_semantics_manager'
@@ -192,7 +193,7 @@ def test_the_fields_of_a_topic_are_checked_once_its_type_is_known(
             nodes.obtain(SEMANTICS, srv.RemoveSemanticSpecification, stream_name=topic)
         return answer.exit_status
 
-    nodes.client.spin_until(lambda: refused().code == code, f'the check of {field}')
+    nodes.client.spin_until(lambda: refused().code == code, f'the check of {field}', pause=POLL)
     if words:
         assert_refused(refused(), code, *words)
     nodes.client.node.destroy_publisher(publisher)

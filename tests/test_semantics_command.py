@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import subprocess
 from collections.abc import Iterator
 
@@ -31,10 +32,10 @@ def nodes(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Nodes]:
         yield nodes
 
 
-def semantics(*arguments: str) -> subprocess.CompletedProcess[str]:
-    # The client of the nodes has put their ROS domain into the environment.
+def semantics(nodes: Nodes, *arguments: str) -> subprocess.CompletedProcess[str]:
     return subprocess.run(
         [executable_path('dyknow_semantics', 'semantics'), *arguments],
+        env={**os.environ, **nodes.environment},
         capture_output=True,
         text=True,
         timeout=LIMIT,
@@ -42,35 +43,33 @@ def semantics(*arguments: str) -> subprocess.CompletedProcess[str]:
     )
 
 
-@pytest.mark.usefixtures('nodes')
-def test_the_hierarchies() -> None:
-    shown = semantics()
+def test_the_hierarchies(nodes: Nodes) -> None:
+    shown = semantics(nodes)
     assert shown.returncode == 0, shown.stderr
     assert 'uav1_power carries Power[uav1]' in shown.stdout
     assert '(no stream)' in shown.stdout
-    concepts = {each['name']: each for each in json.loads(semantics('--json').stdout)['concepts']}
+    concepts = {
+        each['name']: each for each in json.loads(semantics(nodes, '--json').stdout)['concepts']
+    }
     assert concepts['Power']['streams'] == ['uav1_power carries Power[uav1]']
     assert not concepts['Altitude']['is_provided']
 
 
-@pytest.mark.usefixtures('nodes')
-def test_why_a_stream_matches() -> None:
-    shown = semantics('--explain', 'Power[u] for every u in UAV', '--json')
+def test_why_a_stream_matches(nodes: Nodes) -> None:
+    shown = semantics(nodes, '--explain', 'Power[u] for every u in UAV', '--json')
     assert shown.returncode == 0, shown.stderr
     (found,) = json.loads(shown.stdout)
     assert found['matches']
     assert found['reason'] == 'exact match: uav1_power carries Power[uav1]; kW is converted to W'
 
 
-@pytest.mark.usefixtures('nodes')
-def test_a_concept_that_is_unknown() -> None:
-    shown = semantics('--explain', 'Powr')
+def test_a_concept_that_is_unknown(nodes: Nodes) -> None:
+    shown = semantics(nodes, '--explain', 'Powr')
     assert shown.returncode == 1
     assert "unknown concept 'Powr'" in shown.stderr
 
 
-@pytest.mark.usefixtures('nodes')
-def test_a_node_that_is_not_there() -> None:
-    shown = semantics('--ontology-manager', 'nobody', '--timeout', '0.5 s')
+def test_a_node_that_is_not_there(nodes: Nodes) -> None:
+    shown = semantics(nodes, '--ontology-manager', 'nobody', '--timeout', '0.5 s')
     assert shown.returncode == 2
     assert '/nobody' in shown.stderr

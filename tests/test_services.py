@@ -16,7 +16,7 @@ from dyknow_interfaces.msg import ExitStatus, StreamSpec
 
 from dyknow_bringup.resources import executable_path
 from services import LATCHED, PACKAGES, SERVICES, Nodes, assert_refused, service_name
-from system import private_environment
+from system import LIMIT, private_environment
 
 
 @pytest.fixture(scope='module')
@@ -82,7 +82,7 @@ def test_a_bad_file_ends_a_node_with_one_clear_complaint(
         env={**os.environ, **private_environment()},
         capture_output=True,
         text=True,
-        timeout=20,
+        timeout=LIMIT,
         check=False,
     )
     first, *place = ended.stderr.splitlines()

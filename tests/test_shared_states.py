@@ -19,8 +19,8 @@ SECOND = 1_000_000_000
 @pytest.fixture(autouse=True)
 def calm(system: System, batteries: Batteries, evaluations: Evaluations) -> Iterator[None]:
     """Every test begins with 100 W everywhere, and leaves nothing behind."""
-    batteries.silent.clear()
     batteries.power.update(dict.fromkeys(batteries.power, 100.0))
+    batteries.end_silence()
     system.wait_for_streams()
     yield
     evaluations.wait_for_nothing()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from contextlib import closing
 
 import pytest
 from dyknow_interfaces.msg import ExitStatus, FormulaResult
@@ -10,7 +11,7 @@ from std_msgs.msg import Float64
 
 from evaluations import Evaluations, Spares
 from services import nanoseconds
-from system import Batteries, System
+from system import SOON_NOTICED, Batteries, SharedSystem, System
 
 TRUE, FALSE, UNDECIDED = FormulaResult.TRUE, FormulaResult.FALSE, FormulaResult.UNDECIDED
 SECOND = 1_000_000_000
@@ -20,16 +21,16 @@ pytestmark = pytest.mark.usefixtures('calm')
 
 
 @pytest.fixture(scope='module')
-def system(tmp_path_factory: pytest.TempPathFactory) -> Iterator[System]:
-    parameters = {'stream_reasoning_coordinator': {'silence_limit': 2.5}}
-    with System(tmp_path_factory.mktemp('system'), parameters=parameters) as running:
-        yield running
+def system(shared_system: SharedSystem) -> System:
+    return shared_system.get(parameters=SOON_NOTICED)
 
 
 @pytest.fixture(scope='module')
-def batteries(system: System) -> Batteries:
+def batteries(system: System) -> Iterator[Batteries]:
     """The fleet, and a battery of `spare1` that stands in for the one of `uav1`."""
-    return Batteries(system.client, (*system.vehicles, 'spare1', 'spare2'))
+    vehicles = (*system.vehicles, 'spare1', 'spare2')
+    with closing(Batteries(system.client, vehicles)) as publishing:
+        yield publishing
 
 
 def test_a_stream_that_falls_silent_is_replaced(
@@ -61,7 +62,7 @@ def test_no_state_has_a_value_that_is_not_known(
     spares.power(SPARE, 'spare1', of='uav1')
     batteries.power['uav1'] = 240.0
     future = system.ask('always (Power[uav2] > 200 -> Power[uav1] < 150)', timeout=20.0)
-    evaluations.wait_for(1)
+    evaluations.wait_for_state()
     silence = batteries.stamp
     batteries.silent.add('uav1')
     system.client.spin_until(lambda: batteries.stamp > silence + SECOND // 2, 'half a second')

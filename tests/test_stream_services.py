@@ -27,7 +27,7 @@ from std_msgs.msg import Float64
 
 from dyknow_bringup.resources import executable_path
 from services import LATCHED, Nodes, Telemetry, assert_refused, nanoseconds, time_of
-from system import private_environment
+from system import LIMIT, POLL, private_environment
 
 ENGINE = 'stream_processing_engine'
 MANAGER = 'stream_manager'
@@ -213,7 +213,7 @@ def managed(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Nodes]:
             answer = nodes.call(MANAGER, srv.StreamCreateFromSpec, spec=spec)
             return bool(answer.exit_status.code != ExitStatus.UNAVAILABLE)
 
-        nodes.client.spin_until(made, 'the manager has found the engine')
+        nodes.client.spin_until(made, 'the manager has found the engine', pause=POLL)
         yield nodes
 
 
@@ -337,7 +337,7 @@ def test_a_published_stream_needs_no_registration(managed: Nodes) -> None:
         found = managed.call(MANAGER, srv.StreamGetTopic, stream_name='external')
         return bool(found.topic_name == '/dyknow/streams/external')
 
-    managed.client.spin_until(known, 'the manager sees the topic')
+    managed.client.spin_until(known, 'the manager sees the topic', pause=POLL)
     samples = create(managed, 'convention', 'select data from external', MANAGER)
     managed.client.spin_until(lambda: bool(samples), 'a sample')
     managed.obtain(MANAGER, srv.StreamDestroy, stream_name='convention')
@@ -450,7 +450,7 @@ def test_an_engine_cannot_publish_where_no_topic_can_be(tmp_path: Path) -> None:
         env={**os.environ, **private_environment()},
         capture_output=True,
         text=True,
-        timeout=20,
+        timeout=LIMIT,
         check=False,
         cwd=tmp_path,
     )
