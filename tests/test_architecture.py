@@ -1,0 +1,33 @@
+"""The maintainers' page names files and names that exist."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parent.parent
+
+
+_FILE = re.compile(r'`(\w+/[\w/]+\.(?:py|lark|msg|owl))`(?: \(((?:`[^`]+`(?:, )?)+)\))?')
+
+
+def _files_of_changes() -> list[tuple[str, str]]:
+    """The files and the names in parentheses of the table of changes."""
+    text = (ROOT / 'docs' / 'architecture.md').read_text(encoding='utf-8')
+    table = text.partition('## Where to make which change')[2]
+    return _FILE.findall(table)
+
+
+@pytest.mark.parametrize(('path', 'names'), _files_of_changes())
+def test_the_table_of_changes_names_what_is_there(path: str, names: str) -> None:
+    package = path.partition('/')[0]
+    folder = ROOT if package == 'dyknow_interfaces' else ROOT / package
+    text = (folder / path).read_text(encoding='utf-8')
+    for name in re.findall(r'`([^`]+)`', names):
+        assert re.search(rf'\b{re.escape(name)}\b', text), name
+
+
+def test_the_table_of_changes_has_the_usual_changes() -> None:
+    assert len(_files_of_changes()) > 60

@@ -1,0 +1,88 @@
+"""The checks of the code base find what breaks a rule."""
+
+from __future__ import annotations
+
+import importlib.util
+from pathlib import Path
+from types import ModuleType
+
+import pytest
+
+ROOT = Path(__file__).parent.parent
+
+MANIFEST = '<package><depend>numpy</depend><exec_depend>python3-rich</exec_depend></package>'
+
+
+@pytest.fixture
+def checks(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> ModuleType:
+    """The checks, applied to a small workspace of one package."""
+    path = ROOT / 'tools' / 'check_code_base.py'
+    spec = importlib.util.spec_from_file_location('check_code_base', path)
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    monkeypatch.setattr(module, 'ROOT', tmp_path)
+    package = tmp_path / 'dyknow_example'
+    (package / 'dyknow_example').mkdir(parents=True)
+    (package / 'test').mkdir()
+    (package / 'setup.py').touch()
+    (package / 'package.xml').write_text(MANIFEST)
+    return module
+
+
+def write(checks: ModuleType, name: str, text: str) -> None:
+    (checks.ROOT / 'dyknow_example' / 'dyknow_example' / name).write_text(text)
+
+
+def test_a_class_name_in_two_modules(checks: ModuleType) -> None:
+    write(checks, 'one.py', 'class State: pass\nclass Other: pass\n')
+    assert not list(checks.repeated_class_names())
+    write(checks, 'two.py', 'class State: pass\n')
+    (fault,) = checks.repeated_class_names()
+    assert fault.startswith('class State is defined 2 times: ')
+
+
+def test_long_files_and_functions(checks: ModuleType) -> None:
+    write(checks, 'one.py', 'def work():\n' + '    pass\n' * 39)
+    assert not list(checks.long_code())
+    write(checks, 'one.py', 'def work():\n' + '    pass\n' * 40 + '\n' * 360)
+    assert [fault.partition(' has ')[2] for fault in checks.long_code()] == [
+        '401 lines, more than 400',
+        '41 lines, more than 40',
+    ]
+
+
+def test_folders_with_many_modules(checks: ModuleType) -> None:
+    for number in range(13):
+        write(checks, f'module_{number}.py', '')
+    write(checks, '__init__.py', '')
+    assert not list(checks.large_folders())
+    write(checks, 'module_13.py', '')
+    assert list(checks.large_folders()) == [
+        'dyknow_example/dyknow_example has 14 modules, more than 13'
+    ]
+
+
+def test_dependencies_that_package_xml_and_imports_disagree_about(checks: ModuleType) -> None:
+    write(checks, 'one.py', 'import re\nimport lark.lexer\nfrom rich import print\n')
+    (checks.ROOT / 'dyknow_example' / 'test' / 'test_one.py').write_text('import hypothesis\n')
+    assert sorted(checks.undeclared_dependencies()) == [
+        'dyknow_example/package.xml declares numpy, which nothing uses',
+        'dyknow_example/package.xml lacks <depend>python3-lark-parser</depend>',
+        'dyknow_example/package.xml lacks <test_depend>python3-hypothesis</test_depend>',
+    ]
+
+
+def test_modules_that_import_each_other(
+    checks: ModuleType, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.syspath_prepend(checks.ROOT / 'dyknow_example')
+    write(checks, '__init__.py', '')
+    write(checks, 'one.py', 'from dyknow_example import two\n')
+    write(checks, 'two.py', '')
+    assert not list(checks.import_cycles())
+    write(checks, 'two.py', 'from dyknow_example import one\n')
+    (fault,) = checks.import_cycles()
+    assert 'dyknow_example.one' in fault
+    assert 'dyknow_example.two' in fault
