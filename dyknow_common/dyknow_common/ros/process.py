@@ -22,6 +22,9 @@ from dyknow_common.ros.node import DyKnowNode
 SHUTDOWN_TIMEOUT_S = 5.0
 """The time that a node may take to stop."""
 
+HANG_TIMEOUT_S = 9.0
+"""The time that the middleware may take to stop: seconds on a busy machine. Launchers wait 10 s."""
+
 
 def _exit_after_shutdown() -> None:
     """End the process some time after its context is shut down, even if the node hangs.
@@ -44,7 +47,7 @@ def _exit_without_threads() -> None:
     The middleware may keep all threads of Python from running while it waits.
     """
     with suppress(AttributeError, OSError, RuntimeError, ValueError):  # without stderr
-        faulthandler.dump_traceback_later(SHUTDOWN_TIMEOUT_S + 1.0, exit=True)
+        faulthandler.dump_traceback_later(HANG_TIMEOUT_S, exit=True)
 
 
 def run(make_node: Callable[[], DyKnowNode], arguments: Sequence[str] | None = None) -> int:
@@ -77,4 +80,7 @@ def run(make_node: Callable[[], DyKnowNode], arguments: Sequence[str] | None = N
         if node is not None:
             node.destroy_node()
         rclpy.try_shutdown()
+        if node is not None:
+            # The middleware has stopped. The rest may take its time.
+            faulthandler.cancel_dump_traceback_later()
     return 0
