@@ -25,7 +25,8 @@ Symbols: TypeAlias = tuple[Sequence[int], Sequence[Array]]
 class InstancePool:
     """Individual instances and batches.
 
-    The lists `singles` and `batches` are replaced, not changed, if instances come or go.
+    The lists `singles` and `batches` are replaced, not changed, if instances come or go. `latest`
+    is the valid time of the latest state, in nanoseconds.
     """
 
     def __init__(self) -> None:
@@ -42,19 +43,14 @@ class InstancePool:
         ]
 
     def states(self, latest: int) -> Iterator[InstanceState]:
-        """Return the states of the instances; `latest` is the valid time of the latest state."""
+        """Return the states of the instances."""
         for single in self.singles:
             yield single.state(latest)
         for batch in self.batches:
             yield from batch.states(latest)
 
     def add(self, states: Iterable[InstanceState], latest: int) -> None:
-        """Add instances; those with one batch key become a batch if there are enough.
-
-        Args:
-            states: the states of the instances to add.
-            latest: the valid time of the latest state.
-        """
+        """Add instances; those with one batch key become a batch if there are enough."""
         new: defaultdict[Hashable, list[InstanceState]] = defaultdict(list)
         for state in states:
             new[state.instance.batch_key].append(state)

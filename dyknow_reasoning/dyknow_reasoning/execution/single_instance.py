@@ -20,10 +20,8 @@ from dyknow_reasoning.progression.nodes import Sides, slots
 class SingleInstance:
     """An undecided instance, at a configuration, or at a location with clocks.
 
-    `read` returns the truth of the atoms in `mask`, on which the instance depends now.
-
-    Args:
-        state: the state of the instance.
+    `read` returns the truth of the atoms in `mask`, on which the instance depends now. `latest` is
+    the valid time of the latest state.
     """
 
     __slots__ = (
@@ -53,18 +51,18 @@ class SingleInstance:
         self._read_for(self._location)
 
     def position(self, latest: int) -> tuple[Location, Times]:
-        """Return the location and the clocks; `latest` is the valid time of the latest state."""
+        """Return the location and the clocks."""
         found = self.configuration
         if found is None:
             return self._location, self._times
         return found.location, tuple(latest - age for age in found.ages)
 
     def state(self, latest: int) -> InstanceState:
-        """Return the state of the instance; `latest` as in `position`."""
+        """Return the state of the instance."""
         return InstanceState(self.instance, self.template, *self.position(latest), self._origins)
 
     def leave_configurations(self, latest: int) -> Location:
-        """Stop using configurations; return the location. `latest` as in `position`."""
+        """Stop using configurations; return the location."""
         self._location, self._times = self.position(latest)
         self.configuration = None
         return self._location

@@ -109,16 +109,15 @@ class _Explainer:
     def _reasons_of_window(self, node: Window, *, fresh: bool) -> list[str]:
         if self._progressed(node, fresh=fresh) is not constant(value=node.universal):
             return self._during(node, self._reasons(node.right, fresh=True), fresh=fresh)
-        end = self._end(node, fresh=fresh)
-        if end is not None and end <= self._now:
-            return self._reasons_of_closed_window(node, end, fresh=fresh)
-        return self._during(node, self._reasons(node.left, fresh=True), fresh=fresh)
-
-    def _reasons_of_closed_window(self, node: Window, end: int, *, fresh: bool) -> list[str]:
+        origin = self._origin(node, fresh=fresh)
+        if node.end is None or origin is None or origin + node.end.offset > self._now:
+            return self._during(node, self._reasons(node.left, fresh=True), fresh=fresh)
+        end = origin + node.end.offset
+        intervals = self._intervals[sides(node)]
+        start = origin + next(iter(intervals)).start
+        from_start = f'from {round_time(start)} ' if len(intervals) == 1 else ''
+        span = f'{from_start}to {round_time(end)}'
         right = _shortened(residual_text(node.right, self._atoms))
-        opened = self._opened(node, fresh=fresh)
-        start = '' if opened is None else f'from {round_time(opened)} '
-        span = f'{start}to {round_time(end)}'
         if node.universal:
             return [f"'{right}' held at every state {span}"]
         last = self._reasons(node.right, fresh=True) if end == self._now else []
@@ -132,13 +131,6 @@ class _Explainer:
         due = 'awaited' if self._progressed(node, fresh=fresh) is TRUE else 'must hold'
         return [f'{" and ".join(reasons)} ({_operator(node)} {due} since {round_time(origin)})']
 
-    def _opened(self, node: Window, *, fresh: bool) -> int | None:
-        """Return the valid time at which the interval of a window began."""
-        origin, intervals = self._origin(node, fresh=fresh), self._intervals[sides(node)]
-        if origin is None or len(intervals) > 1:
-            return None
-        return origin + next(iter(intervals)).start
-
     def _origin(self, node: Window, *, fresh: bool) -> int | None:
         """Return the valid time of the state that a window counts from; None if it is unknown."""
         if fresh:
@@ -147,23 +139,17 @@ class _Explainer:
             return self._before.window_origins.get(sides(node))
         return self._times[node.end.state]
 
-    def _end(self, node: Window, *, fresh: bool) -> int | None:
-        if node.end is None:
-            return None
-        begin = self._now if fresh else self._times[node.end.state]
-        return begin + node.end.offset
-
     def _remaining(self, node: Junction, *, fresh: bool) -> str:
         """Return the text of what remains of a junction after this state."""
-        word = 'and' if node.universal else 'or'
-        parts = parts_in_order(node, self._atoms)
-        progressed = (self._progressed(part, fresh=fresh) for part in parts)
+        progressed = (
+            self._progressed(part, fresh=fresh) for part in parts_in_order(node, self._atoms)
+        )
         texts = (
-            remaining_text(part, self._times, self._now, self._atoms)
+            f'({remaining_text(part, self._times, self._now, self._atoms)})'
             for part in progressed
             if type(part) is not Constant
         )
-        return _shortened(f' {word} '.join(f'({text})' for text in texts))
+        return _shortened((' and ' if node.universal else ' or ').join(texts))
 
     def _fact(self, literal: Literal) -> str:
         """Return the value of an atom at this state, compared with its bound."""

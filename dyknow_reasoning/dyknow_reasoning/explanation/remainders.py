@@ -16,9 +16,6 @@ class Remainders:
 
     If an instance has two halves after a gap, the optimistic one is used: the rest of the states
     must satisfy it for the formula not to be false.
-
-    Args:
-        monitor: has the instances.
     """
 
     def __init__(self, monitor: InstanceMonitor) -> None:

@@ -87,11 +87,7 @@ Decision: TypeAlias = Move | Guard
 
 
 class Automaton:
-    """Progresses the instances of one template.
-
-    Args:
-        formula: the fresh formula.
-    """
+    """Progresses the instances of one template, given by the fresh formula."""
 
     def __init__(self, formula: Node) -> None:
         self.initial = _location(formula, 0)

@@ -17,12 +17,15 @@ With a period of 1 ms, there are 2001 configurations.
 
 from __future__ import annotations
 
+from dataclasses import dataclass, field
+
 from dyknow_reasoning.execution.automata.automaton import Automaton, Location, Times
 
 _MAX_CONFIGURATIONS = 1 << 14
 _MAX_STEPS = 16
 
 
+@dataclass(eq=False, slots=True)
 class Configuration:
     """A location and the ages of its clocks.
 
@@ -30,15 +33,13 @@ class Configuration:
         number: the index in the list of configurations.
         location: the location.
         ages: for each clock, the nanoseconds from its time to the latest state.
+        rows: the row of the table for each step of time.
     """
 
-    __slots__ = ('ages', 'location', 'number', 'rows')
-
-    def __init__(self, number: int, location: Location, ages: Times) -> None:
-        self.number = number
-        self.location = location
-        self.ages = ages
-        self.rows: dict[int, Row] = {}
+    number: int
+    location: Location
+    ages: Times
+    rows: dict[int, Row] = field(default_factory=dict)
 
     def row(self, elapsed: int) -> Row:
         """Return the row of the table for a step of time in nanoseconds."""
@@ -92,13 +93,7 @@ class Configurations:
         return found
 
     def step(self, before: Configuration, symbol: int, elapsed: int) -> Configuration:
-        """Return the configuration after a state.
-
-        Args:
-            before: the configuration before the state.
-            symbol: the truth of the atoms that its location depends on, as bits.
-            elapsed: nanoseconds since the previous state.
-        """
+        """Return the configuration after a state that comes `elapsed` ns after the previous one."""
         times = (*(-age - elapsed for age in before.ages), 0)
         location = before.location
         move = self._automaton.move(location, symbol, times)

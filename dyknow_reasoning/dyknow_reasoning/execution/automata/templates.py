@@ -11,11 +11,7 @@ from dyknow_reasoning.progression.nodes import Node, Window, descendants
 
 
 class Template:
-    """The automaton of some instances, of one formula or of several.
-
-    Args:
-        formula: the fresh formula of the instances.
-    """
+    """The automaton of some instances, of one formula or of several."""
 
     def __init__(self, formula: Node) -> None:
         self.automaton = Automaton(formula)

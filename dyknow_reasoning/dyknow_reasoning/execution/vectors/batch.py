@@ -28,11 +28,7 @@ from dyknow_reasoning.progression.nodes import slots
 
 
 class Batch:
-    """Undecided instances with one batch key.
-
-    Args:
-        states: the states of the instances.
-    """
+    """Undecided instances with one batch key."""
 
     def __init__(self, states: Sequence[InstanceState]) -> None:
         self.key = states[0].instance.batch_key
@@ -92,14 +88,7 @@ class Batch:
     def step(
         self, symbols: Array, now: int, elapsed: int, *, regular: bool
     ) -> list[InstanceVerdict]:
-        """Progress the instances over a state; return the verdicts.
-
-        Args:
-            symbols: the truth of the atoms of each instance, as bits.
-            now: the valid time of the state, in nanoseconds.
-            elapsed: nanoseconds since the previous state.
-            regular: True if steps of time repeat.
-        """
+        """Progress the instances over a state; the arguments are those of `SingleInstance.step`."""
         vectors = self._vectors_for(now - elapsed, regular=regular)
         decided = vectors.step(symbols, now, elapsed)
         self._origins.update(vectors, now)

@@ -61,10 +61,7 @@ class Decided(NamedTuple):
 class TabulatedVectors:
     """The number of the configuration of each instance.
 
-    Args:
-        configurations: the configurations of the template.
-        numbers: the number of a configuration for each instance.
-        width: the number of possible symbols, truths of the atoms as bits.
+    `width` is the number of possible symbols, which are the truths of the atoms as bits.
     """
 
     def __init__(self, configurations: Configurations, numbers: Array, width: int) -> None:
@@ -144,7 +141,7 @@ class ClockedVectors:
     Args:
         automaton: the automaton of the template.
         positions: locations, each with its clocks.
-        width: the number of possible symbols, truths of the atoms as bits.
+        width: the number of possible symbols.
         chosen: for each instance, the index of its position.
     """
 

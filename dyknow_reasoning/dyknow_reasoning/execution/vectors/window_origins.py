@@ -17,9 +17,6 @@ class WindowOrigins:
     """The window origins of the instances of a batch.
 
     If no window opens after the first state of an instance, the time of that state is the origin.
-
-    Args:
-        states: the states of the instances.
     """
 
     def __init__(self, states: Sequence[InstanceState]) -> None:
