@@ -16,6 +16,7 @@ import re
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from importlib.resources import files
 from typing import Any, Final, TypeVar
 
@@ -132,10 +133,17 @@ class Language:
     ) -> None:
         self.name = name
         self._spellings = {**_SPELLINGS, **spellings}
-        self._parser = Lark(
-            files(package).joinpath(grammar).read_text(encoding='utf-8'),
+        self._package = package
+        self._grammar = grammar
+        self._start = start
+
+    @cached_property
+    def _parser(self) -> Lark:
+        # Made at the first use: a process that parses nothing starts sooner.
+        return Lark(
+            files(self._package).joinpath(self._grammar).read_text(encoding='utf-8'),
             parser='lalr',
-            start=start,
+            start=self._start,
             propagate_positions=True,
             import_paths=[str(files('dyknow_common'))],
         )
