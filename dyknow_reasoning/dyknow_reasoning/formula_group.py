@@ -41,7 +41,8 @@ class FormulaGroup:
     """Formulas that are progressed over the same states, each until it is decided.
 
     Add formulas, call `begin` with the domains, then `progress` for each state. Formulas may be
-    added and removed at any time.
+    added and removed at any time. Methods raise ReasoningError for an unknown formula id, and if
+    they need the domains before `begin`.
 
     Args:
         node_limit: a formula that grows to more nodes by progression fails.
@@ -93,11 +94,7 @@ class FormulaGroup:
         return formula_id
 
     def remove_formula(self, formula_id: int) -> None:
-        """Remove a formula.
-
-        Raises:
-            ReasoningError: for an unknown formula.
-        """
+        """Remove a formula."""
         self._find(formula_id)
         if self._monitor and formula_id in self._undecided:
             self._monitor.remove([formula_id])
@@ -140,9 +137,6 @@ class FormulaGroup:
         """Return the results of the formulas that are decided for all states.
 
         Without a call they are returned with the first state.
-
-        Raises:
-            ReasoningError: before `begin`.
         """
         self._begun()
         return self._known_results(None)
@@ -155,10 +149,7 @@ class FormulaGroup:
 
         Args:
             valid_time: the valid time of the state, in nanoseconds.
-            values: a value for each feature of objects, by the name `Symbol.field`.
-
-        Raises:
-            ReasoningError: before `begin`.
+            values: a value for each feature of objects, by the text of its `Symbol`.
         """
         monitor = self._monitor or self._begun()
         quick_step = monitor.quick_step
@@ -182,7 +173,7 @@ class FormulaGroup:
             columns: for each feature of objects, its values at the states; may be numpy arrays.
 
         Raises:
-            ReasoningError: for columns of different lengths, or before `begin`.
+            ReasoningError: for columns of different lengths.
         """
         monitor = self._begun()
         recording = Recording.read(valid_times, columns)
@@ -200,9 +191,6 @@ class FormulaGroup:
 
         No verdict depends on them: see `progression.gaps`. A formula that can become neither true
         nor false fails. Formulas that have seen no state are not affected.
-
-        Raises:
-            ReasoningError: before `begin`.
         """
         self._begun().gap()
 
@@ -222,9 +210,6 @@ class FormulaGroup:
         """Return the canonical text of what remains of a formula, for the states to come.
 
         After a state, its intervals count from that state.
-
-        Raises:
-            ReasoningError: for an unknown formula.
         """
         formula = self._find(formula_id)
         if formula_id in self._ends:
@@ -239,9 +224,6 @@ class FormulaGroup:
         Then all that must always hold does, and all that must eventually hold does not. After a
         gap, this is about the formula of `residual`. Return False for a formula that failed, and
         before `begin`.
-
-        Raises:
-            ReasoningError: for an unknown formula.
         """
         self._find(formula_id)
         if formula_id in self._ends:

@@ -18,29 +18,11 @@ from typing import TypeAlias
 from dyknow_reasoning.progression.bounds import Bound
 
 
-@dataclass(eq=False, slots=True)
-class Constant:
-    """A decided formula."""
-
-    value: bool
-    serial: int = 0
-    mask: int = 0
-    size: int = 1
-    depth: int = 0
-    unbounded: tuple[Window, ...] = ()
-
-
-TRUE = Constant(True)
-FALSE = Constant(False)
-
-
-@dataclass(eq=False, slots=True)
-class Literal:
-    """An atom or its negation.
+@dataclass(eq=False, slots=True, kw_only=True)
+class _NodeBase:
+    """Attributes of all nodes.
 
     Args:
-        slot: the number of the atom.
-        positive: False for the negation.
         serial: increases in the order in which nodes are made.
         mask: the slots of all atoms in the node, as bits.
         size: the number of nodes that a text of the formula would show.
@@ -48,30 +30,42 @@ class Literal:
         unbounded: the windows without an end that are open now.
     """
 
-    slot: int
-    positive: bool
-    serial: int
-    mask: int
+    serial: int = 0
+    mask: int = 0
     size: int = 1
     depth: int = 0
     unbounded: tuple[Window, ...] = ()
 
 
 @dataclass(eq=False, slots=True)
-class Junction:
+class Constant(_NodeBase):
+    """A decided formula."""
+
+    value: bool
+
+
+TRUE = Constant(True)
+FALSE = Constant(False)
+
+
+@dataclass(eq=False, slots=True)
+class Literal(_NodeBase):
+    """The atom of a slot, or its negation if not positive."""
+
+    slot: int
+    positive: bool
+
+
+@dataclass(eq=False, slots=True)
+class Junction(_NodeBase):
     """All of some formulas, or at least one of them, in the order of their first atoms."""
 
     universal: bool
     parts: tuple[Node, ...]
-    serial: int
-    mask: int
-    size: int
-    depth: int
-    unbounded: tuple[Window, ...]
 
 
 @dataclass(eq=False, slots=True)
-class Window:
+class Window(_NodeBase):
     """`left until[start, end] right`, or its dual if universal.
 
     The dual: `right` holds at each state of the interval, up to the first one that comes after a
@@ -84,11 +78,6 @@ class Window:
     end: Bound | None
     left: Node
     right: Node
-    serial: int
-    mask: int
-    size: int
-    depth: int
-    unbounded: tuple[Window, ...] = ()
 
 
 Node: TypeAlias = Constant | Literal | Junction | Window

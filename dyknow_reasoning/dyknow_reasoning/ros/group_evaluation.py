@@ -77,12 +77,7 @@ class GroupEvaluation:
         return self._current is not None
 
     def add_formula(self, name: str, text: str) -> int:
-        """Add a formula, which begins with the next state, and return its id.
-
-        Raises:
-            LanguageError: as `FormulaGroup.add_formula`.
-            ReasoningError: as `FormulaGroup.add_formula`.
-        """
+        """Add a formula and return its id; raise the errors of `FormulaGroup.add_formula`."""
         formula_id = self.group.add_formula(name, text)
         self._states_before[formula_id] = self._states
         if self.has_begun:
@@ -90,11 +85,7 @@ class GroupEvaluation:
         return formula_id
 
     def remove_formula(self, formula_id: int) -> None:
-        """Remove a formula.
-
-        Raises:
-            ReasoningError: for an unknown formula.
-        """
+        """Remove a formula; raise ReasoningError for an unknown one."""
         self.group.remove_formula(formula_id)
         del self._states_before[formula_id]
 
