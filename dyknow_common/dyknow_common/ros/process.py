@@ -80,7 +80,4 @@ def run(make_node: Callable[[], DyKnowNode], arguments: Sequence[str] | None = N
         if node is not None:
             node.destroy_node()
         rclpy.try_shutdown()
-        if node is not None:
-            # The middleware has stopped. The rest may take its time.
-            faulthandler.cancel_dump_traceback_later()
     return 0
