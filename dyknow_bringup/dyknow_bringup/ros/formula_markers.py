@@ -21,8 +21,6 @@ from dyknow_bringup.errors import BringupError
 from dyknow_bringup.markers.markers import Axes, Marker, formula_markers, objects_of
 from dyknow_common.ros import (
     LATCHED,
-    NO_PUBLISHER_EVENTS,
-    NO_SUBSCRIPTION_EVENTS,
     DyKnowNode,
     Throttle,
     run,
@@ -69,15 +67,9 @@ class FormulaMarkers(DyKnowNode):
         self._frame = ''
         self._frame_warning = Throttle(WARNING_PERIOD_S)
         self.create_subscription(
-            EvaluationStatusArray,
-            f'{coordinator}/evaluations',
-            self._on_evaluations,
-            LATCHED,
-            event_callbacks=NO_SUBSCRIPTION_EVENTS,
+            EvaluationStatusArray, f'{coordinator}/evaluations', self._on_evaluations, LATCHED
         )
-        self._markers = self.create_publisher(
-            MarkerArray, '~/markers', MARKERS, event_callbacks=NO_PUBLISHER_EVENTS
-        )
+        self._markers = self.create_publisher(MarkerArray, '~/markers', MARKERS)
         self.create_timer(PERIOD_S, self._publish_markers, clock=self.wall_clock)
 
     def _checked_axes(self, axes: Any) -> Axes:
@@ -120,7 +112,6 @@ class FormulaMarkers(DyKnowNode):
                 self._odometry.replace('<vehicle>', vehicle),
                 partial(self._on_odometry, vehicle),
                 qos_profile_sensor_data,
-                event_callbacks=NO_SUBSCRIPTION_EVENTS,
             )
         except InvalidTopicNameException as error:
             self.get_logger().warning(f'{vehicle} is not shown: {error}')

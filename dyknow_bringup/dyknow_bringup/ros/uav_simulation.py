@@ -10,7 +10,7 @@ from dyknow_bringup.simulation.scenario import load_scenario
 from dyknow_bringup.simulation.simulation import Simulation
 from dyknow_bringup.simulation.telemetry import Channel, topic
 from dyknow_bringup.simulation.telemetry_messages import MESSAGE_TYPES, ros_message
-from dyknow_common.ros import NO_PUBLISHER_EVENTS, DyKnowNode, run
+from dyknow_common.ros import DyKnowNode, run
 from dyknow_stream_processing.ros import message_class
 
 DEPTH = 100
@@ -34,10 +34,7 @@ class UavSimulation(DyKnowNode):
         self._scenario.check_fleet(self._vehicles)
         self._outputs = {
             (vehicle, channel): self.create_publisher(
-                message_class(MESSAGE_TYPES[channel]),
-                topic(vehicle, channel),
-                DEPTH,
-                event_callbacks=NO_PUBLISHER_EVENTS,
+                message_class(MESSAGE_TYPES[channel]), topic(vehicle, channel), DEPTH
             )
             for vehicle in self._vehicles
             for channel in Channel

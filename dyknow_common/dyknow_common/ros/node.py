@@ -16,7 +16,7 @@ from rclpy.node import Node
 
 from dyknow_common.errors import DyKnowError, ExitCode
 from dyknow_common.ros.deadlines import Deadlines
-from dyknow_common.ros.qos import NO_PUBLISHER_EVENTS, SERVICE, STATUS
+from dyknow_common.ros.qos import NO_PUBLISHER_EVENTS, NO_SUBSCRIPTION_EVENTS, SERVICE, STATUS
 
 RUNNING = 'running'
 """The message in the status of a node that has everything it needs."""
@@ -41,11 +41,21 @@ class DyKnowNode(Node):
         self._last_status: Any = None
         self.set_status(RUNNING)
 
+    def create_publisher(self, *arguments: Any, **options: Any) -> Any:
+        """Create a publisher, by default without event handlers, which cost time at messages."""
+        return super().create_publisher(
+            *arguments, **{'event_callbacks': NO_PUBLISHER_EVENTS, **options}
+        )
+
+    def create_subscription(self, *arguments: Any, **options: Any) -> Any:
+        """Create a subscription, by default without event handlers."""
+        return super().create_subscription(
+            *arguments, **{'event_callbacks': NO_SUBSCRIPTION_EVENTS, **options}
+        )
+
     def announce(self) -> None:
         """Publish the status; called when all services exist, since others then call them."""
-        self._status = self.create_publisher(
-            DiagnosticStatus, '~/status', STATUS, event_callbacks=NO_PUBLISHER_EVENTS
-        )
+        self._status = self.create_publisher(DiagnosticStatus, '~/status', STATUS)
         self._status.publish(self._last_status)
 
     def set_status(

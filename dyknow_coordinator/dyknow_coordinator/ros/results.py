@@ -6,7 +6,7 @@ from typing import Any, Final, Protocol
 
 from dyknow_interfaces.msg import FormulaProgress, FormulaResult
 
-from dyknow_common.ros import LATCHED_HISTORY, NO_SUBSCRIPTION_EVENTS, DyKnowNode
+from dyknow_common.ros import LATCHED_HISTORY, DyKnowNode
 
 _MAX_UNCLAIMED: Final = 1000
 _PROGRESS_DEPTH: Final = 1000
@@ -41,12 +41,7 @@ class Results:
         )
         for message_type, topic, callback, quality_of_service in subscriptions:
             node.create_subscription(
-                message_type,
-                topic,
-                callback,
-                quality_of_service,
-                callback_group=node.reentrant,
-                event_callbacks=NO_SUBSCRIPTION_EVENTS,
+                message_type, topic, callback, quality_of_service, callback_group=node.reentrant
             )
 
     def register(self, group_id: int, formula_id: int, listener: ResultListener) -> None:

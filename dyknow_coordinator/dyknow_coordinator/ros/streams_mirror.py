@@ -9,7 +9,7 @@ from dyknow_interfaces.msg import StreamStatus, StreamStatusArray
 from rclpy.exceptions import InvalidTopicNameException
 
 from dyknow_common import ExitCode
-from dyknow_common.ros import LATCHED, NO_SUBSCRIPTION_EVENTS, DyKnowNode, time_to_nanoseconds
+from dyknow_common.ros import LATCHED, DyKnowNode, time_to_nanoseconds
 from dyknow_coordinator.errors import CoordinationError
 from dyknow_coordinator.grounding.known_streams import KnownStream, KnownStreams
 from dyknow_coordinator.grounding.stream_fields import field_names
@@ -37,12 +37,7 @@ class StreamsMirror:
         self.known = self._known_streams(())
         self._on_change = on_change
         node.create_subscription(
-            StreamStatusArray,
-            topic,
-            self._on_report,
-            LATCHED,
-            callback_group=node.reentrant,
-            event_callbacks=NO_SUBSCRIPTION_EVENTS,
+            StreamStatusArray, topic, self._on_report, LATCHED, callback_group=node.reentrant
         )
 
     async def wait_for(self, name: str) -> None:

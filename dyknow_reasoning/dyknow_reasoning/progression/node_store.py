@@ -18,7 +18,6 @@ from dyknow_reasoning.progression.nodes import (
     constant,
     descendants,
     pending_parts,
-    sides,
 )
 
 _WindowKey: TypeAlias = tuple[bool, Bound | None, Bound | None, Node, Node]
@@ -187,7 +186,8 @@ class NodeStore:
         junctions = []
         for member in flat:
             if type(member) is Window:
-                groups.setdefault(sides(member), []).append(member)
+                key = (member.universal, member.left, member.right)
+                groups.setdefault(key, []).append(member)
             elif type(member) is Junction:
                 junctions.append(member)
             elif type(member) is Literal and self.negation(member) in flat:
@@ -275,7 +275,7 @@ class NodeStore:
             return True
         if type(part) is not Window:
             return False
-        windows = groups.get(sides(part), ())
+        windows = groups.get((part.universal, part.left, part.right), ())
         if part.universal is universal:
             return any(self._contains(window, part) for window in windows)
         return any(self._contains(part, window) for window in windows)

@@ -13,7 +13,6 @@ from dyknow_interfaces.msg import FormulaResult as FormulaResultMessage
 from dyknow_common import SECOND_NS, DyKnowError, ExitCode
 from dyknow_common.ros import (
     LATCHED_HISTORY,
-    NO_PUBLISHER_EVENTS,
     DyKnowNode,
     fill_exit_status,
     nanoseconds_to_time,
@@ -102,10 +101,7 @@ class GroupEvaluation:
         self.group.begin(domains)
         self._domains, self._result_topic = domains, result_topic
         self._results = self._node.create_publisher(
-            FormulaResultMessage,
-            result_topic,
-            LATCHED_HISTORY,
-            event_callbacks=NO_PUBLISHER_EVENTS,
+            FormulaResultMessage, result_topic, LATCHED_HISTORY
         )
         self.publish(self.group.decided_at_once())
         self._current = self._subscribe(state_stream)

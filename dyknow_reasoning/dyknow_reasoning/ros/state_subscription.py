@@ -11,7 +11,6 @@ from rclpy.exceptions import InvalidTopicNameException
 from rclpy.validate_topic_name import validate_topic_name
 
 from dyknow_common.ros import (
-    NO_SUBSCRIPTION_EVENTS,
     STREAM,
     VIOLATIONS,
     DyKnowNode,
@@ -76,11 +75,7 @@ class StateSubscription:
         # If both have messages, the subscription that is created first is served first. So no state
         # after a violation is processed before the violation.
         self._violations = node.create_subscription(
-            ConstraintViolation,
-            f'{topic}/violations',
-            self._on_violation,
-            VIOLATIONS,
-            event_callbacks=NO_SUBSCRIPTION_EVENTS,
+            ConstraintViolation, f'{topic}/violations', self._on_violation, VIOLATIONS
         )
         self._states = node.create_subscription(
             Sample,
@@ -88,7 +83,6 @@ class StateSubscription:
             # The types of rclpy do not know callbacks with message info.
             cast('Any', self._on_sample),
             STREAM,
-            event_callbacks=NO_SUBSCRIPTION_EVENTS,
         )
 
     def destroy(self) -> None:

@@ -16,7 +16,7 @@ from dyknow_interfaces.srv import (
 )
 
 from dyknow_common import SECOND_NS, ExitCode
-from dyknow_common.ros import NO_PUBLISHER_EVENTS, DyKnowNode, run
+from dyknow_common.ros import DyKnowNode, run
 from dyknow_reasoning.errors import ReasoningError
 from dyknow_reasoning.formula_group import FormulaGroup
 from dyknow_reasoning.ros.group_evaluation import GroupEvaluation
@@ -56,9 +56,7 @@ class StreamReasoningEngine(DyKnowNode):
         )
         self._groups: dict[int, GroupEvaluation] = {}
         self._ids = count(_first_id(self.started_at))
-        self._progress = self.create_publisher(
-            FormulaProgress, '~/progress', 100, event_callbacks=NO_PUBLISHER_EVENTS
-        )
+        self._progress = self.create_publisher(FormulaProgress, '~/progress', 100)
         self.create_timer(period, self._report_progress, clock=self.wall_clock)
         self.create_timer(_SUPERVISION_PERIOD_S, self._supervise_groups, clock=self.wall_clock)
         self.serve(FormulaGroupCreate, self._create)

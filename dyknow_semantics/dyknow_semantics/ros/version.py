@@ -7,7 +7,7 @@ from collections.abc import Iterable
 from dyknow_interfaces.msg import SemanticsVersion
 from std_msgs.msg import Header
 
-from dyknow_common.ros import LATCHED, NO_PUBLISHER_EVENTS, DyKnowNode
+from dyknow_common.ros import LATCHED, DyKnowNode
 
 
 class VersionPublisher:
@@ -16,9 +16,7 @@ class VersionPublisher:
     def __init__(self, node: DyKnowNode) -> None:
         self.number = 0
         self._node = node
-        self._publisher = node.create_publisher(
-            SemanticsVersion, '~/version', LATCHED, event_callbacks=NO_PUBLISHER_EVENTS
-        )
+        self._publisher = node.create_publisher(SemanticsVersion, '~/version', LATCHED)
 
     def publish_change(self, concepts: Iterable[str] = ()) -> None:
         """Publish the concepts whose matches or instances may have changed; empty: any concept."""

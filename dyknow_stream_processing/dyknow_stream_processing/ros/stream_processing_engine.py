@@ -13,7 +13,6 @@ from rclpy.validate_topic_name import validate_topic_name
 
 from dyknow_common import StreamConstraints
 from dyknow_common.ros import (
-    NO_PUBLISHER_EVENTS,
     RUNNING,
     STREAM,
     VIOLATIONS,
@@ -103,12 +102,8 @@ class StreamProcessingEngine(DyKnowNode):
         self._outputs[spec.name] = _Output(
             topic=topic,
             constraints=constraints,
-            samples=self.create_publisher(
-                Sample, topic, STREAM, event_callbacks=NO_PUBLISHER_EVENTS
-            ),
-            violations=self.create_publisher(
-                ConstraintViolation, violations, VIOLATIONS, event_callbacks=NO_PUBLISHER_EVENTS
-            ),
+            samples=self.create_publisher(Sample, topic, STREAM),
+            violations=self.create_publisher(ConstraintViolation, violations, VIOLATIONS),
             meter=FlowMeter(self.now()),
         )
         self._sources.refresh()

@@ -7,7 +7,7 @@ from typing import Any, Final
 
 from dyknow_interfaces.msg import SemanticsVersion
 
-from dyknow_common.ros import LATCHED, NO_SUBSCRIPTION_EVENTS, DyKnowNode
+from dyknow_common.ros import LATCHED, DyKnowNode
 
 DELAYS_S: Final = (0.3, 2.0)
 """Times of reactions to a change: soon, and when every node must have received it."""
@@ -29,12 +29,7 @@ class ChangeListener:
         self._pending: set[float] = set()
         for topic in topics:
             node.create_subscription(
-                SemanticsVersion,
-                topic,
-                self._on_version,
-                LATCHED,
-                callback_group=node.reentrant,
-                event_callbacks=NO_SUBSCRIPTION_EVENTS,
+                SemanticsVersion, topic, self._on_version, LATCHED, callback_group=node.reentrant
             )
 
     def _on_version(self, _version: Any) -> None:

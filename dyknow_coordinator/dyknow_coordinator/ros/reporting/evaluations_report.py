@@ -10,7 +10,7 @@ from dyknow_interfaces.msg import EvaluationStatusArray
 from rclpy.qos import QoSProfile
 
 from dyknow_common import SECOND_NS
-from dyknow_common.ros import LATCHED, NO_PUBLISHER_EVENTS, DyKnowNode
+from dyknow_common.ros import LATCHED, DyKnowNode
 from dyknow_coordinator.evaluation.evaluation import EvaluationPhase
 from dyknow_coordinator.reporting.evaluation_status import EvaluationStatus, details, diagnose
 from dyknow_coordinator.ros.reporting.evaluation_messages import status_to_message
@@ -48,12 +48,8 @@ class EvaluationsReport:
         self._statuses = statuses
         self._silence_limit_ns = round(silence_limit_s * SECOND_NS)
         self._is_pending = False
-        self._evaluations = node.create_publisher(
-            EvaluationStatusArray, '~/evaluations', LATCHED, event_callbacks=NO_PUBLISHER_EVENTS
-        )
-        self._diagnostics = node.create_publisher(
-            DiagnosticArray, '/diagnostics', DIAGNOSTICS, event_callbacks=NO_PUBLISHER_EVENTS
-        )
+        self._evaluations = node.create_publisher(EvaluationStatusArray, '~/evaluations', LATCHED)
+        self._diagnostics = node.create_publisher(DiagnosticArray, '/diagnostics', DIAGNOSTICS)
         node.create_timer(PERIOD_S, self._publish_periodically, clock=node.wall_clock)
         # Publish an empty report too, so observers know that the coordinator is alive.
         self.publish_soon()

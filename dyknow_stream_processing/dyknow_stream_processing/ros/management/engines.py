@@ -10,7 +10,7 @@ from dyknow_interfaces.msg import StreamStatusArray
 from dyknow_interfaces.srv import ListStreams, StreamCreateFromSpec, StreamDestroy
 
 from dyknow_common import SECOND_NS
-from dyknow_common.ros import LATCHED, NO_SUBSCRIPTION_EVENTS, DyKnowNode, RemoteNode
+from dyknow_common.ros import LATCHED, DyKnowNode, RemoteNode
 from dyknow_stream_processing.reporting.stream_report import StreamReport
 from dyknow_stream_processing.ros.messages.stream_report_messages import report_from_message
 
@@ -91,7 +91,6 @@ class Engines:
             partial(self._on_message, name),
             LATCHED,
             callback_group=self._node.reentrant,
-            event_callbacks=NO_SUBSCRIPTION_EVENTS,
         )
 
     def _on_engine_found(self, name: str) -> None:

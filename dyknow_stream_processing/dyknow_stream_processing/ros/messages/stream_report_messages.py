@@ -9,7 +9,6 @@ from dyknow_interfaces.msg import StreamDrop, StreamSource, StreamStatus, Stream
 
 from dyknow_common.ros import (
     LATCHED,
-    NO_PUBLISHER_EVENTS,
     TICK_PERIOD_S,
     DyKnowNode,
     constraints_from_message,
@@ -61,9 +60,7 @@ class StreamReportPublisher:
         self._reports = reports
         self._on_period_end = on_period_end
         self._due = False
-        self._publisher = node.create_publisher(
-            StreamStatusArray, '~/streams', LATCHED, event_callbacks=NO_PUBLISHER_EVENTS
-        )
+        self._publisher = node.create_publisher(StreamStatusArray, '~/streams', LATCHED)
         node.create_timer(REPORT_PERIOD_S, self._end_period, clock=node.wall_clock)
 
     def publish_soon(self) -> None:
