@@ -11,8 +11,8 @@ from dyknow_bringup.simulation.fleet import (
     fleet_specification,
     vehicle_names,
 )
-from dyknow_bringup.simulation.missions import Mission, Task, load_mission
-from dyknow_bringup.simulation.scenario import OUTCOMES, Expectation, Scenario, load_scenario
+from dyknow_bringup.simulation.missions import Task, load_mission
+from dyknow_bringup.simulation.scenario import Scenario, load_scenario
 from dyknow_bringup.simulation.simulation import Simulation
 from dyknow_bringup.simulation.telemetry import (
     TRANSPORT,
@@ -20,13 +20,11 @@ from dyknow_bringup.simulation.telemetry import (
     Channel,
     Odometry,
     Telemetry,
-    topic,
 )
 from dyknow_bringup.simulation.telemetry_messages import MESSAGE_TYPES, ros_message
 
 __all__ = [
     'MESSAGE_TYPES',
-    'OUTCOMES',
     'STORAGES',
     'TRANSPORT',
     'Bag',
@@ -34,8 +32,6 @@ __all__ = [
     'BringupError',
     'Channel',
     'DescribedFormula',
-    'Expectation',
-    'Mission',
     'Odometry',
     'QualityOfService',
     'RecordedMessage',
@@ -54,6 +50,5 @@ __all__ = [
     'load_scenario',
     'record',
     'ros_message',
-    'topic',
     'vehicle_names',
 ]

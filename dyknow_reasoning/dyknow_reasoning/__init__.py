@@ -8,7 +8,6 @@ from dyknow_reasoning.language.formula import (
     And,
     Comparison,
     Feature,
-    FieldReference,
     Forall,
     Formula,
     Interval,
@@ -17,7 +16,7 @@ from dyknow_reasoning.language.formula import (
 from dyknow_reasoning.language.parsing import parse_formula
 from dyknow_reasoning.language.symbols import symbols_of
 from dyknow_reasoning.language.type_checking import Kind, check_types
-from dyknow_reasoning.results import FormulaResult, NamedFormula
+from dyknow_reasoning.results import FormulaResult
 from dyknow_reasoning.trace import RecordedState, read_trace
 
 __all__ = [
@@ -27,14 +26,12 @@ __all__ = [
     'CheckResult',
     'Comparison',
     'Feature',
-    'FieldReference',
     'Forall',
     'Formula',
     'FormulaGroup',
     'FormulaResult',
     'Interval',
     'Kind',
-    'NamedFormula',
     'Number',
     'ReasoningError',
     'RecordedState',

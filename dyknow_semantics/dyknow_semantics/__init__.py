@@ -14,9 +14,8 @@ from dyknow_semantics.annotations.checking import check_annotation, check_concep
 from dyknow_semantics.annotations.field_checking import check_fields
 from dyknow_semantics.annotations.parsing import parse_annotations, parse_concept
 from dyknow_semantics.errors import SemanticsError
-from dyknow_semantics.matching.bridges import Bridge, Bridged, Relation, bridged, parse_bridges
+from dyknow_semantics.matching.bridges import Bridge, Relation, bridged, parse_bridges
 from dyknow_semantics.matching.matching import Matcher, match
-from dyknow_semantics.matching.near_misses import Explanation
 from dyknow_semantics.matching.specifications import Match
 from dyknow_semantics.ontology.features import FeatureSignature
 from dyknow_semantics.ontology.knowledge import ALL_TRIPLES, Knowledge, Triple
@@ -30,10 +29,8 @@ __all__ = [
     'Annotation',
     'AnnotationStore',
     'Bridge',
-    'Bridged',
     'Concept',
     'Content',
-    'Explanation',
     'FeatureArgument',
     'FeatureSignature',
     'FeatureTerm',

@@ -1,8 +1,8 @@
 """The parts that every ROS node of DyKnow shares."""
 
 from dyknow_common.ros.commands import INTERRUPTED, CommandNode, duration, run_command
-from dyknow_common.ros.deadlines import TICK_PERIOD_S, Deadlines
-from dyknow_common.ros.executor import NodeExecutor, node_executor, supports_node_executor
+from dyknow_common.ros.deadlines import TICK_PERIOD_S
+from dyknow_common.ros.executor import NodeExecutor, supports_node_executor
 from dyknow_common.ros.liveliness import (
     FIRST_ASSERTION_S,
     GRACE_S,
@@ -16,7 +16,6 @@ from dyknow_common.ros.process import run
 from dyknow_common.ros.qos import (
     LATCHED,
     LATCHED_HISTORY,
-    NO_PUBLISHER_EVENTS,
     NO_SUBSCRIPTION_EVENTS,
     SERVICE,
     STATUS,
@@ -40,7 +39,6 @@ __all__ = [
     'INTERRUPTED',
     'LATCHED',
     'LATCHED_HISTORY',
-    'NO_PUBLISHER_EVENTS',
     'NO_SUBSCRIPTION_EVENTS',
     'RUNNING',
     'SERVICE',
@@ -51,7 +49,6 @@ __all__ = [
     'VIOLATIONS',
     'AliveCount',
     'CommandNode',
-    'Deadlines',
     'DyKnowNode',
     'Liveliness',
     'NodeAdapter',
@@ -66,7 +63,6 @@ __all__ = [
     'fill_exit_status',
     'nanoseconds_to_duration',
     'nanoseconds_to_time',
-    'node_executor',
     'run',
     'run_command',
     'snake_case',

@@ -9,7 +9,7 @@ ways to progress give identical results; the monitor chooses the fastest one:
 - `recorded_symbols`: the atoms of many states at once.
 """
 
-from dyknow_reasoning.execution.aggregation import Outcome, Outcomes
+from dyknow_reasoning.execution.aggregation import Outcomes
 from dyknow_reasoning.execution.automata.instance_states import (
     DecidingMoment,
     FormulaInstance,
@@ -25,7 +25,6 @@ __all__ = [
     'InstanceMonitor',
     'InstanceState',
     'InstanceVerdict',
-    'Outcome',
     'Outcomes',
     'Recording',
 ]

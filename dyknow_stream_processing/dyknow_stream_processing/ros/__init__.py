@@ -6,7 +6,7 @@ from dyknow_stream_processing.ros.messages.message_types import (
     scalar_fields,
     valid_time_reader,
 )
-from dyknow_stream_processing.ros.messages.message_values import FieldReader, without_element
+from dyknow_stream_processing.ros.messages.message_values import FieldReader
 from dyknow_stream_processing.ros.messages.sample_messages import (
     SampleWriter,
     sample_fields,
@@ -16,7 +16,6 @@ from dyknow_stream_processing.ros.stream_proxy import StreamProxy
 from dyknow_stream_processing.ros.topics.publications import publishers_of
 from dyknow_stream_processing.ros.topics.sequence_gaps import SequenceGaps
 from dyknow_stream_processing.ros.topics.topic_sources import source_type
-from dyknow_stream_processing.ros.topics.violation_relay import violations_topic
 
 __all__ = [
     'FieldReader',
@@ -32,6 +31,4 @@ __all__ = [
     'scalar_fields',
     'source_type',
     'valid_time_reader',
-    'violations_topic',
-    'without_element',
 ]
