@@ -318,7 +318,7 @@ def test_states_come_from_another_publisher(nodes: Nodes) -> None:
     assert_refused(failed.exit_status, ExitStatus.CONSTRAINT_VIOLATION, missing)
     assert group.progressed(1, 3).latest_valid_time.sec == 30
     (event,) = group.events(1)
-    assert 'made anew' in event
+    assert 'recreated' in event
     assert missing in event
     new.publish({31: 160.0})
     group.wait(lambda: len(group.results) > 1, 'the other result')

@@ -13,7 +13,7 @@ RETRY_DELAY_S: Final = 5.0
 
 
 class Cleanup:
-    """Destroys streams and formula groups in the background, and retries after failures."""
+    """Destruction of streams and formula groups in the background, with retries after failures."""
 
     def __init__(self, node: DyKnowNode, clients: ServiceClients) -> None:
         self._node = node

@@ -25,7 +25,7 @@ _JunctionKey: TypeAlias = tuple[bool, tuple[Node, ...]]
 
 
 class NodeStore:
-    """Makes simplified nodes, and keeps one of each.
+    """Factory of simplified nodes, which keeps one of each.
 
     Args:
         chronology: compares bounds.

@@ -49,7 +49,7 @@ class Breach:
 
 
 class StateSubscription:
-    """Receives the states of one stream, and the violations on its violation topic.
+    """Subscription to the states of one stream, and to its violations.
 
     Args:
         topic: the topic of the states.
@@ -96,7 +96,7 @@ class StateSubscription:
         self._on_state(self, State(time_to_nanoseconds(message.valid_time), message, self._loss))
 
     def _on_loss(self, count: int) -> None:
-        self._loss = f'{count} states were lost' if count else 'the stream of states was made anew'
+        self._loss = f'{count} states were lost' if count else 'the state stream was recreated'
 
     def _on_violation(self, message: Any) -> None:
         # The topic is latched: violations before the subscription are ignored.

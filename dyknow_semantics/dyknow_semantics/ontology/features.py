@@ -29,7 +29,7 @@ class FeatureSignature:
 
 
 class SignatureReader:
-    """Reads the signatures of features; a feature inherits what it does not state itself.
+    """Reader of the signatures of features; a feature inherits what it does not state itself.
 
     Args:
         annotations: for each class, the values of each of its annotation properties.

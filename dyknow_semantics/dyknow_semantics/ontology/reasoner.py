@@ -58,7 +58,7 @@ class Draft:
 
 
 class ReasonerProcess:
-    """Runs a reasoner in a separate process.
+    """A reasoner that runs in a separate process.
 
     Args:
         reasoner: HermiT or Pellet.

@@ -82,7 +82,7 @@ class StateFault:
 
 
 class StateSupervisor:
-    """Creates the states of a formula group, and replaces their streams.
+    """Supervisor of the states of a formula group, which replaces their streams.
 
     Args:
         group_id: at the reasoning engine, which has subscribed to the first state stream.

@@ -28,7 +28,7 @@ NO_HARDWARE = 'none'
 
 
 class EvaluationsReport:
-    """Publishes the status of all evaluations.
+    """Publisher of the status of all evaluations.
 
     `~/evaluations` is published soon after each change, and each second while an evaluation runs
     and there is a subscriber; `/diagnostics` each second if there is a subscriber.
