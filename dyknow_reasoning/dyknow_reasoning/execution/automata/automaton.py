@@ -75,12 +75,13 @@ class Move:
 
 @dataclass(eq=False, slots=True)
 class Guard:
-    """A `TimeQuestion` and the decisions for the answers: `branches[False]`, `branches[True]`."""
+    """A `TimeQuestion` and the decision for each answer."""
 
     later: int
     earlier: int
     more_than: int
-    branches: list[Decision | None] = field(default_factory=lambda: [None, None])
+    yes: Decision | None = None
+    no: Decision | None = None
 
 
 Decision: TypeAlias = Move | Guard
@@ -108,7 +109,8 @@ class Automaton:
         """
         found = location.moves.get(symbol)
         while type(found) is Guard:
-            found = found.branches[times[found.later] - times[found.earlier] > found.more_than]
+            answer = times[found.later] - times[found.earlier] > found.more_than
+            found = found.yes if answer else found.no
         return found if type(found) is Move else self._find(location, symbol, times)
 
     def halves(self, location: Location, times: Times, gap: Gap) -> tuple[Move, Move]:
@@ -165,15 +167,16 @@ def _grafted(
     tree: Decision | None, questions: Iterable[tuple[TimeQuestion, bool]], move: Move
 ) -> Decision:
     """Return a decision with one more branch; replace branches that asked other questions."""
-    root: list[Decision | None] = [tree]
-    branches, index = root, 0
+    root = parent = Guard(0, 0, 0, yes=tree)
+    branch = 'yes'
     for question, answer in questions:
-        guard = branches[index]
+        guard = getattr(parent, branch)
         if type(guard) is not Guard or (guard.later, guard.earlier, guard.more_than) != question:
-            guard = branches[index] = Guard(*question)
-        branches, index = guard.branches, int(answer)
-    branches[index] = move
-    return root[0] or move
+            guard = Guard(*question)
+            setattr(parent, branch, guard)
+        parent, branch = guard, 'yes' if answer else 'no'
+    setattr(parent, branch, move)
+    return root.yes or move
 
 
 def _selection(kept: tuple[int, ...]) -> Callable[[Times], Times]:

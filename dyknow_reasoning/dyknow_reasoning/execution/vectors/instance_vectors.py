@@ -232,7 +232,7 @@ class ClockedVectors:
                 yield decision, alike
             elif type(decision) is Guard:
                 yes = self._answer(decision, location, alike, now)
-                for branch, chosen in zip(decision.branches, (~yes, yes), strict=True):
+                for branch, chosen in ((decision.yes, yes), (decision.no, ~yes)):
                     if chosen.all():
                         pending.append((branch, alike))
                     elif chosen.any():
