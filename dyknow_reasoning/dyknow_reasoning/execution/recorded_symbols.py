@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import operator
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -91,7 +92,8 @@ class RecordedSymbols:
 
     def is_for(self, pool: InstancePool) -> bool:
         """Return True if the pool has not changed."""
-        return self._singles is pool.singles and self._batches is pool.batches
+        known = (self._singles, self._batches, self._fields[1])
+        return all(map(operator.is_, known, (pool.singles, pool.batches, pool.fields)))
 
     def block(self, index: int) -> Block:
         """Return the block that holds a state; states must be asked for in their order."""

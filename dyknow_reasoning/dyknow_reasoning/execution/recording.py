@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import operator
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -61,6 +62,5 @@ class Recording:
         """Return the nanoseconds from the previous state to each state; `latest` as above."""
         if not self.times:
             return []
-        steps: list[int] = np.diff(self.times, prepend=self.times[0]).tolist()
-        steps[0] = 0 if latest is None else self.times[0] - latest
-        return steps
+        previous = self.times[0] if latest is None else latest
+        return list(map(operator.sub, self.times, [previous, *self.times[:-1]]))

@@ -149,13 +149,23 @@ _CONSTANTS = Number | TextLiteral | Truth
 
 def bits(truths: Sequence[tuple[int, Truths]]) -> Array:
     """Return the truth of atoms as bits; the atoms are given by their slots."""
+    integer = _integer_for(max(slot for slot, _ in truths))
     found: Array | None = None
     for slot, holds in truths:
         bit = holds().view(np.uint8)
+        if integer is not np.uint8:
+            bit = bit.astype(integer)
         shifted = bit << slot if slot else bit
         found = shifted if found is None else found | shifted
     assert found is not None  # noqa: S101 - there is an atom
     return found
+
+
+def _integer_for(slot: int) -> type:
+    """Return the smallest type of integers that has a bit for a slot."""
+    if slot < 8:  # noqa: PLR2004 - the bits of a byte
+        return np.uint8
+    return np.int64 if slot < 63 else object  # noqa: PLR2004 - one bit is the sign
 
 
 def column_vector(column: Iterable[Any]) -> Array:
