@@ -7,6 +7,8 @@ PACKAGES := $(sort $(wildcard dyknow_*))
 BUILT_FROM := $(shell find $(PACKAGES) -type f -not -path '*/test/*' -not -path '*.egg-info/*' \
   -not -path '*/__pycache__/*' \( -not -name '*.py' -o -name setup.py \))
 IN_ENVIRONMENT := source env.sh &&
+# Processes that run tests. On two cores more of them delay each other's nodes.
+TEST_PROCESSES ?= 5
 
 .DEFAULT_GOAL := help
 .PHONY: help setup build demo test check clean
@@ -29,7 +31,8 @@ demo: build  ## monitor a simulated UAV fleet (scenario power_surge)
 	@$(IN_ENVIRONMENT) install/dyknow_bringup/lib/dyknow_bringup/uav_demo --scenario power_surge
 
 test: build  ## run all tests
-	@$(IN_ENVIRONMENT) python -m pytest
+	@# Python writes bytecode even where it is told not to: the tests start hundreds of nodes.
+	@$(IN_ENVIRONMENT) PYTHONDONTWRITEBYTECODE= python -m pytest -n $(TEST_PROCESSES)
 
 check: build  ## ruff, mypy, the import rules and the rules of the code base
 	@$(IN_ENVIRONMENT) ruff format --check --quiet . && ruff check --quiet .

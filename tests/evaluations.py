@@ -53,7 +53,7 @@ class Evaluations:
 
     def told(self) -> str:
         """What was told last, for people."""
-        return '\n'.join(map(str, self._statuses)) or 'nothing'
+        return '\n'.join(map(_summary, self._statuses)) or 'nothing'
 
     def wait_for(self, count: int) -> list[Any]:
         """Waits until so many are past their grounding; those."""
@@ -111,6 +111,12 @@ class Evaluations:
 
     def _hear(self, report: Any) -> None:
         self._statuses = list(report.evaluations)
+
+
+def _summary(status: Any) -> str:
+    fields = ('name', 'phase', 'states_progressed', 'verdict', 'explanation', 'events')
+    values = ', '.join(f'{field} {getattr(status, field)!r}' for field in fields)
+    return f'{values}, {status.exit_status.message!r}'
 
 
 class Monitored:

@@ -141,6 +141,12 @@ def test_two_hundred_at_once(
     formulas = [f'forall u in UAV: always Power[u] < {limit}' for limit in range(150, 250)]
     formulas += [f'forall u in UAV: eventually Power[u] > {limit}' for limit in range(150, 250)]
     futures = [system.ask(formula, timeout=60.0) for formula in formulas]
+    system.client.spin_until(
+        lambda: any(each.done() for each in futures) or len(evaluations.running) == 200,
+        'two hundred evaluations',
+        instead=evaluations.told,
+    )
+    assert [each.result() for each in futures if each.done()] == []
     running = evaluations.wait_for_state(200)
     assert len({each.formula_group_id for each in running}) == 1
     assert len(states(system)) == 1
