@@ -8,7 +8,7 @@ BUILT_FROM := $(shell find $(PACKAGES) -type f -not -path '*/test/*' -not -path 
   -not -path '*/__pycache__/*' \( -not -name '*.py' -o -name setup.py \))
 IN_ENVIRONMENT := source env.sh &&
 # Processes that run tests. On two cores more of them delay each other's nodes.
-TEST_PROCESSES ?= 5
+TEST_PROCESSES ?= 3
 
 .DEFAULT_GOAL := help
 .PHONY: help setup build demo test check clean

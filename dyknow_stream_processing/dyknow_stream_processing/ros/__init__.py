@@ -32,4 +32,5 @@ __all__ = [
     'source_type',
     'valid_time_reader',
     'without_element',
+    'without_element',
 ]
