@@ -32,5 +32,4 @@ __all__ = [
     'source_type',
     'valid_time_reader',
     'without_element',
-    'without_element',
 ]
