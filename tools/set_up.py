@@ -88,7 +88,9 @@ def set_up_from_pypi():
 
 def make_venv(*options):
     """Make an empty `.venv` with a pip that supports dependency groups."""
-    run(sys.executable, '-m', 'venv', *options, str(VENV))
+    # Run from an activated `.venv`, the interpreter has just been removed with it.
+    python = getattr(sys, '_base_executable', sys.executable)
+    run(python, '-m', 'venv', *options, str(VENV))
     install('pip>=25.1')
 
 
