@@ -27,7 +27,7 @@ SCHEDULE = (
         'test_grounding_answers',
         'test_evaluate_formula',
         'test_shared_states',
-        'test_reasoning_services',
+        'test_monitor_formula',
         'test_monitor_plan',
         'test_plain_client',
         # Its last test kills a node.
@@ -114,11 +114,13 @@ def system(shared_system: SharedSystem) -> System:
     return shared_system.get()
 
 
-@pytest.fixture(scope='module')
-def batteries(system: System) -> Iterator[Batteries]:
-    """The telemetry of the vehicles."""
-    with closing(Batteries(system.client, system.vehicles)) as publishing:
-        yield publishing
+@pytest.fixture
+def batteries(system: System) -> Batteries:
+    """The telemetry of the vehicles: regular, and 100 W everywhere, when the test begins."""
+    publishing = system.batteries
+    publishing.power.update(dict.fromkeys(publishing.power, 100.0))
+    publishing.resume()
+    return publishing
 
 
 @pytest.fixture(scope='module')
@@ -137,11 +139,9 @@ def spares(system: System) -> Iterator[Spares]:
 
 
 @pytest.fixture
-def calm(batteries: Batteries, evaluations: Evaluations) -> Iterator[None]:
-    """The test begins with 100 W everywhere, and leaves nothing behind."""
-    batteries.power.update(dict.fromkeys(batteries.power, 100.0))
-    batteries.end_silence()
-    yield
+def calm(batteries: Batteries, evaluations: Evaluations) -> Iterator[Batteries]:
+    """The test begins with regular telemetry, and leaves no evaluation behind."""
+    yield batteries
     evaluations.wait_for_nothing()
 
 

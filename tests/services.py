@@ -81,10 +81,10 @@ class Nodes:
 
     def __init__(self, folder: Path, **executables: dict[str, Any]) -> None:
         environment = private_environment()
-        self.client = Client(environment)
+        self._launcher = Launcher(folder, environment=environment)
+        self.client = Client(environment, self._launcher.check_running)
         self.environment = environment
         self._subscriptions: list[Any] = []
-        self._launcher = Launcher(folder, environment=environment)
         self.processes = {
             executable: self._launcher.start(Process(PACKAGES[executable], executable, parameters))
             for executable, parameters in executables.items()

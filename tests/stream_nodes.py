@@ -33,7 +33,7 @@ class StreamNodes:
 
     def __init__(self, folder: Path) -> None:
         self.environment = private_environment()
-        self.client = Client(self.environment)
+        self.client = Client(self.environment, self._check_running)
         self.report = StreamStatusArray()
         self.status = DiagnosticStatus()
         self._folder = folder
@@ -156,6 +156,10 @@ class StreamNodes:
             ),
             f'{names} flow, none of them from {off or "nowhere"}',
         )
+
+    def _check_running(self) -> None:
+        for name, running in self._running.items():
+            assert running.poll() is None, f'{name} ended with exit code {running.returncode}'
 
     def _count(self, topic: str) -> None:
         self._samples[topic] += 1

@@ -9,6 +9,7 @@ import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import replace
+from functools import cached_property
 from pathlib import Path
 from typing import Any, Self
 
@@ -83,10 +84,18 @@ def short_lease_of(folder: Path) -> dict[str, str]:
 
 
 class Client:
-    """A node in the test's own process."""
+    """A node in the test's own process.
 
-    def __init__(self, environment: dict[str, str]) -> None:
+    Args:
+        environment: variables of its processes.
+        check: raises an error if a process has ended by itself: then no wait is of use any more.
+    """
+
+    def __init__(
+        self, environment: dict[str, str], check: Callable[[], None] = lambda: None
+    ) -> None:
         os.environ.update(environment)
+        self._check = check
         self.context = Context()
         rclpy.init(context=self.context, domain_id=int(environment['ROS_DOMAIN_ID']))
         self.node = Node('test_client', context=self.context)
@@ -118,14 +127,18 @@ class Client:
             pause: seconds between two evaluations of a condition that costs much.
         """
         end = time.monotonic() + limit
+        next_check = time.monotonic() + POLL
         while not condition():
-            if time.monotonic() > end:
+            now = time.monotonic()
+            if now > end:
                 found = '' if instead is None else f'; there is {instead()}'
                 raise AssertionError(f'not within {limit} s: {what}{found}')
-            again = time.monotonic() + pause
+            if now > next_check:
+                self._check()
+                next_check = now + POLL
             self.executor.spin_once(timeout_sec=0.05)
-            while time.monotonic() < again:
-                self.executor.spin_once(timeout_sec=max(again - time.monotonic(), 0.0))
+            while time.monotonic() < now + pause:
+                self.executor.spin_once(timeout_sec=max(now + pause - time.monotonic(), 0.0))
 
     def request(self, service_type: Any, service: str, **fields: Any) -> Any:
         """Sends a request and returns the future of its response."""
@@ -162,6 +175,9 @@ SOON_NOTICED: Mapping[str, Mapping[str, Parameter]] = {
 }
 """Parameters with which silence and progress are reported sooner than by default."""
 
+SPARES = ('spare1', 'spare2', 'uav3')
+"""Batteries that come into use while formulas are evaluated."""
+
 
 class System:
     """All seven nodes of DyKnow, configured for a fleet, and a client.
@@ -172,6 +188,7 @@ class System:
         use_sim_time: whether time comes from /clock.
         parameters: of nodes, by their names, where they differ from the defaults.
         short_lease: whether it is noticed within seconds that a node was killed.
+        spares: names of batteries beside those of the vehicles.
     """
 
     def __init__(
@@ -182,6 +199,7 @@ class System:
         use_sim_time: bool = False,
         parameters: Mapping[str, Mapping[str, Parameter]] | None = None,
         short_lease: bool = False,
+        spares: tuple[str, ...] = (),
     ) -> None:
         self.environment = private_environment()
         self.running: dict[str, subprocess.Popen[bytes]] = {}
@@ -193,7 +211,13 @@ class System:
             environment={**self.environment, **(short_lease_of(folder) if short_lease else {})},
             use_sim_time=use_sim_time,
         )
-        self.client = Client(self.environment)
+        self.client = Client(self.environment, self.launcher.check_running)
+        self._spares = spares
+
+    @cached_property
+    def batteries(self) -> Batteries:
+        """The batteries of the vehicles and the spare ones, published from the first use on."""
+        return Batteries(self.client, (*self.vehicles, *self._spares))
 
     def __enter__(self) -> Self:
         for executable in self.processes:
@@ -362,6 +386,7 @@ class Batteries:
     """Publishes the batteries of a fleet, five times a second, with the power that a test sets."""
 
     PERIOD = 200_000_000
+    SETTLING_TIME = 1_600_000_000
     VOLTAGE = 10.0
 
     def __init__(self, client: Client, vehicles: tuple[str, ...]) -> None:
@@ -376,18 +401,21 @@ class Batteries:
         self.stamp = client.node.get_clock().now().nanoseconds // self.PERIOD * self.PERIOD
         self._timer = client.node.create_timer(0.02, self._publish_due)
 
-    def close(self) -> None:
-        """Publish nothing any more."""
-        self._node.destroy_timer(self._timer)
-        for publisher in self._publishers.values():
-            self._node.destroy_publisher(publisher)
+    def resume(self) -> None:
+        """Publish all batteries again, regularly, and wait until what was missed is past.
 
-    def end_silence(self) -> None:
-        """Publish all batteries again, and wait until each has a new sample."""
+        The client may have done other things for a while. Then the streams report a gap.
+        """
+        now = self._node.get_clock().now().nanoseconds // self.PERIOD * self.PERIOD
+        is_late = now - self.stamp > self.PERIOD
+        settled = self.stamp
         if self.silent:
             self.silent.clear()
-            silence = self.stamp
-            self._client.spin_until(lambda: self.stamp > silence, 'a sample of each battery')
+            settled = self.stamp + self.PERIOD
+        if is_late:
+            self.stamp = now
+            settled = now + self.SETTLING_TIME
+        self._client.spin_until(lambda: self.stamp >= settled, 'regular batteries')
 
     def _publish_due(self) -> None:
         now = self._node.get_clock().now().nanoseconds

@@ -2,16 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from contextlib import closing
-
 import pytest
 from dyknow_interfaces.msg import ExitStatus, FormulaResult
 from dyknow_interfaces.srv import ConceptCreate, ConceptDestroy, InstanceCreate, InstanceDestroy
 
 from evaluations import Evaluations, Monitored, Spares
 from services import nanoseconds
-from system import POLL, SOON_NOTICED, Batteries, SharedSystem, System
+from system import POLL, SOON_NOTICED, SPARES, Batteries, SharedSystem, System
 
 TRUE, FALSE = FormulaResult.TRUE, FormulaResult.FALSE
 SPARE = 'uav1_spare_power'
@@ -22,14 +19,7 @@ pytestmark = pytest.mark.usefixtures('calm')
 
 @pytest.fixture(scope='module')
 def system(shared_system: SharedSystem) -> System:
-    return shared_system.get(parameters=SOON_NOTICED)
-
-
-@pytest.fixture(scope='module')
-def batteries(system: System) -> Iterator[Batteries]:
-    vehicles = (*system.vehicles, 'spare1', 'uav3')
-    with closing(Batteries(system.client, vehicles)) as publishing:
-        yield publishing
+    return shared_system.get(parameters=SOON_NOTICED, spares=SPARES)
 
 
 def wait_for_own_streams(system: System, count: int) -> None:

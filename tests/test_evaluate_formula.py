@@ -11,12 +11,7 @@ from system import Batteries, System
 SYNTACTIC = EvaluateFormula.Request.SYNTACTIC
 
 
-@pytest.fixture(autouse=True)
-def calm(system: System, batteries: Batteries) -> None:
-    """Every test begins with every vehicle at 100 W, and with no evaluation left."""
-    batteries.power.update(dict.fromkeys(batteries.power, 100.0))
-    batteries.end_silence()
-    system.wait_for_streams()
+pytestmark = pytest.mark.usefixtures('calm')
 
 
 def test_a_true_formula(system: System) -> None:

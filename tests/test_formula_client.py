@@ -23,12 +23,10 @@ SOON = 'forall u in UAV: always[0 s, 500 ms] Power[u] < 150'
 
 @pytest.fixture(autouse=True)
 def calm(request: pytest.FixtureRequest) -> None:
-    """Every test begins with every vehicle at 100 W, and with no evaluation left."""
+    """Every test of the system begins with regular telemetry, and with no evaluation left."""
     if 'batteries' in request.fixturenames:
-        system, batteries = (request.getfixturevalue(name) for name in ('system', 'batteries'))
-        batteries.power.update(dict.fromkeys(system.vehicles, 100.0))
-        batteries.end_silence()
-        system.wait_for_streams()
+        request.getfixturevalue('batteries')
+        request.getfixturevalue('system').wait_for_streams()
 
 
 @contextmanager
@@ -146,7 +144,10 @@ def test_a_monitor_tells_the_verdict(
     # Before anybody spins the node.
     monitor = client.monitor(ALWAYS, on_verdict=told.append, on_feedback=progress.append)
     with spinning(asker, make_executor(asker)):
-        system.client.spin_until(lambda: bool(progress), 'progress')
+        system.client.spin_until(
+            lambda: bool(progress) and progress[-1].states_progressed > 0, 'a state'
+        )
+        first = progress[-1]
         assert not monitor.outcome.done()
         batteries.power['uav2'] = 240.0
         system.client.spin_until(lambda: bool(told), 'the verdict')
@@ -155,8 +156,8 @@ def test_a_monitor_tells_the_verdict(
     assert monitor.outcome.result() is answer
     assert answer.verdict is Verdict.FALSE
     assert 'Power[uav2] = 24' in answer.explanation
-    assert 'Power[uav1]' in progress[0].residual_formula
-    assert (answer.decided_at or 0) > progress[0].latest_valid_time
+    assert 'Power[uav1]' in first.residual_formula
+    assert (answer.decided_at or 0) > first.latest_valid_time
 
 
 def test_several_clients_of_one_process_know_that_the_coordinator_lives(

@@ -26,12 +26,9 @@ _numbers = itertools.count(1)
 
 
 @pytest.fixture(autouse=True)
-def calm(system: System, batteries: Batteries, evaluations: Evaluations) -> Iterator[None]:
-    """Every test begins with 100 W everywhere, and leaves nothing behind."""
-    batteries.power.update(dict.fromkeys(batteries.power, 100.0))
+def only_fleet_streams(system: System, calm: Batteries) -> None:  # noqa: ARG001 - regular telemetry
+    """The test begins with the streams of the fleet alone."""
     system.wait_for_streams()
-    yield
-    evaluations.wait_for_nothing()
 
 
 def assert_unavailable(system: System, future: Any, name: str) -> None:

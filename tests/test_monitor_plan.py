@@ -72,8 +72,7 @@ class Asker:
 
 
 @pytest.fixture
-def asker(system: System, batteries: Batteries) -> Iterator[Asker]:
-    batteries.power.update(dict.fromkeys(system.vehicles, 100.0))
+def asker(system: System, batteries: Batteries) -> Iterator[Asker]:  # noqa: ARG001 - regular telemetry
     system.wait_for_streams()
     with Asker(system) as asking:
         yield asking

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-
 import pytest
 from dyknow_interfaces.msg import ExitStatus, FormulaResult, StreamConstraints
 
@@ -17,13 +15,9 @@ SECOND = 1_000_000_000
 
 
 @pytest.fixture(autouse=True)
-def calm(system: System, batteries: Batteries, evaluations: Evaluations) -> Iterator[None]:
-    """Every test begins with 100 W everywhere, and leaves nothing behind."""
-    batteries.power.update(dict.fromkeys(batteries.power, 100.0))
-    batteries.end_silence()
+def only_fleet_streams(system: System, calm: Batteries) -> None:  # noqa: ARG001 - regular telemetry
+    """The test begins with the streams of the fleet alone."""
     system.wait_for_streams()
-    yield
-    evaluations.wait_for_nothing()
 
 
 def states(system: System) -> set[str]:

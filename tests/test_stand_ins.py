@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from contextlib import closing
 
 import pytest
 from dyknow_interfaces.msg import ExitStatus, FormulaResult
@@ -11,7 +10,7 @@ from std_msgs.msg import Float64
 
 from evaluations import Evaluations, Spares
 from services import nanoseconds
-from system import SOON_NOTICED, Batteries, SharedSystem, System
+from system import SOON_NOTICED, SPARES, Batteries, SharedSystem, System
 
 TRUE, FALSE, UNDECIDED = FormulaResult.TRUE, FormulaResult.FALSE, FormulaResult.UNDECIDED
 SECOND = 1_000_000_000
@@ -22,15 +21,7 @@ pytestmark = pytest.mark.usefixtures('calm')
 
 @pytest.fixture(scope='module')
 def system(shared_system: SharedSystem) -> System:
-    return shared_system.get(parameters=SOON_NOTICED)
-
-
-@pytest.fixture(scope='module')
-def batteries(system: System) -> Iterator[Batteries]:
-    """The fleet, and a battery of `spare1` that stands in for the one of `uav1`."""
-    vehicles = (*system.vehicles, 'spare1', 'spare2')
-    with closing(Batteries(system.client, vehicles)) as publishing:
-        yield publishing
+    return shared_system.get(parameters=SOON_NOTICED, spares=SPARES)
 
 
 def test_a_stream_that_falls_silent_is_replaced(
