@@ -117,10 +117,8 @@ def system(shared_system: SharedSystem) -> System:
 @pytest.fixture
 def batteries(system: System) -> Batteries:
     """The telemetry of the vehicles: regular, and 100 W everywhere, when the test begins."""
-    publishing = system.batteries
-    publishing.power.update(dict.fromkeys(publishing.power, 100.0))
-    publishing.resume()
-    return publishing
+    system.batteries.reset()
+    return system.batteries
 
 
 @pytest.fixture(scope='module')

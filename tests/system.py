@@ -401,18 +401,19 @@ class Batteries:
         self.stamp = client.node.get_clock().now().nanoseconds // self.PERIOD * self.PERIOD
         self._timer = client.node.create_timer(0.02, self._publish_due)
 
-    def resume(self) -> None:
-        """Publish all batteries again, regularly, and wait until what was missed is past.
+    def reset(self) -> None:
+        """Publish 100 W everywhere, regularly, and wait until what was before is past.
 
         The client may have done other things for a while. Then the streams report a gap.
         """
-        now = self._node.get_clock().now().nanoseconds // self.PERIOD * self.PERIOD
-        is_late = now - self.stamp > self.PERIOD
+        calm = dict.fromkeys(self.power, 100.0)
         settled = self.stamp
-        if self.silent:
-            self.silent.clear()
-            settled = self.stamp + self.PERIOD
-        if is_late:
+        if self.silent or self.power != calm:
+            settled += self.PERIOD
+        self.silent.clear()
+        self.power.update(calm)
+        now = self._node.get_clock().now().nanoseconds // self.PERIOD * self.PERIOD
+        if now - self.stamp > self.PERIOD:
             self.stamp = now
             settled = now + self.SETTLING_TIME
         self._client.spin_until(lambda: self.stamp >= settled, 'regular batteries')
