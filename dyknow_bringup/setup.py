@@ -1,8 +1,12 @@
 from pathlib import Path
 
 from setuptools import find_packages, setup
+from setuptools.command.easy_install import ScriptWriter
+
+from dyknow_common.executables import script_template
 
 PACKAGE = 'dyknow_bringup'
+NODES = ('formula_markers', 'formula_monitor', 'uav_simulation')
 DATA = ('launch', 'ontology', 'scenarios', 'formulas', 'plans', 'recordings')
 
 
@@ -11,6 +15,8 @@ def data_files():
     found = [path for folder in DATA for path in Path(folder).rglob('*') if path.is_file()]
     return [(f'share/{PACKAGE}/{path.parent.as_posix()}', [path.as_posix()]) for path in found]
 
+
+ScriptWriter.template = script_template(NODES)
 
 setup(
     name=PACKAGE,

@@ -1,6 +1,12 @@
 from setuptools import find_packages, setup
+from setuptools.command.easy_install import ScriptWriter
+
+from dyknow_common.executables import script_template
 
 PACKAGE = 'dyknow_coordinator'
+NODES = ('stream_reasoning_coordinator',)
+
+ScriptWriter.template = script_template(NODES)
 
 setup(
     name=PACKAGE,

@@ -1,6 +1,12 @@
 from setuptools import find_packages, setup
+from setuptools.command.easy_install import ScriptWriter
+
+from dyknow_common.executables import script_template
 
 PACKAGE = 'dyknow_semantics'
+NODES = ('ontology_manager', 'stream_semantics_manager', 'semantic_matching_engine')
+
+ScriptWriter.template = script_template(NODES)
 
 setup(
     name=PACKAGE,

@@ -1,6 +1,12 @@
 from setuptools import find_packages, setup
+from setuptools.command.easy_install import ScriptWriter
+
+from dyknow_common.executables import script_template
 
 PACKAGE = 'dyknow_stream_processing'
+NODES = ('stream_manager', 'stream_processing_engine')
+
+ScriptWriter.template = script_template(NODES)
 
 setup(
     name=PACKAGE,

@@ -18,7 +18,7 @@ def test_every_verdict_of_a_scenario(scenario: str) -> None:
 
 def test_an_unknown_scenario_is_refused_with_the_known_ones() -> None:
     done = output_of(command('uav_demo', '--scenario', 'picnic'), private_environment())
-    assert done.returncode == 1
+    assert done.returncode == 2
     assert "there is no scenario 'picnic'" in done.stderr
     assert 'power_surge' in done.stderr
     assert 'Traceback' not in done.stderr

@@ -87,7 +87,7 @@ def test_evaluations_for_programs(reporter: Reporter) -> None:
 
 def test_an_evaluation_that_is_not_there(reporter: Reporter) -> None:
     shown = evaluations(reporter, 'speed')
-    assert shown.returncode == 1
+    assert shown.returncode == 2
     assert shown.stderr == (
         "evaluations: there is no evaluation 'speed' (there are: power, eventually q)\n"
     )

@@ -36,7 +36,7 @@ def test_a_recording_is_replayed_with_its_clock() -> None:
 
 def test_a_recording_that_is_not_there() -> None:
     done = output_of(command('replay', '/nowhere/at_all'), private_environment())
-    assert done.returncode == 1
+    assert done.returncode == 2
     assert '/nowhere/at_all: no such recording' in done.stderr
     assert 'Traceback' not in done.stderr
 

@@ -65,7 +65,7 @@ def test_why_a_stream_matches(nodes: Nodes) -> None:
 
 def test_a_concept_that_is_unknown(nodes: Nodes) -> None:
     shown = semantics(nodes, '--explain', 'Powr')
-    assert shown.returncode == 1
+    assert shown.returncode == 2
     assert "unknown concept 'Powr'" in shown.stderr
 
 

@@ -103,7 +103,7 @@ def test_an_engine_can_be_asked_itself(nodes: StreamNodes) -> None:
 
 def test_a_stream_that_is_not_there(nodes: StreamNodes) -> None:
     shown = streams(nodes, 'height')
-    assert shown.returncode == 1
+    assert shown.returncode == 2
     assert shown.stderr == "streams: there is no stream 'height' (there are: hopeless, level)\n"
 
 
@@ -134,3 +134,16 @@ def test_watching(nodes: StreamNodes, arguments: list[str]) -> None:
     assert first.strip()
     assert running.returncode == 130
     assert err == ''
+
+
+@pytest.mark.parametrize('arguments', [[], ['--json']])
+def test_watching_until_nobody_reads(nodes: StreamNodes, arguments: list[str]) -> None:
+    running = start(nodes, '--watch', *arguments)
+    assert running.stdout is not None
+    assert running.stderr is not None
+    assert running.stdout.readline()
+    running.stdout.close()
+    nodes.until(lambda: running.poll() is not None, 'the command ends')
+    with running.stderr:
+        assert running.stderr.read() == ''
+    assert running.returncode == 141

@@ -4,15 +4,20 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from ament_index_python.packages import get_package_prefix, get_package_share_directory
+from ament_index_python.packages import get_package_prefix
 
 from dyknow_bringup.errors import BringupError
 from dyknow_common import ExitCode
+from dyknow_common.executables import SOURCE_ENVIRONMENT
 
 
 def share() -> Path:
-    """Return the folder of the package's data."""
-    return Path(get_package_share_directory('dyknow_bringup'))
+    """Return the folder of the package's data.
+
+    Raises:
+        BringupError: NOT_FOUND, outside of the environment in which it is installed.
+    """
+    return _prefix('dyknow_bringup') / 'share' / 'dyknow_bringup'
 
 
 def scenario_names() -> tuple[str, ...]:
@@ -54,13 +59,20 @@ def executable_path(package: str, executable: str) -> Path:
     Raises:
         BringupError: NOT_FOUND, if it is not installed.
     """
-    path = Path(get_package_prefix(package)) / 'lib' / package / executable
+    path = _prefix(package) / 'lib' / package / executable
     if not path.is_file():
         raise BringupError(
             f"package '{package}' has no executable '{executable}'; build the workspace again",
             ExitCode.NOT_FOUND,
         )
     return path
+
+
+def _prefix(package: str) -> Path:
+    try:
+        return Path(get_package_prefix(package))
+    except (OSError, LookupError) as error:
+        raise BringupError(f'{error.args[0]}; {SOURCE_ENVIRONMENT}', ExitCode.NOT_FOUND) from None
 
 
 def _names(kind: str) -> tuple[str, ...]:

@@ -11,10 +11,19 @@ from dataclasses import asdict
 from enum import Enum
 from typing import Any
 
+from rich.console import Console
 from rich.table import Column, Table
 from rich.text import Text
 
 Cell = str | Text
+
+
+class Terminal(Console):
+    """The standard output of a command."""
+
+    def on_broken_pipe(self) -> None:
+        """Let the command end as `run_main` says; rich would end it with 1, which means false."""
+        raise BrokenPipeError
 
 
 def fixed(header: str) -> Column:

@@ -14,7 +14,7 @@ Content = TypeVar('Content')
 
 @contextmanager
 def open_text(path: Path, content: str, error_class: type[DyKnowError]) -> Iterator[TextIO]:
-    """Open a text file in UTF-8, to be read within the body.
+    """Open a text file in UTF-8, with or without a byte order mark, to be read within the body.
 
     Args:
         path: of the file.
@@ -25,7 +25,7 @@ def open_text(path: Path, content: str, error_class: type[DyKnowError]) -> Itera
         DyKnowError: of that class, if the file cannot be read (NOT_FOUND) or is not in UTF-8.
     """
     try:
-        with path.open(encoding='utf-8') as file:
+        with path.open(encoding='utf-8-sig') as file:
             yield file
     except OSError as error:
         message = f'cannot read the {content} in {path}: {error.strerror}'

@@ -10,13 +10,24 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from dyknow_common import DyKnowError, Verdict, open_text, read_text, round_time
+from dyknow_common.executables import ERROR, FALSE, SUCCESS, run_main
 from dyknow_reasoning.errors import ReasoningError
 from dyknow_reasoning.formula_group import FormulaGroup
 from dyknow_reasoning.progression.instances import Domains
 from dyknow_reasoning.results import FormulaResult
 from dyknow_reasoning.trace import RecordedState, read_trace
 
-_NONE_FALSE, _ONE_FALSE, _BAD_INPUT = 0, 1, 2
+_EPILOG = """\
+A trace has a column of increasing times, time_ns (integers) or time_s (decimals), and a column
+for each ground feature, such as "XYDist[uav1,uav2]" (a name with a comma is quoted). Each row is a
+state.
+
+The header of a column may name its type: "mode: string". The types are int, float, string and
+boolean. Otherwise its first value decides if the column holds booleans (true, false), numbers or
+strings. A value of another type is an error. An empty cell holds no value. Quotes and spaces
+around a value have no meaning.
+
+Exit code: 0 if no formula is false, 1 if one is, 2 for an error."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,31 +85,39 @@ def main(arguments: Sequence[str] | None = None) -> int:
     Returns:
         0 if no formula is false, 1 if one is, 2 for bad input.
     """
-    options = _parser().parse_args(arguments)
+    return run_main('check', lambda: _check(_parser().parse_args(arguments)))
+
+
+def _check(options: argparse.Namespace) -> int:
     try:
-        with open_text(Path(options.trace), 'trace', ReasoningError) as lines:
-            formulas = [*options.formula, *_read_formulas(options.formulas)]
-            if not formulas:
-                raise ReasoningError('there is no formula to check; give one, or --formulas FILE')
-            results = check_trace(formulas, _domains(options.domain), read_trace(lines))
+        results = _results(options)
     except DyKnowError as error:
-        sys.stderr.write(f'{error}\n')
-        return _BAD_INPUT
+        if options.json:
+            sys.stdout.write(f'{json.dumps({"error": _json_error(error)}, ensure_ascii=False)}\n')
+        raise
     for result in results:
         sys.stdout.write(f'{_json(result) if options.json else _report(result)}\n')
         if result.error:
             sys.stderr.write(f'{result.formula}: {result.error}\n')
     if any(result.error for result in results):
-        return _BAD_INPUT
-    is_false = any(result.verdict is Verdict.FALSE for result in results)
-    return _ONE_FALSE if is_false else _NONE_FALSE
+        return ERROR
+    return FALSE if any(result.verdict is Verdict.FALSE for result in results) else SUCCESS
+
+
+def _results(options: argparse.Namespace) -> list[CheckResult]:
+    with open_text(Path(options.trace), 'trace', ReasoningError) as lines:
+        formulas = [*options.formula, *_read_formulas(options.formulas)]
+        if not formulas:
+            raise ReasoningError('there is no formula to check; give one, or --formulas FILE')
+        return check_trace(formulas, _domains(options.domain), read_trace(lines))
 
 
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         prog='check',
         description='Check formulas over a recorded trace.',
-        epilog='Exit code: 0 if no formula is false, 1 if one is, 2 for bad input.',
+        epilog=_EPILOG,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument('formula', nargs='*', metavar='FORMULA', help='a formula to check')
     parser.add_argument(
@@ -115,9 +134,13 @@ def _parser() -> argparse.ArgumentParser:
         '--trace',
         required=True,
         metavar='FILE',
-        help='comma-separated values: a column time_ns or time_s, and one for each ground feature',
+        help='comma-separated values in UTF-8, see below',
     )
-    parser.add_argument('--json', action='store_true', help='print a line of JSON for each formula')
+    parser.add_argument(
+        '--json',
+        action='store_true',
+        help='print a line of JSON for each formula, or one with the error of the input',
+    )
     return parser
 
 
@@ -175,6 +198,11 @@ def _json(result: CheckResult) -> str:
             'decided_at_state': result.decided_at_state,
             'states': result.states,
             'explanation': result.explanation,
+            'error': result.error and _json_error(result.error),
         },
         ensure_ascii=False,
     )
+
+
+def _json_error(error: DyKnowError) -> dict[str, str]:
+    return {'code': error.code.name, 'message': error.message}

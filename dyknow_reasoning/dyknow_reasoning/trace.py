@@ -3,19 +3,34 @@
 from __future__ import annotations
 
 import csv
+import math
 import re
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from decimal import Decimal, InvalidOperation
+from decimal import Context, Decimal, Inexact, Overflow
+from typing import Any
 
-from dyknow_common import SECOND_NS, LanguageError, Value
+from dyknow_common import SECOND_NS, LanguageError, Value, ValueType
 from dyknow_reasoning.errors import ReasoningError
+from dyknow_reasoning.language.formula import Feature, FieldReference
 from dyknow_reasoning.language.parsing import parse_formula
 
 _UNITS = {'time_ns': Decimal(1), 'time_s': Decimal(SECOND_NS)}
-_INTEGER = re.compile(r'[+-]?\d+')
-_DECIMAL = re.compile(r'[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?|nan|[+-]?inf', re.IGNORECASE)
-_BOOLEANS = {'true': True, 'false': False}
+_EXACT = Context(prec=60, traps=[Inexact, Overflow])
+_LATEST = 2**63
+_DECIMAL = re.compile(r'[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][+-]?[0-9]+)?')
+
+_TEXTS = {
+    ValueType.BOOLEAN: re.compile('true|false', re.IGNORECASE),
+    ValueType.INT: re.compile('[+-]?[0-9]+'),
+    ValueType.FLOAT: re.compile(f'{_DECIMAL.pattern}|nan|[+-]?inf', re.IGNORECASE),
+    ValueType.STRING: re.compile('.*', re.DOTALL),
+}
+_NUMBER = (ValueType.INT, ValueType.FLOAT)
+_INFERRED = ((ValueType.BOOLEAN,), _NUMBER, (ValueType.STRING,))
+_LONGEST_INTEGER = len(str(-(2**63)))
+_SHOWN = 40
+"""Characters of a cell that an error shows."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,64 +49,156 @@ class RecordedState:
 def read_trace(lines: Iterable[str]) -> Iterator[RecordedState]:
     """Return the states of a trace, one by one.
 
-    The first line names the columns: `time_ns` or `time_s`, and one column for each ground feature.
-    A value is `true` or `false`, an integer, a decimal, or else a string.
+    The first line names the columns: `time_ns` or `time_s`, and one column for each ground feature,
+    optionally with its type: `mode: string`. Without one, the first value of the column decides if
+    it holds booleans (`true`, `false`), numbers, or strings. Quotes around a value have no meaning.
 
     Args:
         lines: the lines of a file of comma-separated values.
 
     Raises:
-        ReasoningError: for an invalid trace, with the line.
+        ReasoningError: for an invalid trace, with the line and the column.
     """
-    rows = csv.reader(lines, skipinitialspace=True)
-    columns = _columns(next(rows, []))
-    for row in rows:
-        if row:
-            yield _state(row, columns, f'line {rows.line_num}')
+    rows = csv.reader(lines, skipinitialspace=True, strict=True)
+    columns = _columns(next(_cells(rows), []))
+    previous: int | None = None
+    for row in _cells(rows):
+        line = f'line {rows.line_num}'
+        if len(row) != len(columns):
+            lacking = f", none for '{columns[len(row)].name}'" if len(row) < len(columns) else ''
+            raise ReasoningError(f'{line}: {len(row)} values for {len(columns)} columns{lacking}')
+        values = {}
+        for column, cell in zip(columns, row, strict=True):
+            if cell:
+                values[column.name] = column.value(cell, line)
+        clock = next(column for column in columns if column.name in _UNITS)
+        valid_time = values.pop(clock.name, None)
+        if not isinstance(valid_time, int):
+            raise ReasoningError(f"{line}, column '{clock.name}': the time is missing")
+        if previous is not None and valid_time <= previous:
+            raise ReasoningError(
+                f"{line}, column '{clock.name}': the time is not later than that of the row "
+                'before; times must increase'
+            )
+        previous = valid_time
+        yield RecordedState(valid_time, values)
 
 
-def _columns(header: Sequence[str]) -> list[str]:
-    """Return the canonical names of the columns."""
-    names = [name.strip() for name in header]
-    if sum(name in _UNITS for name in names) != 1:
+class _Column:
+    """A column of a trace.
+
+    Args:
+        header: its name, and optionally its type.
+    """
+
+    def __init__(self, header: str) -> None:
+        name, _, kind = (part.strip() for part in header.rpartition(':'))
+        self._is_declared = kind in set(ValueType) and bool(name)
+        self.name = _canonical(name if self._is_declared else header)
+        self._types: tuple[ValueType, ...] = (ValueType(kind),) if self._is_declared else ()
+
+    def value(self, cell: str, line: str) -> Value:
+        """Return the value in a cell; for the column of times, in nanoseconds.
+
+        Raises:
+            ReasoningError: if the cell is not of the column's type.
+        """
+        try:
+            return self._time(cell) if self.name in _UNITS else self._value(cell)
+        except ValueError as error:
+            shown = cell if len(cell) <= _SHOWN else f'{cell[:_SHOWN]}...'
+            raise ReasoningError(f"{line}, column '{self.name}': {shown!r} {error}") from None
+
+    def _time(self, cell: str) -> int:
+        try:
+            if _DECIMAL.fullmatch(cell):
+                time = _EXACT.multiply(Decimal(cell), _UNITS[self.name])
+                if time == time.to_integral_value() and abs(time) < _LATEST:
+                    return int(time)
+        except ArithmeticError:
+            pass
+        raise ValueError(f'is not a whole number of nanoseconds within 64 bits, in {self.name}')
+
+    def _value(self, cell: str) -> Value:
+        if '\0' in cell:
+            raise ValueError('has a NUL character')
+        if not self._types:
+            self._types = next(
+                types for types in _INFERRED if any(_TEXTS[kind].fullmatch(cell) for kind in types)
+            )
+        for kind in self._types:
+            if _TEXTS[kind].fullmatch(cell):
+                return _CONVERSIONS[kind](cell)
+        expected = 'number' if self._types == _NUMBER else self._types[0]
+        if self._is_declared:
+            raise ValueError(f'is not of the type of the column, {expected}')
+        raise ValueError(
+            f'is not a {expected}, as the first value of the column is; leave cells without a '
+            f"value empty, and declare a column of strings as '{self.name}: string'"
+        )
+
+
+def _cells(rows: Any) -> Iterator[list[str]]:
+    """Yield the cells of the rows that are not empty, without the spaces around them."""
+    while True:
+        try:
+            row = [cell.strip() for cell in next(rows)]
+        except StopIteration:
+            return
+        except csv.Error as error:
+            message = f'line {rows.line_num}: {error}; is a quote missing?'
+            raise ReasoningError(message) from None
+        if row not in ([], ['']):
+            yield row
+
+
+def _columns(header: Sequence[str]) -> list[_Column]:
+    columns: list[_Column] = []
+    for text in header:
+        column = _Column(text)
+        if column.name in {other.name for other in columns}:
+            raise ReasoningError(f"line 1: there are two columns '{column.name}'; remove one")
+        columns.append(column)
+    if sum(column.name in _UNITS for column in columns) != 1:
         raise ReasoningError(
             'line 1: a trace has one column of times, time_ns or time_s; '
-            f'this one has the columns: {", ".join(names) or "none"}'
+            f'this one has the columns: {", ".join(header) or "none"}'
         )
-    columns: list[str] = []
-    for name in names:
-        try:
-            column = str(parse_formula(name))
-        except LanguageError:
-            raise ReasoningError(f"line 1: the column '{name}' is not a ground feature") from None
-        if column in columns:
-            raise ReasoningError(f"line 1: there are two columns '{column}'; remove one")
-        columns.append(column)
     return columns
 
 
-def _state(row: Sequence[str], columns: Sequence[str], where: str) -> RecordedState:
-    if len(row) != len(columns):
-        raise ReasoningError(f'{where}: {len(row)} values for {len(columns)} columns')
-    cells = dict(zip(columns, map(str.strip, row), strict=True))
-    clock = next(name for name in columns if name in _UNITS)
-    valid_time = _nanoseconds(cells.pop(clock), clock, where)
-    return RecordedState(valid_time, {name: _value(cell) for name, cell in cells.items() if cell})
+def _canonical(name: str) -> str:
+    """Return the canonical text of a ground feature.
 
-
-def _nanoseconds(cell: str, clock: str, where: str) -> int:
+    Raises:
+        ReasoningError: if the name is that of something else.
+    """
     try:
-        time = Decimal(cell) * _UNITS[clock]
-        if time == int(time):
-            return int(time)
-    except (InvalidOperation, ValueError, OverflowError):
-        pass
-    raise ReasoningError(f"{where}: '{cell}' is not a whole number of nanoseconds, in {clock}")
+        formula = parse_formula(name)
+    except LanguageError:
+        formula = None
+    if not isinstance(formula, Feature | FieldReference):
+        raise ReasoningError(f"line 1: the column '{name}' is not a ground feature")
+    return str(formula)
 
 
-def _value(cell: str) -> Value:
-    if cell in _BOOLEANS:
-        return _BOOLEANS[cell]
-    if _INTEGER.fullmatch(cell):
+def _integer(cell: str) -> int:
+    digits = cell.lstrip('+-').lstrip('0')
+    if len(digits) < _LONGEST_INTEGER and -(2**63) <= int(cell) < 2**63:
         return int(cell)
-    return float(cell) if _DECIMAL.fullmatch(cell) else cell
+    raise ValueError('is an integer of more than 64 bits')
+
+
+def _float(cell: str) -> float:
+    value = float(cell)
+    if math.isinf(value) and _DECIMAL.fullmatch(cell):
+        raise ValueError('is too large for a float')
+    return value
+
+
+_CONVERSIONS: Mapping[ValueType, Callable[[str], Value]] = {
+    ValueType.BOOLEAN: lambda cell: cell.lower() == 'true',
+    ValueType.INT: _integer,
+    ValueType.FLOAT: _float,
+    ValueType.STRING: str,
+}

@@ -57,7 +57,10 @@ def test_times_are_exact_and_empty_cells_hold_no_value() -> None:
         ('time_s,p,p', "there are two columns 'p'"),
         ('time_s,D[a,b]', "the column 'D\\[a' is not a ground feature"),
         ('time_s,p\n1', 'line 2: 1 values for 2 columns'),
-        ('time_s,p\n0,true\nsoon,true', "line 3: 'soon' is not a whole number of nanoseconds"),
+        (
+            'time_s,p\n0,true\nsoon,true',
+            "line 3, column 'time_s': 'soon' is not a whole number of nanoseconds",
+        ),
         ('time_s,p\n0.0000000001,true', 'not a whole number'),
         ('time_ns,p\ninf,true', 'not a whole number'),
         ('time_ns,p\nnan,true', 'not a whole number'),
@@ -111,6 +114,7 @@ def test_json(trace: str, capsys: pytest.CaptureFixture[str]) -> None:
             'decided_at_state': 0,
             'states': 3,
             'explanation': 'for x = uav1: Power[uav1] = 143 at 0.000 s is > 3',
+            'error': None,
         },
         {
             'formula': 'eventually (Power[uav1] > 200)',
@@ -119,6 +123,7 @@ def test_json(trace: str, capsys: pytest.CaptureFixture[str]) -> None:
             'decided_at_state': None,
             'states': 3,
             'explanation': 'undecided after 3 states; what remains: eventually (Power[uav1] > 200)',
+            'error': None,
         },
     ]
 

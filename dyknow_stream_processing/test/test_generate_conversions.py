@@ -30,10 +30,9 @@ def run(
 ) -> Callable[..., tuple[int, str, str]]:
     def run(*arguments: str) -> tuple[int, str, str]:
         monkeypatch.setattr(sys, 'argv', ['generate_conversions', *arguments])
-        code = 0
         try:
-            main()
-        except SystemExit as end:
+            code = main()
+        except SystemExit as end:  # of argparse
             code = int(end.code or 0)
         return (code, *capsys.readouterr())
 

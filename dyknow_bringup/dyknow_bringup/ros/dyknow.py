@@ -18,9 +18,9 @@ from rclpy.utilities import remove_ros_args
 from dyknow_bringup.errors import BringupError
 from dyknow_bringup.processes.launcher import Launcher
 from dyknow_bringup.processes.processes import SystemConfiguration, dyknow_processes
-from dyknow_bringup.ros.command import exit_code
 from dyknow_common import SECOND_NS, ExitCode, Verdict, round_time
-from dyknow_common.ros import duration
+from dyknow_common.executables import ERROR, FALSE, SUCCESS
+from dyknow_common.ros import duration, run_ros_main
 from dyknow_coordinator import Answer, Grounding
 from dyknow_coordinator.ros import FormulaClient
 
@@ -58,7 +58,7 @@ def up(chosen: argparse.Namespace) -> int:
         _print(f'DyKnow runs; logs are in {logs}; stop it with Ctrl-C')
         while signal.sigtimedwait(signals, CHECK_PERIOD_S) is None:
             launcher.check_running()
-    return 0
+    return SUCCESS
 
 
 def _existing(files: Sequence[Path]) -> tuple[Path, ...]:
@@ -78,7 +78,7 @@ def evaluate(chosen: argparse.Namespace) -> int:
         _print(f'{answer.verdict.name.lower()} at {decided_at}: {answer.explanation}')
     else:
         print(f'{answer.error.code.name}: {answer.error}', file=sys.stderr)  # noqa: T201
-    return {Verdict.TRUE: 0, Verdict.FALSE: 1}.get(answer.verdict, 2)
+    return {Verdict.TRUE: SUCCESS, Verdict.FALSE: FALSE}.get(answer.verdict, ERROR)
 
 
 def _ask(chosen: argparse.Namespace) -> Answer:
@@ -167,5 +167,9 @@ def _add_evaluate_options(parser: argparse.ArgumentParser) -> None:
 
 def main() -> int:
     """Run the executable dyknow."""
-    chosen = options(remove_ros_args(sys.argv)[1:])
-    return exit_code('dyknow', lambda: int(chosen.command(chosen)), on_error=2)
+
+    def run() -> int:
+        chosen = options(remove_ros_args(sys.argv)[1:])
+        return int(chosen.command(chosen))
+
+    return run_ros_main('dyknow', run)

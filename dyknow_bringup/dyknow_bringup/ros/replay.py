@@ -14,7 +14,8 @@ from rosgraph_msgs.msg import Clock as ClockMessage
 from dyknow_bringup.recordings.bag import Bag, QualityOfService
 from dyknow_bringup.recordings.replay import Replay, Schedule
 from dyknow_common import SECOND_NS
-from dyknow_common.ros import DyKnowNode, nanoseconds_to_time, run
+from dyknow_common.executables import ERROR
+from dyknow_common.ros import DyKnowNode, nanoseconds_to_time, run, run_ros_main
 from dyknow_stream_processing.ros import message_class
 
 PERIOD_S = 0.005
@@ -75,7 +76,11 @@ def _qos(offered: QualityOfService | None) -> QoSProfile:
 
 def options(arguments: Sequence[str]) -> argparse.Namespace:
     """Return the options on the command line."""
-    parser = argparse.ArgumentParser(prog='replay', description=__doc__)
+    parser = argparse.ArgumentParser(
+        prog='replay',
+        description=__doc__,
+        epilog='Exit code 0: replayed, or stopped by a signal, 2: error.',
+    )
     parser.add_argument(
         'bag', type=Path, help='a folder with metadata.yaml, or a .mcap or .db3 file'
     )
@@ -96,5 +101,9 @@ def options(arguments: Sequence[str]) -> argparse.Namespace:
 
 def main() -> int:
     """Run the executable replay."""
-    chosen = options(remove_ros_args(sys.argv)[1:])
-    return run(lambda: ReplayNode(chosen))
+
+    def run_node() -> int:
+        chosen = options(remove_ros_args(sys.argv)[1:])
+        return run(lambda: ReplayNode(chosen), failure=ERROR)
+
+    return run_ros_main('replay', run_node)

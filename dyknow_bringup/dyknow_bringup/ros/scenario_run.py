@@ -11,7 +11,6 @@ import rclpy
 from diagnostic_msgs.msg import DiagnosticStatus
 from dyknow_interfaces.srv import ListStreams
 from rclpy.executors import SingleThreadedExecutor
-from rich.console import Console
 
 from dyknow_bringup.errors import BringupError
 from dyknow_bringup.processes.launcher import Launcher
@@ -22,11 +21,12 @@ from dyknow_bringup.processes.processes import (
     write_fleet_configuration,
 )
 from dyknow_bringup.resources import scenario_path, uav_ontology_path
-from dyknow_bringup.ros.command import exit_code
 from dyknow_bringup.simulation.fleet import fleet_specification, vehicle_names
 from dyknow_bringup.simulation.scenario import load_scenario
 from dyknow_common import SECOND_NS, ExitCode
+from dyknow_common.executables import FALSE, SUCCESS
 from dyknow_common.ros import LATCHED, DyKnowNode, RemoteNode
+from dyknow_common.tables import Terminal
 from dyknow_stream_processing import parse_specification, specifications_by_sink
 
 START_TIMEOUT_S = 30.0
@@ -63,7 +63,7 @@ class ScenarioRun(ABC):
         self._processes = list(dyknow_processes(configuration))
         if markers:
             self._processes.append(formula_markers())
-        self._console = Console()
+        self._console = Terminal()
         self._start = 0
 
     def run(self) -> bool:
@@ -123,32 +123,24 @@ class ScenarioRun(ABC):
 
 
 def run_scenario(
-    command: str,
-    make_run: Callable[[Launcher, Path], ScenarioRun],
-    log_level: str,
-    logs: Path | None = None,
+    make_run: Callable[[Launcher, Path], ScenarioRun], log_level: str, logs: Path | None = None
 ) -> int:
-    """Run a scenario and return the exit code of the command: 0 if it ended as it should.
+    """Run a scenario and return the exit code: SUCCESS if it ended as it should, or else FALSE.
 
     Args:
-        command: its name.
         make_run: returns the run, given a launcher and a folder for its files.
         log_level: of the nodes.
         logs: the folder for the logs of the nodes; None for a temporary one.
     """
-
-    def work() -> int:
-        with (
-            tempfile.TemporaryDirectory(prefix=f'{command}_') as temporary,
-            Launcher(logs or Path(temporary), log_level=log_level) as launcher,
-        ):
-            run = make_run(launcher, Path(temporary))
-            rclpy.init()
-            return 0 if run.run() else 1
-
     if logs is not None:
         logs.mkdir(parents=True, exist_ok=True)
-    try:
-        return exit_code(command, work, on_error=1)
-    finally:
-        rclpy.try_shutdown()
+    with (
+        tempfile.TemporaryDirectory(prefix='dyknow_') as temporary,
+        Launcher(logs or Path(temporary), log_level=log_level) as launcher,
+    ):
+        run = make_run(launcher, Path(temporary))
+        rclpy.init()
+        try:
+            return SUCCESS if run.run() else FALSE
+        finally:
+            rclpy.try_shutdown()

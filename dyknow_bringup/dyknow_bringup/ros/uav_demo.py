@@ -1,6 +1,6 @@
 """The demonstration: a simulated UAV fleet, all nodes of DyKnow, and a live table of verdicts.
 
-It ends by itself; the exit code is 0 only if every verdict is what the scenario says.
+It ends by itself. Exit code 0: every verdict is what the scenario says, 1: one is not, 2: error.
 """
 
 from __future__ import annotations
@@ -19,6 +19,7 @@ from dyknow_bringup.resources import scenario_names
 from dyknow_bringup.ros.formula_monitor import FormulaMonitor
 from dyknow_bringup.ros.scenario_run import ScenarioRun, run_scenario
 from dyknow_common import SECOND_NS
+from dyknow_common.ros import run_ros_main
 
 SETTLING_NS = SECOND_NS
 """Time after the end of the scenario in which verdicts may still come."""
@@ -63,7 +64,9 @@ class Demonstration(ScenarioRun):
 def options(arguments: Sequence[str]) -> argparse.Namespace:
     """Return the options on the command line."""
     parser = argparse.ArgumentParser(
-        prog='uav_demo', description='Monitors a simulated UAV fleet with DyKnow.'
+        prog='uav_demo',
+        description='Monitors a simulated UAV fleet with DyKnow.',
+        epilog='Exit code 0: every verdict is what the scenario says, 1: one is not, 2: error.',
     )
     parser.add_argument(
         '--scenario',
@@ -81,12 +84,15 @@ def options(arguments: Sequence[str]) -> argparse.Namespace:
 
 def main() -> int:
     """Run the executable uav_demo."""
-    chosen = options(remove_ros_args(sys.argv)[1:])
-    return run_scenario(
-        'uav_demo',
-        lambda launcher, folder: Demonstration(
-            chosen.scenario, chosen.uavs, launcher, folder, markers=chosen.markers
-        ),
-        chosen.log_level,
-        chosen.logs,
-    )
+
+    def run() -> int:
+        chosen = options(remove_ros_args(sys.argv)[1:])
+        return run_scenario(
+            lambda launcher, folder: Demonstration(
+                chosen.scenario, chosen.uavs, launcher, folder, markers=chosen.markers
+            ),
+            chosen.log_level,
+            chosen.logs,
+        )
+
+    return run_ros_main('uav_demo', run)

@@ -1,6 +1,6 @@
 """A simulated vehicle executes a plan, which DyKnow monitors: which action went wrong, and why.
 
-It ends by itself; the exit code is 0 only if no formula was violated and every action succeeded.
+It ends by itself. Exit code 0: no violation and every action succeeded, 1: otherwise, 2: error.
 """
 
 from __future__ import annotations
@@ -19,6 +19,7 @@ from dyknow_bringup.resources import plan_path
 from dyknow_bringup.ros.scenario_run import ScenarioRun, run_scenario
 from dyknow_bringup.simulation.missions import load_mission
 from dyknow_common import SECOND_NS, Verdict
+from dyknow_common.ros import run_ros_main
 from dyknow_coordinator import PlanOutcome
 from dyknow_coordinator.ros import FormulaClient, PlanMonitor
 
@@ -82,7 +83,9 @@ class MonitoredMission(ScenarioRun):
 def options(arguments: Sequence[str]) -> argparse.Namespace:
     """Return the options on the command line."""
     parser = argparse.ArgumentParser(
-        prog='uav_plan', description='Monitors a simulated vehicle that executes a plan.'
+        prog='uav_plan',
+        description='Monitors a simulated vehicle that executes a plan.',
+        epilog='Exit code 0: no violation and every action succeeded, 1: otherwise, 2: error.',
     )
     parser.add_argument(
         '--plan', default='delivery', help='delivery, or a YAML file (default: delivery)'
@@ -98,9 +101,14 @@ def options(arguments: Sequence[str]) -> argparse.Namespace:
 
 def main() -> int:
     """Run the executable uav_plan."""
-    chosen = options(remove_ros_args(sys.argv)[1:])
-    return run_scenario(
-        'uav_plan',
-        lambda launcher, folder: MonitoredMission(chosen.plan, chosen.scenario, launcher, folder),
-        chosen.log_level,
-    )
+
+    def run() -> int:
+        chosen = options(remove_ros_args(sys.argv)[1:])
+        return run_scenario(
+            lambda launcher, folder: MonitoredMission(
+                chosen.plan, chosen.scenario, launcher, folder
+            ),
+            chosen.log_level,
+        )
+
+    return run_ros_main('uav_plan', run)

@@ -1,6 +1,6 @@
 """The parts that every ROS node of DyKnow shares."""
 
-from dyknow_common.ros.commands import INTERRUPTED, CommandNode, duration, run_command
+from dyknow_common.ros.commands import CommandNode, duration, run_command, run_ros_main
 from dyknow_common.ros.deadlines import TICK_PERIOD_S
 from dyknow_common.ros.executor import NodeExecutor, supports_node_executor
 from dyknow_common.ros.liveliness import (
@@ -36,7 +36,6 @@ from dyknow_common.ros.time_messages import (
 __all__ = [
     'FIRST_ASSERTION_S',
     'GRACE_S',
-    'INTERRUPTED',
     'LATCHED',
     'LATCHED_HISTORY',
     'NO_SUBSCRIPTION_EVENTS',
@@ -65,6 +64,7 @@ __all__ = [
     'nanoseconds_to_time',
     'run',
     'run_command',
+    'run_ros_main',
     'snake_case',
     'supports_node_executor',
     'time_to_nanoseconds',

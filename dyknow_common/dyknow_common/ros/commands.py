@@ -6,22 +6,30 @@ import argparse
 import os
 import sys
 from collections.abc import Callable, Sequence
+from contextlib import closing
 
 import rclpy
 from rclpy.clock import Clock, ClockType
-from rclpy.executors import SingleThreadedExecutor
+from rclpy.exceptions import NameValidationException
+from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
+from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 from rclpy.utilities import remove_ros_args
 
 from dyknow_common.durations import parse_duration
 from dyknow_common.errors import DyKnowError
+from dyknow_common.executables import SUCCESS, run_main
 
 TICK_PERIOD_S = 0.1
 """The period in which a waiting command checks its deadline."""
 
-INTERRUPTED = 130
-"""The exit code of a command that the user has interrupted."""
+ROS_ERRORS = (
+    NameValidationException,
+    rclpy_implementation.RCLError,
+    rclpy_implementation.UnknownROSArgsError,
+)
+"""Errors of rclpy about what the user has written on the command line."""
 
 
 class CommandNode:
@@ -66,7 +74,6 @@ def run_command(
     name: str,
     parse_options: Callable[[Sequence[str]], argparse.Namespace],
     work: Callable[[argparse.Namespace, CommandNode], None],
-    exit_code: Callable[[DyKnowError], int],
 ) -> int:
     """Run a command with a node of its own; the main function of its executable.
 
@@ -74,26 +81,37 @@ def run_command(
         name: of the command, for its node and its error messages.
         parse_options: parses the arguments on the command line.
         work: does the work of the command.
-        exit_code: returns the exit code for an error of the work.
 
     Returns:
-        The exit code: 0 when the work is done, 130 when it is interrupted.
+        The exit code, as for `run_main`.
     """
-    options = parse_options(remove_ros_args(sys.argv)[1:])
-    # An interrupt must end the command by an exception, while its context is still valid.
-    rclpy.init(args=sys.argv, signal_handler_options=SignalHandlerOptions.NO)
-    node = CommandNode(name)
-    try:
-        work(options, node)
-    except DyKnowError as error:
-        print(f'{name}: {error}', file=sys.stderr)  # noqa: T201 - this is a command
-        return exit_code(error)
-    except KeyboardInterrupt:
-        return INTERRUPTED
-    finally:
-        node.close()
-        rclpy.try_shutdown()
-    return 0
+
+    def run() -> int:
+        options = parse_options(remove_ros_args(sys.argv)[1:])
+        # An interrupt must end the command by an exception, while its context is still valid.
+        rclpy.init(args=sys.argv, signal_handler_options=SignalHandlerOptions.NO)
+        try:
+            with closing(CommandNode(name)) as node:
+                work(options, node)
+        finally:
+            rclpy.try_shutdown()
+        return SUCCESS
+
+    return run_ros_main(name, run)
+
+
+def run_ros_main(command: str, work: Callable[[], int]) -> int:
+    """Do the work of a command that uses ROS; arguments and result are those of `run_main`."""
+
+    def work_of_command() -> int:
+        try:
+            return work()
+        except ExternalShutdownException:
+            raise KeyboardInterrupt from None
+        except ROS_ERRORS as error:
+            raise DyKnowError(' '.join(str(error).split())) from None
+
+    return run_main(command, work_of_command)
 
 
 def duration(text: str) -> int:

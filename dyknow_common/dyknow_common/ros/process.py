@@ -11,10 +11,11 @@ from collections.abc import Callable, Sequence
 from contextlib import suppress
 
 import rclpy
-from rclpy.exceptions import ParameterException
+from rclpy.exceptions import NameValidationException, ParameterException
 from rclpy.executors import ExternalShutdownException
 
 from dyknow_common.errors import DyKnowError
+from dyknow_common.ros.commands import ROS_ERRORS
 from dyknow_common.ros.deadlines import TICK_PERIOD_S
 from dyknow_common.ros.executor import node_executor
 from dyknow_common.ros.node import DyKnowNode
@@ -50,13 +51,21 @@ def _exit_without_threads() -> None:
         faulthandler.dump_traceback_later(HANG_TIMEOUT_S, exit=True)
 
 
-def run(make_node: Callable[[], DyKnowNode], arguments: Sequence[str] | None = None) -> int:
+def run(
+    make_node: Callable[[], DyKnowNode],
+    arguments: Sequence[str] | None = None,
+    failure: int = 1,
+) -> int:
     """Run a node until SIGINT or SIGTERM; the main function of every executable.
 
     Returns:
-        The exit code: 0 after a clean stop, 1 when the node cannot start.
+        The exit code: 0 after a clean stop, `failure` when the node cannot start.
     """
-    rclpy.init(args=None if arguments is None else list(arguments))
+    try:
+        rclpy.init(args=None if arguments is None else list(arguments))
+    except ROS_ERRORS as error:
+        print(' '.join(str(error).split()), file=sys.stderr)  # noqa: T201
+        return failure
     _exit_after_shutdown()
     node: DyKnowNode | None = None
     executor = node_executor()
@@ -67,9 +76,9 @@ def run(make_node: Callable[[], DyKnowNode], arguments: Sequence[str] | None = N
         executor.spin()
     except (KeyboardInterrupt, ExternalShutdownException):
         pass
-    except (DyKnowError, ParameterException) as error:
+    except (DyKnowError, NameValidationException, ParameterException) as error:
         print(error, file=sys.stderr)  # noqa: T201 - there is no node to log with
-        return 1
+        return failure
     except Exception:
         # After a stop during the start, errors of the incomplete node are expected.
         if rclpy.ok():

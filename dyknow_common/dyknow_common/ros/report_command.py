@@ -9,13 +9,14 @@ from contextlib import nullcontext
 from dataclasses import dataclass
 from typing import Any
 
-from rich.console import Console, RenderableType
+from rich.console import RenderableType
 from rich.live import Live
 
 from dyknow_common.durations import SECOND_NS
 from dyknow_common.errors import DyKnowError, ExitCode
 from dyknow_common.ros.commands import CommandNode, duration, run_command
 from dyknow_common.ros.qos import LATCHED
+from dyknow_common.tables import Terminal
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,12 +36,12 @@ class ReportCommand:
     rendered: Callable[[Any, str], RenderableType]
 
     def run(self, parse_options: Callable[[Sequence[str]], argparse.Namespace]) -> int:
-        """Run the command; the exit code is 1 if there is no such part, 2 without a report."""
-        return run_command(self.name, parse_options, self._show, _exit_code)
+        """Run the command and return its exit code."""
+        return run_command(self.name, parse_options, self._show)
 
     def _show(self, options: argparse.Namespace, command: CommandNode) -> None:
         reports = _Reports(command, f'{options.node}/{self.name}', self.message_type)
-        console = Console()
+        console = Terminal()
         is_live = options.watch and console.is_terminal and not options.json
         with Live(console=console, auto_refresh=False) if is_live else nullcontext() as live:
             while True:
@@ -112,7 +113,3 @@ def add_report_options(parser: argparse.ArgumentParser, node: str, role: str) ->
         '--timeout', type=duration, default='5 s', help='to wait for a report (default: 5 s)'
     )
     parser.add_argument('--node', default=node, help=f'{role} that reports (default: {node})')
-
-
-def _exit_code(error: DyKnowError) -> int:
-    return 1 if error.code is ExitCode.NOT_FOUND else 2

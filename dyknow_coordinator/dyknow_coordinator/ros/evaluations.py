@@ -57,7 +57,7 @@ def options(arguments: Sequence[str]) -> argparse.Namespace:
     """Return the options on the command line."""
     parser = argparse.ArgumentParser(
         prog='evaluations',
-        description=f'{__doc__} Exit code 0: shown, 1: no such evaluation, 2: no report received.',
+        description=f'{__doc__} Exit code 0: shown, 2: no such evaluation, or no report.',
     )
     parser.add_argument(
         'name',

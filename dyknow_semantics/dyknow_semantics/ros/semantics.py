@@ -9,10 +9,10 @@ from dataclasses import asdict
 from typing import Any
 
 from dyknow_interfaces.srv import ListSemanticSpecifications, OntologyQuery
-from rich.console import Console
 
-from dyknow_common import SECOND_NS, DyKnowError, ExitCode
+from dyknow_common import SECOND_NS, ExitCode
 from dyknow_common.ros import SERVICE, CommandNode, duration, run_command, snake_case
+from dyknow_common.tables import Terminal
 from dyknow_semantics.annotations.parsing import parse_concept
 from dyknow_semantics.errors import SemanticsError
 from dyknow_semantics.matching.bridges import bridged
@@ -33,7 +33,7 @@ def show(options: argparse.Namespace, command: CommandNode) -> None:
         DyKnowError: if a node does not answer, or the concept or a file of bridges is invalid.
     """
     matcher = _fetch_matcher(options, command)
-    console = Console(highlight=False)
+    console = Terminal(highlight=False)
     if options.explain:
         concept = parse_concept(options.explain)
         explanations = matcher.explain(concept)
@@ -56,7 +56,7 @@ def parse_options(arguments: Sequence[str]) -> argparse.Namespace:
     """Return the options on the command line."""
     parser = argparse.ArgumentParser(
         prog='semantics',
-        description=f'{__doc__} Exit code 0: shown, 1: no such concept, 2: a node does not answer.',
+        description=f'{__doc__} Exit code 0: shown, 2: no such concept, or no answer.',
     )
     parser.add_argument(
         '--explain', metavar='CONCEPT', help='explain which streams match it and which do not'
@@ -122,10 +122,6 @@ def _call(
     return response
 
 
-def _exit_code(error: DyKnowError) -> int:
-    return 2 if error.code is ExitCode.UNAVAILABLE else 1
-
-
 def main() -> int:
     """Run the command."""
-    return run_command('semantics', parse_options, show, _exit_code)
+    return run_command('semantics', parse_options, show)

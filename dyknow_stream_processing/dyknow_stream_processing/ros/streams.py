@@ -46,7 +46,7 @@ def options(arguments: Sequence[str]) -> argparse.Namespace:
     """Return the options on the command line."""
     parser = argparse.ArgumentParser(
         prog='streams',
-        description=f'{__doc__} Exit code 0: shown, 1: no such stream, 2: no node reports.',
+        description=f'{__doc__} Exit code 0: shown, 2: no such stream, or no report.',
     )
     parser.add_argument(
         'name', nargs='?', default='', metavar='NAME', help='show the details of this stream'

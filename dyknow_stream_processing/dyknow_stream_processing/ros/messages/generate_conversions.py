@@ -8,6 +8,7 @@ import sys
 from collections import Counter
 from pathlib import Path
 
+from dyknow_common.executables import SUCCESS, run_main
 from dyknow_stream_processing.errors import StreamError
 from dyknow_stream_processing.ros.messages.conversion_code import module_text
 from dyknow_stream_processing.ros.messages.message_types import message_class
@@ -31,16 +32,12 @@ examples:
 exit codes: 0 written, 2 unknown type or field, or the file cannot be written"""
 
 
-def main() -> None:
-    """Write the module; exit with 2 if that is impossible."""
-    try:
-        _generate()
-    except (StreamError, OSError) as error:
-        print(f'{_COMMAND}: {error}', file=sys.stderr)  # noqa: T201
-        sys.exit(2)
+def main() -> int:
+    """Write the module and return the exit code."""
+    return run_main(_COMMAND, _generate)
 
 
-def _generate() -> None:
+def _generate() -> int:
     parser = argparse.ArgumentParser(
         prog=_COMMAND,
         description=_DESCRIPTION,
@@ -71,3 +68,4 @@ def _generate() -> None:
         sys.stdout.write(text)
     else:
         given.output.write_text(text, encoding='utf-8')
+    return SUCCESS

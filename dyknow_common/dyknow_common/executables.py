@@ -1,0 +1,124 @@
+"""Executables: their exit codes, and what they print instead of a traceback.
+
+A command ends with SUCCESS (done, or a verdict that is not false), FALSE (a verdict of false) or
+ERROR. An exception that nothing catches would end Python with 1, which means false here.
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+from collections.abc import Callable, Collection
+from contextlib import suppress
+from importlib.metadata import distribution
+from pathlib import Path
+from traceback import extract_tb
+
+from dyknow_common.errors import DyKnowError
+
+SUCCESS, FALSE, ERROR = 0, 1, 2
+
+INTERRUPTED = 130
+"""The exit code of a command that the user has interrupted, as shells have it."""
+
+UNREAD = 141
+"""The exit code of a command whose output is a pipe that nothing reads any more, such as `head`."""
+
+SOURCE_ENVIRONMENT = 'run first: source env.sh, or the setup.bash of the workspace'
+
+_SCRIPT = """\
+# EASY-INSTALL-ENTRY-SCRIPT: %(spec)r,%(group)r,%(name)r
+import sys
+
+try:
+    from dyknow_common.executables import entry_point
+
+    main = entry_point(%(spec)r, %(name)r)
+except ImportError as error:
+    print(f'%(name)s: cannot start: {error}; SOURCE', file=sys.stderr)
+    sys.exit(1 if %(name)r in NODES else 2)
+except KeyboardInterrupt:
+    sys.exit(INTERRUPTED)
+if __name__ == '__main__':
+    sys.exit(main())
+"""
+
+
+def script_template(nodes: Collection[str] = ()) -> str:
+    """Return the text of executables, for `ScriptWriter.template` of setuptools.
+
+    The script of setuptools ends with a traceback where the environment is missing.
+
+    Args:
+        nodes: the executables that are nodes, whose exit code is 1 when they cannot start.
+    """
+    text = _SCRIPT.replace('NODES', repr(sorted(nodes))).replace('SOURCE', SOURCE_ENVIRONMENT)
+    return text.replace('INTERRUPTED', str(INTERRUPTED))
+
+
+def entry_point(package: str, name: str) -> Callable[[], int]:
+    """Return the main function of an executable.
+
+    Raises:
+        ImportError: if something that it needs is not installed, or not in this environment.
+    """
+    scripts = distribution(package.partition('==')[0]).entry_points.select(group='console_scripts')
+    main: Callable[[], int] = scripts[name].load()
+    return main
+
+
+def run_main(command: str, work: Callable[[], int]) -> int:
+    """Do the work of a command and return its exit code; print errors in one line.
+
+    Args:
+        command: its name, for error messages.
+        work: returns the exit code.
+    """
+    _replace_missing_outputs()
+    try:
+        try:
+            return work()
+        finally:
+            sys.stdout.flush()
+    except KeyboardInterrupt:
+        code = INTERRUPTED
+    except BrokenPipeError:
+        code = UNREAD
+    except Exception as error:  # noqa: BLE001 - a traceback and exit code 1 would mean false
+        code = ERROR
+        with suppress(OSError):
+            sys.stderr.write(f'{command}: {_description(error)}\n')
+    _discard_output()
+    return code
+
+
+def _description(error: Exception) -> str:
+    match error:
+        case DyKnowError():
+            return error.message
+        case OSError(strerror=str(reason), filename=str() | Path() as name):
+            return f'{name}: {reason}'
+        case OSError():
+            return error.strerror or str(error)
+    *_, place = extract_tb(error.__traceback__)
+    kind = type(error).__name__
+    return f'internal error: {kind}: {error} ({place.filename}:{place.lineno}); please report it'
+
+
+def _replace_missing_outputs() -> None:
+    """Discard what is printed to an output that the caller has closed, which Python has as None."""
+    for name in ('stdout', 'stderr'):
+        if getattr(sys, name) is None:
+            setattr(sys, name, Path(os.devnull).open('w', encoding='utf-8'))  # noqa: SIM115
+    # Names in formulas may have characters that the terminal's encoding lacks.
+    with suppress(AttributeError):
+        sys.stdout.reconfigure(errors='backslashreplace')  # type: ignore[union-attr]
+
+
+def _discard_output() -> None:
+    """Keep Python from writing the rest of the output at its end, which would fail again."""
+    with suppress(OSError, ValueError):
+        sys.stdout.flush()
+        return
+    with suppress(OSError, ValueError):
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())

@@ -1,0 +1,171 @@
+"""Every executable ends with the exit code of what happened, and never with a traceback."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+from importlib.metadata import distribution
+from pathlib import Path
+
+import pytest
+
+from dyknow_bringup.processes.processes import PACKAGES
+from dyknow_bringup.resources import executable_path
+from system import LIMIT, Client, private_environment
+
+EXECUTABLES = {
+    script.name: package
+    for package in (*dict.fromkeys(PACKAGES.values()), 'dyknow_bringup')
+    for script in distribution(package).entry_points.select(group='console_scripts')
+}
+NODES = {*PACKAGES, 'formula_markers', 'formula_monitor', 'uav_simulation'}
+
+
+@pytest.fixture(scope='module')
+def environment() -> dict[str, str]:
+    return {**os.environ, **private_environment()}
+
+
+def line(name: str, *arguments: str) -> list[str]:
+    # A shell has what it runs in the background ignore interrupts.
+    executable = str(executable_path(EXECUTABLES[name], name))
+    return ['env', '--default-signal=INT', executable, *arguments]
+
+
+def ended(
+    name: str, *arguments: str, environment: dict[str, str], stdout: int = subprocess.PIPE
+) -> subprocess.CompletedProcess[str]:
+    done = subprocess.run(
+        line(name, *arguments),
+        env=environment,
+        stdout=stdout,
+        stderr=subprocess.PIPE,
+        stdin=subprocess.DEVNULL,
+        text=True,
+        timeout=LIMIT,
+        check=False,
+    )
+    assert 'Traceback' not in done.stderr, done.stderr
+    return done
+
+
+@pytest.mark.parametrize('name', EXECUTABLES)
+def test_an_executable_outside_of_its_environment(name: str) -> None:
+    done = ended(name, environment={'PATH': os.defpath})
+    assert done.returncode == (1 if name in NODES else 2)
+    assert done.stderr.startswith(f'{name}: cannot start: ')
+    assert 'run first: source env.sh, or the setup.bash of the workspace' in done.stderr
+
+
+@pytest.mark.parametrize('name', ['dyknow up', 'uav_demo', 'uav_plan', 'uav_simulation'])
+def test_packages_that_are_not_found(name: str, environment: dict[str, str]) -> None:
+    environment = {key: text for key, text in environment.items() if key != 'AMENT_PREFIX_PATH'}
+    command, *arguments = name.split()
+    # The executable itself is found by this process, which has the variable.
+    done = ended(command, *arguments, environment=environment)
+    assert done.returncode == (1 if command in NODES else 2)
+    assert "'AMENT_PREFIX_PATH' is not set or empty; run first: source env.sh" in done.stderr
+
+
+@pytest.mark.parametrize(
+    ('command', 'message'),
+    [
+        ('check p', 'the following arguments are required: --trace'),
+        ('check p --trace /nowhere', 'cannot read the trace in /nowhere: No such file or'),
+        ('dyknow', 'the following arguments are required: COMMAND'),
+        ('dyknow up --store /dev/null/x', 'dyknow: /dev/null/x: Not a directory'),
+        ('dyknow up --ontology /nowhere.owl', 'dyknow: there is no file /nowhere.owl'),
+        ('dyknow evaluate p --coordinator a//b', 'dyknow: Invalid topic name: '),
+        ('dyknow evaluate p --ros-args -p x', 'dyknow: Failed to parse ROS arguments: '),
+        ('evaluations --timeout 10ms', 'evaluations: no report of /stream_reasoning_coordinator'),
+        ('generate_conversions a/msg/B', "'a/msg/B' is not installed"),
+        ('generate_conversions std_msgs/msg/Bool --output /', ': /: Is a directory'),
+        ('replay /nowhere', '/nowhere: no such recording'),
+        ('replay /', '/: not a readable rosbag2 bag'),
+        ('semantics --timeout 10ms', 'semantics: /ontology_manager has not answered'),
+        ('streams --node a//b', 'streams: failed to resolve name: '),
+        ('streams --timeout 10ms', 'streams: no report of /stream_manager within'),
+        ('uav_demo --logs /dev/null/x', 'uav_demo: /dev/null/x: Not a directory'),
+        ('uav_demo --uavs 0', 'uav_demo: a fleet of 0 vehicles cannot fly'),
+        ('uav_plan --plan picnic', "uav_plan: there is no plan 'picnic'"),
+    ],
+)
+def test_errors_of_commands(command: str, message: str, environment: dict[str, str]) -> None:
+    name, *arguments = command.split()
+    done = ended(name, *arguments, environment=environment)
+    assert done.returncode == 2
+    assert message in done.stderr
+
+
+def test_a_node_with_invalid_arguments(environment: dict[str, str]) -> None:
+    done = ended('stream_manager', '--ros-args', '-p', 'x', environment=environment)
+    assert done.returncode == 1
+    assert "Couldn't parse parameter override rule: '-p x'" in done.stderr
+
+
+@pytest.fixture
+def trace(tmp_path: Path) -> str:
+    path = tmp_path / 'trace.csv'
+    path.write_text('time_s,p\n0,true\n1,false\n', encoding='utf-8')
+    return str(path)
+
+
+@pytest.mark.parametrize(('formula', 'code'), [('p', 0), ('always p', 1), ('q', 2)])
+def test_an_output_that_is_closed(
+    formula: str, code: int, trace: str, environment: dict[str, str]
+) -> None:
+    check = ['bash', '-c', '"$@" >&-', '-', *line('check', formula, '--trace', trace)]
+    done = subprocess.run(check, env=environment, capture_output=True, timeout=LIMIT, check=False)
+    assert done.returncode == code
+    assert b'Traceback' not in done.stderr
+
+
+def test_an_output_that_nobody_reads(trace: str, environment: dict[str, str]) -> None:
+    reading, writing = os.pipe()
+    os.close(reading)
+    done = ended('check', 'always p', '--trace', trace, environment=environment, stdout=writing)
+    os.close(writing)
+    assert (done.returncode, done.stderr) == (141, '')
+
+
+@pytest.mark.parametrize('name', ['check p --trace', 'generate_conversions std_msgs/msg/Bool'])
+def test_an_output_that_is_full(name: str, trace: str, environment: dict[str, str]) -> None:
+    command, *arguments = name.split()
+    arguments += [trace] if command == 'check' else []
+    with Path('/dev/full').open('w', encoding='utf-8') as full:
+        done = ended(command, *arguments, environment=environment, stdout=full.fileno())
+    assert (done.returncode, done.stderr) == (2, f'{command}: No space left on device\n')
+
+
+def test_an_encoding_that_lacks_a_character(trace: str, environment: dict[str, str]) -> None:
+    ascii_only = {**environment, 'PYTHONIOENCODING': 'ascii'}
+    done = ended('check', 'p -> q = "\u00e5"', '--trace', trace, environment=ascii_only)
+    assert done.returncode == 2
+    assert 'internal error' not in done.stderr
+
+
+def test_an_interrupted_check(tmp_path: Path, environment: dict[str, str]) -> None:
+    fifo = tmp_path / 'fifo'
+    os.mkfifo(fifo)
+    check = line('check', 'p', '--trace', str(fifo))
+    with (
+        subprocess.Popen(check, env=environment, stderr=subprocess.PIPE, text=True) as running,
+        # Opening a FIFO for writing waits for its reader.
+        fifo.open('w', encoding='utf-8'),
+    ):
+        running.send_signal(signal.SIGINT)
+        _, err = running.communicate(timeout=LIMIT)
+    assert (running.returncode, err) == (130, '')
+
+
+def test_an_interrupted_evaluation(client: Client) -> None:
+    with subprocess.Popen(
+        line('dyknow', 'evaluate', 'p'), env=os.environ, stderr=subprocess.PIPE, text=True
+    ) as running:
+        client.spin_until(
+            lambda: 'dyknow_evaluate' in client.node.get_node_names(), 'the command runs'
+        )
+        running.send_signal(signal.SIGINT)
+        _, err = running.communicate(timeout=LIMIT)
+    assert (running.returncode, err) == (130, '')
