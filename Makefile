@@ -11,10 +11,10 @@ IN_ENVIRONMENT := source env.sh &&
 TEST_PROCESSES ?= 3
 
 .DEFAULT_GOAL := help
-.PHONY: help setup build demo test check clean
+.PHONY: help setup build demo test test-packages check clean
 
 help:  ## list the targets
-	@grep -hE '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 10
+	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 16
 
 setup:  ## make .venv with all that is needed (from PyPI where no ROS 2 Jazzy is sourced)
 	@$(PYTHON) tools/set_up.py
@@ -34,6 +34,9 @@ test: build  ## run all tests
 	@# Python writes bytecode even where it is told not to: the tests start hundreds of nodes.
 	@$(IN_ENVIRONMENT) PYTHONDONTWRITEBYTECODE= python -m pytest -n $(TEST_PROCESSES)
 
+test-packages:  ## run the tests that need no ROS under another Python (PYTHON=python3.12)
+	@$(PYTHON) tools/test_packages.py
+
 check: build  ## ruff, mypy, the import rules and the rules of the code base
 	@$(IN_ENVIRONMENT) ruff format --check --quiet . && ruff check --quiet .
 	@$(IN_ENVIRONMENT) mypy $(foreach package,$(filter-out dyknow_interfaces,$(PACKAGES)),$(package)/$(package))
@@ -41,4 +44,4 @@ check: build  ## ruff, mypy, the import rules and the rules of the code base
 	@$(IN_ENVIRONMENT) python tools/check_code_base.py
 
 clean:  ## remove everything that was made
-	rm -rf build install log .venv .mypy_cache .ruff_cache .pytest_cache .hypothesis
+	rm -rf build install log .venv .venv-* .mypy_cache .ruff_cache .pytest_cache .hypothesis

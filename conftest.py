@@ -3,6 +3,8 @@
 The packages are imported before pytest meets the folders of the same names that hold them.
 """
 
+from importlib.util import find_spec
+
 from hypothesis import HealthCheck, settings
 
 import dyknow_bringup  # noqa: F401
@@ -15,3 +17,11 @@ import dyknow_stream_processing  # noqa: F401
 # Tests assert what comes out, not how fast: other processes may have the machine.
 settings.register_profile('dyknow', deadline=None, suppress_health_check=[HealthCheck.too_slow])
 settings.load_profile('dyknow')
+
+# The cores of the packages need no ROS, and no more do their tests.
+collect_ignore_glob = [] if find_spec('rclpy') else ['dyknow_*/test/ros/*']
+
+
+def pytest_report_header() -> list[str]:
+    """Say which tests are left out."""
+    return ['without ROS: the tests in test/ros are left out'] if collect_ignore_glob else []

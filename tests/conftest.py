@@ -40,7 +40,7 @@ SCHEDULE = (
     ('test_sim_time_jumps',),
     ('test_rover',),
     ('test_many_engines',),
-    ('test_replay',),
+    ('test_replay_command',),
     ('test_services',),
     ('test_streams_command',),
     ('test_semantic_stores',),
@@ -48,7 +48,7 @@ SCHEDULE = (
 )
 """Units of modules, the slowest first. All modules of a unit run in one process, in this order."""
 
-OF_INDEPENDENT_TESTS = {'test_demonstration', 'test_many_engines', 'test_replay'}
+OF_INDEPENDENT_TESTS = {'test_demonstration', 'test_many_engines', 'test_replay_command'}
 """Modules whose tests share nothing: each test is a unit."""
 
 SHARED_SYSTEM = pytest.StashKey[SharedSystem]()

@@ -64,6 +64,15 @@ def test_folders_with_many_modules(checks: ModuleType) -> None:
     ]
 
 
+def test_a_name_of_two_files_of_tests(checks: ModuleType) -> None:
+    (checks.ROOT / 'dyknow_example' / 'test' / 'test_one.py').touch()
+    assert not list(checks.repeated_test_names())
+    (checks.ROOT / 'tests').mkdir()
+    (checks.ROOT / 'tests' / 'test_one.py').touch()
+    (fault,) = checks.repeated_test_names()
+    assert fault.startswith('2 files of tests are called test_one.py: tests/test_one.py, ')
+
+
 def test_dependencies_that_package_xml_and_imports_disagree_about(checks: ModuleType) -> None:
     write(checks, 'one.py', 'import re\nimport lark.lexer\nfrom rich import print\n')
     (checks.ROOT / 'dyknow_example' / 'test' / 'test_one.py').write_text('import hypothesis\n')

@@ -4,6 +4,8 @@
 - Modules do not import each other in a circle.
 - A folder holds at most MAX_MODULES modules, a file at most MAX_LINES lines, a function at most
   MAX_FUNCTION_LINES lines.
+- A file of tests has a name of its own: where ROS is installed, launch_testing imports it by this
+  name.
 - package.xml declares what the code of its package imports, and nothing else.
 """
 
@@ -113,6 +115,17 @@ def long_code() -> Iterator[str]:
                     yield f'{place}: {node.name} has {lines} lines, more than {MAX_FUNCTION_LINES}'
 
 
+def repeated_test_names() -> Iterator[str]:
+    """Report each name that several files of tests have."""
+    found = defaultdict(list)
+    for folder in ('tests', *(f'{package}/test' for package in packages())):
+        for path in sorted((ROOT / folder).rglob('test_*.py')):
+            found[path.name].append(str(path.relative_to(ROOT)))
+    for name, places in sorted(found.items()):
+        if len(places) > 1:
+            yield f'{len(places)} files of tests are called {name}: {", ".join(places)}'
+
+
 def undeclared_dependencies() -> Iterator[str]:
     """Report differences between the imports of a package and its package.xml."""
     for package in packages():
@@ -163,6 +176,7 @@ def main() -> int:
         *import_cycles(),
         *large_folders(),
         *long_code(),
+        *repeated_test_names(),
         *undeclared_dependencies(),
     ]
     print('\n'.join(faults) or 'The code base keeps its rules.')

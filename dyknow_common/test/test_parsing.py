@@ -5,7 +5,6 @@ from __future__ import annotations
 import re
 
 import pytest
-from dyknow_interfaces.msg import StreamConstraints as StreamConstraintsMessage
 
 from dyknow_common import (
     CONSTRAINT_KINDS,
@@ -25,10 +24,6 @@ CONSTRAINT = Language('constraint', 'dyknow_common', 'common.lark', {}, 'constra
 def test_the_grammar_has_all_constraints() -> None:
     names = re.findall('[a-z_]+', CONSTRAINT.pattern('CONSTRAINT'))
     assert set(names) == CONSTRAINT_KINDS.keys()
-
-
-def test_the_message_has_all_constraints() -> None:
-    assert StreamConstraintsMessage.get_fields_and_field_types().keys() == CONSTRAINT_KINDS.keys()
 
 
 def test_a_constraint() -> None:

@@ -30,8 +30,6 @@ from dyknow_reasoning.language.formula import (
     Until,
 )
 
-sentil = pytest.importorskip('sentil')
-
 EXAMPLES = 20_000 if os.environ.get('DYKNOW_LONG_TESTS') else 400
 SECOND = 1_000_000_000
 SYMBOLS = {And: 'and', Or: 'or', Implies: '->'}
@@ -119,6 +117,8 @@ def traces(draw: st.DrawFn, most_step: int) -> tuple[list[int], list[dict[str, b
 @pytest.mark.parametrize('most_step', [1, 4])
 @pytest.mark.timeout(1200)
 def test_verdicts_are_those_of_sentil(most_step: int) -> None:
+    sentil = pytest.importorskip('sentil')
+
     def check(formula: Formula, trace: tuple[list[int], list[dict[str, bool]]]) -> None:
         times, states = trace
         found = verdict(ours(formula), times, states)

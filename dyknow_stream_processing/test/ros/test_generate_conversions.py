@@ -20,8 +20,8 @@ from dyknow_stream_processing.ros import message_conversion
 from dyknow_stream_processing.ros.messages.conversion_code import module_text
 from dyknow_stream_processing.ros.messages.generate_conversions import main
 
-ROOT = Path(__file__).parents[2]
-GOLDEN = Path(__file__).parent / 'golden'
+ROOT = Path(__file__).parents[3]
+GOLDEN = Path(__file__).parents[1] / 'golden'
 
 
 @pytest.fixture

@@ -1,9 +1,10 @@
 """Between messages of ROS and times and constraints of the core."""
 
+from dyknow_interfaces.msg import StreamConstraints as StreamConstraintsMessage
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dyknow_common import StreamConstraints
+from dyknow_common import CONSTRAINT_KINDS, StreamConstraints
 from dyknow_common.ros import (
     constraints_from_message,
     constraints_to_message,
@@ -25,6 +26,10 @@ def test_durations_come_back(nanoseconds: int) -> None:
 
 def test_a_duration_too_long_becomes_the_longest() -> None:
     assert nanoseconds_to_duration(10**20).sec == 2**31 - 1
+
+
+def test_the_message_has_all_constraints() -> None:
+    assert StreamConstraintsMessage.get_fields_and_field_types().keys() == CONSTRAINT_KINDS.keys()
 
 
 @given(st.integers(1, 10**12), st.integers(1, 10**12))

@@ -1,0 +1,43 @@
+"""Run the tests of the packages that need no ROS, under the Python that runs this program.
+
+They run in `.venv-VERSION`, without ROS, and with the pytest and the pytest plugin that are in use
+where ROS 2 is installed.
+"""
+
+import os
+import subprocess
+import sys
+
+from set_up import ROOT, report, run
+
+VENV = ROOT / '.venv-{}.{}'.format(*sys.version_info[:2])
+PYTHON = VENV / 'bin' / 'python'
+STAMP = VENV / 'set-up-for'
+GROUPS = ('run', 'test', 'test-beside-launch-testing')
+
+
+def main():
+    """Make the environment, unless it is up to date, and return the exit code of pytest."""
+    dependencies = (ROOT / 'pyproject.toml').read_text(encoding='utf-8').split('[tool.', 1)[0]
+    wanted = sys.version + dependencies
+    if not STAMP.exists() or STAMP.read_text(encoding='utf-8') != wanted:
+        report(f'making {VENV.name} (half a minute)')
+        run(sys.executable, '-m', 'venv', '--clear', str(VENV))
+        run(str(PYTHON), '-m', 'pip', 'install', '-qq', 'pip>=25.1')
+        groups = [argument for group in GROUPS for argument in ('--group', group)]
+        run(str(PYTHON), '-m', 'pip', 'install', '-qq', *groups)
+        STAMP.write_text(wanted, encoding='utf-8')
+    packages = sorted(path.parent for path in ROOT.glob('dyknow_*/setup.py'))
+    paths = os.pathsep.join(map(str, [*packages, ROOT / 'tests']))
+    options = ('-n', 'auto', '-p', 'launch_testing_stub', '-o', f'cache_dir={VENV / "cache"}')
+    folders = [str(package / 'test') for package in packages]
+    return subprocess.run(
+        [str(PYTHON), '-m', 'pytest', *options, *folders],
+        cwd=ROOT,
+        env={**os.environ, 'PYTHONPATH': paths},
+        check=False,
+    ).returncode
+
+
+if __name__ == '__main__':
+    sys.exit(main())
