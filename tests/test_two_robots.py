@@ -1,0 +1,189 @@
+"""Two robots in one ROS domain, each with a DyKnow of its own in its namespace."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any, Self
+
+import pytest
+from dyknow_interfaces.msg import ExitStatus, FormulaResult, StreamSpec, StreamStatusArray
+from dyknow_interfaces.srv import EvaluateFormula, ListStreams, StreamCreateFromSpec
+from nav_msgs.msg import Odometry
+
+from dyknow_bringup.processes.arguments import CONFIGURATION, robots
+from dyknow_bringup.processes.launcher import Launcher
+from dyknow_bringup.processes.processes import Process
+from dyknow_common.ros import LATCHED, nanoseconds_to_duration
+from dyknow_coordinator import Grounding
+from system import LIMIT, POLL, Client, private_environment
+
+SPEEDS = {'robot1': 0.5, 'robot2': 5.0}
+STREAM = 'stream my_speed = select twist.twist.linear.x as speed from "odom"; sink my_speed'
+SLOW = 'always[0 s, 1 s] my_speed < 1.5'
+SYNTACTIC_NODES = (
+    'stream_processing_engine',
+    'stream_manager',
+    'stream_reasoning_engine',
+    'stream_reasoning_coordinator',
+)
+"""The nodes that formulas over named streams need."""
+
+
+class Robots:
+    """The nodes of two robots, started at once, their odometry, and a client.
+
+    Args:
+        folder: for configuration and logs.
+        processes: chooses from the list of processes of the launch file.
+    """
+
+    def __init__(self, folder: Path, choose: Callable[[Process], bool] = lambda _: True) -> None:
+        streams = folder / 'my.streams'
+        streams.write_text(STREAM)
+        defaults = {name: default for name, (default, _) in CONFIGURATION.items()}
+        arguments = {**defaults, 'robots': 'robot1,robot2', 'streams': str(streams)}
+        self.processes = {each.name: each for each in filter(choose, robots(arguments))}
+        environment = private_environment()
+        self.launcher = Launcher(folder, environment=environment)
+        self.client = Client(environment, self.launcher.check_running)
+        self.reports: dict[str, list[StreamStatusArray]] = {robot: [] for robot in SPEEDS}
+        node = self.client.node
+        for robot, speed in SPEEDS.items():
+            topic = node.create_publisher(Odometry, f'/{robot}/odom', 10)
+            node.create_timer(0.05, lambda topic=topic, speed=speed: self._publish(topic, speed))
+            node.create_subscription(
+                StreamStatusArray,
+                f'/{robot}/stream_manager/streams',
+                self.reports[robot].append,
+                LATCHED,
+            )
+
+    def __enter__(self) -> Self:
+        self.launcher.start_all(self.processes.values())
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.client.close()
+        codes = self.launcher.stop_all()
+        assert set(codes.values()) <= {0}, f'exit codes of the nodes: {codes}'
+
+    def ask(self, robot: str, formula: str = SLOW) -> Any:
+        """The future of the answer of a robot's coordinator."""
+        return self.client.request(
+            EvaluateFormula,
+            f'/{robot}/stream_reasoning_coordinator/evaluate_formula',
+            formula=formula,
+            grounding=int(Grounding.SYNTACTIC),
+            timeout=nanoseconds_to_duration(round(LIMIT * 1e9)),
+        )
+
+    def verdicts(self) -> Mapping[str, int]:
+        """The verdict of each robot's coordinator, asked at the same time."""
+        futures = {robot: self.ask(robot) for robot in SPEEDS}
+        self.client.spin_until(
+            lambda: all(each.done() for each in futures.values()), 'the answers', 2 * LIMIT
+        )
+        answers = {robot: future.result() for robot, future in futures.items()}
+        for robot, answer in answers.items():
+            assert answer.exit_status.code == ExitStatus.SUCCESS, (robot, answer)
+        return {robot: answer.verdict for robot, answer in answers.items()}
+
+    def topics(self, robot: str) -> dict[str, tuple[str, str]]:
+        """The engine and the topic of each stream, as a robot's manager last reported them."""
+        latest = self.reports[robot][-1:]
+        return {each.name: (each.engine, each.topic) for found in latest for each in found.streams}
+
+    def wait_for_own_streams(self, *of: str) -> None:
+        """Wait until robots have just their own stream, made by their own engine."""
+        for robot in of or SPEEDS:
+            own = {
+                'my_speed': (
+                    f'/{robot}/stream_processing_engine',
+                    f'/{robot}/dyknow/streams/my_speed',
+                )
+            }
+            self.client.spin_until(
+                lambda: self.topics(robot) == own,  # noqa: B023
+                f'the stream of {robot}',
+                instead=lambda: self.topics(robot),  # noqa: B023
+            )
+
+    def _publish(self, topic: Any, speed: float) -> None:
+        message = Odometry()
+        message.header.stamp = self.client.node.get_clock().now().to_msg()
+        message.twist.twist.linear.x = speed
+        topic.publish(message)
+
+
+RIGHT = {'robot1': FormulaResult.TRUE, 'robot2': FormulaResult.FALSE}
+
+
+@pytest.fixture(scope='module')
+def two_robots(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Robots]:
+    """All nodes of two robots."""
+    with Robots(tmp_path_factory.mktemp('robots')) as running:
+        yield running
+
+
+def test_each_robot_has_its_own_answers(two_robots: Robots) -> None:
+    two_robots.wait_for_own_streams()
+    assert two_robots.verdicts() == RIGHT
+    two_robots.wait_for_own_streams()
+
+
+def test_an_engine_that_dies_concerns_its_own_robot(two_robots: Robots) -> None:
+    two_robots.wait_for_own_streams()
+    asked = two_robots.ask('robot2', 'always[0 s, 8 s] my_speed > 1.5')
+    engine = 'robot1/stream_processing_engine'
+    two_robots.launcher.kill(engine)
+    reports = two_robots.reports
+    two_robots.client.spin_until(
+        lambda: not reports['robot1'][-1].engines, 'the engine is known to be gone'
+    )
+    two_robots.client.spin_until(asked.done, 'the answer', 2 * LIMIT)
+    answer = asked.result()
+    assert answer.verdict == FormulaResult.TRUE, answer
+    assert all(each.engines == ['/robot2/stream_processing_engine'] for each in reports['robot2'][-5:])
+    refused = two_robots.client.call(
+        StreamCreateFromSpec,
+        '/robot1/stream_manager/stream_create_from_spec',
+        spec=StreamSpec(name='other', specification='select twist.twist.linear.y from "odom"'),
+    )
+    assert refused.exit_status.code == ExitStatus.UNAVAILABLE
+    assert 'in /robot1' in refused.exit_status.message
+    two_robots.launcher.start(two_robots.processes[engine])
+    two_robots.wait_for_own_streams()
+    assert two_robots.verdicts() == RIGHT
+
+
+@contextmanager
+def busy_processes(number: int) -> Iterator[None]:
+    """Processes that compute all the time."""
+    command = [sys.executable, '-S', '-c', 'while True: pass']
+    running = [subprocess.Popen(command) for _ in range(number)]
+    try:
+        yield
+    finally:
+        for each in running:
+            each.kill()
+            each.wait()
+
+
+def test_robots_that_start_on_a_busy_machine(tmp_path: Path) -> None:
+    """Then discovery delivers the services of a node piecemeal."""
+
+    def is_needed(process: Process) -> bool:
+        return process.executable in SYNTACTIC_NODES
+
+    with busy_processes(2), Robots(tmp_path, is_needed) as loaded:
+        loaded.wait_for_own_streams()
+        assert loaded.verdicts() == RIGHT
+        for robot in SPEEDS:
+            made = loaded.client.call(
+                ListStreams, f'/{robot}/stream_processing_engine/list_streams'
+            )
+            assert 'my_speed' in made.stream_names
