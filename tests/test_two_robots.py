@@ -19,7 +19,7 @@ from dyknow_bringup.processes.launcher import Launcher
 from dyknow_bringup.processes.processes import Process
 from dyknow_common.ros import LATCHED, nanoseconds_to_duration
 from dyknow_coordinator import Grounding
-from system import LIMIT, POLL, Client, private_environment
+from system import LIMIT, Client, private_environment
 
 SPEEDS = {'robot1': 0.5, 'robot2': 5.0}
 STREAM = 'stream my_speed = select twist.twist.linear.x as speed from "odom"; sink my_speed'
@@ -147,7 +147,9 @@ def test_an_engine_that_dies_concerns_its_own_robot(two_robots: Robots) -> None:
     two_robots.client.spin_until(asked.done, 'the answer', 2 * LIMIT)
     answer = asked.result()
     assert answer.verdict == FormulaResult.TRUE, answer
-    assert all(each.engines == ['/robot2/stream_processing_engine'] for each in reports['robot2'][-5:])
+    assert all(
+        each.engines == ['/robot2/stream_processing_engine'] for each in reports['robot2'][-5:]
+    )
     refused = two_robots.client.call(
         StreamCreateFromSpec,
         '/robot1/stream_manager/stream_create_from_spec',

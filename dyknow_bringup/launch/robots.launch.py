@@ -12,7 +12,7 @@ from dyknow_bringup.processes.launching import launch_description
 ARGUMENTS = {
     'robots': (
         'robot1,robot2',
-        'namespaces of the robots, separated by commas; <robot> in another argument stands for each',
+        'namespaces of the robots, separated by commas; <robot> in other arguments is each of them',
     ),
     **CONFIGURATION,
 }

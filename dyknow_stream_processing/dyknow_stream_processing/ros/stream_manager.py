@@ -19,6 +19,7 @@ from rclpy.validate_topic_name import validate_topic_name
 from dyknow_common.ros import RUNNING, DyKnowNode, Throttle, constraints_from_message, run
 from dyknow_stream_processing.errors import StreamError
 from dyknow_stream_processing.language.parsing import parse_specification
+from dyknow_stream_processing.management.namespaces import Namespaces
 from dyknow_stream_processing.management.naming import NamingConvention, check_name
 from dyknow_stream_processing.management.registry import (
     DEFAULT_CONVENTION,
@@ -57,19 +58,31 @@ class StreamManager(DyKnowNode):
         discovery_period_s = self.parameter(
             'discovery_period', 0.25, 'Seconds between two searches for new engines.', (0.01, 60.0)
         )
+        namespaces = self.parameter(
+            'engine_namespaces',
+            [''],
+            'Namespaces whose engines are used, with all below them; empty: that of the manager.',
+        )
         self._registry = StreamRegistry(
-            NamingConvention(convention), self.get_namespace(), self._published
+            NamingConvention(convention),
+            self.get_namespace(),
+            self._published,
+            Namespaces.of(namespaces, self.get_namespace()),
         )
         for stream in read_streams(filter(None, files)):
             self._registry.add(stream)
-        self._memory = PersistenceFile(memory)
+        self._memory = PersistenceFile(memory, self.get_fully_qualified_name())
         self._memory_error = Throttle(ERROR_PERIOD_S)
         for remembered in self._memory.read():
             if self._registry.get(remembered.name) is None:
                 self._registry.add(remembered)
         self._memory.write(self._registry.streams())
         self._engines = Engines(
-            self, discovery_period_s, self._on_engine_report, self._on_engine_lost
+            self,
+            self._registry.engine_namespaces,
+            discovery_period_s,
+            self._on_engine_report,
+            self._on_engine_lost,
         )
         self._placement = Placement(self, self._registry, self._engines, self._on_change)
         self._report_publisher = StreamReportPublisher(self, self._engines.ready, self._reports)
@@ -127,15 +140,13 @@ class StreamManager(DyKnowNode):
         return self.resolve_topic_name(topic), publication.type_name
 
     def _on_engine_report(self, name: str) -> None:
-        known = {stream.name for stream in self._registry.made_by(name) if stream.topic}
-        reported = self._engines.reports(name).keys()
-        if known != reported or self._registry.waiting() or self._placement.conflicts:
+        is_settled = self._placement.is_settled(name)
+        if not is_settled or self._registry.waiting() or self._placement.conflicts:
             self._placement.reconcile_soon()
 
     def _on_engine_lost(self, name: str) -> None:
         self.get_logger().warning(f'stream processing engine {name} is gone')
-        self._registry.withdraw_all(name)
-        self._placement.forget_engine(name)
+        self._placement.lose_engine(name)
         self._placement.reconcile_soon()
         self._on_change()
 
