@@ -6,7 +6,7 @@ import pytest
 
 from dyknow_common import DyKnowError, StreamConstraints
 from dyknow_stream_processing.management.persistence import streams_from_json, streams_to_json
-from dyknow_stream_processing.management.registry import CreatedStream, RegisteredStream
+from dyknow_stream_processing.management.streams import CreatedStream, RegisteredStream
 from dyknow_stream_processing.ros.management.persistence_files import PersistenceFile, read_streams
 
 MANAGER = '/robot1/stream_manager'

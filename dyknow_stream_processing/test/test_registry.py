@@ -5,11 +5,8 @@ import pytest
 from dyknow_common import NO_CONSTRAINTS, ExitCode, StreamConstraints
 from dyknow_stream_processing import StreamError
 from dyknow_stream_processing.management.naming import NamingConvention, check_name
-from dyknow_stream_processing.management.registry import (
-    CreatedStream,
-    RegisteredStream,
-    StreamRegistry,
-)
+from dyknow_stream_processing.management.registry import StreamRegistry
+from dyknow_stream_processing.management.streams import CreatedStream, RegisteredStream
 from dyknow_stream_processing.reporting.stream_report import SAMPLE_TYPE, StreamReport, StreamState
 
 E1, E2, FAR = '/e1', '/e2', '/far/e3'

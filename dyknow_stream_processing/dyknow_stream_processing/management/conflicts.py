@@ -7,7 +7,7 @@ from collections.abc import Iterable
 from dyknow_common import ExitCode
 from dyknow_stream_processing.errors import StreamError
 from dyknow_stream_processing.management.namespaces import Namespaces
-from dyknow_stream_processing.management.registry import CreatedStream, Stream
+from dyknow_stream_processing.management.streams import CreatedStream, Stream
 
 
 def engines_missing(engines: Iterable[str], namespaces: Namespaces) -> StreamError:

@@ -10,7 +10,7 @@ from typing import Any
 from dyknow_common import StreamConstraints
 from dyknow_stream_processing.errors import StreamError
 from dyknow_stream_processing.language.parsing import parse_specification
-from dyknow_stream_processing.management.registry import CreatedStream, RegisteredStream, Stream
+from dyknow_stream_processing.management.streams import CreatedStream, RegisteredStream, Stream
 
 
 def streams_to_json(streams: Iterable[Stream], manager: str) -> str:

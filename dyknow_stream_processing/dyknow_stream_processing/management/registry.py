@@ -8,13 +8,11 @@ and texts reported by engines are read with these aliases removed.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, field, replace
-from functools import lru_cache
+from dataclasses import replace
 from typing import Final
 
 from dyknow_common import ExitCode, StreamConstraints
 from dyknow_stream_processing.errors import StreamError, unknown_stream
-from dyknow_stream_processing.language.parsing import parse_specification
 from dyknow_stream_processing.language.resolution import free_names
 from dyknow_stream_processing.language.specification import Specification
 from dyknow_stream_processing.management.namespaces import Namespaces, namespace_of
@@ -25,61 +23,17 @@ from dyknow_stream_processing.management.relocation import (
     with_aliases,
     without,
 )
-from dyknow_stream_processing.reporting.stream_report import SAMPLE_TYPE, StreamReport, StreamState
+from dyknow_stream_processing.management.streams import (
+    CreatedStream,
+    RegisteredStream,
+    Stream,
+    canonical,
+    parsed,
+)
+from dyknow_stream_processing.reporting.stream_report import StreamReport, StreamState
 
 DEFAULT_CONVENTION: Final = NamingConvention('dyknow/streams/<name>')
 """The topics on which engines publish streams by default."""
-
-
-@dataclass(frozen=True, slots=True)
-class CreatedStream:
-    """A stream that an engine makes.
-
-    Args:
-        specification: the text, as it was requested or as an engine reports it.
-        engine: the node that makes it or is asked to; `None` while it waits for an engine.
-        topic: the topic of its samples; empty until an engine makes it.
-        sources: the topics of the streams that it is made from and that other nodes publish.
-        message: why it waits or failed; where, when and why it was recreated.
-        reported: True if the text is that of an engine, with aliases that a manager wrote into it.
-        lost: why its last engine no longer makes it; empty if it had none.
-        failed: True if it cannot be made and a later attempt would fail for the same reason.
-    """
-
-    name: str
-    specification: str
-    constraints: StreamConstraints
-    engine: str | None = None
-    topic: str = ''
-    sources: Mapping[str, str] = field(default_factory=dict)
-    message: str = ''
-    lost: str = ''
-    failed: bool = False
-    reported: bool = False
-    message_type: str = SAMPLE_TYPE
-
-    @property
-    def waits(self) -> bool:
-        """True if no engine makes it or is asked to."""
-        return self.engine is None
-
-    @property
-    def definition(self) -> str:
-        """The canonical text with the constraints, on one line."""
-        text = ' '.join(_canonical(self.specification).split())
-        return f"'{text}'" if self.constraints.is_empty else f"'{text}' with {self.constraints}"
-
-
-@dataclass(frozen=True, slots=True)
-class RegisteredStream:
-    """A topic of another program that was registered under a stream name."""
-
-    name: str
-    topic: str
-    message_type: str
-
-
-Stream = CreatedStream | RegisteredStream
 
 
 class StreamRegistry:
@@ -274,17 +228,17 @@ class StreamRegistry:
             LanguageError: if the text is not a specification.
             StreamError: NOT_FOUND or UNAVAILABLE, for a stream that it is made from.
         """
-        parsed = self._original(stream)
+        text = self._original(stream)
         sources: dict[str, str] = {}
-        for name in sorted(free_names(parsed).streams):
+        for name in sorted(free_names(text).streams):
             if name == stream.name:
                 raise StreamError(f"stream '{name}' is made from itself")
             known = self.find(name)
             if not (known.topic and isinstance(known, CreatedStream) and known.engine == engine):
                 sources[name] = self.topic(name)
         if namespace_of(engine) != self._namespace:
-            parsed = with_absolute_topics(parsed, self._namespace)
-        return str(with_aliases(parsed, sources)), sources
+            text = with_absolute_topics(text, self._namespace)
+        return str(with_aliases(text, sources)), sources
 
     def reported_stream(
         self,
@@ -296,8 +250,8 @@ class StreamRegistry:
     ) -> CreatedStream:
         """Return a stream as its engine reports it, in whose namespace its relative topics are."""
         if namespace_of(engine) != self._namespace:
-            parsed = with_absolute_topics(_parsed(specification), namespace_of(engine))
-            specification = str(parsed)
+            moved = with_absolute_topics(parsed(specification), namespace_of(engine))
+            specification = str(moved)
         return CreatedStream(name, specification, constraints, engine, topic, reported=True)
 
     def is_copy(self, reported: CreatedStream) -> bool:
@@ -305,8 +259,7 @@ class StreamRegistry:
         known = self._streams.get(reported.name)
         if not isinstance(known, CreatedStream) or known.constraints != reported.constraints:
             return False
-        parsed = _parsed(reported.specification)
-        plain = without(parsed, self._sources(known, reported))
+        plain = without(parsed(reported.specification), self._sources(known, reported))
         one, other = (
             str(with_absolute_topics(each, self._namespace))
             for each in (plain, self._original(known))
@@ -336,7 +289,7 @@ class StreamRegistry:
             message=stream.message,
             engine=stream.engine or '',
             topic=stream.topic,
-            specification=_canonical(stream.specification),
+            specification=canonical(stream.specification),
             constraints=stream.constraints,
         )
 
@@ -355,7 +308,7 @@ class StreamRegistry:
     def _aliases(self, stream: CreatedStream) -> Mapping[str, str]:
         """Return the aliases in a text that stand for known streams, as `text_for` adds them."""
         found = {}
-        for name, topic in aliases(_parsed(stream.specification)).items():
+        for name, topic in aliases(parsed(stream.specification)).items():
             known = self._streams.get(name)
             if known is not None and name != stream.name:
                 former = stream.reported and self._may_be_topic_of(known, topic)
@@ -373,7 +326,7 @@ class StreamRegistry:
 
     def _original(self, stream: CreatedStream) -> Specification:
         """Return a specification that refers to other streams by name instead of by alias."""
-        return without(_parsed(stream.specification), self._aliases(stream))
+        return without(parsed(stream.specification), self._aliases(stream))
 
     def _inputs(self, stream: CreatedStream) -> frozenset[str]:
         return free_names(self._original(stream)).streams
@@ -381,7 +334,7 @@ class StreamRegistry:
     def _sources(self, known: CreatedStream, reported: CreatedStream) -> Mapping[str, str]:
         """Return the topics from which an engine reads the streams that a stream is made from."""
         names = self._inputs(known)
-        found = aliases(_parsed(reported.specification))
+        found = aliases(parsed(reported.specification))
         return {
             name: topic
             for name, topic in found.items()
@@ -396,13 +349,3 @@ class StreamRegistry:
             or (known is not None and known.topic == topic)
             or self.engine_namespaces.contain(topic)
         )
-
-
-@lru_cache(maxsize=4096)
-def _parsed(specification: str) -> Specification:
-    return parse_specification(specification)
-
-
-@lru_cache(maxsize=4096)
-def _canonical(specification: str) -> str:
-    return str(_parsed(specification))

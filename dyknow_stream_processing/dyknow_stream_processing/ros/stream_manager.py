@@ -21,12 +21,8 @@ from dyknow_stream_processing.errors import StreamError
 from dyknow_stream_processing.language.parsing import parse_specification
 from dyknow_stream_processing.management.namespaces import Namespaces
 from dyknow_stream_processing.management.naming import NamingConvention, check_name
-from dyknow_stream_processing.management.registry import (
-    DEFAULT_CONVENTION,
-    CreatedStream,
-    RegisteredStream,
-    StreamRegistry,
-)
+from dyknow_stream_processing.management.registry import DEFAULT_CONVENTION, StreamRegistry
+from dyknow_stream_processing.management.streams import CreatedStream, RegisteredStream
 from dyknow_stream_processing.reporting.stream_report import StreamReport
 from dyknow_stream_processing.ros.management.engines import Engines
 from dyknow_stream_processing.ros.management.persistence_files import PersistenceFile, read_streams

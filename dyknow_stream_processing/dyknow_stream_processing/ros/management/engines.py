@@ -17,7 +17,7 @@ from typing import Any, Final
 from dyknow_interfaces.msg import StreamStatusArray
 from dyknow_interfaces.srv import ListStreams, StreamCreateFromSpec, StreamDestroy
 
-from dyknow_common import SECOND_NS
+from dyknow_common import SECOND_NS, DyKnowError
 from dyknow_common.ros import LATCHED, NODE_TYPE, DyKnowNode, RemoteNode
 from dyknow_stream_processing.management.namespaces import Namespaces
 from dyknow_stream_processing.reporting.stream_report import StreamReport
@@ -92,6 +92,14 @@ class Engines:
     def discard_report(self, name: str, stream: str) -> None:
         """Discard the report of a stream that an engine has just made or destroyed."""
         self._reports.get(name, {}).pop(stream, None)
+
+    async def may_make(self, name: str, stream: str) -> bool:
+        """Return True if an engine answers that it makes a stream, or does not answer."""
+        try:
+            response = await self.remotes[name].call(ListStreams)
+        except DyKnowError:
+            return True
+        return stream in response.stream_names
 
     def _discover(self) -> None:
         own = self._node.get_fully_qualified_name()

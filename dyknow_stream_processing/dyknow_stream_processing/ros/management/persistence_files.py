@@ -11,7 +11,7 @@ from dyknow_stream_processing.language.parsing import parse_specification
 from dyknow_stream_processing.language.sinks import specifications_by_sink
 from dyknow_stream_processing.language.specification import Specification
 from dyknow_stream_processing.management.persistence import streams_from_json, streams_to_json
-from dyknow_stream_processing.management.registry import CreatedStream, Stream
+from dyknow_stream_processing.management.streams import CreatedStream, Stream
 
 
 def read_streams(paths: Iterable[str]) -> Iterator[CreatedStream]:

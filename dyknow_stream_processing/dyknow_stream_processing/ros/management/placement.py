@@ -31,12 +31,8 @@ from dyknow_stream_processing.management.conflicts import (
     two_streams,
 )
 from dyknow_stream_processing.management.namespaces import namespace_of
-from dyknow_stream_processing.management.registry import (
-    CreatedStream,
-    RegisteredStream,
-    Stream,
-    StreamRegistry,
-)
+from dyknow_stream_processing.management.registry import StreamRegistry
+from dyknow_stream_processing.management.streams import CreatedStream, RegisteredStream, Stream
 from dyknow_stream_processing.reporting.stream_report import StreamReport
 from dyknow_stream_processing.ros.management.engines import Engines
 from dyknow_stream_processing.ros.management.keyed_lock import KeyedLock
@@ -340,19 +336,11 @@ class Placement:
             if report is None or (engine, stream.name) in self._unwanted:
                 continue
             # The report may be older than the destruction of the stream.
-            if await self._lists(engine, stream.name):
+            if await self._engines.may_make(engine, stream.name):
                 others[engine] = self._registry.reported_stream(
                     engine, stream.name, report.specification, report.constraints, report.topic
                 )
         return others
-
-    async def _lists(self, engine: str, name: str) -> bool:
-        """Return True if an engine makes a stream, or does not answer."""
-        try:
-            response = await self._engines.remotes[engine].call(ListStreams)
-        except DyKnowError:
-            return True
-        return name in response.stream_names
 
     async def _make_on(self, stream: CreatedStream, engine: str) -> Any:
         name = stream.name
