@@ -2,16 +2,24 @@
 
 from __future__ import annotations
 
+import signal
 import subprocess
 import sys
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Self
 
 import pytest
-from dyknow_interfaces.msg import ExitStatus, FormulaResult, StreamSpec, StreamStatusArray
-from dyknow_interfaces.srv import EvaluateFormula, ListStreams, StreamCreateFromSpec
+from dyknow_interfaces.msg import (
+    ExitStatus,
+    FormulaResult,
+    StreamSpec,
+    StreamStatus,
+    StreamStatusArray,
+)
+from dyknow_interfaces.srv import EvaluateFormula, ListStreams, StreamCreateFromSpec, StreamDestroy
 from nav_msgs.msg import Odometry
 
 from dyknow_bringup.processes.arguments import CONFIGURATION, robots
@@ -23,6 +31,7 @@ from system import LIMIT, Client, private_environment
 
 SPEEDS = {'robot1': 0.5, 'robot2': 5.0}
 STREAM = 'stream my_speed = select twist.twist.linear.x as speed from "odom"; sink my_speed'
+OTHER = 'select twist.twist.linear.y as speed from "odom"'
 SLOW = 'always[0 s, 1 s] my_speed < 1.5'
 SYNTACTIC_NODES = (
     'stream_processing_engine',
@@ -63,7 +72,9 @@ class Robots:
             )
 
     def __enter__(self) -> Self:
-        self.launcher.start_all(self.processes.values())
+        self.running = {
+            name: self.launcher.start(process) for name, process in self.processes.items()
+        }
         return self
 
     def __exit__(self, *_: object) -> None:
@@ -112,10 +123,23 @@ class Robots:
                 instead=lambda: self.topics(robot),  # noqa: B023
             )
 
+    def replace_stream(self, engine: str, specification: str) -> None:
+        """Have an engine make another `my_speed`, which its manager does not see in between."""
+        manager = self.running[f'{engine.split("/")[1]}/stream_manager']
+        manager.send_signal(signal.SIGSTOP)
+        spec = StreamSpec(name='my_speed', specification=specification)
+        for answer in (
+            self.client.call(StreamDestroy, f'{engine}/stream_destroy', stream_name='my_speed'),
+            self.client.call(StreamCreateFromSpec, f'{engine}/stream_create_from_spec', spec=spec),
+        ):
+            assert answer.exit_status.code == ExitStatus.SUCCESS, answer
+        manager.send_signal(signal.SIGCONT)
+
     def _publish(self, topic: Any, speed: float) -> None:
         message = Odometry()
         message.header.stamp = self.client.node.get_clock().now().to_msg()
         message.twist.twist.linear.x = speed
+        message.twist.twist.linear.y = 9.0
         topic.publish(message)
 
 
@@ -133,6 +157,45 @@ def test_each_robot_has_its_own_answers(two_robots: Robots) -> None:
     two_robots.wait_for_own_streams()
     assert two_robots.verdicts() == RIGHT
     two_robots.wait_for_own_streams()
+
+
+def test_a_stream_of_another_specification_is_never_used(two_robots: Robots) -> None:
+    """Another stream of 9 m/s takes the name and the topic of the requested one of 0.5 m/s."""
+    two_robots.wait_for_own_streams()
+    client, engine = two_robots.client, '/robot1/stream_processing_engine'
+    # An engine below the robot's namespace makes the states, as it has no other stream.
+    arm = replace(two_robots.processes[engine[1:]], namespace='robot1/arm')
+    two_robots.launcher.start(arm)
+    reports = two_robots.reports['robot1']
+    client.spin_until(lambda: len(reports[-1].engines) > 1, 'the other engine')
+    running = two_robots.ask('robot1', 'eventually[0 s, 5 s] my_speed > 1.5')
+    client.spin_until(
+        lambda: any(of == f'/{arm.name}' for of, _ in two_robots.topics('robot1').values()),
+        'the states',
+    )
+    two_robots.replace_stream(engine, OTHER)
+    client.spin_until(
+        lambda: two_robots.topics('robot1').get('my_speed', ('', ''))[0] == f'/{arm.name}',
+        'the requested stream is made in another namespace',
+    )
+    assert two_robots.verdicts() == RIGHT
+    client.spin_until(running.done, 'the answer')
+    assert running.result().verdict != FormulaResult.TRUE, running.result()
+    # Now no engine is left that can make it.
+    assert two_robots.launcher.stop(arm.name) == 0
+    client.spin_until(
+        lambda: [each.state for each in reports[-1].streams] == [StreamStatus.FAILED],
+        'the stream cannot be made',
+    )
+    asked = two_robots.ask('robot1')
+    client.spin_until(asked.done, 'the answer')
+    assert asked.result().exit_status.code == ExitStatus.UNAVAILABLE, asked.result()
+    for specification in (OTHER, STREAM.partition(';')[0]):
+        assert specification in asked.result().exit_status.message
+    destroyed = client.call(StreamDestroy, f'{engine}/stream_destroy', stream_name='my_speed')
+    assert destroyed.exit_status.code == ExitStatus.SUCCESS
+    two_robots.wait_for_own_streams()
+    assert two_robots.verdicts() == RIGHT
 
 
 def test_an_engine_that_dies_concerns_its_own_robot(two_robots: Robots) -> None:
