@@ -62,8 +62,7 @@ class Robots:
         self.reports: dict[str, list[StreamStatusArray]] = {robot: [] for robot in SPEEDS}
         node = self.client.node
         for robot, speed in SPEEDS.items():
-            topic = node.create_publisher(Odometry, f'/{robot}/odom', 10)
-            node.create_timer(0.05, lambda topic=topic, speed=speed: self._publish(topic, speed))
+            self.publish_odometry(robot, speed)
             node.create_subscription(
                 StreamStatusArray,
                 f'/{robot}/stream_manager/streams',
@@ -135,6 +134,11 @@ class Robots:
             assert answer.exit_status.code == ExitStatus.SUCCESS, answer
         manager.send_signal(signal.SIGCONT)
 
+    def publish_odometry(self, namespace: str, speed: float) -> None:
+        """Publish a speed on the topic `odom` of a namespace, from now on."""
+        topic = self.client.node.create_publisher(Odometry, f'/{namespace}/odom', 10)
+        self.client.node.create_timer(0.05, lambda: self._publish(topic, speed))
+
     def _publish(self, topic: Any, speed: float) -> None:
         message = Odometry()
         message.header.stamp = self.client.node.get_clock().now().to_msg()
@@ -196,6 +200,25 @@ def test_a_stream_of_another_specification_is_never_used(two_robots: Robots) -> 
     assert destroyed.exit_status.code == ExitStatus.SUCCESS
     two_robots.wait_for_own_streams()
     assert two_robots.verdicts() == RIGHT
+
+
+def test_relative_topics_are_those_of_the_coordinator(two_robots: Robots) -> None:
+    """Also if it uses the stream manager of a robot, which has a topic of that name, too."""
+    two_robots.publish_odometry('guest/base', 0.5)
+    two_robots.publish_odometry('robot2/base', 5.0)
+    nodes = ('stream_manager', 'stream_reasoning_engine')
+    coordinator = Process(
+        'dyknow_coordinator',
+        'stream_reasoning_coordinator',
+        {node: f'/robot2/{node}' for node in nodes},
+        namespace='guest',
+    )
+    two_robots.launcher.start(coordinator)
+    asked = two_robots.ask('guest', 'always[0 s, 1 s] "base/odom".twist.twist.linear.x < 1.5')
+    two_robots.client.spin_until(asked.done, 'the answer')
+    assert asked.result().verdict == FormulaResult.TRUE, asked.result()
+    assert two_robots.launcher.stop(coordinator.name) == 0
+    two_robots.wait_for_own_streams()
 
 
 def test_an_engine_that_dies_concerns_its_own_robot(two_robots: Robots) -> None:

@@ -25,10 +25,12 @@ ROBOT: Final = '<robot>'
 
 def configuration(values: Mapping[str, str]) -> SystemConfiguration:
     """Return the configuration that the values of the arguments describe."""
-    names = ('ontology', 'annotations', 'streams', 'bridges')
     store = values['store']
     return SystemConfiguration(
-        *(tuple(Path(path).resolve() for path in listed(values[name])) for name in names),
+        ontologies=_files(values['ontology']),
+        annotations=_files(values['annotations']),
+        streams=_files(values['streams']),
+        bridges=_files(values['bridges']),
         store=Path(store).resolve() if store else None,
         reasoner=values['reasoner'],
     )
@@ -43,9 +45,9 @@ def robots(values: Mapping[str, str]) -> tuple[Process, ...]:
     Raises:
         BringupError: if the namespaces cannot be used, or the robots would share a store.
     """
-    namespaces = listed(values['robots'])
+    namespaces = _listed(values['robots'])
     configurations = [
-        configuration({name: text.replace(ROBOT, each) for name, text in values.items()})
+        configuration({name: text.replace(ROBOT, each.strip('/')) for name, text in values.items()})
         for each in namespaces
     ]
     processes = robot_processes(namespaces, configurations)
@@ -58,6 +60,9 @@ def robots(values: Mapping[str, str]) -> tuple[Process, ...]:
     return processes
 
 
-def listed(text: str) -> tuple[str, ...]:
-    """Return the entries of a list separated by commas."""
+def _files(text: str) -> tuple[Path, ...]:
+    return tuple(Path(path).resolve() for path in _listed(text))
+
+
+def _listed(text: str) -> tuple[str, ...]:
     return tuple(filter(None, (each.strip() for each in text.split(','))))

@@ -32,7 +32,7 @@ from dyknow_stream_processing.management.conflicts import (
 )
 from dyknow_stream_processing.management.namespaces import namespace_of
 from dyknow_stream_processing.management.registry import StreamRegistry
-from dyknow_stream_processing.management.streams import CreatedStream, RegisteredStream, Stream
+from dyknow_stream_processing.management.streams import CreatedStream, Stream
 from dyknow_stream_processing.reporting.stream_report import StreamReport
 from dyknow_stream_processing.ros.management.engines import Engines
 from dyknow_stream_processing.ros.management.keyed_lock import KeyedLock
@@ -240,14 +240,16 @@ class Placement:
     async def _note_conflict(self, engine: str, found: CreatedStream, known: Stream) -> None:
         """Report another stream of a known name, and stop using a topic that both are on."""
         shares_topic = known.topic == found.topic
-        if shares_topic and isinstance(known, RegisteredStream):
+        if isinstance(known, CreatedStream) and (known.waits or shares_topic):
+            error = name_taken(known, [found])
+        elif shares_topic:
             return  # It was registered under its own name.
-        in_use = known.topic and not shares_topic
-        error = two_streams(known, found) if in_use else name_taken(known, [found])
+        else:
+            error = two_streams(known, found)
         if self.conflicts.get((engine, found.name)) != error.message:
             self.conflicts[engine, found.name] = error.message
             self._node.get_logger().error(error.message)
-        if isinstance(known, CreatedStream) and known.engine and not in_use:
+        if isinstance(known, CreatedStream) and known.engine and shares_topic:
             # Whoever reads the topic receives samples of the other stream.
             async with self._locks.hold(found.name):
                 if known.engine != engine:
