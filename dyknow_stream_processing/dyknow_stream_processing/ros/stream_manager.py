@@ -40,33 +40,13 @@ class StreamManager(DyKnowNode):
 
     def __init__(self) -> None:
         super().__init__('stream_manager')
-        files = self.parameter(
-            'streams', [''], 'Files in the stream language; each sink in them is made at the start.'
-        )
-        convention = self.parameter(
-            'naming_convention',
-            DEFAULT_CONVENTION.pattern,
-            'The topic of a stream that was neither created nor registered; <name> is its name.',
-        )
         memory = self.parameter(
             'memory', '', 'File that keeps all streams over a restart of the manager; empty: none.'
         )
         discovery_period_s = self.parameter(
             'discovery_period', 0.25, 'Seconds between two searches for new engines.', (0.01, 60.0)
         )
-        namespaces = self.parameter(
-            'engine_namespaces',
-            [''],
-            'Namespaces whose engines are used, with all below them; empty: that of the manager.',
-        )
-        self._registry = StreamRegistry(
-            NamingConvention(convention),
-            self.get_namespace(),
-            self._published,
-            Namespaces.of(namespaces, self.get_namespace()),
-        )
-        for stream in read_streams(filter(None, files)):
-            self._registry.add(stream)
+        self._registry = self._new_registry()
         self._memory = PersistenceFile(memory, self.get_fully_qualified_name())
         self._memory_error = Throttle(ERROR_PERIOD_S)
         for remembered in self._memory.read():
@@ -88,6 +68,29 @@ class StreamManager(DyKnowNode):
         self.serve(StreamRegister, self._register)
         self.serve(StreamGetTopic, self._get_topic)
         self._on_change()
+
+    def _new_registry(self) -> StreamRegistry:
+        """Return a registry with the streams of the files, as the parameters say."""
+        files = self.parameter(
+            'streams', [''], 'Files in the stream language; each sink in them is made at the start.'
+        )
+        convention = self.parameter(
+            'naming_convention',
+            DEFAULT_CONVENTION.pattern,
+            'The topic of a stream that was neither created nor registered; <name> is its name.',
+        )
+        namespaces = self.parameter(
+            'engine_namespaces',
+            [''],
+            'Namespaces whose engines are used, with all below them; default: that of the manager.',
+        )
+        own = self.get_namespace()
+        registry = StreamRegistry(
+            NamingConvention(convention), own, self._published, Namespaces.of(namespaces, own)
+        )
+        for stream in read_streams(filter(None, files)):
+            registry.add(stream)
+        return registry
 
     async def _create(self, request: Any, response: Any) -> None:
         spec = request.spec
