@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+import shlex
 import signal
 import subprocess
 import sys
@@ -25,6 +27,7 @@ from nav_msgs.msg import Odometry
 from dyknow_bringup.processes.arguments import CONFIGURATION, robots
 from dyknow_bringup.processes.launcher import Launcher
 from dyknow_bringup.processes.processes import Process
+from dyknow_bringup.resources import executable_path
 from dyknow_common.ros import LATCHED, nanoseconds_to_duration
 from dyknow_coordinator import Grounding
 from system import LIMIT, Client, private_environment
@@ -33,11 +36,13 @@ SPEEDS = {'robot1': 0.5, 'robot2': 5.0}
 STREAM = 'stream my_speed = select twist.twist.linear.x as speed from "odom"; sink my_speed'
 OTHER = 'select twist.twist.linear.y as speed from "odom"'
 SLOW = 'always[0 s, 1 s] my_speed < 1.5'
+COORDINATOR = 'stream_reasoning_coordinator'
+ASK = f"dyknow evaluate '{SLOW}' --grounding syntactic"
 SYNTACTIC_NODES = (
     'stream_processing_engine',
     'stream_manager',
     'stream_reasoning_engine',
-    'stream_reasoning_coordinator',
+    COORDINATOR,
 )
 """The nodes that formulas over named streams need."""
 
@@ -56,9 +61,9 @@ class Robots:
         defaults = {name: default for name, (default, _) in CONFIGURATION.items()}
         arguments = {**defaults, 'robots': 'robot1,robot2', 'streams': str(streams)}
         self.processes = {each.name: each for each in filter(choose, robots(arguments))}
-        environment = private_environment()
-        self.launcher = Launcher(folder, environment=environment)
-        self.client = Client(environment, self.launcher.check_running)
+        self.environment = private_environment()
+        self.launcher = Launcher(folder, environment=self.environment)
+        self.client = Client(self.environment, self.launcher.check_running)
         self.reports: dict[str, list[StreamStatusArray]] = {robot: [] for robot in SPEEDS}
         node = self.client.node
         for robot, speed in SPEEDS.items():
@@ -85,7 +90,7 @@ class Robots:
         """The future of the answer of a robot's coordinator."""
         return self.client.request(
             EvaluateFormula,
-            f'/{robot}/stream_reasoning_coordinator/evaluate_formula',
+            f'/{robot}/{COORDINATOR}/evaluate_formula',
             formula=formula,
             grounding=int(Grounding.SYNTACTIC),
             timeout=nanoseconds_to_duration(round(LIMIT * 1e9)),
@@ -163,6 +168,41 @@ def test_each_robot_has_its_own_answers(two_robots: Robots) -> None:
     two_robots.wait_for_own_streams()
 
 
+@pytest.mark.parametrize(
+    ('package', 'line', 'code', 'words'),
+    [
+        ('dyknow_bringup', f'{ASK} --coordinator /robot2/{COORDINATOR}', 1, 'false at'),
+        ('dyknow_bringup', f'{ASK} --ros-args -r __ns:=/robot1', 0, 'true at'),
+        ('dyknow_bringup', ASK, 2, f'there are: /robot1/{COORDINATOR}, /robot2/{COORDINATOR}'),
+        (
+            'dyknow_stream_processing',
+            'streams my_speed --node /robot1/stream_manager',
+            0,
+            '/robot1/',
+        ),
+        ('dyknow_stream_processing', 'streams my_speed --ros-args -r __ns:=/robot2', 0, '/robot2/'),
+        ('dyknow_coordinator', 'evaluations --json --ros-args -r __ns:=/robot1', 0, 'evaluations'),
+        ('dyknow_semantics', 'semantics --json --ros-args -r __ns:=/robot1', 0, 'concepts'),
+    ],
+)
+def test_commands_ask_one_robot(
+    two_robots: Robots, package: str, line: str, code: int, words: str
+) -> None:
+    two_robots.wait_for_own_streams()
+    name, *arguments = shlex.split(line)
+    with subprocess.Popen(
+        [str(executable_path(package, name)), *arguments],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+        env={**os.environ, **two_robots.environment},
+    ) as process:
+        two_robots.client.spin_until(lambda: process.poll() is not None, line, 2 * LIMIT)
+        output = process.communicate()[0]
+    assert process.returncode == code, output
+    assert words in output
+
+
 def test_a_stream_of_another_specification_is_never_used(two_robots: Robots) -> None:
     """Another stream of 9 m/s takes the name and the topic of the requested one of 0.5 m/s."""
     two_robots.wait_for_own_streams()
@@ -209,7 +249,7 @@ def test_relative_topics_are_those_of_the_coordinator(two_robots: Robots) -> Non
     nodes = ('stream_manager', 'stream_reasoning_engine')
     coordinator = Process(
         'dyknow_coordinator',
-        'stream_reasoning_coordinator',
+        COORDINATOR,
         {node: f'/robot2/{node}' for node in nodes},
         namespace='guest',
     )
