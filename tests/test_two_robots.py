@@ -7,7 +7,7 @@ import shlex
 import signal
 import subprocess
 import sys
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
@@ -48,19 +48,20 @@ SYNTACTIC_NODES = (
 
 
 class Robots:
-    """The nodes of two robots, started at once, their odometry, and a client.
+    """Nodes of two robots from the list of the launch file, started at once, and their odometry.
 
     Args:
         folder: for configuration and logs.
-        processes: chooses from the list of processes of the launch file.
     """
 
-    def __init__(self, folder: Path, choose: Callable[[Process], bool] = lambda _: True) -> None:
+    def __init__(self, folder: Path) -> None:
         streams = folder / 'my.streams'
         streams.write_text(STREAM)
         defaults = {name: default for name, (default, _) in CONFIGURATION.items()}
         arguments = {**defaults, 'robots': 'robot1,robot2', 'streams': str(streams)}
-        self.processes = {each.name: each for each in filter(choose, robots(arguments))}
+        self.processes = {
+            each.name: each for each in robots(arguments) if each.executable in SYNTACTIC_NODES
+        }
         self.environment = private_environment()
         self.launcher = Launcher(folder, environment=self.environment)
         self.client = Client(self.environment, self.launcher.check_running)
@@ -157,7 +158,7 @@ RIGHT = {'robot1': FormulaResult.TRUE, 'robot2': FormulaResult.FALSE}
 
 @pytest.fixture(scope='module')
 def two_robots(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Robots]:
-    """All nodes of two robots."""
+    """Two robots that the tests of this module share."""
     with Robots(tmp_path_factory.mktemp('robots')) as running:
         yield running
 
@@ -182,7 +183,6 @@ def test_each_robot_has_its_own_answers(two_robots: Robots) -> None:
         ),
         ('dyknow_stream_processing', 'streams my_speed --ros-args -r __ns:=/robot2', 0, '/robot2/'),
         ('dyknow_coordinator', 'evaluations --json --ros-args -r __ns:=/robot1', 0, 'evaluations'),
-        ('dyknow_semantics', 'semantics --json --ros-args -r __ns:=/robot1', 0, 'concepts'),
     ],
 )
 def test_commands_ask_one_robot(
@@ -303,11 +303,7 @@ def busy_processes(number: int) -> Iterator[None]:
 
 def test_robots_that_start_on_a_busy_machine(tmp_path: Path) -> None:
     """Then discovery delivers the services of a node piecemeal."""
-
-    def is_needed(process: Process) -> bool:
-        return process.executable in SYNTACTIC_NODES
-
-    with busy_processes(2), Robots(tmp_path, is_needed) as loaded:
+    with busy_processes(2), Robots(tmp_path) as loaded:
         loaded.wait_for_own_streams()
         assert loaded.verdicts() == RIGHT
         for robot in SPEEDS:
