@@ -37,9 +37,11 @@ SCHEDULE = (
     ('test_stand_ins', 'test_change'),
     ('test_callers',),
     ('test_demonstration',),
+    ('test_two_robots',),
     ('test_sim_time_jumps',),
     ('test_rover',),
     ('test_many_engines',),
+    ('test_stream_conflicts',),
     ('test_replay_command',),
     ('test_services',),
     ('test_streams_command',),
@@ -48,7 +50,12 @@ SCHEDULE = (
 )
 """Units of modules, the slowest first. All modules of a unit run in one process, in this order."""
 
-OF_INDEPENDENT_TESTS = {'test_demonstration', 'test_many_engines', 'test_replay_command'}
+OF_INDEPENDENT_TESTS = {
+    'test_demonstration',
+    'test_many_engines',
+    'test_replay_command',
+    'test_stream_conflicts',
+}
 """Modules whose tests share nothing: each test is a unit."""
 
 SHARED_SYSTEM = pytest.StashKey[SharedSystem]()

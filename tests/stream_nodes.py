@@ -89,6 +89,10 @@ class StreamNodes:
         running.kill()
         running.wait()
 
+    def end(self, name: str) -> int:
+        """Waits until a node has ended by itself, and returns its exit code."""
+        return self._running.pop(name).wait(LIMIT)
+
     def signal(self, name: str, number: signal.Signals) -> None:
         """Sends a node a signal."""
         self._running[name].send_signal(number)

@@ -27,6 +27,7 @@ from dyknow_stream_processing.language.specification import (
     made,
 )
 from dyknow_stream_processing.language.type_rules import Unit
+from dyknow_stream_processing.management.relocation import in_namespace
 from dyknow_stream_processing.sample import PartialFields, Sample
 from dyknow_stream_processing.violation import Violation, ViolationKind
 
@@ -59,6 +60,7 @@ __all__ = [
     'Violation',
     'ViolationKind',
     'free_names',
+    'in_namespace',
     'load_units',
     'made',
     'parse_specification',

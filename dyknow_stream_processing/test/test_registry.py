@@ -4,12 +4,15 @@ import pytest
 
 from dyknow_common import NO_CONSTRAINTS, ExitCode, StreamConstraints
 from dyknow_stream_processing import StreamError
-from dyknow_stream_processing.management.naming import NamingConvention, check_name
-from dyknow_stream_processing.management.registry import (
-    CreatedStream,
-    RegisteredStream,
-    StreamRegistry,
+from dyknow_stream_processing.management.conflicts import (
+    engines_missing,
+    name_taken,
+    two_streams,
 )
+from dyknow_stream_processing.management.namespaces import Namespaces
+from dyknow_stream_processing.management.naming import NamingConvention, check_name
+from dyknow_stream_processing.management.registry import StreamRegistry
+from dyknow_stream_processing.management.streams import CreatedStream, RegisteredStream
 from dyknow_stream_processing.reporting.stream_report import SAMPLE_TYPE, StreamReport, StreamState
 
 E1, E2, FAR = '/e1', '/e2', '/far/e3'
@@ -213,6 +216,62 @@ def test_what_an_engine_makes_already_is_taken_over() -> None:
     assert registry.topic('x') == '/dyknow/streams/x'
     place(registry, 'c', E1)
     assert [stream.name for stream in registry.outdated()] == ['x']
+
+
+def robot2() -> StreamRegistry:
+    """The registry of a robot with a stream of a name that another robot uses, too."""
+    registry = StreamRegistry(namespace='/robot2')
+    registry.add(created('speed', 'select v from "odom"'))
+    registry.place('speed', '/robot2/e', '/robot2/dyknow/streams/speed', {})
+    return registry
+
+
+FOREIGN = 'stream speed = "/robot1/dyknow/streams/speed";\nsink select v from speed'
+
+
+def test_a_requested_alias_for_a_stream_of_another_robot_is_kept() -> None:
+    assert robot2().text_for(created('x', FOREIGN), '/robot2/e')[0] == FOREIGN
+
+
+def test_a_stream_made_from_that_of_another_robot_is_no_copy() -> None:
+    registry = robot2()
+    registry.add(created('x', 'select v from speed'))
+    foreign = registry.reported_stream('/compute/e', 'x', FOREIGN, NO_CONSTRAINTS, '/compute/x')
+    assert not registry.is_copy(foreign)
+    own = FOREIGN.replace('robot1', 'robot2/arm')
+    assert registry.is_copy(
+        registry.reported_stream('/robot2/e', 'x', own, NO_CONSTRAINTS, '/robot2/x')
+    )
+
+
+def test_what_reads_the_topic_of_a_failed_stream_is_outdated(registry: StreamRegistry) -> None:
+    """Another stream may be on that topic; while a stream only waits, none can be."""
+    registry.add(created('x', 'select a from a'))
+    registry.place('x', E2, '/dyknow/streams/x', {'a': '/dyknow/streams/a'})
+    registry.withdraw('a', 'lost')
+    assert registry.outdated() == ()
+    registry.withdraw('a', 'taken', failed=True)
+    assert [stream.name for stream in registry.outdated()] == ['x']
+    with pytest.raises(StreamError, match="stream 'a' cannot be made: taken"):
+        registry.topic('a')
+
+
+def test_conflicts_name_both_specifications(registry: StreamRegistry) -> None:
+    late = StreamConstraints(max_delay=1_000_000)
+    other = registry.reported_stream(E2, 'a', 'select b from "/t"', late, '/dyknow/streams/a')
+    used = registry.find('a')
+    assert isinstance(used, CreatedStream)
+    for error in (name_taken(used, [other]), two_streams(used, other)):
+        assert error.code is ExitCode.ALREADY_EXISTS
+        for words in ('\'sink select a from "/t"\'', '\'sink select b from "/t"\' with max_delay'):
+            assert words in error.message
+    battery = two_streams(registry.find('battery'), other)
+    assert 'the registered topic /uav1/battery is used' in battery.message
+
+
+def test_no_engine_in_the_namespaces() -> None:
+    error = engines_missing(['/robot1/e'], Namespaces.of((), '/robot1'))
+    assert 'running in /robot1 (/robot1/e); start one there' in error.message
 
 
 def test_an_alias_that_is_all_of_a_text_is_no_alias(registry: StreamRegistry) -> None:

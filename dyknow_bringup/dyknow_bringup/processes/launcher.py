@@ -67,7 +67,7 @@ class Launcher:
             process, self._namespace, self._log_level, use_sim_time=self._use_sim_time
         )
         executable = executable_path(process.package, process.executable)
-        with self._log(process.executable).open('ab') as log:
+        with self._log(process.name).open('ab') as log:
             running = subprocess.Popen(
                 [str(executable), *arguments],
                 stdout=log,
@@ -76,7 +76,7 @@ class Launcher:
                 start_new_session=True,
                 env=self._environment,
             )
-        self._running[process.executable] = running
+        self._running[process.name] = running
         return running
 
     def check_running(self) -> None:
@@ -85,20 +85,26 @@ class Launcher:
         Raises:
             BringupError: UNAVAILABLE, with the end of the log of a process that has ended.
         """
-        for executable, running in self._running.items():
+        for name, running in self._running.items():
             code = running.poll()
             if code is not None:
-                lines = self._log(executable).read_text(errors='replace').strip().splitlines()
+                lines = self._log(name).read_text(errors='replace').strip().splitlines()
                 end = '\n'.join(lines[-_LOG_LINES:])
                 raise BringupError(
-                    f'{executable} ended with exit code {code}:\n{end}', ExitCode.UNAVAILABLE
+                    f'{name} ended with exit code {code}:\n{end}', ExitCode.UNAVAILABLE
                 )
 
-    def kill(self, executable: str) -> None:
-        """Kill a process."""
-        running = self._running.pop(executable)
+    def kill(self, name: str) -> None:
+        """Kill a process, by the name of its node."""
+        running = self._running.pop(name)
         _signal_group(running, signal.SIGKILL)
         running.wait()
+
+    def stop(self, name: str, timeout_s: float = 10.0) -> int:
+        """Stop a process, by the name of its node, and return its exit code."""
+        running = self._running.pop(name)
+        _signal_group(running, signal.SIGTERM)
+        return _wait(running, timeout_s)
 
     def stop_all(self, timeout_s: float = 10.0) -> dict[str, int]:
         """Stop all processes and return their exit codes; kill those that exceed the timeout."""
@@ -108,8 +114,8 @@ class Launcher:
         self._running.clear()
         return codes
 
-    def _log(self, executable: str) -> Path:
-        return self._logs / f'{executable}.log'
+    def _log(self, name: str) -> Path:
+        return self._logs / f'{name.replace("/", ".")}.log'
 
 
 def _wait(running: subprocess.Popen[Any], timeout_s: float) -> int:

@@ -9,7 +9,7 @@ from launch.actions import DeclareLaunchArgument, OpaqueFunction
 from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 
-from dyknow_bringup.processes.processes import Process
+from dyknow_bringup.processes.processes import Process, join_namespaces
 from launch import LaunchDescription
 
 COMMON_ARGUMENTS = {
@@ -51,7 +51,7 @@ def _node(process: Process, values: Mapping[str, str]) -> Any:
     return Node(
         package=process.package,
         executable=process.executable,
-        namespace=values['namespace'],
+        namespace=join_namespaces(values['namespace'], process.namespace),
         output='screen',
         parameters=[{**process.parameters, 'use_sim_time': is_true(values['use_sim_time'])}],
         ros_arguments=['--log-level', values['log_level']],

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Final
 
+from dyknow_bringup.errors import BringupError
 from dyknow_bringup.simulation.fleet import fleet_annotations, fleet_ontology, fleet_specification
 
 Parameter = bool | int | float | str | list[str]
@@ -34,11 +35,18 @@ class Process:
         package: the package with its executable.
         executable: the name of the executable and of the node.
         parameters: values that differ from the defaults.
+        namespace: of the node, relative to that of all nodes.
     """
 
     package: str
     executable: str
     parameters: Mapping[str, Parameter] = field(default_factory=dict)
+    namespace: str = ''
+
+    @property
+    def name(self) -> str:
+        """The name of the node with its namespace, `robot1/stream_manager`."""
+        return join_namespaces(self.namespace, self.executable).lstrip('/')
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,6 +88,26 @@ def dyknow_processes(configuration: SystemConfiguration) -> tuple[Process, ...]:
     return tuple(
         Process(package, executable, parameters.get(executable, {}))
         for executable, package in PACKAGES.items()
+    )
+
+
+def robot_processes(
+    namespaces: Sequence[str], configurations: Sequence[SystemConfiguration]
+) -> tuple[Process, ...]:
+    """Return the seven nodes of DyKnow for each of several robots in one ROS domain.
+
+    Args:
+        namespaces: of the robots.
+        configurations: of the robots, in the same order.
+
+    Raises:
+        BringupError: if namespaces are missing, equal or within each other.
+    """
+    _check_apart(namespaces)
+    return tuple(
+        replace(process, namespace=namespace)
+        for namespace, configuration in zip(namespaces, configurations, strict=True)
+        for process in dyknow_processes(configuration)
     )
 
 
@@ -130,12 +158,35 @@ def ros_arguments(
     """Return the arguments of the command line that starts a process as a node."""
     parameters = {**process.parameters, 'use_sim_time': use_sim_time}
     arguments = ['--ros-args', '--log-level', log_level]
-    if namespace:
-        arguments += ['-r', f'__ns:=/{namespace.strip("/")}']
+    node_namespace = join_namespaces(namespace, process.namespace)
+    if node_namespace:
+        arguments += ['-r', f'__ns:={node_namespace}']
     for name, value in parameters.items():
         # rclpy reads the values of parameters as YAML, and JSON is YAML.
         arguments += ['-p', f'{name}:={json.dumps(value)}']
     return arguments
+
+
+def join_namespaces(*namespaces: str) -> str:
+    """Return `/fleet/robot1` for `fleet` and `robot1`; empty for the root namespace."""
+    parts = filter(None, (each.strip('/') for each in namespaces))
+    return ''.join(f'/{part}' for part in parts)
+
+
+def _check_apart(namespaces: Sequence[str]) -> None:
+    absolute = [f'{join_namespaces(each)}/' for each in namespaces]
+    if not namespaces or '/' in absolute:
+        raise BringupError(
+            f'each robot needs a namespace (given: {", ".join(namespaces) or "none"}), '
+            f'such as robot1, robot2'
+        )
+    for place, each in enumerate(absolute):
+        for other in absolute[:place] + absolute[place + 1 :]:
+            if each.startswith(other):
+                raise BringupError(
+                    f"namespace '{each[:-1]}' is that of another robot, or within it; a stream "
+                    f'manager would use the engines of both'
+                )
 
 
 def _parameters(**values: tuple[Path, ...] | Path | str | None) -> dict[str, Parameter]:

@@ -8,6 +8,7 @@ import signal
 import sys
 import tempfile
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -86,15 +87,31 @@ def _ask(chosen: argparse.Namespace) -> Answer:
     node = Node('dyknow_evaluate')
     try:
         with FormulaClient(node, chosen.coordinator) as client:
-            return client.evaluate_blocking(
+            answer = client.evaluate_blocking(
                 chosen.formula,
                 timeout=chosen.timeout / SECOND_NS,
                 grounding=GROUNDINGS[chosen.grounding],
                 wait=COORDINATOR_TIMEOUT_S,
             )
+        others = _other_coordinators(node, chosen.coordinator)
+        if answer.error is not None and answer.error.code is ExitCode.UNAVAILABLE and others:
+            hint = f'; there are: {", ".join(others)} (choose one by --coordinator)'
+            answer = replace(answer, error=BringupError(f'{answer.error}{hint}', answer.error.code))
+        return answer
     finally:
         node.destroy_node()
         rclpy.try_shutdown()
+
+
+def _other_coordinators(node: Node, name: str) -> list[str]:
+    """Return the coordinators on the ROS graph, if the named one is not there."""
+    services = [
+        service
+        for service, types in node.get_service_names_and_types()
+        if 'dyknow_interfaces/srv/EvaluateFormula' in types and node.count_services(service)
+    ]
+    found = sorted(service.rpartition('/')[0] for service in services)
+    return [] if node.resolve_service_name(name) in found else found
 
 
 def _as_json(answer: Answer) -> dict[str, Any]:

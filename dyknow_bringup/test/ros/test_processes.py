@@ -6,6 +6,7 @@ import pytest
 import yaml
 
 from dyknow_bringup.errors import BringupError
+from dyknow_bringup.processes.arguments import CONFIGURATION, robots
 from dyknow_bringup.processes.processes import (
     Process,
     SystemConfiguration,
@@ -82,3 +83,43 @@ def test_bridges_go_to_the_matching_engine() -> None:
     processes = dyknow_processes(SystemConfiguration(bridges=(Path('/robots.bridges'),)))
     parameters = {process.executable: process.parameters for process in processes}
     assert parameters['semantic_matching_engine'] == {'bridges': ['/robots.bridges']}
+
+
+def robot_arguments(**given: str) -> dict[str, str]:
+    return {**{name: default for name, (default, _) in CONFIGURATION.items()}, **given}
+
+
+def test_each_robot_has_a_system_in_its_namespace() -> None:
+    values = robot_arguments(
+        robots='robot1, /robot2', streams='/c/<robot>.streams', store='/kept/<robot>'
+    )
+    processes = {process.name: process for process in robots(values)}
+    assert len(processes) == 14
+    manager = processes['robot2/stream_manager']
+    assert manager.parameters == {'streams': ['/c/robot2.streams']}
+    assert '__ns:=/fleet/robot2' in ros_arguments(manager, 'fleet', 'info', use_sim_time=False)
+    assert (
+        processes['robot1/ontology_manager'].parameters['store'] == '/kept/robot1/ontology.sqlite3'
+    )
+
+
+@pytest.mark.parametrize(
+    ('values', 'words'),
+    [
+        ({'robots': ''}, 'each robot needs a namespace .given: none'),
+        ({'robots': 'a,/'}, 'each robot needs a namespace .given: a, /'),
+        ({'robots': 'a,b,a'}, "namespace '/a' is that of another robot"),
+        ({'robots': 'a,a/b'}, "namespace '/a/b' is that of another robot, or within it"),
+        (
+            {'robots': 'a,b', 'store': '/kept'},
+            "cannot share the store '/kept'; name .*/kept/<robot>",
+        ),
+    ],
+)
+def test_robots_that_would_share_what_is_their_own(values: dict[str, str], words: str) -> None:
+    with pytest.raises(BringupError, match=words):
+        robots(robot_arguments(**values))
+
+
+def test_a_namespace_that_begins_like_another() -> None:
+    assert len(robots(robot_arguments(robots='robot1,robot10'))) == 14

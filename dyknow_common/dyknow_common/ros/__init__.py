@@ -10,7 +10,14 @@ from dyknow_common.ros.liveliness import (
     Liveliness,
     with_distinct_lease,
 )
-from dyknow_common.ros.node import RUNNING, STARTED_AT, DyKnowNode, fill_exit_status, snake_case
+from dyknow_common.ros.node import (
+    NODE_TYPE,
+    RUNNING,
+    STARTED_AT,
+    DyKnowNode,
+    fill_exit_status,
+    snake_case,
+)
 from dyknow_common.ros.node_adapter import NodeAdapter
 from dyknow_common.ros.process import run
 from dyknow_common.ros.qos import (
@@ -38,6 +45,7 @@ __all__ = [
     'GRACE_S',
     'LATCHED',
     'LATCHED_HISTORY',
+    'NODE_TYPE',
     'NO_SUBSCRIPTION_EVENTS',
     'RUNNING',
     'SERVICE',

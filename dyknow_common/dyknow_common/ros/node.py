@@ -25,6 +25,10 @@ STARTED_AT = 'born'
 """The key of the time of start in a node's status; it distinguishes a restarted node."""
 
 
+NODE_TYPE = 'type'
+"""The key of the kind of node in its status, such as `stream_processing_engine`."""
+
+
 class DyKnowNode(Node):
     """A node whose services always respond, and whose status has a liveliness lease."""
 
@@ -61,14 +65,16 @@ class DyKnowNode(Node):
     def set_status(
         self, message: str, values: Mapping[str, str] | None = None, *, level: bytes | None = None
     ) -> None:
-        """Set the status, which is published on `~/status` with the time of start."""
+        """Set the status, which is published on `~/status` with the type and the time of start."""
+        identity = {NODE_TYPE: snake_case(type(self).__name__), STARTED_AT: str(self.started_at)}
         self._last_status = DiagnosticStatus(
             level=DiagnosticStatus.OK if level is None else level,
             name=self.get_fully_qualified_name(),
             message=message,
             values=[
                 KeyValue(key=key, value=value)
-                for key, value in {STARTED_AT: str(self.started_at), **(values or {})}.items()
+                # The name of a value, such as that of a stream, must not hide the identity.
+                for key, value in {**identity, **(values or {}), **identity}.items()
             ],
         )
         if self._status is not None:

@@ -23,6 +23,7 @@ from dyknow_interfaces.srv import (
 from dyknow_common import DyKnowError, ExitCode, StreamConstraints, Symbol, SymbolKind
 from dyknow_common.ros import DyKnowNode, RemoteNode, constraints_to_message
 from dyknow_coordinator.errors import CoordinationError
+from dyknow_stream_processing import in_namespace
 
 _SERVICES: Final = {
     'stream_manager': (StreamCreateFromSpec, StreamDestroy, StreamGetTopic),
@@ -56,6 +57,11 @@ class ServiceClients:
             self.semantic_matching_engine,
             self.stream_reasoning_engine,
         ) = self.nodes
+        self._namespace = node.get_namespace()
+        self.streams_namespace = node.resolve_service_name(self.stream_manager.name).rpartition(
+            '/'
+        )[0]
+        """The namespace of the stream manager, whose relative topics are in it."""
         self.streams_topic = f'{names["stream_manager"]}/streams'
         self.progress_topic = f'{names["stream_reasoning_engine"]}/progress'
         self.version_topics = tuple(
@@ -119,12 +125,15 @@ class ServiceClients:
     async def create_stream(
         self, name: str, specification: str, constraints: StreamConstraints
     ) -> tuple[str, str]:
-        """Create a stream; return its topic and the topic of its violations."""
+        """Create a stream; return its topic and the topic of its violations.
+
+        Its relative topics are in the namespace of the coordinator, whatever the manager's is.
+        """
         response = await self.stream_manager.call(
             StreamCreateFromSpec,
             spec=StreamSpec(
                 name=name,
-                specification=specification,
+                specification=in_namespace(specification, self._namespace, self.streams_namespace),
                 constraints=constraints_to_message(constraints),
             ),
         )

@@ -93,7 +93,9 @@ class StreamReasoningCoordinator(DyKnowNode):
         self._shared = CoordinatorContext(
             node=self,
             clients=clients,
-            streams=StreamsMirror(self, clients.streams_topic, self._on_streams_changed),
+            streams=StreamsMirror(
+                self, clients.streams_topic, clients.streams_namespace, self._on_streams_changed
+            ),
             results=Results(self, clients.progress_topic),
             cleanup=Cleanup(self, clients),
             # Unique in the system, also across restarts of this node.

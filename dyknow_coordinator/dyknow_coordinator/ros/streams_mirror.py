@@ -13,6 +13,7 @@ from dyknow_common.ros import LATCHED, DyKnowNode, time_to_nanoseconds
 from dyknow_coordinator.errors import CoordinationError
 from dyknow_coordinator.grounding.known_streams import KnownStream, KnownStreams
 from dyknow_coordinator.grounding.stream_fields import field_names
+from dyknow_stream_processing import in_namespace
 from dyknow_stream_processing.ros import message_class, scalar_fields, source_type
 
 REPORT_TIMEOUT_S: Final = 1.0
@@ -29,11 +30,15 @@ class StreamsMirror:
 
     Args:
         topic: of the stream manager.
+        namespace: of the stream manager, in which relative topics in its reports are.
         on_change: called when the set of published streams has changed.
     """
 
-    def __init__(self, node: DyKnowNode, topic: str, on_change: Callable[[], None]) -> None:
+    def __init__(
+        self, node: DyKnowNode, topic: str, namespace: str, on_change: Callable[[], None]
+    ) -> None:
         self._node = node
+        self._namespace = namespace
         self.known = self._known_streams(())
         self._on_change = on_change
         node.create_subscription(
@@ -73,9 +78,12 @@ class StreamsMirror:
 
     def _known_stream(self, status: StreamStatus) -> KnownStream:
         before = self.known.get(status.name)
+        text = status.specification
+        if text:
+            text = in_namespace(text, self._namespace, self._node.get_namespace())
         return KnownStream(
             status.name,
-            specification=status.specification,
+            specification=text,
             topic=status.topic,
             message_type=status.message_type,
             engine=status.engine or (before.engine if before else ''),

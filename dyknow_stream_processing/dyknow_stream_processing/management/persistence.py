@@ -10,25 +10,30 @@ from typing import Any
 from dyknow_common import StreamConstraints
 from dyknow_stream_processing.errors import StreamError
 from dyknow_stream_processing.language.parsing import parse_specification
-from dyknow_stream_processing.management.registry import CreatedStream, RegisteredStream, Stream
+from dyknow_stream_processing.management.streams import CreatedStream, RegisteredStream, Stream
 
 
-def streams_to_json(streams: Iterable[Stream]) -> str:
-    """Return a text from which streams can be recreated; times are in nanoseconds."""
+def streams_to_json(streams: Iterable[Stream], manager: str) -> str:
+    """Return a text from which a manager can recreate its streams; times are in nanoseconds."""
     entries = [_to_entry(stream) for stream in streams]
-    return json.dumps({'streams': entries}, indent=2, ensure_ascii=False) + '\n'
+    document = {'manager': manager, 'streams': entries}
+    return json.dumps(document, indent=2, ensure_ascii=False) + '\n'
 
 
-def streams_from_json(text: str) -> tuple[Stream, ...]:
+def streams_from_json(text: str, manager: str) -> tuple[Stream, ...]:
     """Return the streams in a text of `streams_to_json`; created ones wait for an engine.
 
     Raises:
-        StreamError: if the text has another format.
+        StreamError: if the text has another format, or is that of another manager.
         LanguageError: if a specification in it is wrong.
     """
     try:
-        return tuple(_from_entry(entry) for entry in json.loads(text)['streams'])
-    except (ValueError, KeyError, TypeError) as error:
+        document = json.loads(text)
+        writer = document.get('manager', manager)
+        if writer != manager:
+            raise StreamError(f'it is the memory of {writer}; give {manager} a file of its own')
+        return tuple(_from_entry(entry) for entry in document['streams'])
+    except (ValueError, KeyError, TypeError, AttributeError) as error:
         raise StreamError(
             f'it is not what a stream manager wrote ({type(error).__name__}: {error}); delete it'
         ) from None

@@ -8,15 +8,14 @@ and texts reported by engines are read with these aliases removed.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, field, replace
-from functools import lru_cache
+from dataclasses import replace
 from typing import Final
 
 from dyknow_common import ExitCode, StreamConstraints
 from dyknow_stream_processing.errors import StreamError, unknown_stream
-from dyknow_stream_processing.language.parsing import parse_specification
 from dyknow_stream_processing.language.resolution import free_names
 from dyknow_stream_processing.language.specification import Specification
+from dyknow_stream_processing.management.namespaces import Namespaces, namespace_of
 from dyknow_stream_processing.management.naming import NamingConvention
 from dyknow_stream_processing.management.relocation import (
     aliases,
@@ -24,53 +23,17 @@ from dyknow_stream_processing.management.relocation import (
     with_aliases,
     without,
 )
-from dyknow_stream_processing.reporting.stream_report import SAMPLE_TYPE, StreamReport, StreamState
+from dyknow_stream_processing.management.streams import (
+    CreatedStream,
+    RegisteredStream,
+    Stream,
+    canonical,
+    parsed,
+)
+from dyknow_stream_processing.reporting.stream_report import StreamReport, StreamState
 
 DEFAULT_CONVENTION: Final = NamingConvention('dyknow/streams/<name>')
 """The topics on which engines publish streams by default."""
-
-
-@dataclass(frozen=True, slots=True)
-class CreatedStream:
-    """A stream that an engine makes.
-
-    Args:
-        specification: the text, as it was requested or as an engine reports it.
-        engine: the node that makes it or is asked to; `None` while it waits for an engine.
-        topic: the topic of its samples; empty until an engine makes it.
-        sources: the topics of the streams that it is made from and that other nodes publish.
-        message: why it waits or failed; where, when and why it was recreated.
-        lost: why its last engine no longer makes it; empty if it had none.
-        failed: True if it cannot be made and a later attempt would fail for the same reason.
-    """
-
-    name: str
-    specification: str
-    constraints: StreamConstraints
-    engine: str | None = None
-    topic: str = ''
-    sources: Mapping[str, str] = field(default_factory=dict)
-    message: str = ''
-    lost: str = ''
-    failed: bool = False
-    message_type: str = SAMPLE_TYPE
-
-    @property
-    def waits(self) -> bool:
-        """True if no engine makes it or is asked to."""
-        return self.engine is None
-
-
-@dataclass(frozen=True, slots=True)
-class RegisteredStream:
-    """A topic of another program that was registered under a stream name."""
-
-    name: str
-    topic: str
-    message_type: str
-
-
-Stream = CreatedStream | RegisteredStream
 
 
 class StreamRegistry:
@@ -80,6 +43,7 @@ class StreamRegistry:
         convention: relates names to topics of streams that are not in the registry.
         namespace: the namespace of the manager, for relative topics in specifications.
         published: returns the absolute name and the type of a topic if it has publishers.
+        engine_namespaces: the namespaces in which the streams of the system can be.
     """
 
     def __init__(
@@ -87,11 +51,13 @@ class StreamRegistry:
         convention: NamingConvention = DEFAULT_CONVENTION,
         namespace: str = '',
         published: Callable[[str], tuple[str, str] | None] = lambda _: None,
+        engine_namespaces: Namespaces | None = None,
     ) -> None:
         self.version = 0
         self._convention = convention
         self._namespace = namespace.rstrip('/')
         self._published = published
+        self.engine_namespaces = engine_namespaces or Namespaces.of((), namespace)
         self._streams: dict[str, Stream] = {}
 
     def streams(self) -> tuple[Stream, ...]:
@@ -146,9 +112,10 @@ class StreamRegistry:
         known = self._streams.get(stream.name)
         if known is not None:
             state = '' if known.topic else ', which is not made yet'
+            made = known.definition if isinstance(known, CreatedStream) else f'topic {known.topic}'
             raise StreamError(
                 f"there is a stream '{stream.name}' already{state}; "
-                f'destroy it or choose another name',
+                f'destroy it or choose another name; it is {made}',
                 ExitCode.ALREADY_EXISTS,
             )
         self._set(stream)
@@ -191,9 +158,9 @@ class StreamRegistry:
         """Record that no engine makes a requested stream, and why."""
         self._change(name, engine=None, topic='', message=message, failed=failed)
 
-    def withdraw(self, name: str, lost: str) -> None:
+    def withdraw(self, name: str, lost: str, *, failed: bool = False) -> None:
         """Record that a stream must be recreated, and why."""
-        self._change(name, engine=None, topic='', message=lost, lost=lost)
+        self._change(name, engine=None, topic='', message=lost, lost=lost, failed=failed)
 
     def withdraw_all(self, engine: str) -> None:
         """Record that an engine is gone: its streams must be recreated.
@@ -224,11 +191,16 @@ class StreamRegistry:
     def outdated(self) -> tuple[CreatedStream, ...]:
         """Return the streams that read from a topic that is no longer the topic of their input.
 
+        While an input merely waits for an engine, they stay: it may return on the same topic. If an
+        input has failed, another stream may be on its topic.
+
         If an engine makes a stream from another of its own streams, it does so without a topic. The
         stream is then outdated whenever the other one is.
         """
         made = [each for each in self._created() if each.topic]
         topics = {each.name: each.topic for each in self._streams.values() if each.topic}
+        failed = [each for each in self._created() if each.failed]
+        topics.update((each.name, '') for each in failed)
         found = [
             each
             for each in made
@@ -256,17 +228,17 @@ class StreamRegistry:
             LanguageError: if the text is not a specification.
             StreamError: NOT_FOUND or UNAVAILABLE, for a stream that it is made from.
         """
-        parsed = self._original(stream)
+        text = self._original(stream)
         sources: dict[str, str] = {}
-        for name in sorted(free_names(parsed).streams):
+        for name in sorted(free_names(text).streams):
             if name == stream.name:
                 raise StreamError(f"stream '{name}' is made from itself")
             known = self.find(name)
             if not (known.topic and isinstance(known, CreatedStream) and known.engine == engine):
                 sources[name] = self.topic(name)
-        if _namespace(engine) != self._namespace:
-            parsed = with_absolute_topics(parsed, self._namespace)
-        return str(with_aliases(parsed, sources)), sources
+        if namespace_of(engine) != self._namespace:
+            text = with_absolute_topics(text, self._namespace)
+        return str(with_aliases(text, sources)), sources
 
     def reported_stream(
         self,
@@ -277,18 +249,17 @@ class StreamRegistry:
         topic: str,
     ) -> CreatedStream:
         """Return a stream as its engine reports it, in whose namespace its relative topics are."""
-        if _namespace(engine) != self._namespace:
-            parsed = with_absolute_topics(_parsed(specification), _namespace(engine))
-            specification = str(parsed)
-        return CreatedStream(name, specification, constraints, engine, topic)
+        if namespace_of(engine) != self._namespace:
+            moved = with_absolute_topics(parsed(specification), namespace_of(engine))
+            specification = str(moved)
+        return CreatedStream(name, specification, constraints, engine, topic, reported=True)
 
     def is_copy(self, reported: CreatedStream) -> bool:
         """Return true if a reported stream is equivalent to the known stream of its name."""
         known = self._streams.get(reported.name)
         if not isinstance(known, CreatedStream) or known.constraints != reported.constraints:
             return False
-        parsed = _parsed(reported.specification)
-        plain = without(parsed, self._sources(known, reported))
+        plain = without(parsed(reported.specification), self._sources(known, reported))
         one, other = (
             str(with_absolute_topics(each, self._namespace))
             for each in (plain, self._original(known))
@@ -318,7 +289,7 @@ class StreamRegistry:
             message=stream.message,
             engine=stream.engine or '',
             topic=stream.topic,
-            specification=_canonical(stream.specification),
+            specification=canonical(stream.specification),
             constraints=stream.constraints,
         )
 
@@ -337,17 +308,25 @@ class StreamRegistry:
     def _aliases(self, stream: CreatedStream) -> Mapping[str, str]:
         """Return the aliases in a text that stand for known streams, as `text_for` adds them."""
         found = {}
-        for name, topic in aliases(_parsed(stream.specification)).items():
+        for name, topic in aliases(parsed(stream.specification)).items():
             known = self._streams.get(name)
             if known is not None and name != stream.name:
-                is_created = isinstance(known, CreatedStream)
-                if known.topic == topic or (is_created and self._convention.matches(name, topic)):
+                former = stream.reported and self._may_be_topic_of(known, topic)
+                if known.topic == topic or former:
                     found[name] = topic
         return found
 
+    def _may_be_topic_of(self, stream: Stream, topic: str) -> bool:
+        """Return True if an engine of this system can have made a stream on a topic."""
+        return (
+            isinstance(stream, CreatedStream)
+            and self.engine_namespaces.contain(topic)
+            and self._convention.matches(stream.name, topic)
+        )
+
     def _original(self, stream: CreatedStream) -> Specification:
         """Return a specification that refers to other streams by name instead of by alias."""
-        return without(_parsed(stream.specification), self._aliases(stream))
+        return without(parsed(stream.specification), self._aliases(stream))
 
     def _inputs(self, stream: CreatedStream) -> frozenset[str]:
         return free_names(self._original(stream)).streams
@@ -355,28 +334,18 @@ class StreamRegistry:
     def _sources(self, known: CreatedStream, reported: CreatedStream) -> Mapping[str, str]:
         """Return the topics from which an engine reads the streams that a stream is made from."""
         names = self._inputs(known)
-        found = aliases(_parsed(reported.specification))
-        return {name: topic for name, topic in found.items() if name in names}
+        found = aliases(parsed(reported.specification))
+        return {
+            name: topic
+            for name, topic in found.items()
+            if name in names and self._may_be_source(name, topic)
+        }
 
-
-def engines_missing(engines: Iterable[str]) -> StreamError:
-    """Return the error if no engine is running, given all engines that were ever found."""
-    known = ', '.join(sorted(engines)) or 'none was ever seen'
-    return StreamError(
-        f'no stream processing engine is running ({known}); start one', ExitCode.UNAVAILABLE
-    )
-
-
-def _namespace(node: str) -> str:
-    """Return `/robot1` for `/robot1/stream_processing_engine`; the root namespace is empty."""
-    return node.rpartition('/')[0]
-
-
-@lru_cache(maxsize=4096)
-def _parsed(specification: str) -> Specification:
-    return parse_specification(specification)
-
-
-@lru_cache(maxsize=4096)
-def _canonical(specification: str) -> str:
-    return str(_parsed(specification))
+    def _may_be_source(self, name: str, topic: str) -> bool:
+        """Return True if a stream can be or have been on a topic."""
+        known = self._streams.get(name)
+        return (
+            isinstance(known, RegisteredStream)
+            or (known is not None and known.topic == topic)
+            or self.engine_namespaces.contain(topic)
+        )

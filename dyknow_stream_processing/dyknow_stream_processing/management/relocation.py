@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Collection, Mapping
 from dataclasses import replace
 
+from dyknow_stream_processing.language.parsing import parse_specification
 from dyknow_stream_processing.language.specification import (
     Declaration,
     Select,
@@ -55,6 +56,17 @@ def with_aliases(specification: Specification, topics: Mapping[str, str]) -> Spe
         for name, topic in topics.items()
     ]
     return replace(specification, declarations=(*declared, *specification.declarations))
+
+
+def in_namespace(specification: str, namespace: str, other: str) -> str:
+    """Return a specification that means in another namespace what it means in a namespace.
+
+    Raises:
+        LanguageError: if the text is not a specification.
+    """
+    if namespace.rstrip('/') == other.rstrip('/'):
+        return specification
+    return str(with_absolute_topics(parse_specification(specification), namespace))
 
 
 def with_absolute_topics(specification: Specification, namespace: str) -> Specification:

@@ -19,13 +19,10 @@ from rclpy.validate_topic_name import validate_topic_name
 from dyknow_common.ros import RUNNING, DyKnowNode, Throttle, constraints_from_message, run
 from dyknow_stream_processing.errors import StreamError
 from dyknow_stream_processing.language.parsing import parse_specification
+from dyknow_stream_processing.management.namespaces import Namespaces
 from dyknow_stream_processing.management.naming import NamingConvention, check_name
-from dyknow_stream_processing.management.registry import (
-    DEFAULT_CONVENTION,
-    CreatedStream,
-    RegisteredStream,
-    StreamRegistry,
-)
+from dyknow_stream_processing.management.registry import DEFAULT_CONVENTION, StreamRegistry
+from dyknow_stream_processing.management.streams import CreatedStream, RegisteredStream
 from dyknow_stream_processing.reporting.stream_report import StreamReport
 from dyknow_stream_processing.ros.management.engines import Engines
 from dyknow_stream_processing.ros.management.persistence_files import PersistenceFile, read_streams
@@ -43,33 +40,25 @@ class StreamManager(DyKnowNode):
 
     def __init__(self) -> None:
         super().__init__('stream_manager')
-        files = self.parameter(
-            'streams', [''], 'Files in the stream language; each sink in them is made at the start.'
-        )
-        convention = self.parameter(
-            'naming_convention',
-            DEFAULT_CONVENTION.pattern,
-            'The topic of a stream that was neither created nor registered; <name> is its name.',
-        )
         memory = self.parameter(
             'memory', '', 'File that keeps all streams over a restart of the manager; empty: none.'
         )
         discovery_period_s = self.parameter(
             'discovery_period', 0.25, 'Seconds between two searches for new engines.', (0.01, 60.0)
         )
-        self._registry = StreamRegistry(
-            NamingConvention(convention), self.get_namespace(), self._published
-        )
-        for stream in read_streams(filter(None, files)):
-            self._registry.add(stream)
-        self._memory = PersistenceFile(memory)
+        self._registry = self._new_registry()
+        self._memory = PersistenceFile(memory, self.get_fully_qualified_name())
         self._memory_error = Throttle(ERROR_PERIOD_S)
         for remembered in self._memory.read():
             if self._registry.get(remembered.name) is None:
                 self._registry.add(remembered)
         self._memory.write(self._registry.streams())
         self._engines = Engines(
-            self, discovery_period_s, self._on_engine_report, self._on_engine_lost
+            self,
+            self._registry.engine_namespaces,
+            discovery_period_s,
+            self._on_engine_report,
+            self._on_engine_lost,
         )
         self._placement = Placement(self, self._registry, self._engines, self._on_change)
         self._report_publisher = StreamReportPublisher(self, self._engines.ready, self._reports)
@@ -79,6 +68,29 @@ class StreamManager(DyKnowNode):
         self.serve(StreamRegister, self._register)
         self.serve(StreamGetTopic, self._get_topic)
         self._on_change()
+
+    def _new_registry(self) -> StreamRegistry:
+        """Return a registry with the streams of the files, as the parameters say."""
+        files = self.parameter(
+            'streams', [''], 'Files in the stream language; each sink in them is made at the start.'
+        )
+        convention = self.parameter(
+            'naming_convention',
+            DEFAULT_CONVENTION.pattern,
+            'The topic of a stream that was neither created nor registered; <name> is its name.',
+        )
+        namespaces = self.parameter(
+            'engine_namespaces',
+            [''],
+            'Namespaces whose engines are used, with all below them; default: that of the manager.',
+        )
+        own = self.get_namespace()
+        registry = StreamRegistry(
+            NamingConvention(convention), own, self._published, Namespaces.of(namespaces, own)
+        )
+        for stream in read_streams(filter(None, files)):
+            registry.add(stream)
+        return registry
 
     async def _create(self, request: Any, response: Any) -> None:
         spec = request.spec
@@ -127,15 +139,13 @@ class StreamManager(DyKnowNode):
         return self.resolve_topic_name(topic), publication.type_name
 
     def _on_engine_report(self, name: str) -> None:
-        known = {stream.name for stream in self._registry.made_by(name) if stream.topic}
-        reported = self._engines.reports(name).keys()
-        if known != reported or self._registry.waiting() or self._placement.conflicts:
+        is_settled = self._placement.is_settled(name)
+        if not is_settled or self._registry.waiting() or self._placement.conflicts:
             self._placement.reconcile_soon()
 
     def _on_engine_lost(self, name: str) -> None:
         self.get_logger().warning(f'stream processing engine {name} is gone')
-        self._registry.withdraw_all(name)
-        self._placement.forget_engine(name)
+        self._placement.lose_engine(name)
         self._placement.reconcile_soon()
         self._on_change()
 

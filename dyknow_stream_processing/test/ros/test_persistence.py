@@ -6,9 +6,10 @@ import pytest
 
 from dyknow_common import DyKnowError, StreamConstraints
 from dyknow_stream_processing.management.persistence import streams_from_json, streams_to_json
-from dyknow_stream_processing.management.registry import CreatedStream, RegisteredStream
+from dyknow_stream_processing.management.streams import CreatedStream, RegisteredStream
 from dyknow_stream_processing.ros.management.persistence_files import PersistenceFile, read_streams
 
+MANAGER = '/robot1/stream_manager'
 BATTERY = RegisteredStream('battery', '/uav1/battery', 'sensor_msgs/msg/BatteryState')
 POWER = CreatedStream(
     'power', 'select a from battery', StreamConstraints(max_delay=5), '/e1', '/streams/power'
@@ -16,7 +17,7 @@ POWER = CreatedStream(
 
 
 def test_what_is_written_is_read() -> None:
-    battery, power = streams_from_json(streams_to_json([BATTERY, POWER]))
+    battery, power = streams_from_json(streams_to_json([BATTERY, POWER], MANAGER), MANAGER)
     assert battery == BATTERY
     assert isinstance(power, CreatedStream)
     assert (power.name, power.specification) == (POWER.name, POWER.specification)
@@ -36,21 +37,29 @@ def test_what_is_written_is_read() -> None:
 )
 def test_what_is_no_memory(text: str, words: str) -> None:
     with pytest.raises(DyKnowError, match=words):
-        streams_from_json(text)
+        streams_from_json(text, MANAGER)
 
 
 def test_the_file_holds_what_was_written_last(tmp_path: Path) -> None:
     path = tmp_path / 'new' / 'streams.json'
-    memory = PersistenceFile(str(path))
+    memory = PersistenceFile(str(path), MANAGER)
     assert memory.read() == ()
     memory.write([BATTERY, POWER])
     memory.write([BATTERY])
-    assert PersistenceFile(str(path)).read() == (BATTERY,)
+    assert PersistenceFile(str(path), MANAGER).read() == (BATTERY,)
     assert list(path.parent.iterdir()) == [path]
 
 
+def test_the_memory_of_another_manager_is_refused(tmp_path: Path) -> None:
+    """Its streams may have other specifications under the same names."""
+    path = tmp_path / 'streams.json'
+    PersistenceFile(str(path), '/robot2/stream_manager').write([BATTERY])
+    with pytest.raises(DyKnowError, match=f'{path}: it is the memory of /robot2/stream_manager'):
+        PersistenceFile(str(path), MANAGER).read()
+
+
 def test_no_file_keeps_nothing() -> None:
-    memory = PersistenceFile('')
+    memory = PersistenceFile('', MANAGER)
     memory.write([BATTERY])
     assert memory.read() == ()
 
@@ -59,11 +68,11 @@ def test_a_file_that_cannot_be_used_is_named(tmp_path: Path) -> None:
     path = tmp_path / 'streams.json'
     path.write_text('{')
     with pytest.raises(DyKnowError, match=f'{path}: it is not what a stream manager wrote'):
-        PersistenceFile(str(path)).read()
+        PersistenceFile(str(path), MANAGER).read()
     with pytest.raises(DyKnowError, match=f'cannot read the streams in {tmp_path}'):
-        PersistenceFile(str(tmp_path)).read()
+        PersistenceFile(str(tmp_path), MANAGER).read()
     with pytest.raises(DyKnowError, match=f'cannot write the memory {path}/beneath'):
-        PersistenceFile(str(path / 'beneath')).write([BATTERY])
+        PersistenceFile(str(path / 'beneath'), MANAGER).write([BATTERY])
 
 
 def test_a_sink_in_two_files_is_named(tmp_path: Path) -> None:

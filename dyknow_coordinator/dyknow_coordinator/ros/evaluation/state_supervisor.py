@@ -103,6 +103,8 @@ class StateSupervisor:
         self._observer = observer
         self._failed: dict[FeatureSource, float] = {}
         self._faults: list[StateFault] = []
+        self._obstacle = ''
+        """Why the last attempt to recover has failed."""
         self._missing_since: float | None = None
         self._is_changing = False
         self._has_ended = False
@@ -232,6 +234,7 @@ class StateSupervisor:
 
     async def _recover(self) -> None:
         """Switch to other streams because of faults, or fail."""
+        self._obstacle = ''
         limit = self._context.node.deadlines.after(RESUME_TIMEOUT_S)
         limit.add_done_callback(lambda _: self._give_up())
         while self._faults and not self._has_ended:
@@ -243,6 +246,7 @@ class StateSupervisor:
             try:
                 await self._switch(chosen, gap=True)
             except DyKnowError as error:
+                self._obstacle = error.message
                 self._context.node.get_logger().info(f'{self.stream.name}: {error}')
                 await self._context.node.deadlines.after(POLL_PERIOD_S)
             else:
@@ -255,7 +259,9 @@ class StateSupervisor:
 
     def _give_up(self) -> None:
         if self._faults and not self._has_ended:
-            self._observer.fail(_worst(self._faults).error)
+            error = _worst(self._faults).error
+            reason = f'; no other states: {self._obstacle}' if self._obstacle else ''
+            self._observer.fail(CoordinationError(f'{error.message}{reason}', error.code))
 
     async def _improve(self) -> None:
         try:
@@ -324,9 +330,10 @@ class StateSupervisor:
             former.destroy()
 
     def _is_subscribed(self, topic: str) -> bool:
-        name = self._context.clients.stream_reasoning_engine.name.rpartition('/')[2]
-        infos = self._context.node.get_subscriptions_info_by_topic(topic)
-        return any(info.node_name == name for info in infos)
+        node = self._context.node
+        name = node.resolve_service_name(self._context.clients.stream_reasoning_engine.name)
+        infos = node.get_subscriptions_info_by_topic(topic)
+        return any(f'{info.node_namespace.rstrip("/")}/{info.node_name}' == name for info in infos)
 
     def _description(self) -> str:
         return f'states are made of {", ".join(sorted(map(str, self.chosen)))}'

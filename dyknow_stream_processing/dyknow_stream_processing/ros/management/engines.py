@@ -1,4 +1,12 @@
-"""The stream processing engines on the ROS graph: found by their services, known by reports."""
+"""The stream processing engines on the ROS graph: known by their status and their reports.
+
+For example, the manager `/robot1/stream_manager` starts:
+
+    services   /robot1/stream_processing_engine, /robot1/stream_manager and the node /robot2/e offer
+               StreamCreateFromSpec; /robot2/e is in another namespace
+    status     of /robot1/stream_processing_engine: its type is that of an engine
+    report     of its streams: from now on it is given streams
+"""
 
 from __future__ import annotations
 
@@ -9,25 +17,31 @@ from typing import Any, Final
 from dyknow_interfaces.msg import StreamStatusArray
 from dyknow_interfaces.srv import ListStreams, StreamCreateFromSpec, StreamDestroy
 
-from dyknow_common import SECOND_NS
-from dyknow_common.ros import LATCHED, DyKnowNode, RemoteNode
+from dyknow_common import SECOND_NS, DyKnowError
+from dyknow_common.ros import LATCHED, NODE_TYPE, DyKnowNode, RemoteNode
+from dyknow_stream_processing.management.namespaces import Namespaces
 from dyknow_stream_processing.reporting.stream_report import StreamReport
 from dyknow_stream_processing.ros.messages.stream_report_messages import report_from_message
 
+ENGINE_TYPE: Final = 'stream_processing_engine'
+"""The type that an engine has in its status."""
+
 FIRST_REPORT_TIMEOUT_NS: Final = 3 * SECOND_NS
-"""Time within which an engine that was found reports its streams."""
+"""Time within which a node that was found has reported, if it is an engine."""
 
 _SERVICES: Final = (StreamCreateFromSpec, StreamDestroy, ListStreams)
 _SERVICE: Final = '/stream_create_from_spec'
 _SERVICE_TYPE: Final = 'dyknow_interfaces/srv/StreamCreateFromSpec'
-_MANAGER_SERVICE: Final = '/stream_get_topic'
-"""Managers offer the services of engines, too; only they offer this one."""
 
 
 class Engines:
-    """All stream processing engines, in any namespace.
+    """The stream processing engines that a manager uses.
+
+    A node is an engine if its status says so. Its services do not tell: discovery delivers them one
+    after the other, and a stream manager offers those of an engine, too.
 
     Args:
+        namespaces: of the engines.
         discovery_period_s: seconds between two searches for new engines.
         on_report: is called with the name of an engine that has reported its streams.
         on_lost: is called with the name of an engine that is gone.
@@ -36,6 +50,7 @@ class Engines:
     def __init__(
         self,
         node: DyKnowNode,
+        namespaces: Namespaces,
         discovery_period_s: float,
         on_report: Callable[[str], None],
         on_lost: Callable[[str], None],
@@ -43,10 +58,13 @@ class Engines:
         self.remotes: dict[str, RemoteNode] = {}
         """All engines that were ever found, by name."""
         self._node = node
+        self._namespaces = namespaces
         self._on_report = on_report
         self._on_lost = on_lost
+        # Nodes that offer the services of engines.
+        self._candidates: dict[str, RemoteNode] = {}
         self._found_at: dict[str, int] = {}
-        self._reports: dict[str, Mapping[str, StreamReport]] = {}
+        self._reports: dict[str, dict[str, StreamReport]] = {}
         node.create_timer(discovery_period_s, self._discover, clock=node.wall_clock)
 
     def ready(self) -> tuple[str, ...]:
@@ -55,13 +73,15 @@ class Engines:
 
     def is_ready(self, name: str) -> bool:
         """Return True if an engine is alive and has reported its streams."""
-        return self.remotes[name].alive and name in self._reports
+        return name in self._reports and self.remotes[name].alive
 
     def awaits_report(self) -> bool:
-        """Return True while an engine that was just found has yet to report its streams."""
+        """Return True while a node that was just found may be an engine with streams."""
         earliest = self._node.wall_clock.now().nanoseconds - FIRST_REPORT_TIMEOUT_NS
         return any(
-            found_at > earliest and not self.is_ready(name)
+            found_at > earliest
+            and not self.is_ready(name)
+            and self._type(name) in ('', ENGINE_TYPE)
             for name, found_at in self._found_at.items()
         )
 
@@ -69,41 +89,72 @@ class Engines:
         """Return the latest reports of an engine, by stream name."""
         return self._reports.get(name, {})
 
+    def discard_report(self, name: str, stream: str) -> None:
+        """Discard the report of a stream that an engine has just made or destroyed."""
+        self._reports.get(name, {}).pop(stream, None)
+
+    async def may_make(self, name: str, stream: str) -> bool:
+        """Return True if an engine answers that it makes a stream, or does not answer."""
+        try:
+            response = await self.remotes[name].call(ListStreams)
+        except DyKnowError:
+            return True
+        return stream in response.stream_names
+
     def _discover(self) -> None:
-        services = dict(self._node.get_service_names_and_types())
-        for service, types in services.items():
+        own = self._node.get_fully_qualified_name()
+        for service, types in self._node.get_service_names_and_types():
             name = service.removesuffix(_SERVICE)
-            is_manager = f'{name}{_MANAGER_SERVICE}' in services
-            if name == service or _SERVICE_TYPE not in types or is_manager:
+            if name in (service, own) or name in self._candidates or _SERVICE_TYPE not in types:
                 continue
-            if name not in self.remotes:
+            if self._namespaces.contain(name):
                 self._add(name)
 
     def _add(self, name: str) -> None:
         remote = RemoteNode(self._node, name, services=_SERVICES)
-        remote.on_found.append(partial(self._on_engine_found, name))
-        remote.on_lost.append(partial(self._on_engine_lost, name))
-        self.remotes[name] = remote
-        self._on_engine_found(name)
-        self._node.create_subscription(
-            StreamStatusArray,
-            f'{name}/streams',
-            partial(self._on_message, name),
-            LATCHED,
-            callback_group=self._node.reentrant,
-        )
+        remote.on_found.append(partial(self._on_node_found, name))
+        remote.on_lost.append(partial(self._on_node_lost, name))
+        self._candidates[name] = remote
+        self._note_found(name)
 
-    def _on_engine_found(self, name: str) -> None:
+    def _note_found(self, name: str) -> None:
         self._found_at[name] = self._node.wall_clock.now().nanoseconds
-        if name in self._reports:
+
+    def _type(self, name: str) -> str:
+        """Return the type of a node; empty if its status is unknown or does not say it."""
+        return self._candidates[name].status.get(NODE_TYPE, '')
+
+    def _on_node_found(self, name: str) -> None:
+        type_ = self._type(name)
+        if type_ != ENGINE_TYPE:
+            if not type_:
+                self._node.get_logger().warning(
+                    f"node {name} is not used: its status has no '{NODE_TYPE}'; an engine says "
+                    f"'{ENGINE_TYPE}' there"
+                )
+            return
+        self._note_found(name)
+        if name not in self.remotes:
+            self.remotes[name] = self._candidates[name]
+            self._node.create_subscription(
+                StreamStatusArray,
+                f'{name}/streams',
+                partial(self._on_message, name),
+                LATCHED,
+                callback_group=self._node.reentrant,
+            )
+        elif name in self._reports:
             self._on_report(name)
 
-    def _on_engine_lost(self, name: str) -> None:
-        # Its latest report is outdated; if it comes back, it sends a new one.
-        self._reports.pop(name, None)
-        self._on_lost(name)
+    def _on_node_lost(self, name: str) -> None:
+        if name in self.remotes:
+            # Its latest report is outdated; if it comes back, it sends a new one.
+            self._reports.pop(name, None)
+            self._on_lost(name)
 
     def _on_message(self, name: str, message: Any) -> None:
+        if self._type(name) != ENGINE_TYPE:
+            return  # Another kind of node has taken its name.
         self._reports[name] = {each.name: report_from_message(each) for each in message.streams}
         if self.remotes[name].alive:
             self._on_report(name)

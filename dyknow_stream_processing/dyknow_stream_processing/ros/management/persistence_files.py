@@ -11,7 +11,7 @@ from dyknow_stream_processing.language.parsing import parse_specification
 from dyknow_stream_processing.language.sinks import specifications_by_sink
 from dyknow_stream_processing.language.specification import Specification
 from dyknow_stream_processing.management.persistence import streams_from_json, streams_to_json
-from dyknow_stream_processing.management.registry import CreatedStream, Stream
+from dyknow_stream_processing.management.streams import CreatedStream, Stream
 
 
 def read_streams(paths: Iterable[str]) -> Iterator[CreatedStream]:
@@ -39,9 +39,11 @@ class PersistenceFile:
 
     Args:
         path: the path of the file; if empty, nothing is kept.
+        manager: the name of the node whose streams it keeps.
     """
 
-    def __init__(self, path: str) -> None:
+    def __init__(self, path: str, manager: str) -> None:
+        self._manager = manager
         self._path = Path(path) if path else None
         self._written = ''
 
@@ -49,11 +51,16 @@ class PersistenceFile:
         """Return the streams in the file; none if there is no file yet.
 
         Raises:
-            StreamError: naming the file, if it cannot be read or was not written by `write`.
+            StreamError: naming the file, if it cannot be read, was not written by `write`, or is
+                that of another manager.
         """
         if self._path is None or not self._path.exists():
             return ()
-        return read_file(self._path, 'streams', streams_from_json, StreamError)
+
+        def parse(text: str) -> tuple[Stream, ...]:
+            return streams_from_json(text, self._manager)
+
+        return read_file(self._path, 'streams', parse, StreamError)
 
     def write(self, streams: Iterable[Stream]) -> None:
         """Replace the content of the file; an interrupted write leaves the old content.
@@ -63,7 +70,7 @@ class PersistenceFile:
         """
         if self._path is None:
             return
-        text = streams_to_json(streams)
+        text = streams_to_json(streams, self._manager)
         if text == self._written:
             return
         draft = self._path.with_name(f'{self._path.name}.new')

@@ -9,6 +9,10 @@ For example, engine A makes `level` on the topic /a/level, and B makes `half` fr
 5. B makes `half` again, from its own `level`.
 
 If A was only unreachable and reports `level` again, its copy is destroyed.
+
+A stream that an engine makes under a name, but from another specification than was requested, is
+never used. It is a conflict: the requested stream is made by an engine in another namespace, as it
+would have the same topic in this one, or not at all.
 """
 
 from __future__ import annotations
@@ -21,11 +25,14 @@ from dyknow_interfaces.srv import ListStreams, StreamCreateFromSpec, StreamDestr
 
 from dyknow_common import SECOND_NS, DyKnowError, ExitCode, round_time
 from dyknow_common.ros import DyKnowNode, constraints_to_message
-from dyknow_stream_processing.management.registry import (
-    CreatedStream,
-    StreamRegistry,
+from dyknow_stream_processing.management.conflicts import (
     engines_missing,
+    name_taken,
+    two_streams,
 )
+from dyknow_stream_processing.management.namespaces import namespace_of
+from dyknow_stream_processing.management.registry import StreamRegistry
+from dyknow_stream_processing.management.streams import CreatedStream, Stream
 from dyknow_stream_processing.reporting.stream_report import StreamReport
 from dyknow_stream_processing.ros.management.engines import Engines
 from dyknow_stream_processing.ros.management.keyed_lock import KeyedLock
@@ -40,10 +47,7 @@ RETRY_PERIOD_S: Final = 1.0
 """Time between two attempts to make the streams that wait."""
 
 _NO_RESPONSE: Final = (ExitCode.UNAVAILABLE, ExitCode.TIMEOUT)
-"""Errors after which an engine may still do what was requested."""
-
-_RETRYABLE: Final = (*_NO_RESPONSE, ExitCode.ALREADY_EXISTS)
-"""Errors worth retrying."""
+"""Errors worth retrying, after which an engine may still do what was requested."""
 
 
 class Placement:
@@ -64,13 +68,15 @@ class Placement:
         on_change: Callable[[], None],
     ) -> None:
         self.conflicts: dict[tuple[str, str], str] = {}
-        """Messages about streams that two engines make, by engine and stream name."""
+        """Messages about streams of the name of another one, by engine and stream name."""
         self._node = node
         self._registry = registry
         self._engines = engines
         self._on_change = on_change
         self._locks = KeyedLock()
         self._unwanted: set[tuple[str, str]] = set()
+        # What engines reported and what was requested, if these are the same stream.
+        self._compared: dict[tuple[str, str], tuple[Any, ...]] = {}
         self._reconciling = False
         self._reconcile_again = False
         node.create_timer(RETRY_PERIOD_S, self._retry, clock=node.wall_clock)
@@ -116,9 +122,24 @@ class Placement:
             if isinstance(stream, CreatedStream) and stream.engine is not None:
                 await self._destroy_on(stream.engine, name)
 
-    def forget_engine(self, engine: str) -> None:
-        """Remove the conflicts of an engine that is gone."""
+    def lose_engine(self, engine: str) -> None:
+        """Record that an engine is gone: its streams must be recreated, and its conflicts end.
+
+        If it was only unreachable, it makes copies when it returns, which are then unwanted.
+        """
+        made = [each.name for each in self._registry.made_by(engine) if each.topic]
+        self._unwanted.update((engine, name) for name in made)
+        self._registry.withdraw_all(engine)
         self.conflicts = {key: text for key, text in self.conflicts.items() if key[0] != engine}
+
+    def is_settled(self, engine: str) -> bool:
+        """Return True if an engine reports the streams that it is known to make, and no others."""
+        known = {stream.name for stream in self._registry.made_by(engine) if stream.topic}
+        reports = self._engines.reports(engine)
+        return known == reports.keys() and all(
+            self._compared.get((engine, name), ())[:2] == (report.specification, report.constraints)
+            for name, report in reports.items()
+        )
 
     def reconcile_soon(self) -> None:
         """Update the registry from the engines and make the streams that wait, soon.
@@ -178,48 +199,64 @@ class Placement:
 
         self._unwanted = set(filter(may_exist, self._unwanted))
         self.conflicts = {key: text for key, text in self.conflicts.items() if may_exist(key)}
+        self._compared = {key: each for key, each in self._compared.items() if may_exist(key)}
 
     async def _adopt(self, engine: str, report: StreamReport) -> None:
         """Decide about a stream that an engine makes: register, keep or destroy it."""
-        name = report.name
+        key = engine, report.name
+        known = self._registry.get(report.name)
         found = self._registry.reported_stream(
-            engine, name, report.specification, report.constraints, report.topic
+            engine, report.name, report.specification, report.constraints, report.topic
         )
-        known = self._registry.get(name)
-        if isinstance(known, CreatedStream) and known.engine == engine:
-            return
-        if (engine, name) in self._unwanted:
-            await self._try_destroy_on(engine, name)
-        elif known is None:
+        is_unwanted = key in self._unwanted
+        if known is None and not is_unwanted:
             self._registry.add(found)
-        elif isinstance(known, CreatedStream) and known.waits:
-            self._adopt_waiting(found)
-        elif self._registry.is_copy(found):
-            # The engine was unreachable, or was found late.
-            self._node.get_logger().info(f"{engine} makes a copy of '{name}': it is destroyed")
-            await self._try_destroy_on(engine, name)
+        elif isinstance(known, CreatedStream) and self._is_copy(found, known, report):
+            self.conflicts.pop(key, None)
+            if known.waits:
+                self._registry.adopt(found)
+                self._unwanted.discard(key)
+            # A copy on another topic may be that of another manager.
+            elif known.engine != engine and (is_unwanted or known.topic == found.topic):
+                self._node.get_logger().info(f"{engine} makes a copy of '{found.name}', destroyed")
+                await self._try_destroy_on(*key)
+        elif is_unwanted:
+            await self._try_destroy_on(*key)
+        elif known is not None:
+            await self._note_conflict(engine, found, known)
+
+    def _is_copy(self, found: CreatedStream, known: CreatedStream, report: StreamReport) -> bool:
+        """Return True if a reported stream is equivalent to the known one; compared once."""
+        key = str(found.engine), found.name
+        reported = report.specification, report.constraints
+        compared = *reported, known.specification, known.constraints
+        if self._compared.get(key) == compared:
+            return True
+        is_copy = self._registry.is_copy(found)
+        if is_copy:
+            self._compared[key] = compared
+        return is_copy
+
+    async def _note_conflict(self, engine: str, found: CreatedStream, known: Stream) -> None:
+        """Report another stream of a known name, and stop using a topic that both are on."""
+        shares_topic = known.topic == found.topic
+        if isinstance(known, CreatedStream) and (known.waits or shares_topic):
+            error = name_taken(known, [found])
+        elif shares_topic:
+            return  # It was registered under its own name.
         else:
-            self._note_conflict(engine, name, getattr(known, 'engine', None))
-
-    def _adopt_waiting(self, found: CreatedStream) -> None:
-        if self._registry.is_copy(found):
-            self._registry.adopt(found)
-            return
-        self._node.get_logger().warning(
-            f"{found.engine} makes stream '{found.name}' from another specification than "
-            f'requested; destroy it to have it recreated'
-        )
-        self._registry.forget(found.name)
-        self._registry.add(found)
-
-    def _note_conflict(self, engine: str, name: str, other: str | None) -> None:
-        text = (
-            f"there are two streams '{name}': that of {other or 'a registered topic'} is used, "
-            f'that of {engine} is not; destroy it there'
-        )
-        if self.conflicts.get((engine, name)) != text:
-            self.conflicts[engine, name] = text
-            self._node.get_logger().error(text)
+            error = two_streams(known, found)
+        if self.conflicts.get((engine, found.name)) != error.message:
+            self.conflicts[engine, found.name] = error.message
+            self._node.get_logger().error(error.message)
+        if isinstance(known, CreatedStream) and known.engine and shares_topic:
+            # Whoever reads the topic receives samples of the other stream.
+            async with self._locks.hold(found.name):
+                if known.engine != engine:
+                    await self._try_destroy_on(known.engine, found.name)
+                self._registry.withdraw(found.name, error.message, failed=True)
+            for stream in self._registry.outdated():
+                await self._withdraw(stream)
 
     async def _place_all(self) -> None:
         """Make the streams that wait, and recreate those whose sources have another topic."""
@@ -255,7 +292,7 @@ class Placement:
         try:
             await self._make(stream)
         except DyKnowError as error:
-            failed = error.code not in _RETRYABLE
+            failed = error.code not in _NO_RESPONSE
             if (error.message, failed) != (stream.message, stream.failed):
                 logger = self._node.get_logger()
                 (logger.error if failed else logger.info)(f"stream '{name}' is not made: {error}")
@@ -271,16 +308,41 @@ class Placement:
             await self._node.deadlines.after(POLL_PERIOD_S)
 
     async def _make(self, stream: CreatedStream) -> Any:
-        """Make a stream on the engine with the fewest streams; on another if that one dies."""
+        """Make a stream on the engine with the fewest streams; on another if that one dies.
+
+        No engine is asked whose namespace has another stream of the name: both would be published
+        on one topic.
+        """
+        others = await self._others(stream)
         while True:
-            engine = self._registry.least_loaded(self._engines.ready())
+            taken = {namespace_of(engine) for engine in others}
+            ready = self._engines.ready()
+            free = [each for each in ready if namespace_of(each) not in taken]
+            engine = self._registry.least_loaded(free)
+            if engine is None and ready:
+                raise name_taken(stream, others.values())
             if engine is None:
-                raise engines_missing(self._engines.remotes)
+                namespaces = self._registry.engine_namespaces
+                raise engines_missing(self._engines.remotes, namespaces)
             try:
                 return await self._make_on(stream, engine)
             except DyKnowError as error:
                 if error.code is not ExitCode.UNAVAILABLE or self._engines.is_ready(engine):
                     raise
+
+    async def _others(self, stream: CreatedStream) -> dict[str, CreatedStream]:
+        """Return other streams of the name of a requested stream, by the engines that make them."""
+        others = {}
+        for engine in self._engines.ready():
+            report = self._engines.reports(engine).get(stream.name)
+            if report is None or (engine, stream.name) in self._unwanted:
+                continue
+            # The report may be older than the destruction of the stream.
+            if await self._engines.may_make(engine, stream.name):
+                others[engine] = self._registry.reported_stream(
+                    engine, stream.name, report.specification, report.constraints, report.topic
+                )
+        return others
 
     async def _make_on(self, stream: CreatedStream, engine: str) -> Any:
         name = stream.name
@@ -297,6 +359,8 @@ class Placement:
             raise
         time = round_time(self._node.now())
         message = f'recreated on {engine} at {time}: {stream.lost}' if stream.lost else ''
+        known = stream.specification, stream.constraints
+        self._compared[engine, name] = text, stream.constraints, *known
         self._registry.place(name, engine, response.stream_topic, sources, message)
         self._on_change()
         return response
@@ -307,6 +371,7 @@ class Placement:
         response = await self._engines.remotes[engine].call(StreamCreateFromSpec, spec=spec)
         if not self._engines.is_ready(engine):
             raise DyKnowError(f'node {engine} has died', ExitCode.UNAVAILABLE)
+        self._engines.discard_report(engine, stream.name)
         return response
 
     async def _try_destroy_on(self, engine: str, name: str) -> None:
@@ -324,5 +389,7 @@ class Placement:
                 self._unwanted.add((engine, name))
             if error.code not in (ExitCode.NOT_FOUND, ExitCode.UNAVAILABLE):
                 raise
-            return
+            if error.code is ExitCode.UNAVAILABLE:
+                return
         self._unwanted.discard((engine, name))
+        self._engines.discard_report(engine, name)

@@ -1,0 +1,68 @@
+"""The arguments of launch files that configure DyKnow."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Final
+
+from dyknow_bringup.errors import BringupError
+from dyknow_bringup.processes.processes import Process, SystemConfiguration, robot_processes
+
+CONFIGURATION: Final = {
+    'ontology': ('', 'OWL files, separated by commas'),
+    'annotations': ('', 'files in SSL, separated by commas'),
+    'streams': ('', 'files in the stream language, separated by commas'),
+    'bridges': ('', 'files of bridge rules between the ontologies, separated by commas'),
+    'store': ('', 'a folder that keeps changes of the ontology and of the annotations'),
+    'reasoner': ('', 'structural, hermit or pellet; the last two need Java'),
+}
+"""The arguments that configure one system, with their defaults and descriptions."""
+
+ROBOT: Final = '<robot>'
+"""Stands for the namespace of a robot in the arguments of `robots`."""
+
+
+def configuration(values: Mapping[str, str]) -> SystemConfiguration:
+    """Return the configuration that the values of the arguments describe."""
+    store = values['store']
+    return SystemConfiguration(
+        ontologies=_files(values['ontology']),
+        annotations=_files(values['annotations']),
+        streams=_files(values['streams']),
+        bridges=_files(values['bridges']),
+        store=Path(store).resolve() if store else None,
+        reasoner=values['reasoner'],
+    )
+
+
+def robots(values: Mapping[str, str]) -> tuple[Process, ...]:
+    """Return the nodes of DyKnow for each robot.
+
+    Args:
+        values: of the arguments of one system, and the namespaces as `robots`.
+
+    Raises:
+        BringupError: if the namespaces cannot be used, or the robots would share a store.
+    """
+    namespaces = _listed(values['robots'])
+    configurations = [
+        configuration({name: text.replace(ROBOT, each.strip('/')) for name, text in values.items()})
+        for each in namespaces
+    ]
+    processes = robot_processes(namespaces, configurations)
+    stores = [each.store for each in configurations if each.store]
+    if len(set(stores)) < len(stores):
+        raise BringupError(
+            f"the robots cannot share the store '{values['store']}'; name a folder for each, such "
+            f'as {values["store"]}/{ROBOT}'
+        )
+    return processes
+
+
+def _files(text: str) -> tuple[Path, ...]:
+    return tuple(Path(path).resolve() for path in _listed(text))
+
+
+def _listed(text: str) -> tuple[str, ...]:
+    return tuple(filter(None, (each.strip() for each in text.split(','))))

@@ -1,0 +1,75 @@
+"""Streams, as a stream manager knows them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from functools import lru_cache
+
+from dyknow_common import StreamConstraints
+from dyknow_stream_processing.language.parsing import parse_specification
+from dyknow_stream_processing.language.specification import Specification
+from dyknow_stream_processing.reporting.stream_report import SAMPLE_TYPE
+
+
+@dataclass(frozen=True, slots=True)
+class CreatedStream:
+    """A stream that an engine makes.
+
+    Args:
+        specification: the text, as it was requested or as an engine reports it.
+        engine: the node that makes it or is asked to; `None` while it waits for an engine.
+        topic: the topic of its samples; empty until an engine makes it.
+        sources: the topics of the streams that it is made from and that other nodes publish.
+        message: why it waits or failed; where, when and why it was recreated.
+        reported: True if the text is that of an engine, with aliases that a manager wrote into it.
+        lost: why its last engine no longer makes it; empty if it had none.
+        failed: True if it cannot be made and a later attempt would fail for the same reason.
+    """
+
+    name: str
+    specification: str
+    constraints: StreamConstraints
+    engine: str | None = None
+    topic: str = ''
+    sources: Mapping[str, str] = field(default_factory=dict)
+    message: str = ''
+    lost: str = ''
+    failed: bool = False
+    reported: bool = False
+    message_type: str = SAMPLE_TYPE
+
+    @property
+    def waits(self) -> bool:
+        """True if no engine makes it or is asked to."""
+        return self.engine is None
+
+    @property
+    def definition(self) -> str:
+        """The canonical text with the constraints, on one line."""
+        text = ' '.join(canonical(self.specification).split())
+        return f"'{text}'" if self.constraints.is_empty else f"'{text}' with {self.constraints}"
+
+
+@dataclass(frozen=True, slots=True)
+class RegisteredStream:
+    """A topic of another program that was registered under a stream name."""
+
+    name: str
+    topic: str
+    message_type: str
+
+
+Stream = CreatedStream | RegisteredStream
+
+
+@lru_cache(maxsize=4096)
+def parsed(specification: str) -> Specification:
+    """Return the syntax tree of a specification."""
+    return parse_specification(specification)
+
+
+@lru_cache(maxsize=4096)
+def canonical(specification: str) -> str:
+    """Return the canonical text of a specification."""
+    return str(parsed(specification))

@@ -1,0 +1,169 @@
+"""Other streams under the name of a requested one: none of them is ever used in its place."""
+
+from __future__ import annotations
+
+import signal
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from diagnostic_msgs.msg import DiagnosticStatus
+from dyknow_interfaces import srv
+from dyknow_interfaces.msg import ExitStatus, StreamSpec
+
+from stream_nodes import TANK, StreamNodes
+
+ONE, TWO = '/engine_one', '/engine_two'
+FAR = '/far/engine'
+MANAGER = '/stream_manager'
+REQUESTED = f'select data as level from "{TANK}"'
+OTHER = 'select data as level from "/pool/level"'
+BOTH = REQUESTED, OTHER
+
+
+@pytest.fixture
+def nodes(tmp_path: Path) -> Iterator[StreamNodes]:
+    with StreamNodes(tmp_path) as running:
+        yield running
+
+
+def start_manager_with_level(nodes: StreamNodes, folder: Path) -> None:
+    """Start a manager that is requested to make `level`, by a file."""
+    streams = folder / 'level.streams'
+    streams.write_text(f'stream level = {REQUESTED}; sink level')
+    nodes.start_manager(streams=f'["{streams}"]')
+
+
+def wait_for_conflict(nodes: StreamNodes, *words: str) -> None:
+    nodes.until(
+        lambda: all(word in nodes.status.message for word in (*BOTH, *words)), 'the conflict'
+    )
+    assert nodes.status.level == DiagnosticStatus.ERROR
+
+
+def topic_of_level(nodes: StreamNodes) -> tuple[str, str]:
+    """The topic of `level`, and the message if there is none."""
+    found = nodes.call(MANAGER, srv.StreamGetTopic, stream_name='level')
+    return found.topic_name, found.exit_status.message
+
+
+def destroy_other(nodes: StreamNodes, engine: str) -> None:
+    """Do what the message of the conflict says."""
+    answer = nodes.call(engine, srv.StreamDestroy, stream_name='level')
+    assert answer.exit_status.code == ExitStatus.SUCCESS, answer.exit_status.message
+
+
+def test_a_stream_of_another_specification_is_not_adopted(
+    nodes: StreamNodes, tmp_path: Path
+) -> None:
+    nodes.start(ONE)
+    nodes.create('level', OTHER, node=ONE)
+    start_manager_with_level(nodes, tmp_path)
+    wait_for_conflict(nodes, f'{ONE} makes', 'stream_destroy')
+    topic, message = topic_of_level(nodes)
+    assert not topic
+    assert all(text in message for text in BOTH)
+    # Another stream in its namespace would be on the same topic.
+    nodes.start(TWO)
+    nodes.wait_for_engines(ONE, TWO)
+    refused = nodes.call(
+        MANAGER,
+        srv.StreamCreateFromSpec,
+        spec=StreamSpec(name='half', specification='select level as half from level'),
+    )
+    assert refused.exit_status.code == ExitStatus.UNAVAILABLE
+    assert all(text in refused.exit_status.message for text in BOTH)
+    assert 'level' not in nodes.call(TWO, srv.ListStreams).stream_names
+    destroy_other(nodes, ONE)
+    nodes.wait_until_flowing('level')
+    nodes.until(lambda: nodes.status.level == DiagnosticStatus.OK, 'all is well')
+
+
+def test_the_requested_stream_is_made_in_another_namespace(
+    nodes: StreamNodes, tmp_path: Path
+) -> None:
+    nodes.start(ONE)
+    nodes.start(FAR)
+    nodes.create('level', OTHER, node=ONE)
+    start_manager_with_level(nodes, tmp_path)
+    nodes.until(lambda: nodes.engines_of() == {'level': FAR}, 'it is made')
+    assert topic_of_level(nodes)[0] == '/far/dyknow/streams/level'
+    wait_for_conflict(nodes, f'that of {FAR}', f'that of {ONE}')
+
+
+def test_a_request_for_a_name_that_is_taken(nodes: StreamNodes) -> None:
+    nodes.start(ONE)
+    nodes.start_manager()
+    nodes.wait_for_engines(ONE)
+    nodes.create('level', OTHER, node=ONE)
+    refused = nodes.call(
+        MANAGER, srv.StreamCreateFromSpec, spec=StreamSpec(name='level', specification=REQUESTED)
+    )
+    assert refused.exit_status.code == ExitStatus.ALREADY_EXISTS
+    assert not refused.stream_topic
+    nodes.wait_until_flowing('level')
+    refused = nodes.call(
+        MANAGER, srv.StreamCreateFromSpec, spec=StreamSpec(name='level', specification=REQUESTED)
+    )
+    assert OTHER in refused.exit_status.message
+
+
+def make_level_and_half(nodes: StreamNodes) -> None:
+    """Two streams, of which the second reads the topic of the first."""
+    nodes.start(ONE)
+    nodes.start(TWO)
+    nodes.start_manager()
+    nodes.wait_for_engines(ONE, TWO)
+    nodes.create('level', REQUESTED)
+    nodes.create('half', 'select level as half from level')
+    nodes.until(
+        lambda: nodes.engines_of() == {'level': ONE, 'half': TWO}, 'each engine makes one stream'
+    )
+
+
+def wait_until_nothing_flows(nodes: StreamNodes) -> None:
+    nodes.until(lambda: not nodes.engines_of(), 'what reads the topic has ended')
+    half = next(each for each in nodes.report.streams if each.name == 'half')
+    assert "stream 'level' cannot be made" in half.message
+
+
+def test_a_stream_that_is_replaced_at_its_engine(nodes: StreamNodes) -> None:
+    make_level_and_half(nodes)
+    # The manager sees the streams before and after.
+    nodes.signal(MANAGER, signal.SIGSTOP)
+    destroy_other(nodes, ONE)
+    nodes.create('level', OTHER, node=ONE)
+    nodes.signal(MANAGER, signal.SIGCONT)
+    wait_for_conflict(nodes, f'{ONE} makes')
+    wait_until_nothing_flows(nodes)
+    destroy_other(nodes, ONE)
+    nodes.wait_until_flowing('level', 'half')
+
+
+def test_another_stream_on_the_same_topic(nodes: StreamNodes) -> None:
+    make_level_and_half(nodes)
+    nodes.create('level', OTHER, node=TWO)
+    wait_for_conflict(nodes, f'{TWO} makes')
+    wait_until_nothing_flows(nodes)
+    assert not topic_of_level(nodes)[0]
+    destroy_other(nodes, TWO)
+    nodes.wait_until_flowing('level', 'half')
+    nodes.until(lambda: nodes.status.level == DiagnosticStatus.OK, 'all is well')
+
+
+def test_the_namespaces_of_engines(nodes: StreamNodes) -> None:
+    nodes.start(ONE)
+    nodes.start(FAR)
+    nodes.start('/farther/engine')
+    nodes.start_manager(engine_namespaces='["far"]')
+    nodes.wait_for_engines(FAR)
+    nodes.create('level', REQUESTED)
+    nodes.until(lambda: nodes.engines_of() == {'level': FAR}, 'it is made')
+    nodes.wait_for_engines(FAR)
+
+
+def test_an_invalid_namespace_is_named(nodes: StreamNodes, tmp_path: Path) -> None:
+    nodes.start(MANAGER, 'stream_manager', engine_namespaces='["/far robot"]')
+    assert nodes.end(MANAGER) == 1
+    log = (tmp_path / 'stream_manager.log').read_text()
+    assert "'/far robot' cannot be a namespace" in log
