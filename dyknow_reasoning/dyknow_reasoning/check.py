@@ -165,11 +165,12 @@ def _result(
 def _report(result: CheckResult) -> str:
     if result.error:
         return f'{result.formula}\n  failed: {result.explanation}'
-    if result.decided_at is None:
+    if result.verdict is Verdict.UNDECIDED:
         return f'{result.formula}\n  {result.explanation}'
-    decided = f'{result.verdict.name.lower()} at {round_time(result.decided_at)}'
-    state = f'(state {result.decided_at_state})'
-    return f'{result.formula}\n  {decided} {state}\n  {result.explanation}'
+    decided = result.verdict.name.lower()
+    if result.decided_at is not None:
+        decided += f' at {round_time(result.decided_at)} (state {result.decided_at_state})'
+    return f'{result.formula}\n  {decided}\n  {result.explanation}'
 
 
 def _json(result: CheckResult) -> str:

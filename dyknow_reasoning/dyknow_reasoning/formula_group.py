@@ -272,7 +272,7 @@ class FormulaGroup:
         symbols = symbols_of(self._formulas[formula_id].formula)
         sorts = dict.fromkeys(each.name for each in symbols if each.kind is SymbolKind.SORT)
         objects = f' for the objects of {" and ".join(sorts)}' if sorts else ''
-        return f'{verdict.name.lower()}{objects}, whatever the states are'
+        return f'it is {verdict.name.lower()}{objects}, whatever the states are'
 
     def _results(self, outcomes: Outcomes, valid_time: int, values: Values) -> list[FormulaResult]:
         results = []

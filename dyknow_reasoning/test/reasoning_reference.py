@@ -119,11 +119,16 @@ def deeper(inner: st.SearchStrategy[Formula]) -> st.SearchStrategy[Formula]:
     )
 
 
+LEAVES: st.SearchStrategy[Formula] = st.one_of(
+    st.sampled_from(NAMES).map(Feature),
+    st.sampled_from(NAMES).map(Feature),
+    st.booleans().map(Truth),
+)
+
+
 def formulas(
-    depth: int = 4, atoms: st.SearchStrategy[Formula] | None = None
+    depth: int = 4, leaves: st.SearchStrategy[Formula] = LEAVES
 ) -> st.SearchStrategy[Formula]:
-    atoms = st.sampled_from(NAMES).map(Feature) if atoms is None else atoms
-    leaves: st.SearchStrategy[Formula] = st.one_of(atoms, atoms, st.booleans().map(Truth))
     found = leaves
     for _ in range(depth):
         found = st.one_of(leaves, deeper(found))

@@ -102,7 +102,7 @@ def test_the_report_of_a_formula_that_needs_no_state(
     trace: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert main(['--trace', trace, '2 < 1']) == 1
-    assert capsys.readouterr().out == '2 < 1\n  false, whatever the states are\n'
+    assert capsys.readouterr().out == ('2 < 1\n  false\n  it is false, whatever the states are\n')
 
 
 def test_the_report(trace: str, capsys: pytest.CaptureFixture[str]) -> None:

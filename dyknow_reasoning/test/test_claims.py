@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from itertools import accumulate
@@ -53,7 +53,7 @@ STATE = re.compile(rf'there is a state at {TIME}')
 SPAN = rf'(?P<opens>from|after) {TIME} (?P<closes>to|before) {TIME}'
 HELD = re.compile(rf"'(?P<formula>.*)' held at (?P<which>every|no) state {SPAN}")
 NO_STATE = re.compile(rf'there is no state {SPAN}')
-CERTAIN = re.compile(r"(?:'.*'|the formula) is (true|false) whatever states follow")
+CERTAIN = re.compile(r"'.*' is (true|false) whatever states follow")
 AND = re.compile(r" and (?=(?:[^']*'[^']*')*[^']*$)")
 DUE = re.compile(
     r'(?P<reasons>.*) \((?P<operator>not until|until|always|eventually)(?P<interval>[\[(].*[\])])? '
@@ -140,9 +140,17 @@ class Judge:
             if isinstance(part, kinds.get(word, (Until,)))
             and (interval is None or str(part.interval) == interval)
             and holds(part, self.states[:-1], index) is None
-            and holds(part, self.states, index) is not None
+            and decided_by_the_last(part, self.states[index:])
         ]
         assert decided, f'nothing is due since {since}'
+
+
+def decided_by_the_last(formula: Formula, states: States) -> bool:
+    group = FormulaGroup()
+    group.add_formula('it', str(formula))
+    group.begin({})
+    results = [result for time, values in states for result in group.progress(time, values)]
+    return [result.decided_at for result in results] == [states[-1][0]]
 
 
 def nanoseconds(text: str) -> int:
@@ -168,7 +176,9 @@ def grounded(node: Any, domain: Sequence[str], binding: Mapping[str, str]) -> An
             is_all = isinstance(node, Forall)
             made: Formula = Truth(is_all)
             for name in domain:
-                made = (And if is_all else Or)(made, again(body, binding={**binding, variable: name}))
+                made = (And if is_all else Or)(
+                    made, again(body, binding={**binding, variable: name})
+                )
             return made
         case Variable(name):
             return Object(binding[name])
@@ -184,7 +194,9 @@ ATOMS: tuple[Formula, ...] = (
     Comparison('<', Number(0.3), Feature('x', U)),
     Comparison('<=', Feature('x', U), Feature('y')),
     Comparison('!=', Feature('m'), TextLiteral('off')),
+    Truth(True),
 )
+
 NUMBERS = (0.3, 0.1 + 0.2, 0.30000000001, 7, -1e-20, 0.30000001192092896)
 
 
@@ -196,8 +208,12 @@ def states(names: Sequence[str], steps: st.SearchStrategy[int]) -> st.SearchStra
     }
     for name in names:
         values |= {f'p[{name}]': st.booleans(), f'x[{name}]': st.sampled_from(NUMBERS)}
-    rows = st.lists(st.tuples(steps, st.fixed_dictionaries(values)), min_size=1, max_size=10)
-    return rows.map(lambda found: [*zip(accumulate(step for step, _ in found), (v for _, v in found), strict=True)])
+    rows = st.lists(st.tuples(steps, st.fixed_dictionaries(values)), min_size=1, max_size=12)
+    return rows.map(
+        lambda found: [
+            *zip(accumulate(step for step, _ in found), (v for _, v in found), strict=True)
+        ]
+    )
 
 
 @st.composite
@@ -229,7 +245,10 @@ def judged(formula: Formula, domain: Sequence[str], trace: States) -> str | None
             if found := re.fullmatch(r'for u = (\w+): (.*)', why):
                 instance = of_instance(whole, found[1])
                 assert holds(grounded(instance, domain, {}), trace[:length], 0) in {verdict, None}
-                judge, why = Judge(grounded(instance, domain, {}), trace[:length], verdict), found[2]
+                judge, why = (
+                    Judge(grounded(instance, domain, {}), trace[:length], verdict),
+                    found[2],
+                )
             judge.check(why)
             return result.explanation
     return None

@@ -145,11 +145,11 @@ def test_a_division_by_zero_is_an_error_also_between_constants() -> None:
 @pytest.mark.parametrize(
     ('text', 'explanation'),
     [
-        ('1 < 2', 'true, whatever the states are'),
-        ('forall x in UAV: x = x', 'true for the objects of UAV, whatever the states are'),
+        ('1 < 2', 'it is true, whatever the states are'),
+        ('forall x in UAV: x = x', 'it is true for the objects of UAV, whatever the states are'),
         (
             'exists x in None: forall y in UAV: x = y',
-            'false for the objects of None and UAV, whatever the states are',
+            'it is false for the objects of None and UAV, whatever the states are',
         ),
     ],
 )

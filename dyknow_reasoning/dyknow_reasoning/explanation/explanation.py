@@ -103,7 +103,8 @@ class _Explainer:
         parts = parts_in_order(node, self._atoms)
         deciding = [part for part in parts if self._progressed(part, fresh=fresh) is verdict]
         if not deciding:
-            return [f"'{self._remaining(node, fresh=fresh)}' {_whatever_follows(verdict)}"]
+            whatever = f'is {str(verdict is TRUE).lower()} whatever states follow'
+            return [f"'{self._remaining(node, fresh=fresh)}' {whatever}"]
         if verdict is constant(value=not node.universal):
             deciding = deciding[:1]
         return [reason for part in deciding for reason in self._reasons(part, fresh=fresh)]
@@ -116,9 +117,8 @@ class _Explainer:
             side = node.left
         else:
             side = node.right
-        if self._progressed(side, fresh=True) is not verdict:
-            return [f'the formula {_whatever_follows(verdict)}']
-        reasons = self._reasons(side, fresh=True)
+        # A side is smaller than the window, and cannot contradict it: so it is decided itself.
+        reasons = list(dict.fromkeys(self._reasons(side, fresh=True)))
         pending = '' if fresh else self._pending(node, after=side is node.right)
         return [f'{" and ".join(reasons)} ({pending})'] if pending else reasons
 
@@ -215,10 +215,6 @@ def _with_value(term: Term, value: Value) -> str:
 
 def _rounded(value: Value) -> Value:
     return float(f'{value:.9g}') if isinstance(value, float) else value
-
-
-def _whatever_follows(verdict: Node) -> str:
-    return f'is {str(verdict is TRUE).lower()} whatever states follow'
 
 
 def _span(first: int, last: int, interval: Interval) -> str:

@@ -140,9 +140,7 @@ class Batch:
             self._vectors = vectors.clocked(self.template.automaton, latest)
         return self._vectors
 
-    def _verdict(
-        self, decided: Decided, symbol: int, now: int, previous: int
-    ) -> InstanceVerdict:
+    def _verdict(self, decided: Decided, symbol: int, now: int, previous: int) -> InstanceVerdict:
         instance, location = self._instances[decided.row], decided.location
         origins = self._origins.of(decided.row, location)
         before = InstanceState(instance, self.template, location, decided.times, origins)
