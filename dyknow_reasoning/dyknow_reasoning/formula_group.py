@@ -281,7 +281,7 @@ class FormulaGroup:
                 results.append(self._failed(formula_id, outcome, valid_time))
             else:
                 verdict = Verdict.TRUE if outcome.holds else Verdict.FALSE
-                why = explain(outcome, values)
+                why = explain(self._formulas[formula_id].formula, outcome, values)
                 results.append(self._decided(formula_id, verdict, valid_time, why))
         return results
 

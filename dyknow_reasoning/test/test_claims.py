@@ -37,7 +37,7 @@ from dyknow_reasoning.language.formula import (
     with_changed_parts,
 )
 
-EXAMPLES = 20_000 if os.environ.get('DYKNOW_LONG_TESTS') else 1500
+EXAMPLES = 20_000 if os.environ.get('DYKNOW_LONG_TESTS') else 400
 SECOND = 1_000_000_000
 
 States = Sequence[tuple[int, Mapping[str, Value]]]

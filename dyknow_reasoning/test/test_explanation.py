@@ -207,6 +207,13 @@ SECOND = 1_000_000_000
             SECOND,
             'FALSE: p is false at 12.000 s (always[2 s, 3 s] must hold since 10.000 s)',
         ),
+        # An interval that is joined from two, and is neither.
+        (
+            '(always[1 s, 2 s] p) and always[2 s, 3 s] p',
+            {'p': [True, False]},
+            SECOND,
+            'FALSE: p is false at 11.000 s',
+        ),
         # The state is in the interval of an earlier operator only.
         (
             'always (q -> always[1 s, 2 s] p)',

@@ -140,7 +140,7 @@ def test_refused_concepts(
 
 def test_reserved_words_are_no_names_of_instances(world: Ontology) -> None:
     for name in ('true', 'in', 'Zürich'):
-        with pytest.raises(SemanticsError, match='reserved word|ASCII'):
+        with pytest.raises(SemanticsError, match=r'reserved word|ASCII'):
             world.create_instance(name, ['Boat'])
     world.create_instance('boat-2.1', ['Boat'])
 

@@ -18,7 +18,19 @@ from dyknow_reasoning.explanation.residual import (
     remaining_text,
     residual_text,
 )
-from dyknow_reasoning.language.formula import Comparison, Interval, Number, Term, TextLiteral, Truth
+from dyknow_reasoning.language.formula import (
+    Always,
+    Comparison,
+    Eventually,
+    Formula,
+    Interval,
+    Number,
+    Term,
+    TextLiteral,
+    Truth,
+    Until,
+    walk,
+)
 from dyknow_reasoning.progression.atoms import COMPARE, NEGATED_COMPARISONS, Values, evaluate
 from dyknow_reasoning.progression.bounds import Bound
 from dyknow_reasoning.progression.nodes import (
@@ -41,10 +53,11 @@ _LITERALS = (Number, TextLiteral, Truth)
 _MIRRORED = {'<': '>', '<=': '>=', '>': '<', '>=': '<=', '=': '=', '!=': '!='}
 
 
-def explain(verdict: InstanceVerdict, values: Values) -> str:
+def explain(formula: Formula, verdict: InstanceVerdict, values: Values) -> str:
     """Return the reasons of a verdict: objects, values, and the times of pending obligations.
 
     Args:
+        formula: the formula.
         verdict: the verdict on the instance that decides the formula.
         values: the values of the deciding state.
     """
@@ -52,7 +65,7 @@ def explain(verdict: InstanceVerdict, values: Values) -> str:
     if moment is None:
         why = f'what remained can only be {verdict.holds}'.lower()
     else:
-        why = _Explainer(moment, values).text()
+        why = _Explainer(formula, moment, values).text()
     objects = ', '.join(f'{variable} = {name}' for variable, name in instance.binding.items())
     why = f'for {objects}: {why}' if objects else why
     if instance.gap is None:
@@ -63,7 +76,7 @@ def explain(verdict: InstanceVerdict, values: Values) -> str:
 class _Explainer:
     """Explains why a state decides a node, by progressing the parts of the node."""
 
-    def __init__(self, moment: DecidingMoment, values: Values) -> None:
+    def __init__(self, formula: Formula, moment: DecidingMoment, values: Values) -> None:
         before = moment.before
         self._before = before
         self._symbol = moment.symbol
@@ -74,6 +87,10 @@ class _Explainer:
         self._progression.begin(moment.symbol, self._times)
         self._atoms = before.instance.atoms
         self._intervals = _intervals(before.instance.node)
+        # Simplification may have joined some of these.
+        self._stated_intervals = {
+            each.interval for each in walk(formula) if isinstance(each, Always | Eventually | Until)
+        }
 
     def text(self) -> str:
         """Return the reasons, shortened."""
@@ -153,11 +170,13 @@ class _Explainer:
         start = starts.pop()
         if after and origin + start > self._now:
             return ''  # The window joins several, and the state is in the interval of another one.
-        end = None if node.end is None else node.end.offset
-        interval = Interval(start, end).suffix if start else ''
+        interval = Interval(start, None if node.end is None else node.end.offset)
+        if start and interval not in self._stated_intervals:
+            return ''
         decided = self._progressed(node, fresh=False)
         due = 'awaited' if decided is TRUE else 'must hold'
-        return f'{_operator(node)}{interval} {due} since {format_time(origin)}'
+        shown = interval.suffix if start else ''
+        return f'{_operator(node)}{shown} {due} since {format_time(origin)}'
 
     def _origin(self, node: Window) -> int | None:
         """Return the valid time of the state that reached a window; None if it is unknown."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
+from typing import Final
 
 from dyknow_common import DyKnowError, ValueType, check_unit, unit_conversion
 from dyknow_semantics.errors import SemanticsError
@@ -44,6 +45,10 @@ class StatedSignature:
 
     def __bool__(self) -> bool:
         return bool(self.argument_sorts or self.value_type or self.unit)
+
+
+INHERITED: Final = StatedSignature()
+"""The signature of a feature that states nothing itself; also that of a sort."""
 
 
 class SignatureReader:
@@ -94,9 +99,7 @@ class SignatureReader:
         value_type = self._inherited(lineage, name, vocabulary.VALUE_TYPE)
         if value_type not in list(ValueType):
             fault = f"has the value_type '{value_type}'" if value_type else 'has no value_type'
-            raise SemanticsError(
-                f"feature '{name}' {fault}; give it one of {', '.join(ValueType)}"
-            )
+            raise SemanticsError(f"feature '{name}' {fault}; give it one of {', '.join(ValueType)}")
         unit = self._inherited(lineage, name, vocabulary.UNIT)
         try:
             if unit:

@@ -9,7 +9,7 @@ from tempfile import TemporaryDirectory
 from typing import Self
 
 from dyknow_semantics.errors import SemanticsError
-from dyknow_semantics.ontology.features import StatedSignature
+from dyknow_semantics.ontology.features import INHERITED, StatedSignature
 from dyknow_semantics.ontology.knowledge import Knowledge, Triple
 from dyknow_semantics.ontology.names import split_iri
 from dyknow_semantics.ontology.new_entities import (
@@ -138,7 +138,7 @@ class Ontology:
         self,
         name: str,
         parents: Collection[str] = (),
-        signature: StatedSignature = StatedSignature(),
+        signature: StatedSignature = INHERITED,
     ) -> tuple[str, ...]:
         """Add a concept below others.
 

@@ -78,7 +78,9 @@ def fault_in_ntriples(content: bytes) -> str:
         try:
             parser.parsestring(line)
         except ParserError:
-            return f'line {number} is no statement in N-Triples; a text in Turtle begins with @prefix'
+            return (
+                f'line {number} is no statement in N-Triples; a text in Turtle begins with @prefix'
+            )
     return ''
 
 
