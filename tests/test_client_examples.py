@@ -16,6 +16,7 @@ from ament_index_python.packages import get_resources
 from dyknow_interfaces import action, msg, srv
 
 from dyknow_reasoning import check_types, parse_formula
+from services import SERVICES
 
 ROOT = Path(__file__).parent.parent
 EXAMPLE = ROOT / 'docs' / 'examples' / 'watch_cpp'
@@ -70,8 +71,11 @@ def test_the_commands_of_ros(line: list[str]) -> None:
     *_, name, type_name, text = line
     _, kind, class_name = type_name.split('/')
     made = getattr({'srv': srv, 'action': action}[kind], class_name)
+    node = name.split('/')[1]
+    actions = {'stream_reasoning_coordinator': {'MonitorFormula', 'MonitorPlan'}}
+    assert class_name in (actions if kind == 'action' else SERVICES)[node]
     snake = re.sub(r'\B([A-Z])', r'_\1', class_name).lower()
-    assert name == f'/stream_reasoning_coordinator/{snake}'
+    assert name == f'/{node}/{snake}'
     fields = yaml.safe_load(text)
     fill((made.Goal if kind == 'action' else made.Request)(), fields)
     for formula in formulas(fields):
@@ -80,7 +84,10 @@ def test_the_commands_of_ros(line: list[str]) -> None:
 
 def test_the_manual_shows_each_way_to_ask_on_a_shell() -> None:
     types = {line[-2].rpartition('/')[2] for line in ROS_COMMANDS}
-    assert types == {'EvaluateFormula', 'MonitorFormula', 'MonitorPlan', 'ReportPlanAction'}
+    assert types == {
+        'EvaluateFormula', 'MonitorFormula', 'MonitorPlan', 'ReportPlanAction',
+        'ConceptCreate', 'InstanceCreate', 'AddSemanticSpecification',
+    }  # fmt: skip
 
 
 def test_the_fields_in_the_cpp_example() -> None:

@@ -22,6 +22,20 @@ def test_a_true_formula(system: System) -> None:
     assert answer.decided_at.sec > 0
 
 
+@pytest.mark.parametrize(
+    ('formula', 'verdict'),
+    [('1 < 2', FormulaResult.TRUE), ('exists u in UAV: u != u', FormulaResult.FALSE)],
+)
+def test_a_formula_that_needs_no_state_is_decided_at_zero(
+    system: System, formula: str, verdict: int
+) -> None:
+    answer = system.evaluate(formula)
+    assert answer.exit_status.code == ExitStatus.SUCCESS, answer.exit_status.message
+    assert answer.verdict == verdict
+    assert (answer.decided_at.sec, answer.decided_at.nanosec) == (0, 0)
+    assert 'whatever the states are' in answer.explanation
+
+
 def test_a_false_formula_says_which_vehicle_and_why(system: System, batteries: Batteries) -> None:
     future = system.ask('forall u in UAV: always Power[u] < 150')
     system.wait_until_running(future)

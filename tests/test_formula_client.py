@@ -77,17 +77,19 @@ def test_a_callback_awaits_the_answer(system: System, asker: Node, make_executor
         timer.cancel()
         answers.append(await client.evaluate(SOON))
         answers.append(await client.evaluate('exists u in UAV: Power[u] > 150'))
+        answers.append(await client.evaluate('1 < 2'))
 
     timer = asker.create_timer(0.01, ask)
     with spinning(asker, make_executor(asker)):
-        system.client.spin_until(lambda: len(answers) == 2, 'two answers')
+        system.client.spin_until(lambda: len(answers) == 3, 'three answers')
     client.close()
-    true, false = answers
+    true, false, known = answers
     assert (true.verdict, true.error) == (Verdict.TRUE, None)
     assert true.canonical_formula == 'forall u in UAV: (always[0 s, 500 ms] (Power[u] < 150))'
     assert true.decided_at is not None
     assert true.check() is true
     assert (false.verdict, false.error) == (Verdict.FALSE, None)
+    assert (known.verdict, known.decided_at) == (Verdict.TRUE, None)
 
 
 @pytest.mark.parametrize('spun', [None, single, several])

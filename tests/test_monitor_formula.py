@@ -94,6 +94,13 @@ def test_a_monitor_ends_with_the_verdict(system: System, telemetry: Batteries) -
     system.wait_for_streams()
 
 
+def test_a_monitor_of_a_formula_that_needs_no_state(system: System) -> None:
+    status, result = Monitor(system, '1 < 2').wait_for_result()
+    assert status == GoalStatus.STATUS_SUCCEEDED
+    assert result.verdict == FormulaResult.TRUE
+    assert nanoseconds(result.decided_at) == 0
+
+
 @pytest.mark.usefixtures('telemetry')
 def test_a_monitor_that_takes_too_long(system: System) -> None:
     status, result = Monitor(system, ALWAYS, timeout=1).wait_for_result()

@@ -80,6 +80,12 @@ def test_an_ontology_is_loaded(nodes: Nodes, tmp_path: Path) -> None:
     nodes.obtain(ONTOLOGY, srv.InstanceDestroy, instance_name='kite')
 
 
+def test_an_ontology_is_loaded_from_a_text(nodes: Nodes) -> None:
+    nodes.obtain(ONTOLOGY, srv.OntologyLoad, content=KITE, format='ntriples')
+    assert 'kite' in instances(nodes, 'Vehicle')
+    nodes.obtain(ONTOLOGY, srv.InstanceDestroy, instance_name='kite')
+
+
 def test_the_ontology_is_queried(nodes: Nodes) -> None:
     answer = nodes.obtain(
         ONTOLOGY,
@@ -122,7 +128,29 @@ def test_the_ontology_is_queried(nodes: Nodes) -> None:
         (srv.InstanceGetConcepts, {'instance_name': 'uav'}, MISSING, ("'uav'", "'uav1'")),
         (srv.InstanceDestroy, {'instance_name': 'uav'}, MISSING, ("'uav'", "'uav1'")),
         (srv.OntologyLoad, {'path_or_iri': '/no/file.owl'}, MISSING, ('/no/file.owl',)),
-        (srv.OntologyLoad, {'path_or_iri': ''}, INVALID, ('path_or_iri',)),
+        (
+            srv.ConceptCreate,
+            {'concept_name': 'Lift', 'argument_sorts': ['UAW'], 'value_type': 'float'},
+            MISSING,
+            ('argument sort 1', "'UAW'", "'UAV'"),
+        ),
+        (
+            srv.ConceptCreate,
+            {'concept_name': 'Lift', 'argument_sorts': ['UAV'], 'value_type': 'real'},
+            INVALID,
+            ("'real'", 'float'),
+        ),
+        (
+            srv.ConceptCreate,
+            {'concept_name': 'Lift', 'parent_concepts': ['Altitude'], 'unit': 'N'},
+            INVALID,
+            ("'Lift'", '(m)', "'Altitude'"),
+        ),
+        (srv.ConceptCreate, {'concept_name': 'always'}, INVALID, ("'always'", 'reserved')),
+        (srv.OntologyLoad, {'path_or_iri': ''}, INVALID, ('path_or_iri', 'content')),
+        (srv.OntologyLoad, {'path_or_iri': 'x', 'content': 'y'}, INVALID, ('either',)),
+        (srv.OntologyLoad, {'content': f'{KITE}oops'}, INVALID, ('the content', 'line 4')),
+        (srv.OntologyLoad, {'content': KITE, 'format': 'json'}, INVALID, ("'json'", 'turtle')),
         (srv.OntologyQuery, {'sparql': 'SELECT ?x WHERE'}, INVALID, ('SPARQL',)),
         (srv.OntologyQuery, {'sparql': ''}, INVALID, ('SPARQL',)),
         (srv.OntologyQuery, {'sparql': 'DELETE { ?x a ?y } WHERE { ?x a ?y }'}, INVALID, ()),

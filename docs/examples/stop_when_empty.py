@@ -19,7 +19,7 @@ class StopWhenEmpty(Node):
         self.get_logger().info('monitoring')
 
     def on_verdict(self, answer):
-        """Report the answer, once, as soon as it is certain."""
+        """Report the answer, once, when there is one."""
         if answer.error:
             self.get_logger().error(f'no verdict: {answer.error}')
         else:

@@ -30,6 +30,7 @@ from dyknow_common.parsing import (
     quoted,
     text_value,
 )
+from dyknow_common.reserved_words import FORMULA_WORDS, SSL_WORDS
 from dyknow_common.symbol import Symbol, SymbolKind
 from dyknow_common.text_files import open_text, read_file, read_text
 from dyknow_common.units import check_unit, unit_conversion
@@ -38,10 +39,12 @@ from dyknow_common.verdict import Verdict
 
 __all__ = [
     'CONSTRAINT_KINDS',
+    'FORMULA_WORDS',
     'NANOSECONDS',
     'NOWHERE',
     'NO_CONSTRAINTS',
     'SECOND_NS',
+    'SSL_WORDS',
     'ConstraintBuilder',
     'DyKnowError',
     'ExitCode',

@@ -37,8 +37,9 @@ class CheckResult:
     Args:
         formula: the canonical text of the formula.
         verdict: undecided if the trace ends too early or the formula failed.
-        decided_at: the valid time of the deciding state in nanoseconds; None if undecided.
-        decided_at_state: the index of the deciding state, from 0; None if undecided.
+        decided_at: the valid time of the deciding state in nanoseconds; None if undecided, or if
+            the verdict needs no state.
+        decided_at_state: the index of the deciding state, from 0; None as above.
         states: the number of states of the trace.
         explanation: the reasons; for an undecided formula, what remains of it.
         error: the reason why the formula failed.
@@ -70,7 +71,9 @@ def check_trace(
     group = FormulaGroup()
     ids = [group.add_formula(text, text) for text in formulas]
     group.begin(domains)
-    results: dict[int, tuple[int, FormulaResult]] = {}
+    results: dict[int, tuple[int | None, FormulaResult]] = {
+        result.formula_id: (None, result) for result in group.decided_at_once()
+    }
     states = 0
     for state in trace:
         for result in group.progress(state.valid_time, state.values):
@@ -164,7 +167,10 @@ def _domains(options: Sequence[str]) -> Domains:
 
 
 def _result(
-    group: FormulaGroup, formula_id: int, found: tuple[int, FormulaResult] | None, states: int
+    group: FormulaGroup,
+    formula_id: int,
+    found: tuple[int | None, FormulaResult] | None,
+    states: int,
 ) -> CheckResult:
     formula = str(group.formulas[formula_id])
     if found is None:
@@ -182,11 +188,12 @@ def _result(
 def _report(result: CheckResult) -> str:
     if result.error:
         return f'{result.formula}\n  failed: {result.explanation}'
-    if result.decided_at is None:
+    if result.verdict is Verdict.UNDECIDED:
         return f'{result.formula}\n  {result.explanation}'
-    decided = f'{result.verdict.name.lower()} at {round_time(result.decided_at)}'
-    state = f'(state {result.decided_at_state})'
-    return f'{result.formula}\n  {decided} {state}\n  {result.explanation}'
+    decided = result.verdict.name.lower()
+    if result.decided_at is not None:
+        decided += f' at {round_time(result.decided_at)} (state {result.decided_at_state})'
+    return f'{result.formula}\n  {decided}\n  {result.explanation}'
 
 
 def _json(result: CheckResult) -> str:

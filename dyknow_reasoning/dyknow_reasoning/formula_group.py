@@ -12,7 +12,7 @@ from collections.abc import Set as AbstractSet
 from itertools import chain, count
 from typing import Any
 
-from dyknow_common import ExitCode, Symbol, Verdict, round_time
+from dyknow_common import ExitCode, Symbol, SymbolKind, Verdict, round_time
 from dyknow_reasoning.errors import ReasoningError
 from dyknow_reasoning.execution import InstanceMonitor, Outcomes, Recording
 from dyknow_reasoning.explanation.explanation import explain
@@ -34,7 +34,6 @@ from dyknow_reasoning.results import FormulaResult, NamedFormula
 
 DEFAULT_NODE_LIMIT = 100_000
 _MAX_NODES = 10_000
-_FOR_ALL_STATES = '{} for these objects, whatever the states are'
 
 
 class FormulaGroup:
@@ -134,12 +133,12 @@ class FormulaGroup:
         self._monitor.prepare()
 
     def decided_at_once(self) -> list[FormulaResult]:
-        """Return the results of the formulas that are decided for all states.
+        """Return the results of the formulas that need no state.
 
-        Without a call they are returned with the first state.
+        Their `decided_at` is None. Without a call they are returned with the first state.
         """
         self._begun()
-        return self._known_results(None)
+        return self._known_results()
 
     def progress(self, valid_time: int, values: Values) -> list[FormulaResult]:
         """Progress all undecided formulas over a state; return the new results.
@@ -160,7 +159,7 @@ class FormulaGroup:
         except ReasoningError as error:
             return self.fail(error, valid_time)
         if outcomes or self._known:
-            return self._known_results(valid_time) + self._results(outcomes, valid_time, values)
+            return self._known_results() + self._results(outcomes, valid_time, values)
         return []
 
     def progress_many(
@@ -178,7 +177,7 @@ class FormulaGroup:
         monitor = self._begun()
         recording = Recording.read(valid_times, columns)
         usable = recording.increasing(monitor.latest)
-        results = self._known_results(usable.times[0]) if usable.times else []
+        results = self._known_results() if usable.times else []
         for index, outcomes in monitor.progress_many(usable):
             results += self._results(outcomes, usable.times[index], usable.values(index))
         end = len(usable.times)
@@ -261,15 +260,19 @@ class FormulaGroup:
         else:
             monitor.add(formula_id, instances, self._formulas[formula_id].kinds)
 
-    def _known_results(self, valid_time: int | None) -> list[FormulaResult]:
+    def _known_results(self) -> list[FormulaResult]:
         known, self._known = self._known, {}
         return [
-            self._decided(
-                formula_id, verdict, valid_time, _FOR_ALL_STATES.format(verdict.name.lower())
-            )
+            self._decided(formula_id, verdict, None, self._known_reason(formula_id, verdict))
             for formula_id, verdict in known.items()
             if formula_id in self._undecided
         ]
+
+    def _known_reason(self, formula_id: int, verdict: Verdict) -> str:
+        symbols = symbols_of(self._formulas[formula_id].formula)
+        sorts = dict.fromkeys(each.name for each in symbols if each.kind is SymbolKind.SORT)
+        objects = f' for the objects of {" and ".join(sorts)}' if sorts else ''
+        return f'it is {verdict.name.lower()}{objects}, whatever the states are'
 
     def _results(self, outcomes: Outcomes, valid_time: int, values: Values) -> list[FormulaResult]:
         results = []
@@ -278,7 +281,7 @@ class FormulaGroup:
                 results.append(self._failed(formula_id, outcome, valid_time))
             else:
                 verdict = Verdict.TRUE if outcome.holds else Verdict.FALSE
-                why = explain(outcome, values)
+                why = explain(self._formulas[formula_id].formula, outcome, values)
                 results.append(self._decided(formula_id, verdict, valid_time, why))
         return results
 

@@ -37,7 +37,7 @@ class FormulaResult:
         name: the name that the user gave it.
         verdict: undecided if the formula failed.
         decided_at: the valid time of the deciding state in nanoseconds; None if the formula failed
-            or needed no state.
+            or needs no state.
         explanation: the reasons, for those who operate the robot; empty if the formula failed.
         error: the reason why the formula failed.
     """

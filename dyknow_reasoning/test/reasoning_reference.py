@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+import operator
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
 
 from hypothesis import strategies as st
 
+from dyknow_common import Value
 from dyknow_reasoning.language.formula import (
     Always,
     And,
+    Comparison,
     Equivalent,
     Eventually,
     Feature,
@@ -23,7 +27,16 @@ from dyknow_reasoning.language.formula import (
 
 NAMES = ('p', 'q')
 
-Trace = list[tuple[int, dict[str, bool]]]
+COMPARISONS: Mapping[str, Any] = {
+    '=': operator.eq,
+    '!=': operator.ne,
+    '<': operator.lt,
+    '<=': operator.le,
+    '>': operator.gt,
+    '>=': operator.ge,
+}
+
+Trace = Sequence[tuple[int, Mapping[str, Value]]]
 
 
 def disjunction(values: Iterable[bool | None]) -> bool | None:
@@ -47,8 +60,12 @@ def holds(formula: Formula, trace: Trace, i: int) -> bool | None:  # noqa: C901,
     match formula:
         case Truth(value):
             return value
-        case Feature(name):
-            return trace[i][1][name]
+        case Feature():
+            return trace[i][1][str(formula)] is True
+        case Comparison(symbol, left, right):
+            values = trace[i][1]
+            found: bool = COMPARISONS[symbol](value_of(left, values), value_of(right, values))
+            return found
         case Not(body):
             return negation(holds(body, trace, i))
         case And(left, right):
@@ -67,6 +84,10 @@ def holds(formula: Formula, trace: Trace, i: int) -> bool | None:  # noqa: C901,
         case Until(left, right, interval):
             return until(left, right, interval, trace, i)
     raise AssertionError(formula)
+
+
+def value_of(term: Any, values: Mapping[str, Value]) -> Any:
+    return values[str(term)] if isinstance(term, Feature) else term.value
 
 
 def until(left: Formula, right: Formula, interval: Interval, trace: Trace, i: int) -> bool | None:
@@ -98,13 +119,17 @@ def deeper(inner: st.SearchStrategy[Formula]) -> st.SearchStrategy[Formula]:
     )
 
 
-def formulas(depth: int = 4) -> st.SearchStrategy[Formula]:
-    found: st.SearchStrategy[Formula] = st.one_of(
-        st.sampled_from(NAMES).map(Feature),
-        st.sampled_from(NAMES).map(Feature),
-        st.booleans().map(Truth),
-    )
-    leaves = found
+LEAVES: st.SearchStrategy[Formula] = st.one_of(
+    st.sampled_from(NAMES).map(Feature),
+    st.sampled_from(NAMES).map(Feature),
+    st.booleans().map(Truth),
+)
+
+
+def formulas(
+    depth: int = 4, leaves: st.SearchStrategy[Formula] = LEAVES
+) -> st.SearchStrategy[Formula]:
+    found = leaves
     for _ in range(depth):
         found = st.one_of(leaves, deeper(found))
     return found

@@ -90,6 +90,24 @@ def test_checking_formulas() -> None:
     assert results[3].error is not None
 
 
+@pytest.mark.parametrize('rows', [[], ['0,true', '1,true']], ids=['no states', 'states'])
+def test_formulas_that_need_no_state_are_decided_at_none(rows: list[str]) -> None:
+    formulas = ['1 < 2', 'exists u in UAV: p', 'p or not p']
+    results = check_trace(formulas, {'UAV': []}, read_trace(['time_s,p', *rows]))
+    assert [(each.verdict, each.decided_at, each.decided_at_state) for each in results] == [
+        (Verdict.TRUE, None, None),
+        (Verdict.FALSE, None, None),
+        (Verdict.TRUE, None, None),
+    ]
+
+
+def test_the_report_of_a_formula_that_needs_no_state(
+    trace: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(['--trace', trace, '2 < 1']) == 1
+    assert capsys.readouterr().out == ('2 < 1\n  false\n  it is false, whatever the states are\n')
+
+
 def test_the_report(trace: str, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(['--trace', trace, 'always p', 'eventually[0, 1 s] Power[uav1] > 200']) == 1
     assert capsys.readouterr().out == (

@@ -13,15 +13,15 @@ POWER = (
 )
 
 
-def explained(text: str, columns: dict[str, list[Value]]) -> str:
-    """The explanation of a formula over states at 10.0 s, 10.1 s, ..."""
+def explained(text: str, columns: dict[str, list[Value]], step: int = 100_000_000) -> str:
+    """The explanation of a formula over states at 10.0 s, 10.1 s, ..., or with another step."""
     group = FormulaGroup()
     group.add_formula('it', text)
     group.begin({'UAV': ['uav1', 'uav2']})
     length = max(len(column) for column in columns.values())
     for index in range(length):
         values = {name: column[index % len(column)] for name, column in columns.items()}
-        for result in group.progress(10_000_000_000 + index * 100_000_000, values):
+        for result in group.progress(10_000_000_000 + index * step, values):
             assert result.error is None
             return f'{result.verdict.name}: {result.explanation}'
     return 'UNDECIDED'
@@ -146,3 +146,134 @@ MANY = (
 )
 def test_verdicts(text: str, columns: dict[str, list[Value]], expected: str) -> None:
     assert explained(text, columns) == expected
+
+
+SECOND = 1_000_000_000
+
+
+@pytest.mark.parametrize(
+    ('text', 'columns', 'step', 'expected'),
+    [
+        # A window without a state.
+        (
+            'always[5 s, 6 s] p',
+            {'p': [True, False]},
+            7 * SECOND,
+            'TRUE: there is no state from 15.000 s to 16.000 s',
+        ),
+        (
+            'eventually[5 s, 6 s] p',
+            {'p': [True, True]},
+            7 * SECOND,
+            'FALSE: there is no state from 15.000 s to 16.000 s',
+        ),
+        # A window whose only state is its end, or is before the deciding state.
+        (
+            'always[5 s, 6 s] p',
+            {'p': [False, True]},
+            6 * SECOND,
+            "TRUE: 'p' held at every state from 15.000 s to 16.000 s",
+        ),
+        (
+            'eventually[2 s, 3 s] p',
+            {'p': [True, False, True]},
+            2 * SECOND,
+            "FALSE: 'p' held at no state from 12.000 s to 13.000 s",
+        ),
+        # Bounds that the interval excludes.
+        (
+            'eventually(0 s, 1 s] p',
+            {'p': [True, False, False]},
+            SECOND // 2,
+            "FALSE: 'p' held at no state after 10.000 s to 11.000 s; p is false at 11.000 s",
+        ),
+        (
+            'always[0 s, 1 s) p',
+            {'p': [True, True, False]},
+            SECOND // 2,
+            "TRUE: 'p' held at every state from 10.000 s before 11.000 s",
+        ),
+        # Two windows over one body, joined.
+        (
+            '(always[1 s, 2 s] p) and always[1500, 3 s] p',
+            {'p': [False, True, True, True]},
+            SECOND,
+            "TRUE: 'p' held at every state from 11.000 s to 13.000 s",
+        ),
+        # An interval that starts later: the operator does not matter before that.
+        (
+            'always[2 s, 3 s] p',
+            {'p': [False, False, False]},
+            SECOND,
+            'FALSE: p is false at 12.000 s (always[2 s, 3 s] must hold since 10.000 s)',
+        ),
+        # An interval that is joined from two, and is neither.
+        (
+            '(always[1 s, 2 s] p) and always[2 s, 3 s] p',
+            {'p': [True, False]},
+            SECOND,
+            'FALSE: p is false at 11.000 s',
+        ),
+        # The state is in the interval of an earlier operator only.
+        (
+            'always (q -> always[1 s, 2 s] p)',
+            {'p': [True, True, False], 'q': [True]},
+            SECOND * 9 // 10,
+            'FALSE: p is false at 11.800 s',
+        ),
+        # An operator that fails and begins again at one state.
+        (
+            'eventually (p and (q until r))',
+            {'p': [True, True, False], 'q': [True, False, False], 'r': [False, False, True]},
+            SECOND,
+            'TRUE: r is true at 12.000 s',
+        ),
+        # Times that differ by less than a millisecond.
+        (
+            'always p',
+            {'p': [True, False]},
+            1000,
+            'FALSE: p is false at 10.000001 s (always must hold since 10.000 s)',
+        ),
+        # Values that differ less than their rounded texts.
+        (
+            'x = 0.3',
+            {'x': [0.1 + 0.2]},
+            1,
+            'FALSE: x = 0.30000000000000004 at 10.000 s is not = 0.3',
+        ),
+        (
+            '0.3 >= x',
+            {'x': [0.1 + 0.2]},
+            1,
+            'FALSE: x = 0.30000000000000004 at 10.000 s is not <= 0.3',
+        ),
+        (
+            'x < y',
+            {'x': [0.3], 'y': [0.1 + 0.2]},
+            1,
+            'TRUE: x = 0.3 at 10.000 s is < y = 0.30000000000000004',
+        ),
+        ('x < 1', {'x': [0.1 + 0.2]}, 1, 'TRUE: x = 0.3 at 10.000 s is < 1'),
+        # Decided by what is left of two parts together, whose truth is open.
+        (
+            '(always[1 s, inf] p) or (q and eventually not p)',
+            {'p': [True], 'q': [True]},
+            1,
+            "TRUE: '(eventually (not p)) or (always[1 s, inf] p)' is true whatever states follow",
+        ),
+        (
+            'always[0, 2 ns] ((always[1 s, inf] p) and (q -> eventually[2 s, inf] not p))',
+            {'p': [True], 'q': [False, True]},
+            1,
+            (
+                "FALSE: '(eventually[2 s, inf] (not p)) and (always[1 s, inf] p)' is false "
+                'whatever states follow (always must hold since 10.000 s)'
+            ),
+        ),
+    ],
+)
+def test_no_claim_is_untrue(
+    text: str, columns: dict[str, list[Value]], step: int, expected: str
+) -> None:
+    assert explained(text, columns, step) == expected

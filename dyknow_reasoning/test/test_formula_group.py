@@ -111,7 +111,16 @@ def test_ground_features_that_simplify_away_are_not_needed() -> None:
 
 @pytest.mark.parametrize(
     ('text', 'verdict'),
-    [('true', Verdict.TRUE), ('false', Verdict.FALSE), ('exists x in None: p', Verdict.FALSE)],
+    [
+        ('true', Verdict.TRUE),
+        ('false', Verdict.FALSE),
+        ('exists x in None: p', Verdict.FALSE),
+        ('forall x in None: always P[x]', Verdict.TRUE),
+        ('p or not p', Verdict.TRUE),
+        ('1 < 2', Verdict.TRUE),
+        ('2 * 3 > 7 - 1', Verdict.FALSE),
+        ('always "a" != "b"', Verdict.TRUE),
+    ],
 )
 def test_formulas_that_need_no_state(text: str, verdict: Verdict) -> None:
     asked, not_asked = FormulaGroup(), FormulaGroup()
@@ -123,8 +132,33 @@ def test_formulas_that_need_no_state(text: str, verdict: Verdict) -> None:
     assert 'whatever the states are' in result.explanation
     assert asked.progress(5, {}) == []
     [result] = not_asked.progress(5, {})
-    assert (result.verdict, result.decided_at) == (verdict, 5)
+    assert (result.verdict, result.decided_at) == (verdict, None)
     assert not_asked.residual(1) == ('true' if verdict is Verdict.TRUE else 'false')
+
+
+def test_a_division_by_zero_is_an_error_also_between_constants() -> None:
+    [result] = started('1 / 0 < 2').progress(5, {})
+    assert result.error is not None
+    assert 'division by zero' in result.error.message
+
+
+@pytest.mark.parametrize(
+    ('text', 'explanation'),
+    [
+        ('1 < 2', 'it is true, whatever the states are'),
+        ('forall x in UAV: x = x', 'it is true for the objects of UAV, whatever the states are'),
+        (
+            'exists x in None: forall y in UAV: x = y',
+            'it is false for the objects of None and UAV, whatever the states are',
+        ),
+    ],
+)
+def test_why_a_formula_needs_no_state(text: str, explanation: str) -> None:
+    group = FormulaGroup()
+    group.add_formula('it', text)
+    group.begin({'None': [], 'UAV': ['uav1']})
+    [result] = group.decided_at_once()
+    assert result.explanation == explanation
 
 
 @pytest.mark.parametrize('opposites', ['a < 3 or a >= 3', 'a <= 3 or a > 3', 'a = 3 or a != 3'])

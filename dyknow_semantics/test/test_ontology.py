@@ -262,7 +262,7 @@ def test_features_may_be_created_below_others(fleet: Ontology) -> None:
             lambda o: o.create_concept('Weight', ['Feature']),
             ExitCode.INVALID_ARGUMENT,
             (
-                "feature 'Weight' has no argument sorts; annotate it with argument1, argument2, "
+                "feature 'Weight' has no argument sorts; give it argument1, argument2, "
                 '..., or place it below NullaryFeature'
             ),
         ),

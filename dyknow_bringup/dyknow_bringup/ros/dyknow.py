@@ -75,8 +75,9 @@ def evaluate(chosen: argparse.Namespace) -> int:
     if chosen.json:
         _print(json.dumps(_as_json(answer)))
     elif answer.error is None:
-        decided_at = round_time(answer.decided_at or 0)
-        _print(f'{answer.verdict.name.lower()} at {decided_at}: {answer.explanation}')
+        verdict = answer.verdict.name.lower()
+        at = '' if answer.decided_at is None else f' at {round_time(answer.decided_at)}'
+        _print(f'{verdict}{at}: {answer.explanation}')
     else:
         print(f'{answer.error.code.name}: {answer.error}', file=sys.stderr)  # noqa: T201
     return {Verdict.TRUE: SUCCESS, Verdict.FALSE: FALSE}.get(answer.verdict, ERROR)

@@ -15,7 +15,8 @@ class Answer:
 
     Args:
         verdict: UNDECIDED if and only if there is an error.
-        decided_at: valid time of the deciding state in nanoseconds; None without a verdict.
+        decided_at: valid time of the deciding state in nanoseconds; None without a verdict, or
+            if the verdict needs no state.
         canonical_formula: fully bracketed; empty if the formula could not be parsed.
         explanation: the reason for the verdict, for people.
         groundings: the streams used.

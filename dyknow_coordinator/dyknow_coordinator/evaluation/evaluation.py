@@ -48,8 +48,8 @@ class Evaluation:
         if not self.has_ended:
             self.phase = phase
 
-    def decide(self, verdict: Verdict, decided_at: int, explanation: str) -> None:
-        """End with a verdict; `decided_at` is a valid time in nanoseconds."""
+    def decide(self, verdict: Verdict, decided_at: int | None, explanation: str) -> None:
+        """End with a verdict; `decided_at` is a valid time in ns, or None if it needs no state."""
         self._end(Answer(verdict, decided_at, explanation=explanation))
 
     def fail(self, error: DyKnowError) -> None:

@@ -155,7 +155,8 @@ class PlanVerdict:
     Args:
         formula: its canonical text; the text as requested until that is known.
         presumably_false: True if the formula was withdrawn and would have been false then.
-        decided_at: valid time of the deciding state in nanoseconds; None without a verdict.
+        decided_at: valid time of the deciding state in nanoseconds; None without a verdict, or
+            if the verdict needs no state.
         explanation: the reason for the verdict, for people.
         error: why it cannot be evaluated.
     """

@@ -82,7 +82,7 @@ def answer_from_message(message: Any) -> Answer:
     error = error_from_status(message.exit_status)
     return Answer(
         verdict=Verdict(message.verdict),
-        decided_at=None if error is not None else time_to_nanoseconds(message.decided_at),
+        decided_at=time_to_nanoseconds(message.decided_at) or None,
         canonical_formula=message.canonical_formula,
         explanation=message.explanation,
         groundings=tuple(symbol_grounding_from_message(each) for each in message.groundings),

@@ -125,7 +125,8 @@ class SingleInstance:
         now: int,
         elapsed: int,
     ) -> InstanceVerdict:
-        moment = DecidingMoment(self.state(now - elapsed), symbol, now)
+        previous = now - elapsed
+        moment = DecidingMoment(self.state(previous), symbol, now, previous)
         return InstanceVerdict(self.instance, holds, moment)
 
     @property

@@ -9,16 +9,30 @@ from __future__ import annotations
 from collections import defaultdict
 from collections.abc import Mapping
 
-from dyknow_common import Value, round_time
+from dyknow_common import Value, format_time
 from dyknow_reasoning.execution import DecidingMoment, InstanceVerdict
+from dyknow_reasoning.explanation.origins import windows_of_known_origin
 from dyknow_reasoning.explanation.residual import (
     interval_of,
     parts_in_order,
     remaining_text,
     residual_text,
 )
-from dyknow_reasoning.language.formula import Comparison, Interval, Number, Term, TextLiteral, Truth
-from dyknow_reasoning.progression.atoms import NEGATED_COMPARISONS, Values, evaluate
+from dyknow_reasoning.language.formula import (
+    Always,
+    Comparison,
+    Eventually,
+    Formula,
+    Interval,
+    Number,
+    Term,
+    TextLiteral,
+    Truth,
+    Until,
+    walk,
+)
+from dyknow_reasoning.progression.atoms import COMPARE, NEGATED_COMPARISONS, Values, evaluate
+from dyknow_reasoning.progression.bounds import Bound
 from dyknow_reasoning.progression.nodes import (
     TRUE,
     Constant,
@@ -35,13 +49,15 @@ from dyknow_reasoning.progression.progression import Progression
 
 _MAX_REASONS = 4
 _MAX_FORMULA_LENGTH = 160
+_LITERALS = (Number, TextLiteral, Truth)
 _MIRRORED = {'<': '>', '<=': '>=', '>': '<', '>=': '<=', '=': '=', '!=': '!='}
 
 
-def explain(verdict: InstanceVerdict, values: Values) -> str:
+def explain(formula: Formula, verdict: InstanceVerdict, values: Values) -> str:
     """Return the reasons of a verdict: objects, values, and the times of pending obligations.
 
     Args:
+        formula: the formula.
         verdict: the verdict on the instance that decides the formula.
         values: the values of the deciding state.
     """
@@ -49,7 +65,7 @@ def explain(verdict: InstanceVerdict, values: Values) -> str:
     if moment is None:
         why = f'what remained can only be {verdict.holds}'.lower()
     else:
-        why = _Explainer(moment, values).text()
+        why = _Explainer(formula, moment, values).text()
     objects = ', '.join(f'{variable} = {name}' for variable, name in instance.binding.items())
     why = f'for {objects}: {why}' if objects else why
     if instance.gap is None:
@@ -60,17 +76,21 @@ def explain(verdict: InstanceVerdict, values: Values) -> str:
 class _Explainer:
     """Explains why a state decides a node, by progressing the parts of the node."""
 
-    def __init__(self, moment: DecidingMoment, values: Values) -> None:
+    def __init__(self, formula: Formula, moment: DecidingMoment, values: Values) -> None:
         before = moment.before
         self._before = before
         self._symbol = moment.symbol
         self._values = values
-        self._now = moment.valid_time
+        self._now, self._previous = moment.valid_time, moment.previous
         self._times = (*before.times, moment.valid_time)
         self._progression = Progression([before.node])
         self._progression.begin(moment.symbol, self._times)
         self._atoms = before.instance.atoms
         self._intervals = _intervals(before.instance.node)
+        # Simplification may have joined some of these.
+        self._stated_intervals = {
+            each.interval for each in walk(formula) if isinstance(each, Always | Eventually | Until)
+        }
 
     def text(self) -> str:
         """Return the reasons, shortened."""
@@ -93,51 +113,85 @@ class _Explainer:
             case Window():
                 return self._reasons_of_window(node, fresh=fresh)
             case Constant():
-                return [f'there is a state at {round_time(self._now)}']
+                return [f'there is a state at {format_time(self._now)}']
 
     def _reasons_of_junction(self, node: Junction, *, fresh: bool) -> list[str]:
         verdict = self._progressed(node, fresh=fresh)
         parts = parts_in_order(node, self._atoms)
         deciding = [part for part in parts if self._progressed(part, fresh=fresh) is verdict]
         if not deciding:
-            wanted = 'always be true' if verdict is TRUE else 'never be true'
-            return [f"'{self._remaining(node, fresh=fresh)}' can from now on {wanted}"]
+            whatever = f'is {str(verdict is TRUE).lower()} whatever states follow'
+            return [f"'{self._remaining(node, fresh=fresh)}' {whatever}"]
         if verdict is constant(value=not node.universal):
             deciding = deciding[:1]
         return [reason for part in deciding for reason in self._reasons(part, fresh=fresh)]
 
     def _reasons_of_window(self, node: Window, *, fresh: bool) -> list[str]:
-        if self._progressed(node, fresh=fresh) is not constant(value=node.universal):
-            return self._during(node, self._reasons(node.right, fresh=True), fresh=fresh)
-        origin = self._origin(node, fresh=fresh)
-        if node.end is None or origin is None or origin + node.end.offset > self._now:
-            return self._during(node, self._reasons(node.left, fresh=True), fresh=fresh)
-        end = origin + node.end.offset
-        intervals = self._intervals[sides(node)]
-        start = origin + next(iter(intervals)).start
-        from_start = f'from {round_time(start)} ' if len(intervals) == 1 else ''
-        span = f'{from_start}to {round_time(end)}'
+        verdict = self._progressed(node, fresh=fresh)
+        if verdict is constant(value=node.universal):
+            if node.end is not None and self._time(node.end, fresh=fresh) <= self._now:
+                return self._reasons_of_closed_window(node, node.end, fresh=fresh)
+            side = node.left
+        else:
+            side = node.right
+        # A side is smaller than the window, and cannot contradict it: so it is decided itself.
+        reasons = list(dict.fromkeys(self._reasons(side, fresh=True)))
+        pending = '' if fresh else self._pending(node, after=side is node.right)
+        return [f'{" and ".join(reasons)} ({pending})'] if pending else reasons
+
+    def _reasons_of_closed_window(self, node: Window, end: Bound, *, fresh: bool) -> list[str]:
+        """Return the reasons why the end of its interval decides a window."""
+        last = self._time(end, fresh=fresh)
+        # The window may join several, of which the last to start is known to reach the end.
+        latest_start = max(interval.start for interval in self._intervals_of(node))
+        start = node.start or Bound(end.state, latest_start)
+        first = self._time(start, fresh=fresh)
+        span = _span(first, last, Interval(start.offset, end.offset))
+        # An earlier state was not later than the end, or it would have decided the window.
+        if (fresh or self._previous < first) and not first <= self._now <= last:
+            return [f'there is no state {span}']
         right = _shortened(residual_text(node.right, self._atoms))
         if node.universal:
             return [f"'{right}' held at every state {span}"]
-        last = self._reasons(node.right, fresh=True) if end == self._now else []
-        return [f"'{right}' held at no state {span}", *last]
+        now = self._reasons(node.right, fresh=True) if last == self._now else []
+        return [f"'{right}' held at no state {span}", *now]
 
-    def _during(self, node: Window, reasons: list[str], *, fresh: bool) -> list[str]:
-        """Return the reasons, with the pending obligation if it began at an earlier state."""
-        origin = self._origin(node, fresh=fresh)
-        if origin is None or fresh:
-            return reasons
-        due = 'awaited' if self._progressed(node, fresh=fresh) is TRUE else 'must hold'
-        return [f'{" and ".join(reasons)} ({_operator(node)} {due} since {round_time(origin)})']
+    def _pending(self, node: Window, *, after: bool) -> str:
+        """Return what was pending since an earlier state; empty if that is not known.
 
-    def _origin(self, node: Window, *, fresh: bool) -> int | None:
-        """Return the valid time of the state that a window counts from; None if it is unknown."""
-        if fresh:
-            return self._now
-        if node.end is None:
-            return self._before.window_origins.get(sides(node))
-        return self._times[node.end.state]
+        Args:
+            node: a running window.
+            after: True if only states after the start of its interval matter.
+        """
+        starts = {interval.start for interval in self._intervals_of(node)}
+        origin = self._origin(node)
+        if origin is None or len(starts) != 1:
+            return ''
+        start = starts.pop()
+        if after and origin + start > self._now:
+            return ''  # The window joins several, and the state is in the interval of another one.
+        interval = Interval(start, None if node.end is None else node.end.offset)
+        if start and interval not in self._stated_intervals:
+            return ''
+        decided = self._progressed(node, fresh=False)
+        due = 'awaited' if decided is TRUE else 'must hold'
+        shown = interval.suffix if start else ''
+        return f'{_operator(node)}{shown} {due} since {format_time(origin)}'
+
+    def _origin(self, node: Window) -> int | None:
+        """Return the valid time of the state that reached a window; None if it is unknown."""
+        if node.end is not None:
+            return self._times[node.end.state]
+        known = sides(node) in windows_of_known_origin(self._before.instance.node)
+        return self._before.window_origins.get(sides(node)) if known else None
+
+    def _time(self, bound: Bound, *, fresh: bool) -> int:
+        return (self._now if fresh else self._times[bound.state]) + bound.offset
+
+    def _intervals_of(self, node: Window) -> set[Interval]:
+        """Return the intervals in the formula that the present bounds of a window may stem from."""
+        end = None if node.end is None else node.end.offset
+        return {each for each in self._intervals[sides(node)] if each.end == end}
 
     def _remaining(self, node: Junction, *, fresh: bool) -> str:
         """Return the text of what remains of a junction after this state."""
@@ -154,23 +208,39 @@ class _Explainer:
     def _fact(self, literal: Literal) -> str:
         """Return the value of an atom at this state, compared with its bound."""
         atom = self._atoms[literal.slot]
-        time = round_time(self._now)
+        time = format_time(self._now)
         if not isinstance(atom, Comparison):
             return f'{atom} is {_literal_text(self._values[str(atom)])} at {time}'
         holds = (self._symbol >> literal.slot & 1) == literal.positive
-        operator, left, right = atom.operator, atom.left, atom.right
+        operator, terms = atom.operator, (atom.left, atom.right)
         if not literal.positive:
             operator = NEGATED_COMPARISONS[operator]
-        if isinstance(left, Number | TextLiteral | Truth):
-            operator, left, right = _MIRRORED[operator], right, left
-        first, second = self._with_value(left), self._with_value(right)
+        values = [evaluate(term, self._values) for term in terms]
+        shown = [
+            value if isinstance(term, _LITERALS) else _rounded(value)
+            for term, value in zip(terms, values, strict=True)
+        ]
+        if COMPARE[operator](*shown) != holds:
+            shown = values
+        first, second = map(_with_value, terms, shown)
+        if isinstance(atom.left, _LITERALS):
+            operator, first, second = _MIRRORED[operator], second, first
         return f'{first} at {time} is {"" if holds else "not "}{operator} {second}'
 
-    def _with_value(self, term: Term) -> str:
-        if isinstance(term, Number | TextLiteral | Truth):
-            return str(term)
-        value = evaluate(term, self._values)
-        return f'{term} = {_literal_text(value)}'
+
+def _with_value(term: Term, value: Value) -> str:
+    return str(term) if isinstance(term, _LITERALS) else f'{term} = {_literal_text(value)}'
+
+
+def _rounded(value: Value) -> Value:
+    return float(f'{value:.9g}') if isinstance(value, float) else value
+
+
+def _span(first: int, last: int, interval: Interval) -> str:
+    """Return the times from `first` to `last`, without the bounds that an interval excludes."""
+    after, before = interval.excludes_start, interval.excludes_end
+    start = f'after {format_time(first - 1)}' if after else f'from {format_time(first)}'
+    return f'{start} {"before" if before else "to"} {format_time(last + before)}'
 
 
 def _shortened(text: str) -> str:
@@ -190,7 +260,7 @@ def _literal_text(value: Value) -> str:
         case str():
             return str(TextLiteral(value))
         case float():
-            return f'{float(f"{value:.9g}")}'
+            return repr(float(value))
         case _:
             return str(value)
 

@@ -10,7 +10,9 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from typing import Any, ClassVar, TypeAlias
 
-from dyknow_common import SyntaxNode, format_duration
+from dyknow_common import NANOSECONDS, SyntaxNode, format_duration
+
+_MICROSECOND = NANOSECONDS['us']
 
 
 @dataclass(frozen=True, slots=True)
@@ -21,8 +23,20 @@ class Interval:
     end: int | None = None
 
     def __str__(self) -> str:
-        end = 'inf' if self.end is None else format_duration(self.end)
-        return f'[{format_duration(self.start)}, {end}]'
+        opening, closing = '(' if self.excludes_start else '[', ')' if self.excludes_end else ']'
+        start = format_duration(self.start - self.excludes_start)
+        end = 'inf' if self.end is None else format_duration(self.end + self.excludes_end)
+        return f'{opening}{start}, {end}{closing}'
+
+    @property
+    def excludes_start(self) -> bool:
+        """True if the text excludes the start with a round bracket: 1 ns after a whole us."""
+        return self.start % _MICROSECOND == 1
+
+    @property
+    def excludes_end(self) -> bool:
+        """True if the text excludes the end with a round bracket: 1 ns before a whole us."""
+        return self.end is not None and self.end % _MICROSECOND == _MICROSECOND - 1
 
     @property
     def suffix(self) -> str:

@@ -36,7 +36,7 @@ from dyknow_reasoning.language.formula import (
     Variable,
 )
 from dyknow_reasoning.language.symbols import feature_symbol
-from dyknow_reasoning.progression.atoms import NEGATED_COMPARISONS, fields
+from dyknow_reasoning.progression.atoms import NEGATED_COMPARISONS, fields, predicate
 from dyknow_reasoning.progression.bounds import Bound
 from dyknow_reasoning.progression.node_store import NodeStore
 from dyknow_reasoning.progression.nodes import FALSE, TRUE, Node, constant, slots
@@ -165,11 +165,25 @@ class _Translator:
         # Opposite comparisons share an atom.
         negative = formula.operator in {'!=', '>', '>='}
         operator = NEGATED_COMPARISONS[formula.operator] if negative else formula.operator
-        return self._literal(Comparison(operator, left, right), positive=not negative)
+        atom = Comparison(operator, left, right)
+        known = _value_without_state(atom)
+        if known is not None:
+            return constant(value=known is not negative)
+        return self._literal(atom, positive=not negative)
 
     def _literal(self, atom: Atom, *, positive: bool) -> Node:
         slot = self.slots.setdefault(atom, len(self.slots))
         return self._store.literal(slot, positive=positive)
+
+
+def _value_without_state(atom: Comparison) -> bool | None:
+    """Return the truth of a comparison of constants; None if it needs a state, or has no value."""
+    if next(fields(atom), None) is not None:
+        return None
+    try:
+        return predicate(atom, {})({})
+    except ReasoningError:
+        return None  # A division by zero is an error at the first state.
 
 
 def _substitute(term: Term, binding: Binding) -> Term:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
+from typing import Final
 
 from dyknow_common import DyKnowError, ValueType, check_unit, unit_conversion
 from dyknow_semantics.errors import SemanticsError
@@ -26,6 +27,28 @@ class FeatureSignature:
     argument_sorts: tuple[str, ...]
     value_type: ValueType
     unit: str = ''
+
+
+@dataclass(frozen=True, slots=True)
+class StatedSignature:
+    """The parts of a signature that a new feature states itself; it inherits the empty ones.
+
+    Args:
+        argument_sorts: names of sorts, or their IRIs.
+        value_type: one of the `ValueType`s.
+        unit: the unit of the values.
+    """
+
+    argument_sorts: tuple[str, ...] = ()
+    value_type: str = ''
+    unit: str = ''
+
+    def __bool__(self) -> bool:
+        return bool(self.argument_sorts or self.value_type or self.unit)
+
+
+INHERITED: Final = StatedSignature()
+"""The signature of a feature that states nothing itself; also that of a sort."""
 
 
 class SignatureReader:
@@ -76,9 +99,7 @@ class SignatureReader:
         value_type = self._inherited(lineage, name, vocabulary.VALUE_TYPE)
         if value_type not in list(ValueType):
             fault = f"has the value_type '{value_type}'" if value_type else 'has no value_type'
-            raise SemanticsError(
-                f"feature '{name}' {fault}; annotate it with one of {', '.join(ValueType)}"
-            )
+            raise SemanticsError(f"feature '{name}' {fault}; give it one of {', '.join(ValueType)}")
         unit = self._inherited(lineage, name, vocabulary.UNIT)
         try:
             if unit:
@@ -95,7 +116,7 @@ class SignatureReader:
         if vocabulary.NULLARY_FEATURE in lineage:
             return ()
         raise SemanticsError(
-            f"feature '{name}' has no argument sorts; annotate it with argument1, argument2, ..., "
+            f"feature '{name}' has no argument sorts; give it argument1, argument2, ..., "
             'or place it below NullaryFeature'
         )
 
@@ -142,7 +163,8 @@ def differences(feature: FeatureSignature, above: FeatureSignature) -> list[str]
     """Return the reasons why a stream of one feature cannot replace a stream of another one."""
     faults: list[str] = []
     if len(feature.argument_sorts) != len(above.argument_sorts):
-        faults.append('must have as many arguments')
+        number = len(above.argument_sorts)
+        faults.append(f'must have as many arguments ({number})')
     if not above.value_type.accepts(feature.value_type):
         faults.append(f'must have the same value_type ({above.value_type})')
     if not converts(feature.unit, above.unit):

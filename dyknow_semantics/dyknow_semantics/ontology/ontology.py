@@ -2,20 +2,26 @@
 
 from __future__ import annotations
 
-import re
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Collection, Iterable, Iterator
 from contextlib import ExitStack
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Self
 
-from dyknow_common import ExitCode
 from dyknow_semantics.errors import SemanticsError
+from dyknow_semantics.ontology.features import INHERITED, StatedSignature
 from dyknow_semantics.ontology.knowledge import Knowledge, Triple
 from dyknow_semantics.ontology.names import split_iri
+from dyknow_semantics.ontology.new_entities import (
+    check_concept_name,
+    checked_parents,
+    checked_signature,
+    new_iri,
+)
 from dyknow_semantics.ontology.reasoner import Draft
-from dyknow_semantics.ontology.sources import read_source
+from dyknow_semantics.ontology.sources import read_source, same_ontology, source_of_text
 from dyknow_semantics.ontology.store import (
+    ENTAILED_ONTOLOGY,
     RUNTIME_ONTOLOGY,
     Document,
     Row,
@@ -82,6 +88,24 @@ class Ontology:
         """Return the documents that `load` adds."""
         return read_with_imports(read_source(str(path_or_iri)), self._store.ontologies)
 
+    def read_text(self, text: str, format_: str = '') -> tuple[Document, ...]:
+        """Return the document in a text, for `add`; its imports must be loaded already.
+
+        Args:
+            text: RDF/XML, OWL/XML, N-Triples or Turtle.
+            format_: `rdfxml`, `owlxml`, `ntriples` or `turtle`; empty if it is to be recognised.
+
+        Raises:
+            SemanticsError: also for an ontology of DyKnow itself.
+        """
+        documents = read_with_imports(source_of_text(text, format_), self._store.ontologies)
+        for iri in (UPPER_ONTOLOGY, RUNTIME_ONTOLOGY, ENTAILED_ONTOLOGY):
+            if same_ontology(documents[0].iri, iri):
+                raise SemanticsError(
+                    f'the ontology <{iri}> is part of DyKnow; give yours another IRI'
+                )
+        return documents
+
     def add(self, documents: Iterable[Document]) -> None:
         """Add ontologies; each replaces its previous contents."""
         self._change(lambda: self._store.put(documents))
@@ -110,16 +134,29 @@ class Ontology:
         self._store.reopen()
         return True
 
-    def create_concept(self, name: str, parents: Iterable[str] = ()) -> tuple[str, ...]:
+    def create_concept(
+        self,
+        name: str,
+        parents: Collection[str] = (),
+        signature: StatedSignature = INHERITED,
+    ) -> tuple[str, ...]:
         """Add a concept below others.
 
+        Args:
+            name: its name.
+            parents: the concepts directly above; if empty, the concept is a sort, or with a
+                signature a feature directly below `Feature`.
+            signature: of a feature, with the names of its argument sorts.
+
         Raises:
-            SemanticsError: if the name exists, a parent is unknown, or the concept is a feature
-                that inherits no signature.
+            SemanticsError: if the name exists or is reserved, a parent or an argument sort is
+                unknown, or the signature is invalid, incomplete or contradicts that of a parent.
         """
-        above = tuple(map(self.knowledge.concept_names.iri, parents))
+        above = checked_parents(name, parents, signature, self.knowledge)
+        stated = checked_signature(name, above, signature, self.knowledge)
         iri = self._new_iri(name)
-        self._change(lambda: self._store.add_class(iri, above))
+        check_concept_name(iri)
+        self._change(lambda: self._store.add_class(iri, above, stated))
         return self._affected(iri, self.knowledge.superconcepts(iri))
 
     def destroy_concept(self, name: str) -> tuple[str, ...]:
@@ -221,20 +258,4 @@ class Ontology:
         return iri
 
     def _new_iri(self, name: str) -> str:
-        """Return the IRI of a new entity."""
-        knowledge = self.knowledge
-        if name in knowledge.concept_names or name in knowledge.instance_names:
-            raise SemanticsError(f"'{name}' already exists", ExitCode.ALREADY_EXISTS)
-        if '/' in name:
-            namespace, local = split_iri(name)
-        else:
-            namespace = RUNTIME_ONTOLOGY
-            prefix, colon, local = name.rpartition(':')
-            if colon:
-                namespace = knowledge.prefixes.namespace(prefix, self._store.ontologies)
-        if not re.fullmatch(r'[A-Za-z_][\w.-]*', local):
-            raise SemanticsError(
-                f"'{name}' is not a valid name; it must begin with a letter or _, "
-                'followed by letters, digits, _ . or -'
-            )
-        return namespace + local
+        return new_iri(name, self.knowledge, self._store.ontologies, RUNTIME_ONTOLOGY)

@@ -16,6 +16,7 @@ from xml.sax import SAXParseException
 from rdflib import Graph
 from rdflib.exceptions import ParserError
 from rdflib.plugins.parsers.notation3 import BadSyntax
+from rdflib.plugins.parsers.ntriples import NTGraphSink, W3CNTriplesParser
 
 from dyknow_semantics.errors import SemanticsError
 from dyknow_semantics.ontology.sources import OntologySource
@@ -58,15 +59,37 @@ def normalise(source: OntologySource, base: str) -> OntologyText:
     Raises:
         SemanticsError: if the text is malformed or in another format.
     """
-    if source.location.endswith(_TURTLE_EXTENSIONS) or _DIRECTIVE.match(source.text):
+    form = source.format or _recognised(source)
+    if form == 'turtle':
         # rdflib keeps only one of several prefixes of a namespace.
         declarations = re.findall(_TURTLE_PREFIX, source.text.decode(errors='replace'))
         content = _translate(source, 'turtle', base)
         prefixes = _usable_prefixes(declarations)
         return OntologyText(source.location, 'ntriples', content, prefixes)
-    if source.text.lstrip(b'\xef\xbb\xbf \t\r\n').startswith((b'<?', b'<!', b'<rdf:', b'<Onto')):
+    if form in _FORMAT_OF_ROOT.values():
         return _normalise_xml(source)
     return OntologyText(source.location, 'ntriples', source.text)
+
+
+def fault_in_ntriples(content: bytes) -> str:
+    """Return the first line of a text that is no statement in N-Triples, as a message, or ''."""
+    parser = W3CNTriplesParser(NTGraphSink(Graph()))
+    for number, line in enumerate(content.decode(errors='replace').splitlines(), 1):
+        try:
+            parser.parsestring(line)
+        except ParserError:
+            return (
+                f'line {number} is no statement in N-Triples; a text in Turtle begins with @prefix'
+            )
+    return ''
+
+
+def _recognised(source: OntologySource) -> str:
+    """Return the format of a text; for XML, its root shows later which of the two it is."""
+    if source.location.endswith(_TURTLE_EXTENSIONS) or _DIRECTIVE.match(source.text):
+        return 'turtle'
+    start = source.text.lstrip(b'\xef\xbb\xbf \t\r\n')
+    return 'rdfxml' if start.startswith((b'<?', b'<!', b'<rdf:', b'<Onto')) else 'ntriples'
 
 
 def _normalise_xml(source: OntologySource) -> OntologyText:

@@ -22,11 +22,20 @@ from owlready2.sparql.main import PreparedSelectQuery
 
 from dyknow_common import ExitCode
 from dyknow_semantics.errors import SemanticsError
+from dyknow_semantics.ontology.features import StatedSignature
 from dyknow_semantics.ontology.knowledge import Triple
 from dyknow_semantics.ontology.names import split_iri
-from dyknow_semantics.ontology.serialisations import OntologyText, normalise
+from dyknow_semantics.ontology.serialisations import OntologyText, fault_in_ntriples, normalise
 from dyknow_semantics.ontology.sources import OntologySource, read_import, same_ontology
-from dyknow_semantics.ontology.vocabulary import ONTOLOGY, PREFIX, TYPE
+from dyknow_semantics.ontology.vocabulary import (
+    ANNOTATION_PROPERTY,
+    ARGUMENT,
+    ONTOLOGY,
+    PREFIX,
+    TYPE,
+    UNIT,
+    VALUE_TYPE,
+)
 
 RUNTIME_ONTOLOGY: Final = 'http://www.dyknow.org/runtime#'
 """The ontology of the concepts and instances that are created at run time."""
@@ -164,11 +173,12 @@ class Store:
                     ontology.save(file, format='ntriples', commit=False)
             return file.getvalue()
 
-    def add_class(self, iri: str, parents: tuple[str, ...]) -> None:
-        """Add a class below others."""
+    def add_class(self, iri: str, parents: tuple[str, ...], signature: StatedSignature) -> None:
+        """Add a class below others, with the signature of a feature."""
         with _suppressed_output(), self._namespace(iri):
             above = tuple(self._world[parent] for parent in parents)
             new_class(split_iri(iri)[1], above or (owlready2.Thing,))
+        self._add_signature(iri, signature)
 
     def add_individual(self, iri: str, classes: tuple[str, ...]) -> None:
         """Add an individual of at least one class."""
@@ -215,6 +225,20 @@ class Store:
         if len(rows) > _MAX_ROWS:
             raise SemanticsError(f'the SPARQL query has more than {_MAX_ROWS} solutions')
         return tuple(variable.removeprefix('?') for variable in query.column_names), rows
+
+    def _add_signature(self, iri: str, signature: StatedSignature) -> None:
+        runtime = self._world.get_ontology(RUNTIME_ONTOLOGY)
+        number_of = runtime._abbreviate  # noqa: SLF001 - no public equivalent, also below
+        for index, sort in enumerate(signature.argument_sorts, 1):
+            argument = f'{ARGUMENT}{index}'
+            # The upper ontology declares the first few arguments only.
+            if self._world[argument] is None:
+                declaration = map(number_of, (argument, TYPE, ANNOTATION_PROPERTY))
+                runtime._add_obj_triple_spo(*declaration)  # noqa: SLF001
+            runtime._add_obj_triple_spo(*map(number_of, (iri, argument, sort)))  # noqa: SLF001
+        for predicate, text in ((VALUE_TYPE, signature.value_type), (UNIT, signature.unit)):
+            if text:
+                runtime._add_data_triple_spod(number_of(iri), number_of(predicate), text, 0)  # noqa: SLF001
 
     def _namespace(self, iri: str) -> Any:
         runtime = self._world.get_ontology(RUNTIME_ONTOLOGY)
@@ -272,6 +296,8 @@ def _parse(ontology: Any, text: OntologyText) -> str:
     except OwlReadyError as error:
         words = error.args[-1]
         reason = str(words[0] if isinstance(words, tuple) else words).replace('???', text.location)
+        if text.format == 'ntriples':
+            reason = f'{text.location}: {fault_in_ntriples(text.content) or reason}'
         raise SemanticsError(f'cannot read an ontology: {reason}') from None
     if not iri:
         raise SemanticsError(

@@ -20,6 +20,7 @@ from dyknow_common.ros import DyKnowNode
 from dyknow_semantics.errors import SemanticsError
 from dyknow_semantics.ontology.ontology import Ontology
 from dyknow_semantics.ontology.reasoner import ReasonerProcess
+from dyknow_semantics.ontology.store import Document
 from dyknow_semantics.ros.worker import Worker
 
 
@@ -72,13 +73,13 @@ class Inference:
         self._reasoner_thread.close()
         self._ontology_thread.close()
 
-    async def load(self, path_or_iri: str) -> None:
-        """Load an ontology, if it is consistent with the others.
+    async def load(self, read: Callable[..., tuple[Document, ...]], *arguments: str) -> None:
+        """Load the documents that a function reads, if they are consistent with the others.
 
         Raises:
-            SemanticsError: if it cannot be read, or is inconsistent.
+            SemanticsError: if they cannot be read, or are inconsistent.
         """
-        documents = await self._ontology_thread.run(self._ontology.read, path_or_iri)
+        documents = await self._ontology_thread.run(read, *arguments)
         if self._reasoner is None:
             await self._ontology_thread.run(self._ontology.add, documents)
         else:

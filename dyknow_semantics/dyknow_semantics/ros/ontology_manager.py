@@ -19,6 +19,7 @@ from dyknow_interfaces.srv import (
 
 from dyknow_common.ros import RUNNING, DyKnowNode, run
 from dyknow_semantics.errors import SemanticsError
+from dyknow_semantics.ontology.features import StatedSignature
 from dyknow_semantics.ontology.ontology import Ontology
 from dyknow_semantics.ontology.reasoner import Reasoner, ReasonerProcess
 from dyknow_semantics.ros.inference import Inference
@@ -74,8 +75,12 @@ class OntologyManager(DyKnowNode):
         super().destroy_node()
 
     async def _create_concept(self, request: Any, _response: Any) -> None:
+        sorts = tuple(request.argument_sorts)
         await self._inference.change(
-            self._ontology.create_concept, request.concept_name, tuple(request.parent_concepts)
+            self._ontology.create_concept,
+            request.concept_name,
+            tuple(request.parent_concepts),
+            StatedSignature(sorts, request.value_type, request.unit),
         )
 
     async def _destroy_concept(self, request: Any, _response: Any) -> None:
@@ -96,9 +101,15 @@ class OntologyManager(DyKnowNode):
         response.concepts = list(self._ontology.knowledge.concepts(request.instance_name))
 
     async def _load(self, request: Any, _response: Any) -> None:
-        if not request.path_or_iri:
-            raise SemanticsError('path_or_iri is empty; give the path or the IRI of an ontology')
-        await self._inference.load(request.path_or_iri)
+        path_or_iri, content = request.path_or_iri, request.content
+        if bool(path_or_iri) == bool(content):
+            raise SemanticsError(
+                'give either path_or_iri, the path or the IRI of an ontology, or its content'
+            )
+        if content:
+            await self._inference.load(self._ontology.read_text, content, request.format)
+        else:
+            await self._inference.load(self._ontology.read, path_or_iri)
 
     async def _query(self, request: Any, response: Any) -> None:
         variables, rows = await self._inference.query(request.sparql)

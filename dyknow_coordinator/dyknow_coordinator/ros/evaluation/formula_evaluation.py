@@ -151,7 +151,7 @@ class FormulaEvaluation(Evaluation):
         else:
             self.decide(
                 Verdict(result.verdict),
-                time_to_nanoseconds(result.decided_at),
+                time_to_nanoseconds(result.decided_at) or None,
                 result.explanation,
             )
 

@@ -74,15 +74,13 @@ def verdict_to_message(verdict: PlanVerdict) -> Any:
 
 def verdict_from_message(message: Any) -> PlanVerdict:
     """Return the verdict in a PlanVerdict message."""
-    verdict = Verdict(message.verdict)
-    decided = verdict is not Verdict.UNDECIDED
     return PlanVerdict(
         position=FormulaPosition(message.action, message.formula_name),
         formula=message.formula,
         phase=PlanPhase(message.phase),
-        verdict=verdict,
+        verdict=Verdict(message.verdict),
         presumably_false=message.presumably_false,
-        decided_at=time_to_nanoseconds(message.decided_at) if decided else None,
+        decided_at=time_to_nanoseconds(message.decided_at) or None,
         explanation=message.explanation,
         error=error_from_status(message.exit_status),
     )

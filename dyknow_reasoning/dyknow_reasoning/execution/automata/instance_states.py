@@ -96,11 +96,13 @@ class DecidingMoment:
         before: the instance before this state.
         symbol: the truth of the atoms at this state, as bits.
         valid_time: the valid time of this state, in nanoseconds.
+        previous: the valid time of the state before; unused if the instance is fresh.
     """
 
     before: InstanceState
     symbol: int
     valid_time: int
+    previous: int
 
 
 @dataclass(frozen=True, slots=True)

@@ -89,10 +89,11 @@ class Batch:
         self, symbols: Array, now: int, elapsed: int, *, regular: bool
     ) -> list[InstanceVerdict]:
         """Progress the instances over a state; the arguments are those of `SingleInstance.step`."""
-        vectors = self._vectors_for(now - elapsed, regular=regular)
+        previous = now - elapsed
+        vectors = self._vectors_for(previous, regular=regular)
         decided = vectors.step(symbols, now, elapsed)
         self._origins.update(vectors, now)
-        return [self._verdict(each, int(symbols[each.row]), now) for each in decided]
+        return [self._verdict(each, int(symbols[each.row]), now, previous) for each in decided]
 
     def not_of(self, formulas: Collection[int]) -> Array:
         """Return a mask of the instances of all other formulas."""
@@ -139,11 +140,11 @@ class Batch:
             self._vectors = vectors.clocked(self.template.automaton, latest)
         return self._vectors
 
-    def _verdict(self, decided: Decided, symbol: int, now: int) -> InstanceVerdict:
+    def _verdict(self, decided: Decided, symbol: int, now: int, previous: int) -> InstanceVerdict:
         instance, location = self._instances[decided.row], decided.location
         origins = self._origins.of(decided.row, location)
         before = InstanceState(instance, self.template, location, decided.times, origins)
-        moment = DecidingMoment(before, symbol & location.node.mask, now)
+        moment = DecidingMoment(before, symbol & location.node.mask, now, previous)
         return InstanceVerdict(instance, decided.holds, moment)
 
     def _read(self, instance: FormulaInstance, location: Location, values: Values) -> int:

@@ -1,0 +1,81 @@
+"""Concepts that a client creates, without any file, from their creation to a verdict."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import pytest
+from dyknow_interfaces import srv
+from dyknow_interfaces.msg import ExitStatus
+from std_msgs.msg import Float64
+
+from commands import command, running
+from dyknow_bringup.resources import executable_path
+from services import assert_refused
+from system import Client, private_environment
+
+EXAMPLE = Path(__file__).parent.parent / 'docs' / 'examples' / 'name_a_feature.py'
+FORMULA = 'forall b in Boat: always[0 s, 1 s] Draught[b] < 2.5'
+
+
+@contextmanager
+def dyknow_with_a_boat(folder: Path) -> Iterator[tuple[Client, dict[str, str]]]:
+    """Run DyKnow with a store and without any other file, and publish the draught of a boat."""
+    environment = private_environment()
+    with running(command('dyknow', 'up', '--store', str(folder)), environment) as process:
+        assert process.stdout is not None
+        assert 'DyKnow runs' in process.stdout.readline()
+        client = Client(environment)
+        publisher = client.node.create_publisher(Float64, '/boat1/draught', 10)
+        client.node.create_timer(0.1, lambda: publisher.publish(Float64(data=120.0)))
+        client.wait_for_coordinator()
+        yield client, environment
+        client.close()
+
+
+def output(client: Client, line: list[str], environment: dict[str, str]) -> str:
+    """Return the output of a successful command, while the topics are published."""
+    process = subprocess.Popen(
+        line,
+        env={**os.environ, **environment},
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+    )
+    client.spin_until(lambda: process.poll() is not None, ' '.join(line), 90.0)
+    printed = process.communicate()[0]
+    assert process.returncode == 0, printed
+    return printed
+
+
+@pytest.mark.timeout(300)
+def test_the_example_and_a_restart_of_the_system(tmp_path: Path) -> None:
+    with dyknow_with_a_boat(tmp_path) as (client, environment):
+        printed = output(client, ['python3', str(EXAMPLE)], environment)
+        assert "TRUE for b = boat1: 'Draught[boat1] < 2.5' held at every state" in printed
+        needs_none = output(client, command('dyknow', 'evaluate', '2 < 3', '--json'), environment)
+        assert json.loads(needs_none)['decided_at_ns'] is None
+        text = output(client, command('dyknow', 'evaluate', '2 < 3'), environment)
+        assert text == 'true: it is true, whatever the states are\n'
+    with dyknow_with_a_boat(tmp_path) as (client, environment):
+        line = command('dyknow', 'evaluate', FORMULA, '--timeout', '30 s', '--json')
+        answer = json.loads(output(client, line, environment))
+        assert answer['verdict'] == 'true'
+        assert answer['decided_at_ns'] > 0
+        semantics = [str(executable_path('dyknow_semantics', 'semantics')), '--json']
+        concepts = json.loads(output(client, semantics, environment))['concepts']
+        [draught] = [each for each in concepts if each['name'] == 'Draught']
+        assert draught['text'] == 'Draught[Boat]: float in m'
+        assert draught['streams']
+        destroy = 'ontology_manager/concept_destroy'
+        refused = client.call(srv.ConceptDestroy, destroy, concept_name='Boat').exit_status
+        assert_refused(refused, ExitStatus.INVALID_ARGUMENT, 'instances boat1', 'features Draught')
+        done = client.call(srv.ConceptDestroy, destroy, concept_name='Draught').exit_status
+        assert done.code == ExitStatus.SUCCESS, done.message
+        [fault] = json.loads(output(client, semantics, environment))['faults'].values()
+        assert "unknown concept 'Draught'" in fault
