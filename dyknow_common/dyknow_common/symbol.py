@@ -4,6 +4,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import IntEnum
+from typing import Final
+
+FUNCTIONS: Final = frozenset(
+    {'abs', 'max', 'maximum', 'mean', 'min', 'minimum', 'sqrt', 'sum'}
+)
+"""Names of functions, which no feature and no stream may have."""
 
 
 class SymbolKind(IntEnum):
@@ -19,6 +25,9 @@ class Symbol:
     """A feature, a sort or an object that a formula mentions.
 
     The `str` of a ground feature is the name of its field in a state, `XYDist[uav1, uav2]`.
+
+    A quantifier without a sort, `forall u: ...`, has the sort `?u`: the one that the features of `u`
+    declare.
 
     Args:
         kind: feature, sort or object.

@@ -190,7 +190,13 @@ class _Quantifier(SyntaxNode):
     symbol: ClassVar[str]
 
     def __str__(self) -> str:
-        return f'{self.symbol} {self.variable} in {self.sort}: {operand_text(self.body)}'
+        sort = f' in {self.sort}' if self.is_sorted else ''
+        return f'{self.symbol} {self.variable}{sort}: {operand_text(self.body)}'
+
+    @property
+    def is_sorted(self) -> bool:
+        """True if the text gives the sort; otherwise it is `?` and the variable."""
+        return not self.sort.startswith('?')
 
 
 @dataclass(frozen=True, slots=True)

@@ -188,6 +188,11 @@ def _substitute(term: Term, binding: Binding) -> Term:
 def _objects(sort: str, domains: Domains) -> list[str]:
     """Return the objects of a sort, each once; raise ReasoningError for a sort without a domain."""
     if sort not in domains:
+        if variable := sort.removeprefix('?') if sort.startswith('?') else '':
+            raise ReasoningError(
+                f"the variable '{variable}' has no sort; write {variable} in SORT after forall or "
+                'exists'
+            )
         known = ', '.join(sorted(domains)) or 'none'
         raise ReasoningError(
             f"the sort '{sort}' has no domain (there are: {known}); give its objects"

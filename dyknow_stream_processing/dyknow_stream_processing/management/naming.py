@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Final
 
-from dyknow_common import LanguageError
+from dyknow_common import FUNCTIONS, LanguageError, shortened
 from dyknow_stream_processing.errors import StreamError
 from dyknow_stream_processing.language.parsing import parse_specification
 from dyknow_stream_processing.language.specification import SinkDeclaration, StreamReference
@@ -23,9 +23,13 @@ def check_name(name: str) -> None:
         declarations = parse_specification(f'sink {name}').declarations
     except LanguageError:
         declarations = ()
-    if name.startswith('_') or declarations != (SinkDeclaration(StreamReference(name)),):
+    if name in FUNCTIONS:
         raise StreamError(
-            f"'{name}' cannot be the name of a stream; use letters, digits and _, beginning with "
+            f"'{name}' cannot be the name of a stream: formulas would take it for a function"
+        )
+    if name.startswith('_') or name.endswith("'") or declarations != (SinkDeclaration(StreamReference(name)),):
+        raise StreamError(
+            f"'{shortened(name)}' cannot be the name of a stream; use letters, digits and _, beginning with "
             f'a letter, and no keyword of the stream language'
         )
 
