@@ -21,6 +21,8 @@ from dyknow_common.field_paths import absence, all_elements, listed_as
 from dyknow_common.parsing import (
     MAX_CHARACTERS,
     MAX_DEPTH,
+    MAX_FORMULA_PARTS,
+    MAX_STREAM_PARTS,
     MAX_WORDS,
     NOWHERE,
     ConstraintBuilder,
@@ -51,6 +53,8 @@ __all__ = [
     'MAX_DEPTH',
     'MAX_DIGITS',
     'MAX_DURATION_NS',
+    'MAX_FORMULA_PARTS',
+    'MAX_STREAM_PARTS',
     'MAX_WORDS',
     'NANOSECONDS',
     'NOWHERE',

@@ -37,6 +37,12 @@ MAX_CHARACTERS: Final = 1_000_000
 MAX_WORDS: Final = 200_000
 """The number of words and symbols in a text, which bounds the time to parse it."""
 
+MAX_STREAM_PARTS: Final = 200_000
+"""The number of parts of the streams of a text, each with all streams that it is made of."""
+
+MAX_FORMULA_PARTS: Final = 1_000_000
+"""The number of parts of a formula for all objects that its variables range over."""
+
 MAX_DEPTH: Final = 100
 """The depth to which a text nests, and so to which functions may recurse over its syntax."""
 
@@ -89,6 +95,9 @@ class SyntaxNode:
     """A part of the abstract syntax; nodes that differ in their positions only are equal."""
 
     position: TextPosition = field(default=NOWHERE, compare=False)
+
+
+Node = TypeVar('Node', bound=SyntaxNode)
 
 
 class LanguageError(DyKnowError):
@@ -190,9 +199,7 @@ class Language:
         with self.errors_in(text):
             self._check_characters(text)
             try:
-                tree = self._tree(text)
-                self._check_depth(tree)
-                return builder.transform(tree)
+                return builder.transform(self._tree(text))
             except VisitError as error:
                 raise error.orig_exc from None
             except UnexpectedCharacters as error:
@@ -226,14 +233,23 @@ class Language:
             raise self._unexpected_token(text, error, parser.accepts()) from None
         return tree
 
-    def _check_depth(self, tree: Tree[Token]) -> None:
-        pending = [(tree, 1)]
+    def check_depth(self, root: Node, parts: Callable[[Node], Iterable[Node]]) -> None:
+        """Check that functions may recurse over a part of the abstract syntax.
+
+        Args:
+            root: the part.
+            parts: returns the parts of a part.
+
+        Raises:
+            PositionedError: for the first part that is too deep.
+        """
+        pending = [(root, 1)]
         while pending:
             node, depth = pending.pop()
             if depth > MAX_DEPTH:
                 message = f'the {self.name} nests deeper than {MAX_DEPTH} levels; split it'
-                raise PositionedError(message, TextPosition.of(node.meta))
-            pending += [(each, depth + 1) for each in node.children if isinstance(each, Tree)]
+                raise PositionedError(message, node.position)
+            pending += [(each, depth + 1) for each in parts(node)]
 
     @contextmanager
     def errors_in(self, text: str) -> Iterator[None]:

@@ -37,21 +37,29 @@ def parse_formula(text: str) -> Formula:
         LanguageError: with the position, for a text that is not a formula.
     """
     with LANGUAGE.errors_in(text):
-        return resolve(_formula(LANGUAGE.parse(text, _FormulaBuilder())))
+        formula = _formula(LANGUAGE.parse(text, _FormulaBuilder()))
+        LANGUAGE.check_depth(formula, syntax.parts)
+    return resolve(formula)
+
+
+def _shown(node: Formula | Term) -> str:
+    """Return the text of a node for a message."""
+    LANGUAGE.check_depth(node, syntax.parts)
+    return shortened(node)
 
 
 def _formula(node: Formula | Term) -> Formula:
     match node:
         case syntax.Number() | syntax.Arithmetic():
             raise PositionedError(
-                f"'{shortened(node)}' is a number, not a formula; compare it with another", node.position
+                f"'{_shown(node)}' is a number, not a formula; compare it with another", node.position
             )
         case syntax.TextLiteral():
             raise PositionedError(
-                f'{shortened(node)} is a string, not a formula; compare it with another', node.position
+                f'{_shown(node)} is a string, not a formula; compare it with another', node.position
             )
         case syntax.Object() | syntax.Variable():  # pragma: no cover - never an operand here
-            raise PositionedError(f"'{shortened(node)}' is an object, not a formula", node.position)
+            raise PositionedError(f"'{_shown(node)}' is an object, not a formula", node.position)
         case _:
             return node
 
@@ -60,7 +68,7 @@ def _term(node: Formula | Term) -> Term:
     if isinstance(node, Term):
         return node
     raise PositionedError(
-        f"'{shortened(node)}' is a formula, not a value; join formulas with '<->', 'and', 'or'", node.position
+        f"'{_shown(node)}' is a formula, not a value; join formulas with '<->', 'and', 'or'", node.position
     )
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from operator import attrgetter
 from typing import Any
 
 from lark import Token
@@ -41,7 +42,12 @@ def parse_specification(text: str) -> Specification:
     Raises:
         LanguageError: with the position and what was expected there.
     """
-    return Specification(LANGUAGE.parse(text, _SpecificationBuilder()), text=text)
+    declarations = LANGUAGE.parse(text, _SpecificationBuilder())
+    with LANGUAGE.errors_in(text):
+        for each in declarations:
+            if isinstance(each, syntax.StreamDeclaration | syntax.SinkDeclaration):
+                LANGUAGE.check_depth(each.stream, attrgetter('inputs'))
+    return Specification(declarations, text=text)
 
 
 @dataclass(frozen=True, slots=True)

@@ -55,6 +55,16 @@ class NamingConvention:
         """Return the topic of a stream; it is relative if the pattern is."""
         return self.pattern.replace(_PLACEHOLDER, name)
 
+    def name(self, topic: str) -> str | None:
+        """Return the possible name of the stream of an absolute topic; `None` if it has none."""
+        before, after = self.pattern.split(_PLACEHOLDER)
+        _, found, name = topic.removesuffix(after).rpartition('/' + before.lstrip('~/'))
+        try:
+            check_name(name)
+        except StreamError:
+            return None
+        return name if found and topic.endswith(after) else None
+
     def matches(self, name: str, topic: str) -> bool:
         """Return true if a topic is that of a stream in some namespace."""
         return f'/{topic}'.endswith('/' + self.topic(name).lstrip('/'))
