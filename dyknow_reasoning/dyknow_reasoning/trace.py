@@ -8,13 +8,15 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from decimal import Decimal, InvalidOperation
 
-from dyknow_common import SECOND_NS, LanguageError, Value
+from dyknow_common import MAX_DIGITS, SECOND_NS, LanguageError, Value, shortened
 from dyknow_reasoning.errors import ReasoningError
 from dyknow_reasoning.language.parsing import parse_formula
 
 _UNITS = {'time_ns': Decimal(1), 'time_s': Decimal(SECOND_NS)}
-_INTEGER = re.compile(r'[+-]?\d+')
-_DECIMAL = re.compile(r'[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?|nan|[+-]?inf', re.IGNORECASE)
+_INTEGER = re.compile(rf'[+-]?[0-9]{{1,{MAX_DIGITS}}}')
+_DECIMAL = re.compile(
+    r'[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)(e[+-]?[0-9]+)?|nan|[+-]?inf', re.IGNORECASE
+)
 _BOOLEANS = {'true': True, 'false': False}
 
 
@@ -44,10 +46,13 @@ def read_trace(lines: Iterable[str]) -> Iterator[RecordedState]:
         ReasoningError: for an invalid trace, with the line.
     """
     rows = csv.reader(lines, skipinitialspace=True)
-    columns = _columns(next(rows, []))
-    for row in rows:
-        if row:
-            yield _state(row, columns, f'line {rows.line_num}')
+    try:
+        columns = _columns(next(rows, []))
+        for row in rows:
+            if row:
+                yield _state(row, columns, f'line {rows.line_num}')
+    except csv.Error as error:
+        raise ReasoningError(f'line {rows.line_num}: {error}') from None
 
 
 def _columns(header: Sequence[str]) -> list[str]:
@@ -56,16 +61,18 @@ def _columns(header: Sequence[str]) -> list[str]:
     if sum(name in _UNITS for name in names) != 1:
         raise ReasoningError(
             'line 1: a trace has one column of times, time_ns or time_s; '
-            f'this one has the columns: {", ".join(names) or "none"}'
+            f'this one has the columns: {shortened(", ".join(names)) or "none"}'
         )
     columns: list[str] = []
+    known: set[str] = set()
     for name in names:
         try:
             column = str(parse_formula(name))
         except LanguageError:
-            raise ReasoningError(f"line 1: the column '{name}' is not a ground feature") from None
-        if column in columns:
-            raise ReasoningError(f"line 1: there are two columns '{column}'; remove one")
+            raise ReasoningError(f"line 1: the column '{shortened(name)}' is not a ground feature") from None
+        if column in known:
+            raise ReasoningError(f"line 1: there are two columns '{shortened(column)}'; remove one")
+        known.add(column)
         columns.append(column)
     return columns
 
@@ -82,11 +89,11 @@ def _state(row: Sequence[str], columns: Sequence[str], where: str) -> RecordedSt
 def _nanoseconds(cell: str, clock: str, where: str) -> int:
     try:
         time = Decimal(cell) * _UNITS[clock]
-        if time == int(time):
+        if time.adjusted() < MAX_DIGITS and time == int(time):
             return int(time)
     except (InvalidOperation, ValueError, OverflowError):
         pass
-    raise ReasoningError(f"{where}: '{cell}' is not a whole number of nanoseconds, in {clock}")
+    raise ReasoningError(f"{where}: '{shortened(cell)}' is not a whole number of nanoseconds, in {clock}")
 
 
 def _value(cell: str) -> Value:

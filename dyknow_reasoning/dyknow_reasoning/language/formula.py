@@ -302,9 +302,11 @@ def with_changed_parts(node: Any, change: Callable[[Any], Any]) -> Any:
 
 def walk(node: Formula | Term) -> Iterator[Formula | Term]:
     """Yield a node and all nodes in it, in the order of the text."""
-    yield node
-    for part in parts(node):
-        yield from walk(part)
+    pending = [node]
+    while pending:
+        each = pending.pop()
+        yield each
+        pending.extend(reversed(parts(each)))
 
 
 def operand_text(node: Formula | Term) -> str:

@@ -47,7 +47,7 @@ class NamingConvention:
     def __post_init__(self) -> None:
         if self.pattern.count(_PLACEHOLDER) != 1:
             raise StreamError(
-                f"naming convention '{self.pattern}' must hold {_PLACEHOLDER} once, "
+                f"naming convention '{shortened(self.pattern)}' must hold {_PLACEHOLDER} once, "
                 f'such as dyknow/streams/{_PLACEHOLDER}'
             )
 
