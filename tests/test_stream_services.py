@@ -338,6 +338,7 @@ def test_a_published_stream_needs_no_registration(managed: Nodes) -> None:
         return bool(found.topic_name == '/dyknow/streams/external')
 
     managed.client.spin_until(known, 'the manager sees the topic', pause=POLL)
+    assert 'external' in streams(managed, MANAGER)
     samples = create(managed, 'convention', 'select data from external', MANAGER)
     managed.client.spin_until(lambda: bool(samples), 'a sample')
     managed.obtain(MANAGER, srv.StreamDestroy, stream_name='convention')

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Collection, Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, TypeVar
+from reprlib import Repr
+from typing import Any, Final, TypeVar
 
 import yaml
 
@@ -17,6 +19,10 @@ Point = tuple[float, float, float]
 """Coordinates or components along x, y and z (east, north, up)."""
 
 Element = TypeVar('Element')
+
+_SHORT: Final = Repr()
+_SHORT.maxlevel = 3
+_SHORT.maxstring = _SHORT.maxlong = _SHORT.maxother = 100
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,7 +49,9 @@ class YamlEntry:
     def mapping(self) -> dict[str, YamlEntry]:
         """Return the entries of a mapping with texts for keys."""
         if not isinstance(self.value, dict) or not all(isinstance(key, str) for key in self.value):
-            raise self.error(f'write a mapping from names to values instead of {self.value!r}')
+            raise self.error(
+                f'write a mapping from names to values instead of {_shown(self.value)}'
+            )
         return {key: self._entry(key, value) for key, value in self.value.items()}
 
     def record(
@@ -69,7 +77,7 @@ class YamlEntry:
     def items(self) -> list[YamlEntry]:
         """Return the entries of a list."""
         if not isinstance(self.value, list):
-            raise self.error(f'write a list instead of {self.value!r}')
+            raise self.error(f'write a list instead of {_shown(self.value)}')
         return [
             YamlEntry(self.path, f'{self.key}[{index}]', value)
             for index, value in enumerate(self.value)
@@ -78,26 +86,28 @@ class YamlEntry:
     def text(self) -> str:
         """Return a text that is not blank, without the space around it."""
         if not isinstance(self.value, str) or not self.value.strip():
-            raise self.error(f'write a text instead of {self.value!r}')
+            raise self.error(f'write a text instead of {_shown(self.value)}')
         return self.value.strip()
 
     def number(self) -> float:
         """Return a finite number."""
-        number = isinstance(self.value, int | float) and not isinstance(self.value, bool)
-        if not number or not math.isfinite(self.value):
-            raise self.error(f'write a number instead of {self.value!r}')
-        return float(self.value)
+        if isinstance(self.value, int | float) and not isinstance(self.value, bool):
+            with suppress(OverflowError):
+                number = float(self.value)
+                if math.isfinite(number):
+                    return number
+        raise self.error(f'write a number instead of {_shown(self.value)}')
 
     def whole_number(self) -> int:
         """Return a whole number that is not negative."""
         if not isinstance(self.value, int) or isinstance(self.value, bool) or self.value < 0:
-            raise self.error(f'write a whole number from 0 on instead of {self.value!r}')
+            raise self.error(f'write a whole number from 0 on instead of {_shown(self.value)}')
         return self.value
 
     def duration(self) -> int:
         """Return a duration that is not negative, in nanoseconds; it must have a unit."""
         if not isinstance(self.value, str):
-            raise self.error(f'write a duration, such as 20 s, instead of {self.value!r}')
+            raise self.error(f'write a duration, such as 20 s, instead of {_shown(self.value)}')
         try:
             duration = parse_duration(self.value)
         except ValueError as error:
@@ -115,7 +125,9 @@ class YamlEntry:
         """Return two durations after the start, the earlier one first, in nanoseconds."""
         begin, end = self._elements(YamlEntry.duration, 2, 'two times, [from, to]')
         if end <= begin:
-            raise self.error(f'the interval {self.value!r} is empty; write the earlier time first')
+            raise self.error(
+                f'the interval {_shown(self.value)} is empty; write the earlier time first'
+            )
         return begin, end
 
     def _elements(
@@ -123,7 +135,7 @@ class YamlEntry:
     ) -> list[Element]:
         elements = [read(entry) for entry in self.items()]
         if len(elements) != count:
-            raise self.error(f'write {description}, instead of {self.value!r}')
+            raise self.error(f'write {description}, instead of {_shown(self.value)}')
         return elements
 
     def _entry(self, key: str, value: Any) -> YamlEntry:
@@ -149,3 +161,11 @@ def read_document(path: Path) -> YamlEntry:
         raise BringupError(f'{path}{position}: not YAML: {error.problem}') from None
     except yaml.YAMLError as error:
         raise BringupError(f'{path}: not YAML: {error}') from None
+    # A number with thousands of digits, a day that does not exist, thousands of brackets.
+    except (ValueError, RecursionError) as error:
+        raise BringupError(f'{path}: a value cannot be read: {error}') from None
+
+
+def _shown(value: Any) -> str:
+    """Return a value for a message, which may be large, or contain itself."""
+    return _SHORT.repr(value)

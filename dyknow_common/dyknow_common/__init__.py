@@ -6,6 +6,8 @@ from dyknow_common.constraints import (
     StreamConstraints,
 )
 from dyknow_common.durations import (
+    MAX_DIGITS,
+    MAX_DURATION_NS,
     NANOSECONDS,
     SECOND_NS,
     format_duration,
@@ -14,23 +16,31 @@ from dyknow_common.durations import (
     round_duration,
     round_time,
 )
-from dyknow_common.errors import DyKnowError, ExitCode
+from dyknow_common.errors import DyKnowError, ExitCode, shortened
 from dyknow_common.field_paths import absence, all_elements, listed_as
 from dyknow_common.parsing import (
+    MAX_CHARACTERS,
+    MAX_DEPTH,
+    MAX_FORMULA_PARTS,
+    MAX_STREAM_PARTS,
+    MAX_WORDS,
     NOWHERE,
     ConstraintBuilder,
     Language,
     LanguageError,
     PositionedError,
+    SyntaxBuilder,
     SyntaxNode,
     TextPosition,
     builder,
+    comparison_value,
     distinct_settings,
     duration_value,
+    number_value,
     quoted,
     text_value,
 )
-from dyknow_common.reserved_words import FORMULA_WORDS, SSL_WORDS
+from dyknow_common.reserved_words import FORMULA_WORDS, FUNCTIONS, SSL_WORDS
 from dyknow_common.symbol import Symbol, SymbolKind
 from dyknow_common.text_files import open_text, read_file, read_text
 from dyknow_common.units import check_unit, unit_conversion
@@ -40,6 +50,14 @@ from dyknow_common.verdict import Verdict
 __all__ = [
     'CONSTRAINT_KINDS',
     'FORMULA_WORDS',
+    'FUNCTIONS',
+    'MAX_CHARACTERS',
+    'MAX_DEPTH',
+    'MAX_DIGITS',
+    'MAX_DURATION_NS',
+    'MAX_FORMULA_PARTS',
+    'MAX_STREAM_PARTS',
+    'MAX_WORDS',
     'NANOSECONDS',
     'NOWHERE',
     'NO_CONSTRAINTS',
@@ -54,6 +72,7 @@ __all__ = [
     'StreamConstraints',
     'Symbol',
     'SymbolKind',
+    'SyntaxBuilder',
     'SyntaxNode',
     'TextPosition',
     'Value',
@@ -63,11 +82,13 @@ __all__ = [
     'all_elements',
     'builder',
     'check_unit',
+    'comparison_value',
     'distinct_settings',
     'duration_value',
     'format_duration',
     'format_time',
     'listed_as',
+    'number_value',
     'open_text',
     'parse_duration',
     'quoted',
@@ -75,6 +96,7 @@ __all__ = [
     'read_text',
     'round_duration',
     'round_time',
+    'shortened',
     'text_value',
     'unit_conversion',
 ]

@@ -4,7 +4,10 @@ from __future__ import annotations
 
 import re
 from decimal import Decimal
+from fractions import Fraction
 from typing import Final
+
+from dyknow_common.errors import shortened
 
 SECOND_NS: Final = 1_000_000_000
 """One second in nanoseconds."""
@@ -19,7 +22,13 @@ NANOSECONDS: Final = {
 }
 """The units of time in texts, in nanoseconds."""
 
-_DURATION = re.compile(r'(?P<number>-?\d+(?:\.\d+)?)\s*(?P<unit>[a-z]*)')
+MAX_DURATION_NS: Final = (2**31 - 1) * SECOND_NS
+"""The longest duration in a text, and the latest time: the longest in a message of ROS."""
+
+MAX_DIGITS: Final = 100
+"""The number of characters of a number in a text."""
+
+_DURATION = re.compile(r'(?P<number>-?[0-9]+(?:\.[0-9]+)?)\s*(?P<unit>[A-Za-z]*)')
 
 
 def parse_duration(text: str) -> int:
@@ -28,17 +37,24 @@ def parse_duration(text: str) -> int:
     A bare number is in milliseconds, as in the paper.
 
     Raises:
-        ValueError: for a text that is not a duration, an unknown unit, or a part of a nanosecond.
+        ValueError: for a text that is not a duration, an unknown unit, a part of a nanosecond, or a
+            duration that is too long.
     """
+    shown = shortened(text)
     match = _DURATION.fullmatch(text.strip())
     if match is None:
-        raise ValueError(f"'{text}' is not a duration; write a number and a unit, such as 200 ms")
+        raise ValueError(f"'{shown}' is not a duration; write a number and a unit, such as 200 ms")
     unit = match['unit'] or 'ms'
     if unit not in NANOSECONDS:
+        unit = shortened(unit)
         raise ValueError(f"unknown unit of time '{unit}'; the units are {', '.join(NANOSECONDS)}")
-    nanoseconds = Decimal(match['number']) * NANOSECONDS[unit]
-    if nanoseconds != int(nanoseconds):
-        raise ValueError(f"'{text}' is not a whole number of nanoseconds")
+    if len(match['number']) > MAX_DIGITS:
+        raise ValueError(f'a number has at most {MAX_DIGITS} characters')
+    nanoseconds = Fraction(match['number']) * NANOSECONDS[unit]
+    if abs(nanoseconds) > MAX_DURATION_NS:
+        raise ValueError(f"'{shown}' is longer than {format_duration(MAX_DURATION_NS)} (68 years)")
+    if nanoseconds.denominator != 1:
+        raise ValueError(f"'{shown}' is not a whole number of nanoseconds")
     return int(nanoseconds)
 
 

@@ -2,7 +2,15 @@
 
 from __future__ import annotations
 
+import re
 from enum import IntEnum
+from typing import Final
+
+_MAX_QUOTED: Final = 100
+"""The number of characters of a name or a text that a message quotes."""
+
+_LONG_WORD: Final = re.compile(r'\S{300,}')
+_UNSENDABLE: Final = re.compile('[\x00\ud800-\udfff]')
 
 
 class ExitCode(IntEnum):
@@ -19,8 +27,17 @@ class ExitCode(IntEnum):
     INTERNAL_ERROR = 8
 
 
+def shortened(text: object) -> str:
+    """Return a text for a message: its beginning and end, if it is long."""
+    found = str(text)
+    half = _MAX_QUOTED // 2
+    return found if len(found) <= _MAX_QUOTED else f'{found[:half]}…{found[-half:]}'
+
+
 class DyKnowError(Exception):
     """An error that DyKnow raises on purpose.
+
+    Its message can be sent by ROS: long words in it are shortened.
 
     Args:
         message: names the thing at fault and the remedy.
@@ -28,7 +45,8 @@ class DyKnowError(Exception):
     """
 
     def __init__(self, message: str, code: ExitCode = ExitCode.INVALID_ARGUMENT) -> None:
-        super().__init__(message)
+        words = _LONG_WORD.sub(lambda word: shortened(word[0]), message)
+        super().__init__(_UNSENDABLE.sub('\ufffd', words))
         self.code = code
 
     @property

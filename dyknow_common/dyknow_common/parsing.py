@@ -12,6 +12,7 @@ it is and what the grammar accepts there:
 from __future__ import annotations
 
 import json
+import math
 import re
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
@@ -20,14 +21,40 @@ from functools import cached_property
 from importlib.resources import files
 from typing import Any, Final, TypeVar
 
-from lark import Lark, Token, Transformer, v_args
+from lark import Lark, Token, Tree, v_args
 from lark.exceptions import UnexpectedCharacters, UnexpectedToken, VisitError
+from lark.visitors import Transformer_NonRecursive
 
 from dyknow_common.constraints import CONSTRAINT_KINDS
-from dyknow_common.durations import parse_duration
-from dyknow_common.errors import DyKnowError, ExitCode
+from dyknow_common.durations import MAX_DIGITS, parse_duration
+from dyknow_common.errors import DyKnowError, ExitCode, shortened
 
-Tree = TypeVar('Tree')
+Syntax = TypeVar('Syntax')
+
+MAX_CHARACTERS: Final = 1_000_000
+"""The length of a text."""
+
+MAX_WORDS: Final = 200_000
+"""The number of words and symbols in a text, which bounds the time to parse it."""
+
+MAX_STREAM_PARTS: Final = 200_000
+"""The number of parts of the streams of a text, each with all streams that it is made of."""
+
+MAX_FORMULA_PARTS: Final = 1_000_000
+"""The number of parts of a formula for all objects that its variables range over."""
+
+MAX_DEPTH: Final = 100
+"""The depth to which a text nests, and so to which functions may recurse over its syntax."""
+
+_ASCII_COMPARISONS: Final = {'≠': '!=', '≤': '<=', '≥': '>='}
+
+_EXCERPT: Final = 100
+"""The number of characters of a line that an error shows."""
+
+_FORBIDDEN: Final = re.compile('[\x00-\x08\x0b\x0e-\x1f\ud800-\udfff]')
+"""Control characters, and halves of characters, which no message of ROS can hold."""
+
+_UNSENDABLE: Final = re.compile('[\x00\ud800-\udfff]')
 
 _ENDS: Final = ('$END', '<END-OF-FILE>')
 """The names of the end of a text in lark's parser and in its lexer."""
@@ -70,6 +97,9 @@ class SyntaxNode:
     position: TextPosition = field(default=NOWHERE, compare=False)
 
 
+Node = TypeVar('Node', bound=SyntaxNode)
+
+
 class LanguageError(DyKnowError):
     """A text that its language does not accept, or that has no meaning.
 
@@ -104,11 +134,18 @@ class PositionedError(Exception):
 def _with_caret(message: str, language: str, text: str, position: TextPosition) -> str:
     if position == NOWHERE:
         return f'{language}: {message}'
-    lines = text.splitlines() or ['']
-    line = lines[min(position.line, len(lines)) - 1]
+    lines = text.split('\n')
+    line = lines[min(position.line, len(lines)) - 1].rstrip('\r')
+    start = 0
+    if len(line) > _EXCERPT:
+        start = max(0, min(position.column - 1, len(line)) - _EXCERPT // 2)
+    shown = line[start : start + _EXCERPT]
+    before, after = '…' if start else '', '…' if start + _EXCERPT < len(line) else ''
+    shown = ''.join(each if each.isprintable() or each == '\t' else '\ufffd' for each in shown)
     # Tabs are kept in the indentation, so that the caret stands below its character.
-    indent = re.sub(r'[^\t]', ' ', line[: position.column - 1]).ljust(position.column - 1)
-    return f'{language}:{position}: {message}\n  {line}\n  {indent}^'
+    width = position.column - 1 - start
+    indent = ' ' * len(before) + re.sub(r'[^\t]', ' ', shown[:width]).ljust(width)
+    return f'{language}:{position}: {message}\n  {before}{shown}{after}\n  {indent}^'
 
 
 class Language:
@@ -148,7 +185,7 @@ class Language:
             import_paths=[str(files('dyknow_common'))],
         )
 
-    def parse(self, text: str, builder: Transformer[Tree]) -> Tree:
+    def parse(self, text: str, builder: SyntaxBuilder[Syntax]) -> Syntax:
         """Return the abstract syntax of a text.
 
         Args:
@@ -156,11 +193,13 @@ class Language:
             builder: has a method for each rule of the grammar; it may raise `PositionedError`.
 
         Raises:
-            LanguageError: with the position and what was expected there.
+            LanguageError: with the position and what was expected there; also for a text that is
+                too large.
         """
         with self.errors_in(text):
+            self._check_characters(text)
             try:
-                return builder.transform(self._parser.parse(text))
+                return builder.transform(self._tree(text))
             except VisitError as error:
                 raise error.orig_exc from None
             except UnexpectedCharacters as error:
@@ -168,8 +207,49 @@ class Language:
                 character = text[error.pos_in_stream or 0]
                 message = f'unexpected character {character!r}{expected}'
                 raise PositionedError(message, TextPosition.of(error)) from None
-            except UnexpectedToken as error:
-                raise self._unexpected_token(text, error) from None
+
+    def _check_characters(self, text: str) -> None:
+        if len(text) > MAX_CHARACTERS:
+            message = f'the {self.name} has more than {MAX_CHARACTERS} characters; split it'
+            raise PositionedError(message, _position_at(text, MAX_CHARACTERS))
+        if found := _FORBIDDEN.search(text):
+            message = f'unexpected character {found[0]!r}; remove it'
+            raise PositionedError(message, _position_at(text, found.start()))
+
+    def _tree(self, text: str) -> Tree[Token]:
+        parser = self._parser.parse_interactive(text)
+        last = None
+        try:
+            for count, last in enumerate(parser.iter_parse(), start=1):
+                if count > MAX_WORDS:
+                    message = (
+                        f'the {self.name} has more than {MAX_WORDS} words and symbols; split it'
+                    )
+                    raise PositionedError(message, TextPosition.of(last))
+            tree: Tree[Token] = parser.feed_eof(last)
+        except UnexpectedToken as error:
+            # The parser copies the values for each terminal that it tries.
+            parser.parser_state.value_stack[:] = [None] * len(parser.parser_state.value_stack)
+            raise self._unexpected_token(text, error, parser.accepts()) from None
+        return tree
+
+    def check_depth(self, root: Node, parts: Callable[[Node], Iterable[Node]]) -> None:
+        """Check that functions may recurse over a part of the abstract syntax.
+
+        Args:
+            root: the part.
+            parts: returns the parts of a part.
+
+        Raises:
+            PositionedError: for the first part that is too deep.
+        """
+        pending = [(root, 1)]
+        while pending:
+            node, depth = pending.pop()
+            if depth > MAX_DEPTH:
+                message = f'the {self.name} nests deeper than {MAX_DEPTH} levels; split it'
+                raise PositionedError(message, node.position)
+            pending += [(each, depth + 1) for each in parts(node)]
 
     @contextmanager
     def errors_in(self, text: str) -> Iterator[None]:
@@ -205,13 +285,15 @@ class Language:
         """Return a name as texts of the language have it: in quotes, unless it is a terminal."""
         return name if re.fullmatch(self.pattern(terminal), name) else quoted(name)
 
-    def _unexpected_token(self, text: str, error: Any) -> PositionedError:
-        expected = self._expected(error.accepts or error.expected)
+    def _unexpected_token(
+        self, text: str, error: UnexpectedToken, terminals: Iterable[str]
+    ) -> PositionedError:
+        expected = self._expected(terminals or error.expected)
         if error.token.type != '$END':
-            message = f'unexpected {str(error.token)!r}{expected}'
+            message = f'unexpected {shortened(error.token)!r}{expected}'
             return PositionedError(message, TextPosition.of(error.token))
-        lines = text.splitlines() or ['']
-        end = TextPosition(len(lines), len(lines[-1].rstrip()) + 1)
+        lines = text.rstrip().split('\n')
+        end = TextPosition(len(lines), len(lines[-1]) + 1)
         return PositionedError(f'unexpected end of the {self.name}{expected}', end)
 
     def _expected(self, terminals: Iterable[str] | None) -> str:
@@ -228,6 +310,11 @@ class Language:
         return f"'{self._parser.get_terminal(terminal).pattern.value}'"
 
 
+def _position_at(text: str, offset: int) -> TextPosition:
+    line_start = text.rfind('\n', 0, offset) + 1
+    return TextPosition(text.count('\n', 0, offset) + 1, offset - line_start + 1)
+
+
 def _build(method: Callable[..., Any], _rule: str, children: list[Any], meta: Any) -> Any:
     node = method(*children)
     if isinstance(node, SyntaxNode) and node.position == NOWHERE:
@@ -242,8 +329,15 @@ A node without a position gets that of the first token of its rule.
 """
 
 
+class SyntaxBuilder(Transformer_NonRecursive[Token, Syntax]):
+    """The base of builders; it has methods for rules, not for terminals."""
+
+    def __init__(self) -> None:
+        super().__init__(visit_tokens=False)
+
+
 @builder
-class ConstraintBuilder(Transformer[Tree]):
+class ConstraintBuilder(SyntaxBuilder[Syntax]):
     """A builder for the rule `constraint` of `common.lark`."""
 
     def constraint(self, name: Token, duration: Token) -> tuple[Token, int]:
@@ -269,7 +363,7 @@ def duration_value(token: Token) -> int:
     """Return the nanoseconds of a duration.
 
     Raises:
-        PositionedError: for an unknown unit, or a part of a nanosecond.
+        PositionedError: for an unknown unit, a part of a nanosecond, or one that is too long.
     """
     try:
         return parse_duration(token)
@@ -277,9 +371,43 @@ def duration_value(token: Token) -> int:
         raise PositionedError(str(error), TextPosition.of(token)) from None
 
 
+def number_value(token: Token) -> int | float:
+    """Return the value of a number.
+
+    Raises:
+        PositionedError: for one that is too long, or that a float cannot hold.
+    """
+    position = TextPosition.of(token)
+    if len(token) > MAX_DIGITS:
+        raise PositionedError(f'a number has at most {MAX_DIGITS} characters', position)
+    if not set(token) & set('.eE'):
+        return int(token)
+    number = float(token)
+    if math.isinf(number):
+        raise PositionedError(f"the number '{token}' is too large", position)
+    if number == 0 and re.match('-?[0.]*[1-9]', token):
+        raise PositionedError(f"the number '{token}' is too small; write 0", position)
+    return number
+
+
+def comparison_value(token: Token) -> str:
+    """Return a comparison in its ASCII spelling."""
+    return _ASCII_COMPARISONS.get(token, str(token))
+
+
 def text_value(token: Token) -> str:
-    """Return the text that a token stands for: the token itself, or the content of its quotes."""
-    return str(json.loads(token)) if token.type == 'QUOTED' else str(token)
+    """Return the text that a token stands for: the token itself, or the content of its quotes.
+
+    Raises:
+        PositionedError: for a text that no message of ROS can hold.
+    """
+    if token.type != 'QUOTED':
+        return str(token)
+    text = str(json.loads(token))
+    if found := _UNSENDABLE.search(text):
+        message = f'a text cannot hold the character {found[0]!r}; remove it'
+        raise PositionedError(message, TextPosition.of(token))
+    return text
 
 
 def quoted(text: str) -> str:

@@ -20,6 +20,9 @@ class Symbol:
 
     The `str` of a ground feature is the name of its field in a state, `XYDist[uav1, uav2]`.
 
+    A quantifier without a sort, `forall u: ...`, has the sort `?u`: the one that the features of `u`
+    declare.
+
     Args:
         kind: feature, sort or object.
         name: its name; of a syntactic reference, the canonical text, `uav1_power.power`.

@@ -8,7 +8,7 @@ from fractions import Fraction
 from functools import cache, lru_cache
 from typing import Any, Final
 
-from dyknow_common.errors import DyKnowError, ExitCode
+from dyknow_common.errors import DyKnowError, ExitCode, shortened
 
 # pint evaluates the numbers in a unit. Only small exponents are passed on, one each.
 _EXPONENT: Final = re.compile(r'(\^|\*\*)\s*-?\d{1,2}(?!\s*(\^|\*|\d))|\b1\b')
@@ -40,10 +40,11 @@ def unit_conversion(given: str, wanted: str) -> Callable[[float], float] | None:
     try:
         # In fractions, so that 1,000 ft are 304.8 m and not 304.79999999999995 m.
         origin, end = (_registry().convert(Fraction(each), one, other) for each in (0, 1))
-    # Dimensions, products of units with an origin, and logarithms each have their own errors.
+        factor, offset = float(end - origin), float(origin)
+    # Dimensions, products of units with an origin, logarithms and factors that are too large for a
+    # float each have their own errors.
     except Exception as error:
         raise DyKnowError(f"the unit '{given}' does not convert to '{wanted}'") from error
-    factor, offset = float(end - origin), float(origin)
     if (factor, offset) == (1.0, 0.0):
         return None
     return lambda value: value * factor + offset
@@ -70,6 +71,6 @@ def _parsed(unit: str) -> Any:
 
 def _unknown(unit: str) -> DyKnowError:
     return DyKnowError(
-        f"unknown unit '{unit}'; units are written as in m, ft, m/s^2, degC or %",
+        f"unknown unit '{shortened(unit)}'; units are written as in m, ft, m/s^2, degC or %",
         ExitCode.NOT_FOUND,
     )

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from decimal import Context, Decimal, Inexact, Overflow
 from typing import Any
 
-from dyknow_common import SECOND_NS, LanguageError, Value, ValueType
+from dyknow_common import SECOND_NS, LanguageError, Value, ValueType, shortened
 from dyknow_reasoning.errors import ReasoningError
 from dyknow_reasoning.language.formula import Feature, FieldReference
 from dyknow_reasoning.language.parsing import parse_formula
@@ -29,8 +29,6 @@ _TEXTS = {
 _NUMBER = (ValueType.INT, ValueType.FLOAT)
 _INFERRED = ((ValueType.BOOLEAN,), _NUMBER, (ValueType.STRING,))
 _LONGEST_INTEGER = len(str(-(2**63)))
-_SHOWN = 40
-"""Characters of a cell that an error shows."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -106,8 +104,8 @@ class _Column:
         try:
             return self._time(cell) if self.name in _UNITS else self._value(cell)
         except ValueError as error:
-            shown = cell if len(cell) <= _SHOWN else f'{cell[:_SHOWN]}...'
-            raise ReasoningError(f"{line}, column '{self.name}': {shown!r} {error}") from None
+            message = f"{line}, column '{self.name}': {shortened(cell)!r} {error}"
+            raise ReasoningError(message) from None
 
     def _time(self, cell: str) -> int:
         try:
@@ -157,12 +155,14 @@ def _columns(header: Sequence[str]) -> list[_Column]:
     for text in header:
         column = _Column(text)
         if column.name in {other.name for other in columns}:
-            raise ReasoningError(f"line 1: there are two columns '{column.name}'; remove one")
+            raise ReasoningError(
+                f"line 1: there are two columns '{shortened(column.name)}'; remove one"
+            )
         columns.append(column)
     if sum(column.name in _UNITS for column in columns) != 1:
         raise ReasoningError(
             'line 1: a trace has one column of times, time_ns or time_s; '
-            f'this one has the columns: {", ".join(header) or "none"}'
+            f'this one has the columns: {shortened(", ".join(header)) or "none"}'
         )
     return columns
 
@@ -178,7 +178,7 @@ def _canonical(name: str) -> str:
     except LanguageError:
         formula = None
     if not isinstance(formula, Feature | FieldReference):
-        raise ReasoningError(f"line 1: the column '{name}' is not a ground feature")
+        raise ReasoningError(f"line 1: the column '{shortened(name)}' is not a ground feature")
     return str(formula)
 
 

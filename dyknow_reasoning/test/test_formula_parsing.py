@@ -226,7 +226,7 @@ def test_bad_formulas_are_found() -> None:
     assert len(BAD_FORMULAS) > 30
 
 
-names = st.sampled_from(['p', 'Power', 'inf', 's', 'always_', 'U2'])
+names = st.sampled_from(['p', 'Power', "F'", "true''", 'inf', 's', 'always_', 'U2'])
 objects = st.sampled_from(['uav1', 'home']).map(Object)
 variables = st.sampled_from(['x', 'y']).map(Variable)
 features = st.one_of(
@@ -241,7 +241,8 @@ references = st.builds(
 numbers = st.one_of(
     st.integers(), st.floats(allow_nan=False, allow_infinity=False).filter(bool)
 ).map(Number)
-texts = st.text(st.characters(exclude_characters='\n', codec='utf-8'), max_size=5).map(TextLiteral)
+# No control characters.
+texts = st.text(st.characters(min_codepoint=0x20, codec='utf-8'), max_size=5).map(TextLiteral)
 leaves = st.one_of(numbers, texts, st.booleans().map(Truth), features, references)
 terms = st.recursive(
     leaves, lambda inner: st.builds(Arithmetic, st.sampled_from('+-*/'), inner, inner), max_leaves=4

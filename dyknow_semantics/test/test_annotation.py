@@ -114,7 +114,7 @@ NAMES = st.from_regex(r'[A-Za-z_][A-Za-z0-9_]{0,6}', fullmatch=True).filter(
     lambda name: name not in RESERVED
 )
 CONCEPTS = NAMES | st.builds('{}:{}'.format, NAMES, NAMES)
-TEXTS = st.text(max_size=8)
+TEXTS = st.text(st.characters(exclude_characters='\0', codec='utf-8'), max_size=8)
 PARTS = NAMES | st.builds('{}[{}]'.format, NAMES, st.integers(0, 99))
 FIELDS = st.lists(PARTS, min_size=1, max_size=3).map('.'.join) | TEXTS
 UNITS = st.none() | st.from_regex(r'[A-Za-z%°/^0-9*-]{0,6}', fullmatch=True)

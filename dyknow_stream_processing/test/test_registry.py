@@ -293,16 +293,55 @@ def test_the_convention_names_what_is_published() -> None:
     assert registry.topic('speed') == '/explicit'
 
 
+def test_the_convention_lists_what_is_published() -> None:
+    def published(topic: str) -> tuple[str, str] | None:
+        return None if topic.endswith('gone') else (f'/robot/{topic}', SAMPLE_TYPE)
+
+    registry = StreamRegistry(namespace='/robot', published=published)
+    registry.add(CreatedStream('waiting', 'sink a', NO_CONSTRAINTS))
+    registry.add(RegisteredStream('named', '/a', SAMPLE_TYPE))
+    topics = (
+        '/robot/dyknow/streams/external',
+        '/robot/dyknow/streams/external/violations',
+        '/robot/dyknow/streams/select',
+        '/robot/dyknow/streams/gone',
+        '/robot/dyknow/streams/waiting',
+        '/other/dyknow/streams/elsewhere',
+        '/robot/status',
+    )
+    assert registry.listed_names(topics) == ('external', 'named')
+
+
+@pytest.mark.parametrize(
+    ('pattern', 'topic', 'name'),
+    [
+        ('<name>', '/a', 'a'),
+        ('/<name>/data', '/a/data', 'a'),
+        ('/<name>/data', '/a/date', None),
+        ('~/made_<name>', '/node/made_a', 'a'),
+        ('streams/<name>', '/streams', None),
+        ('streams/<name>', '/streams/', None),
+    ],
+)
+def test_the_name_of_a_topic(pattern: str, topic: str, name: str | None) -> None:
+    assert NamingConvention(pattern).name(topic) == name
+
+
 @pytest.mark.parametrize('pattern', ['dyknow/streams', '', '<name>/<name>'])
 def test_a_convention_that_names_nothing(pattern: str) -> None:
     with pytest.raises(StreamError, match='must hold <name> once'):
         NamingConvention(pattern)
 
 
-@pytest.mark.parametrize('name', ['', 'two words', '1st', '_a', 'ä', 'a/b', 'select', 'sync'])
+@pytest.mark.parametrize('name', ['', 'two words', '1st', '_a', 'ä', 'a/b', 'select', 'sync', "S'"])
 def test_a_name_that_no_text_can_mention(name: str) -> None:
     with pytest.raises(StreamError, match=f"'{name}' cannot be the name of a stream"):
         check_name(name)
+
+
+def test_a_name_of_a_function() -> None:
+    with pytest.raises(StreamError, match='formulas would take it for a function'):
+        check_name('abs')
 
 
 def test_a_report_joins_what_the_manager_and_the_engine_know(registry: StreamRegistry) -> None:

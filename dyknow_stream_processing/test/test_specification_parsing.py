@@ -9,7 +9,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dyknow_common import NO_CONSTRAINTS, LanguageError, StreamConstraints, ValueType
+from dyknow_common import (
+    MAX_DURATION_NS,
+    NO_CONSTRAINTS,
+    LanguageError,
+    StreamConstraints,
+    ValueType,
+)
 from dyknow_stream_processing import (
     Approximation,
     Call,
@@ -46,22 +52,32 @@ sink uav1_state
 
 names = st.sampled_from(['a', 'b', 'uav1_power', 'S1', '_x'])
 field_names = st.sampled_from(
-    ['a', 'pose.position.z', 'points[2].x', 'ranges[0]', 'from', 'int', 'Power[uav1]', 'ä "x"', '1']
+    [
+        'a',
+        'pose.position.z',
+        'points[2].x',
+        'ranges[0]',
+        'from',
+        'int',
+        'Power[uav1]',
+        'ä "x"',
+        '1',
+        "F'",
+    ]
 )
-durations = st.integers(0, 10**19)
-values = (
-    st.booleans() | st.integers() | st.floats(allow_nan=False, allow_infinity=False) | st.text()
-)
+durations = st.integers(0, MAX_DURATION_NS)
+texts = st.text(st.characters(exclude_characters='\0', codec='utf-8'))
+values = st.booleans() | st.integers() | st.floats(allow_nan=False, allow_infinity=False) | texts
 
 
 @st.composite
 def constraints(draw: st.DrawFn) -> StreamConstraints:
-    start = draw(st.none() | st.integers(-(10**19), 10**19))
+    start = draw(st.none() | st.integers(-MAX_DURATION_NS, MAX_DURATION_NS))
     end = draw(st.none() | durations)
     period = draw(st.none() | st.integers(1, 10**12))
     return StreamConstraints(
         start_time=start,
-        end_time=end if start is None or end is None else start + end,
+        end_time=end if start is None or end is None else max(start, end),
         max_delay=draw(st.none() | durations),
         sample_period=period,
         sample_period_deviation=draw(st.none() | st.integers(0, period)) if period else None,
@@ -70,10 +86,10 @@ def constraints(draw: st.DrawFn) -> StreamConstraints:
 
 some_constraints = st.just(NO_CONSTRAINTS) | constraints()
 renamings = st.sampled_from(
-    [None, 'F%C%', '%id%', 'x.y', 'Power[%id%]', 'a b', '%pose.x%_%y%', '1']
+    [None, 'F%C%', '%id%', 'x.y', 'Power[%id%]', 'a b', '%pose.x%_%y%', '1', "F'", "F'%C'%"]
 )
 references = st.builds(StreamReference, names, constraints=some_constraints) | st.builds(
-    StreamReference, st.text(min_size=1), st.just(True), constraints=some_constraints
+    StreamReference, texts.filter(bool), st.just(True), constraints=some_constraints
 )
 selections = st.lists(st.builds(Selection, field_names, renamings), min_size=1, max_size=3)
 conditions = st.builds(
@@ -108,7 +124,7 @@ terms = st.recursive(references, _compound, max_leaves=6)
 typed_fields = st.builds(TypedField, field_names, st.sampled_from(ValueType))
 field_lists = st.lists(typed_fields, min_size=1, max_size=3, unique_by=lambda each: each.name)
 declarations = (
-    st.builds(SourceDeclaration, names | st.text(min_size=1), field_lists.map(tuple))
+    st.builds(SourceDeclaration, names | texts.filter(bool), field_lists.map(tuple))
     | st.builds(
         UnitDeclaration,
         names,

@@ -15,6 +15,7 @@ from dyknow_interfaces.srv import (
     FormulaGroupEvaluate,
     FormulaGroupExtractSymbols,
     FormulaGroupRemoveFormula,
+    OntologyQuery,
     StreamCreateFromSpec,
     StreamDestroy,
     StreamGetTopic,
@@ -27,7 +28,7 @@ from dyknow_stream_processing import in_namespace
 
 _SERVICES: Final = {
     'stream_manager': (StreamCreateFromSpec, StreamDestroy, StreamGetTopic),
-    'ontology_manager': (ConceptGetInstances,),
+    'ontology_manager': (ConceptGetInstances, OntologyQuery),
     'semantic_matching_engine': (FindAllMatchingStreams,),
     'stream_reasoning_engine': (
         FormulaGroupAddFormula,
@@ -94,6 +95,12 @@ class ServiceClients:
         """Return the objects of a sort."""
         response = await self.ontology_manager.call(ConceptGetInstances, concept_name=sort)
         return tuple(response.instances)
+
+    async def query(self, sparql: str) -> list[tuple[str, ...]]:
+        """Return the solutions of a query of the ontology."""
+        response = await self.ontology_manager.call(OntologyQuery, sparql=sparql)
+        values = iter(response.values)
+        return list(zip(*[values] * len(response.variables), strict=True))
 
     async def matching_streams(self, concept: str) -> tuple[str, ...]:
         """Return the specifications of the streams that match a concept, best first."""

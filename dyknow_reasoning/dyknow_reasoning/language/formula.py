@@ -204,7 +204,13 @@ class _Quantifier(SyntaxNode):
     symbol: ClassVar[str]
 
     def __str__(self) -> str:
-        return f'{self.symbol} {self.variable} in {self.sort}: {operand_text(self.body)}'
+        sort = f' in {self.sort}' if self.is_sorted else ''
+        return f'{self.symbol} {self.variable}{sort}: {operand_text(self.body)}'
+
+    @property
+    def is_sorted(self) -> bool:
+        """True if the text gives the sort; otherwise it is `?` and the variable."""
+        return not self.sort.startswith('?')
 
 
 @dataclass(frozen=True, slots=True)
@@ -310,9 +316,11 @@ def with_changed_parts(node: Any, change: Callable[[Any], Any]) -> Any:
 
 def walk(node: Formula | Term) -> Iterator[Formula | Term]:
     """Yield a node and all nodes in it, in the order of the text."""
-    yield node
-    for part in parts(node):
-        yield from walk(part)
+    pending = [node]
+    while pending:
+        each = pending.pop()
+        yield each
+        pending.extend(reversed(parts(each)))
 
 
 def operand_text(node: Formula | Term) -> str:

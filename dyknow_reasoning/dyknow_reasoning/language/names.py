@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import defaultdict
 from typing import Any
 
 from dyknow_reasoning.language.formula import (
@@ -35,11 +36,15 @@ def _object_names(formula: Formula) -> _Names:
     nodes = list(walk(formula))
     names = {node.name for node in nodes if isinstance(node, Object | Variable)}
     names |= {node.variable for node in nodes if isinstance(node, Forall | Exists)}
-    pairs = [pair for node in nodes if (pair := _compared_names(node))]
-    known = -1
-    while known != len(names):
-        known = len(names)
-        names.update(*(pair for pair in pairs if names & pair))
+    compared: dict[str, set[str]] = defaultdict(set)
+    for pair in map(_compared_names, nodes):
+        for name in pair:
+            compared[name] |= pair
+    pending = list(names)
+    while pending:
+        found = compared[pending.pop()] - names
+        names |= found
+        pending += found
     return frozenset(names)
 
 

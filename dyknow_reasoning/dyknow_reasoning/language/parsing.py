@@ -7,18 +7,23 @@ from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
-from lark import Token, Transformer
+from lark import Token
 
-from dyknow_common import NOWHERE, PositionedError, TextPosition, builder, duration_value
+from dyknow_common import (
+    FUNCTIONS,
+    PositionedError,
+    SyntaxBuilder,
+    TextPosition,
+    builder,
+    comparison_value,
+    duration_value,
+    number_value,
+    shortened,
+)
 from dyknow_reasoning.language import formula as syntax
 from dyknow_reasoning.language.formula import Formula, Interval, Term
 from dyknow_reasoning.language.grammar import LANGUAGE
 from dyknow_reasoning.language.names import resolve
-
-_ASCII_COMPARISONS = {'≠': '!=', '≤': '<=', '≥': '>='}
-
-_MAX_DEPTH = 100
-"""The depth to which functions may recurse over a formula."""
 
 
 def parse_formula(text: str) -> Formula:
@@ -32,33 +37,30 @@ def parse_formula(text: str) -> Formula:
         LanguageError: with the position, for a text that is not a formula.
     """
     with LANGUAGE.errors_in(text):
-        try:
-            formula = _formula(LANGUAGE.parse(text, _FormulaBuilder()))
-            shallow = _depth(formula) <= _MAX_DEPTH
-        except RecursionError:
-            shallow = False
-        if not shallow:
-            message = f'the formula nests deeper than {_MAX_DEPTH} levels; split it'
-            raise PositionedError(message, NOWHERE)
+        formula = _formula(LANGUAGE.parse(text, _FormulaBuilder()))
+        LANGUAGE.check_depth(formula, syntax.parts)
     return resolve(formula)
 
 
-def _depth(node: Formula | Term) -> int:
-    return 1 + max(map(_depth, syntax.parts(node)), default=0)
+def _shown(node: Formula | Term) -> str:
+    """Return the text of a node for a message."""
+    LANGUAGE.check_depth(node, syntax.parts)
+    return shortened(node)
 
 
 def _formula(node: Formula | Term) -> Formula:
     match node:
         case syntax.Number() | syntax.Arithmetic():
             raise PositionedError(
-                f"'{node}' is a number, not a formula; compare it with another", node.position
+                f"'{_shown(node)}' is a number, not a formula; compare it with another",
+                node.position,
             )
         case syntax.TextLiteral():
             raise PositionedError(
-                f'{node} is a string, not a formula; compare it with another', node.position
+                f'{_shown(node)} is a string, not a formula; compare it with another', node.position
             )
         case syntax.Object() | syntax.Variable():  # pragma: no cover - never an operand here
-            raise PositionedError(f"'{node}' is an object, not a formula", node.position)
+            raise PositionedError(f"'{_shown(node)}' is an object, not a formula", node.position)
         case _:
             return node
 
@@ -67,7 +69,8 @@ def _term(node: Formula | Term) -> Term:
     if isinstance(node, Term):
         return node
     raise PositionedError(
-        f"'{node}' is a formula, not a value; join formulas with '<->', 'and', 'or'", node.position
+        f"'{_shown(node)}' is a formula, not a value; join formulas with '<->', 'and', 'or'",
+        node.position,
     )
 
 
@@ -87,15 +90,15 @@ def _temporal(kind: Callable[..., Formula]) -> Callable[..., Formula]:
 
 def _quantifier(kind: Callable[..., Formula]) -> Callable[..., Formula]:
     def build(
-        _: object, _word: Token, variable: Token, sort: Token, body: Formula | Term
+        _: object, _word: Token, variable: Token, sort: Token | None, body: Formula | Term
     ) -> Formula:
-        return kind(str(variable), str(sort), _formula(body))
+        return kind(str(variable), str(sort or f'?{variable}'), _formula(body))
 
     return build
 
 
 @builder
-class _FormulaBuilder(Transformer[Any]):
+class _FormulaBuilder(SyntaxBuilder[Any]):
     """The builder of the abstract syntax: unbound names are features, arguments are objects."""
 
     equivalent = _connective(syntax.Equivalent)
@@ -115,11 +118,12 @@ class _FormulaBuilder(Transformer[Any]):
         return syntax.Not(_formula(body))
 
     def comparison(self, left: Formula | Term, operator: Token, right: Formula | Term) -> Formula:
-        symbol = _ASCII_COMPARISONS.get(operator, str(operator))
+        symbol = comparison_value(operator)
         return syntax.Comparison(symbol, _term(left), _term(right), position=left.position)
 
     def arithmetic(self, left: Formula | Term, operator: Token, right: Formula | Term) -> Term:
-        return syntax.Arithmetic(str(operator), _term(left), _term(right), position=left.position)
+        symbol = '*' if operator.type == 'TIMES' else str(operator)
+        return syntax.Arithmetic(symbol, _term(left), _term(right), position=left.position)
 
     def negative(self, minus: Token, operand: Formula | Term) -> Term:
         if isinstance(operand, syntax.Number):
@@ -127,10 +131,7 @@ class _FormulaBuilder(Transformer[Any]):
         return syntax.Arithmetic('-', syntax.Number(0), _term(operand))
 
     def number(self, token: Token) -> Term:
-        value = int(token) if token.isdigit() else float(token)
-        if value == float('inf'):
-            raise PositionedError(f"the number '{token}' is too large", TextPosition.of(token))
-        return syntax.Number(value)
+        return syntax.Number(number_value(token))
 
     def text(self, token: Token) -> Term:
         return syntax.TextLiteral(re.sub(r'\\(.)', r'\1', token[1:-1]))
@@ -149,9 +150,15 @@ class _FormulaBuilder(Transformer[Any]):
         return syntax.FieldReference(stream, path)
 
     def name(self, token: Token) -> Term:
-        return syntax.Feature(str(token))
+        return self.feature(token, ())
 
     def feature(self, token: Token, arguments: tuple[syntax.Object, ...]) -> Term:
+        if token in FUNCTIONS:
+            message = (
+                f"'{token}' is the name of a function, and formulas have none; apply a "
+                'computational unit in a stream, and use that stream'
+            )
+            raise PositionedError(message, TextPosition.of(token))
         return syntax.Feature(str(token), arguments)
 
     def arguments(self, *tokens: Token) -> tuple[syntax.Object, ...]:

@@ -8,6 +8,7 @@ alone is a boolean. A kind that the formula leaves open follows from the values 
 
 from __future__ import annotations
 
+from collections import defaultdict
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import StrEnum
@@ -69,6 +70,7 @@ class _TypeChecker:
         variables = {node.variable for node in quantifiers}
         sorts = {node.sort for node in quantifiers}
         objects = {node.name for node in nodes if isinstance(node, syntax.Object)}
+        _check_sorts(quantifiers, nodes)
         arities: dict[str, syntax.Feature] = {}
         for node in nodes:
             if isinstance(node, syntax.Feature):
@@ -93,12 +95,20 @@ class _TypeChecker:
     def infer_kinds(self, formula: Formula) -> None:
         """Check that every feature is used as one kind of value."""
         self._infer_use(formula)
-        comparisons = [node for node in walk(formula) if isinstance(node, syntax.Comparison)]
-        known = -1
-        while known != len(self.uses):
-            known = len(self.uses)
-            for comparison in comparisons:
+        comparisons: dict[str, list[syntax.Comparison]] = defaultdict(list)
+        for node in walk(formula):
+            if isinstance(node, syntax.Comparison):
+                self._infer_equality(node)
+                for side in (node.left, node.right):
+                    if isinstance(side, syntax.Feature | syntax.FieldReference):
+                        comparisons[_name(side)].append(node)
+        pending = list(self.uses)
+        for name in pending:  # The list grows in the loop.
+            for comparison in comparisons[name]:
+                known = len(self.uses)
                 self._infer_equality(comparison)
+                if len(self.uses) > known:
+                    pending.append(next(reversed(self.uses)))
 
     def _infer_use(self, node: Formula | Term) -> None:
         match node:
@@ -171,6 +181,22 @@ def _check_feature(node: syntax.Feature, variables: set[str], objects: set[str])
             f"'{node.name}' is an object elsewhere in the formula, and cannot be a feature here",
             node.position,
         )
+
+
+def _check_sorts(
+    quantifiers: list[syntax.Forall | syntax.Exists], nodes: list[Formula | Term]
+) -> None:
+    """Check that each variable without a sort is an argument of a feature, which has one."""
+    arguments = {
+        each.name for node in nodes if isinstance(node, syntax.Feature) for each in node.arguments
+    }
+    for node in quantifiers:
+        if not node.is_sorted and node.variable not in arguments:
+            raise PositionedError(
+                f"the sort of '{node.variable}' is unknown, as no feature has it as an argument; "
+                f'write {node.symbol} {node.variable} in SORT: ...',
+                node.position,
+            )
 
 
 def _check_arity(node: syntax.Feature, first: syntax.Feature) -> None:

@@ -195,7 +195,8 @@ class NodeStore:
         for key, windows in groups.items():
             if len(windows) > 1:
                 groups[key] = self._merged(windows, universal=universal)
-                flat = {member: None for member in flat if member not in windows}
+                replaced = set(windows)
+                flat = {member: None for member in flat if member not in replaced}
                 flat.update(dict.fromkeys(groups[key]))
         kinds = {kind for kind, _, _ in groups}
         if len(kinds) > 1 and self._contradictory(groups, universal=universal):

@@ -18,6 +18,7 @@ from dyknow_common import (
 
 _SPELLINGS: Final = {
     'CONCEPT': 'a name',
+    '_IN': "'in'",
     'UNIT': 'a unit such as [m]',
     'DURATION': 'a duration such as 100 ms',
 }

@@ -12,9 +12,17 @@ from collections.abc import Iterable
 from enum import StrEnum
 from typing import Any, Final
 
-from lark import Token, Transformer
+from lark import Token
 
-from dyknow_common import NOWHERE, Language, LanguageError, TextPosition, builder, text_value
+from dyknow_common import (
+    NOWHERE,
+    Language,
+    LanguageError,
+    SyntaxBuilder,
+    TextPosition,
+    builder,
+    text_value,
+)
 from dyknow_semantics.ontology.features import differences
 from dyknow_semantics.ontology.knowledge import Knowledge, Triple
 from dyknow_semantics.ontology.vocabulary import EQUIVALENT_CLASS, SAME_AS, SUBCLASS_OF
@@ -149,7 +157,7 @@ def _check_kinds(bridge: Bridge, knowledge: Knowledge) -> None:
 
 
 @builder
-class _BridgeBuilder(Transformer[Any]):
+class _BridgeBuilder(SyntaxBuilder[Any]):
     """The builder of the abstract syntax; it has a method for each rule of the grammar."""
 
     def start(self, *bridges: Bridge) -> tuple[Bridge, ...]:

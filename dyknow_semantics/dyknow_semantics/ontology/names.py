@@ -13,6 +13,9 @@ from dyknow_semantics.errors import SemanticsError
 _MAX_LISTED: Final = 10
 """The number of known names that a message lists if none is similar to an unknown one."""
 
+_MAX_COMPARED: Final = 200
+"""The length of a name that is compared with others."""
+
 
 def split_iri(iri: str) -> tuple[str, str]:
     """Return the namespace of an IRI, with the final `#` or `/`, and the local name."""
@@ -32,7 +35,10 @@ def suggestion(name: str, known: Mapping[str, str]) -> str:
 
     `known` holds the name to suggest for each known spelling.
     """
-    near = dict.fromkeys(known[each] for each in get_close_matches(name, sorted(known), n=6))
+    # The time to compare two names grows with the product of their lengths.
+    spellings = sorted(each for each in known if len(each) <= _MAX_COMPARED)
+    similar = get_close_matches(name, spellings, n=6) if len(name) <= _MAX_COMPARED else ()
+    near = dict.fromkeys(known[each] for each in similar)
     if near:
         return f'; did you mean {" or ".join(map(repr, list(near)[:3]))}?'
     names = sorted(set(known.values()))

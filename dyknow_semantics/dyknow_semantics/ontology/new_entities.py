@@ -7,7 +7,15 @@ from collections.abc import Collection, Iterable
 from dataclasses import replace
 from typing import Final
 
-from dyknow_common import FORMULA_WORDS, SSL_WORDS, DyKnowError, ExitCode, ValueType, check_unit
+from dyknow_common import (
+    FORMULA_WORDS,
+    FUNCTIONS,
+    SSL_WORDS,
+    DyKnowError,
+    ExitCode,
+    ValueType,
+    check_unit,
+)
 from dyknow_semantics.errors import SemanticsError
 from dyknow_semantics.ontology.features import StatedSignature
 from dyknow_semantics.ontology.knowledge import Knowledge
@@ -45,7 +53,7 @@ def new_iri(name: str, knowledge: Knowledge, namespaces: Iterable[str], default:
             f"'{name}' is not a valid name; it must begin with an ASCII letter or _, "
             'followed by ASCII letters, digits, _ . or -'
         )
-    if local in FORMULA_WORDS | SSL_WORDS:
+    if local in FORMULA_WORDS | SSL_WORDS | FUNCTIONS:
         raise SemanticsError(
             f"'{local}' is a reserved word of formulas or annotations; choose another name"
         )

@@ -32,7 +32,7 @@ _PREFIX: Final = f'{{{OWL}}}Prefix'
 _BASE: Final = '{http://www.w3.org/XML/1998/namespace}base'
 _TURTLE_EXTENSIONS: Final = ('.ttl', '.turtle')
 _DIRECTIVE: Final = re.compile(rb'(?:\s|#[^\n]*\n)*@?(?:prefix|base)\s', re.IGNORECASE)
-_TURTLE_PREFIX: Final = r'(?im)^\s*@?prefix\s+([\w.-]*):\s*<([^>\s]*)>'
+_TURTLE_PREFIX: Final = r'(?im)^[^\S\n]*@?prefix\s+([\w.-]*):\s*<([^>\s]*)>'
 _REASON: Final = re.compile(r'Bad syntax \((.*)\) at \^', re.DOTALL)
 
 

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, replace
+from operator import attrgetter
 from typing import Any
 
 from lark import Token
@@ -19,8 +19,10 @@ from dyknow_common import (
     Value,
     ValueType,
     builder,
+    comparison_value,
     distinct_settings,
     duration_value,
+    number_value,
     text_value,
 )
 from dyknow_stream_processing.language import specification as syntax
@@ -40,7 +42,12 @@ def parse_specification(text: str) -> Specification:
     Raises:
         LanguageError: with the position and what was expected there.
     """
-    return Specification(LANGUAGE.parse(text, _SpecificationBuilder()), text=text)
+    declarations = LANGUAGE.parse(text, _SpecificationBuilder())
+    with LANGUAGE.errors_in(text):
+        for each in declarations:
+            if isinstance(each, syntax.StreamDeclaration | syntax.SinkDeclaration):
+                LANGUAGE.check_depth(each.stream, attrgetter('inputs'))
+    return Specification(declarations, text=text)
 
 
 @dataclass(frozen=True, slots=True)
@@ -95,9 +102,11 @@ class _SpecificationBuilder(ConstraintBuilder[tuple[Declaration, ...]]):
         return syntax.StreamDeclaration(str(name), stream, position=TextPosition.of(name))
 
     def fields(self, *fields: syntax.TypedField) -> tuple[syntax.TypedField, ...]:
+        seen: dict[str, syntax.TypedField] = {}
         for field in fields:
-            if sum(field.name == other.name for other in fields) > 1:
-                raise PositionedError(f"field '{field.name}' is declared twice", field.position)
+            first = seen.setdefault(field.name, field)
+            if first is not field:
+                raise PositionedError(f"field '{field.name}' is declared twice", first.position)
         return fields
 
     def typed(self, name: Token, value_type: Token) -> syntax.TypedField:
@@ -144,7 +153,7 @@ class _SpecificationBuilder(ConstraintBuilder[tuple[Declaration, ...]]):
         return syntax.Selection(_name(field), None if renaming is None else _renaming(renaming))
 
     def condition(self, field: Token, comparison: Token, value: Token) -> syntax.Condition:
-        return syntax.Condition(_name(field), str(comparison), _value(value))
+        return syntax.Condition(_name(field), comparison_value(comparison), _value(value))
 
     def constraints(self, *settings: tuple[Token, Any]) -> _GivenConstraints:
         values = distinct_settings(settings)
@@ -181,9 +190,4 @@ def _value(token: Token) -> Value:
         return text_value(token)
     if token.type == 'TRUTH':
         return token.startswith('t')
-    if not set(token) & set('.eE'):
-        return int(token)
-    number = float(token)
-    if math.isinf(number):
-        raise PositionedError(f'{token} is too large for a float', TextPosition.of(token))
-    return number
+    return number_value(token)

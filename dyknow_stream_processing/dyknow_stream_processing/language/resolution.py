@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from dyknow_common import (
+    MAX_DEPTH,
     NO_CONSTRAINTS,
     DyKnowError,
     ExitCode,
@@ -14,9 +15,11 @@ from dyknow_common import (
     ValueType,
     absence,
     listed_as,
+    shortened,
 )
 from dyknow_stream_processing.language import specification as syntax
 from dyknow_stream_processing.language.specification import Specification, Term
+from dyknow_stream_processing.language.term_sizes import TermSizes
 from dyknow_stream_processing.language.type_rules import (
     Unit,
     collision_text,
@@ -91,14 +94,14 @@ def resolve(
         units: the existing computational units, by name.
 
     Raises:
-        LanguageError: with the position, for an unknown name and for fields, types and
-            constraints that do not fit.
+        LanguageError: with the position, for an unknown name, for fields, types and constraints
+            that do not fit, and for a stream that is too large.
         DyKnowError: if the added constraints contradict those of the specification.
     """
     resolver = _Resolver(specification, streams, topic_fields, units)
     for each in specification.declared(syntax.StreamDeclaration):
         resolver.stream(each)
-    term, fields = resolver.term(syntax.made(specification))
+    term, fields = resolver.made(syntax.made(specification))
     merged = term.constraints.merged(constraints)
     return Resolved(replace(term, constraints=merged), fields, resolver.names)
 
@@ -127,6 +130,8 @@ class _Resolver:
         self._calls = {each.name: each for each in specification.declared(syntax.UnitDeclaration)}
         self._resolved: dict[str, _TypedTerm] = {}
         self._pending: list[str] = []
+        self._used: set[str] = set()
+        self._sizes = TermSizes()
         self._check_declared_once(specification.declarations)
 
     def stream(self, declaration: syntax.StreamDeclaration) -> _TypedTerm:
@@ -136,11 +141,21 @@ class _Resolver:
             cycle = ' -> '.join([*self._pending[self._pending.index(name) :], name])
             raise self._error(f"stream '{name}' is made from itself: {cycle}", declaration.position)
         if name not in self._resolved:
+            if len(self._pending) == MAX_DEPTH:
+                message = f"stream '{name}' is at the end of more than {MAX_DEPTH} streams, "
+                message += 'one made from the other; declare fewer'
+                raise self._error(message, declaration.position)
             self._pending.append(name)
             self._resolved[name] = self.term(declaration.stream)
             self._pending.pop()
-            self._add_name(name, self._resolved[name][0])
+            self._add_name(name, self._resolved[name][0], declaration.position)
         return self._resolved[name]
+
+    def made(self, term: Term) -> _TypedTerm:
+        """Return the stream that the specification makes, resolved, and its fields."""
+        resolved, fields = self.term(term)
+        self._check_size(resolved, term.position)
+        return resolved, fields
 
     def term(self, term: Term) -> _TypedTerm:
         """Return a term, resolved, and its fields."""
@@ -167,7 +182,7 @@ class _Resolver:
             raise self._error(message, reference.position) from None
         constrained = replace(target, constraints=constraints)
         if not reference.is_topic:
-            self._add_name(reference.name, constrained)
+            self._add_name(reference.name, constrained, reference.position)
         return constrained, fields
 
     def _target(self, reference: syntax.StreamReference) -> _TypedTerm:
@@ -179,7 +194,9 @@ class _Resolver:
         if reference.is_topic:
             return syntax.StreamReference(name, is_topic=True), self._topic_fields(name)
         if name in self._existing:
-            self._add_name(name, self._existing[name].term)
+            if name not in self._used:
+                self._used.add(name)
+                self._add_name(name, self._existing[name].term, reference.position)
             return self._existing[name].term, self._existing[name].fields
         known = _listing({*self._streams, *self._sources, *self._existing})
         raise self._error(
@@ -197,7 +214,7 @@ class _Resolver:
                 raise self._error(f'{message}, not {_typed(field.type)}', field.position)
         topic = syntax.StreamReference(source.name, is_topic=True)
         term = syntax.Select(tuple(syntax.Selection(field.name) for field in source.fields), topic)
-        self._add_name(source.name, term)
+        self._add_name(source.name, term, source.position)
         return term, {field.name: field.type for field in source.fields}
 
     def _select(self, select: syntax.Select) -> _TypedTerm:
@@ -268,13 +285,14 @@ class _Resolver:
 
     def _check_settings(self, call: syntax.Call) -> None:
         possible = settings(self._units[call.unit])
-        names = [each.name for each in call.arguments]
+        seen: set[str] = set()
         for each in call.arguments:
             if each.name not in possible:
                 message = f"computational unit '{call.unit}' has no parameter '{each.name}'"
                 raise self._error(f'{message} (it has: {_listing(possible)})', each.position)
-            if names.count(each.name) > 1:
+            if each.name in seen:
                 raise self._error(f"parameter '{each.name}' is given twice", each.position)
+            seen.add(each.name)
 
     def _merge(self, merge: syntax.Merge) -> _TypedTerm:
         inputs, fields = zip(*map(self.term, merge.inputs), strict=True)
@@ -323,7 +341,12 @@ class _Resolver:
                 message = f"there is no computational unit '{each.name}' (there are: {known})"
                 raise self._error(message, each.position, ExitCode.NOT_FOUND)
 
-    def _add_name(self, name: str, term: Term) -> None:
+    def _check_size(self, term: Term, position: TextPosition) -> None:
+        if excess := self._sizes.excess(term):
+            raise self._error(f'the stream is too large: {excess}', position)
+
+    def _add_name(self, name: str, term: Term, position: TextPosition) -> None:
+        self._check_size(term, position)
         # The operators below the constraints have the same name.
         for text in (str(term), str(replace(term, constraints=NO_CONSTRAINTS))):
             self.names.setdefault(text, name)
@@ -338,7 +361,7 @@ def _fits(found: ValueType | None, wanted: ValueType) -> bool:
 
 
 def _title(term: Term) -> str:
-    return f"stream '{term.name if isinstance(term, syntax.StreamReference) else term}'"
+    return f"stream '{shortened(term.name if isinstance(term, syntax.StreamReference) else term)}'"
 
 
 def _typed(value_type: ValueType | None) -> str:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Final
 
-from dyknow_common import LanguageError
+from dyknow_common import FUNCTIONS, LanguageError, shortened
 from dyknow_stream_processing.errors import StreamError
 from dyknow_stream_processing.language.parsing import parse_specification
 from dyknow_stream_processing.language.specification import SinkDeclaration, StreamReference
@@ -23,9 +23,17 @@ def check_name(name: str) -> None:
         declarations = parse_specification(f'sink {name}').declarations
     except LanguageError:
         declarations = ()
-    if name.startswith('_') or declarations != (SinkDeclaration(StreamReference(name)),):
+    if name in FUNCTIONS:
         raise StreamError(
-            f"'{name}' cannot be the name of a stream; use letters, digits and _, beginning with "
+            f"'{name}' cannot be the name of a stream: formulas would take it for a function"
+        )
+    if (
+        name.startswith('_')
+        or name.endswith("'")
+        or declarations != (SinkDeclaration(StreamReference(name)),)
+    ):
+        raise StreamError(
+            f"'{shortened(name)}' cannot be the name of a stream; use letters, digits and _, beginning with "
             f'a letter, and no keyword of the stream language'
         )
 
@@ -43,13 +51,23 @@ class NamingConvention:
     def __post_init__(self) -> None:
         if self.pattern.count(_PLACEHOLDER) != 1:
             raise StreamError(
-                f"naming convention '{self.pattern}' must hold {_PLACEHOLDER} once, "
+                f"naming convention '{shortened(self.pattern)}' must hold {_PLACEHOLDER} once, "
                 f'such as dyknow/streams/{_PLACEHOLDER}'
             )
 
     def topic(self, name: str) -> str:
         """Return the topic of a stream; it is relative if the pattern is."""
         return self.pattern.replace(_PLACEHOLDER, name)
+
+    def name(self, topic: str) -> str | None:
+        """Return the possible name of the stream of an absolute topic; `None` if it has none."""
+        before, after = self.pattern.split(_PLACEHOLDER)
+        _, found, name = topic.removesuffix(after).rpartition('/' + before.lstrip('~/'))
+        try:
+            check_name(name)
+        except StreamError:
+            return None
+        return name if found and topic.endswith(after) else None
 
     def matches(self, name: str, topic: str) -> bool:
         """Return true if a topic is that of a stream in some namespace."""

@@ -68,6 +68,18 @@ class StreamRegistry:
         """Return the names of the streams that have a topic, sorted."""
         return tuple(sorted(name for name, stream in self._streams.items() if stream.topic))
 
+    def listed_names(self, topics: Iterable[str]) -> tuple[str, ...]:
+        """Return `names` and those that the convention gives to some existing topics, sorted."""
+        found = set(self.names())
+        for topic in topics:
+            name = self._convention.name(topic)
+            if name is not None and name not in self._streams:
+                published = self._published(self._convention.topic(name))
+                # A topic in another namespace may have the same end.
+                if published is not None and published[0] == topic:
+                    found.add(name)
+        return tuple(sorted(found))
+
     def waiting(self) -> tuple[CreatedStream, ...]:
         """Return the streams that wait for an engine, in the order of the requests."""
         return tuple(each for each in self._created() if each.waits)

@@ -107,7 +107,8 @@ class StreamManager(DyKnowNode):
         await self._placement.destroy(request.stream_name)
 
     def _list(self, _request: Any, response: Any) -> None:
-        response.stream_names = list(self._registry.names())
+        topics = [name for name, _ in self.get_topic_names_and_types()]
+        response.stream_names = list(self._registry.listed_names(topics))
 
     def _register(self, request: Any, _response: Any) -> None:
         for name in ('stream_name', 'topic_name', 'message_type'):

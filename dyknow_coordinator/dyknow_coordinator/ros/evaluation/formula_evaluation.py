@@ -16,7 +16,7 @@ from typing import Any
 from dyknow_interfaces.msg import FormulaProgress
 from rclpy.task import Future
 
-from dyknow_common import DyKnowError, ExitCode, Verdict
+from dyknow_common import DyKnowError, ExitCode, Symbol, Verdict
 from dyknow_common.ros import time_to_nanoseconds
 from dyknow_coordinator.errors import CoordinationError
 from dyknow_coordinator.evaluation.answer import Answer
@@ -24,12 +24,14 @@ from dyknow_coordinator.evaluation.evaluation import Evaluation, EvaluationPhase
 from dyknow_coordinator.evaluation.history import History
 from dyknow_coordinator.evaluation.request import EvaluationRequest
 from dyknow_coordinator.grounding.feature_sources import SymbolGrounding
+from dyknow_coordinator.grounding.sorts import with_sorts
 from dyknow_coordinator.grounding.state_specification import FormulaInputs
 from dyknow_coordinator.grounding.symbols import check_symbols, feature_symbols, sort_names
 from dyknow_coordinator.reporting.evaluation_status import EvaluationStatus
 from dyknow_coordinator.ros.context import CoordinatorContext
 from dyknow_coordinator.ros.evaluation.candidates import find_candidates
 from dyknow_coordinator.ros.evaluation.evaluation_group import EvaluationGroup, EvaluationGroups
+from dyknow_coordinator.ros.evaluation.sort_inference import infer_sorts
 
 
 @dataclass(frozen=True, slots=True)
@@ -206,12 +208,7 @@ class FormulaEvaluation(Evaluation):
         name = next(self._context.names)
         group_id = await clients.create_group(name)
         try:
-            formula_id, self.canonical_formula = await clients.add_formula(
-                group_id, name, request.formula
-            )
-            # Step 3: the symbols of the formula.
-            symbols = await clients.symbols(group_id)
-            check_symbols(symbols, request.grounding)
+            formula_id, symbols = await self._add_formula(group_id, name)
             # Step 4: the domain of each sort.
             domains = {sort: await clients.instances(sort) for sort in sort_names(symbols)}
             # Step 5: the streams that match each feature.
@@ -230,6 +227,21 @@ class FormulaEvaluation(Evaluation):
         )
         return PreparedFormula(name, group_id, formula_id, inputs)
 
+    async def _add_formula(self, group_id: int, name: str) -> tuple[int, tuple[Symbol, ...]]:
+        """Add the formula to its group; return its id and its symbols, with all sorts."""
+        clients, formula = self._context.clients, self.request.formula
+        formula_id, self.canonical_formula = await clients.add_formula(group_id, name, formula)
+        # Step 3: the symbols of the formula.
+        symbols = await clients.symbols(group_id)
+        check_symbols(symbols, self.request.grounding)
+        sorts = await infer_sorts(self._context, symbols)
+        if not sorts:
+            return formula_id, symbols
+        await clients.remove_formula(group_id, formula_id)
+        formula = with_sorts(self.canonical_formula, sorts)
+        formula_id, self.canonical_formula = await clients.add_formula(group_id, name, formula)
+        return formula_id, await clients.symbols(group_id)
+
     async def _start(self, prepared: PreparedFormula) -> None:
         """Start the evaluation of the formula, in its own group or another one."""
         # Step 6: one state stream from the streams of the ground features. Formulas over the same
@@ -244,7 +256,7 @@ class FormulaEvaluation(Evaluation):
             raise
         if group is not None:
             self._context.cleanup.destroy_group(prepared.group_id)
-            await group.join(self, self.request.formula)
+            await group.join(self, self.canonical_formula)
         else:
             # Steps 9 to 11: the stream manager has a stream processing engine make the states.
             await self._group.start(self, prepared.formula_id)

@@ -1,0 +1,107 @@
+"""Sorts of quantifiers that name none: those that the features of their variables declare.
+
+In `forall u: always Power[u] < 200`, the variable `u` has the sort `?u`. The symbols of the formula
+contain it, `Power[?u]`. If the ontology says that the argument of `Power` is a `UAV`, the formula
+is `forall u in UAV: always Power[u] < 200`.
+"""
+
+from __future__ import annotations
+
+import re
+from collections import defaultdict
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Final
+
+from dyknow_common import Symbol, SymbolKind
+from dyknow_coordinator.errors import CoordinationError
+
+_QUERY: Final = """
+    SELECT DISTINCT ?above ?sort WHERE {{
+        ?feature rdfs:subClassOf* ?above .
+        ?above <http://www.dyknow.org/ontology#argument{argument}> ?sort .
+        FILTER(STRENDS(STR(?feature), "#{feature}") || STRENDS(STR(?feature), "/{feature}"))
+    }}
+"""
+
+# A text in quotes, or a quantifier without a sort.
+_UNSORTED: Final = re.compile(
+    r'"(?:\\.|[^"\\])*"|\b(?:forall|exists) (?P<variable>[A-Za-z_]\w*\'*):'
+)
+
+
+@dataclass(frozen=True, slots=True)
+class ArgumentPlace:
+    """An argument of a feature; the number counts from 1."""
+
+    feature: str
+    number: int
+
+    @property
+    def query(self) -> str:
+        """The SPARQL query for concepts that state the sort of the argument, and these sorts."""
+        return _QUERY.format(argument=self.number, feature=self.feature)
+
+    def __str__(self) -> str:
+        return f'argument {self.number} of {self.feature}'
+
+
+def places_of_variables(symbols: Iterable[Symbol]) -> dict[str, tuple[ArgumentPlace, ...]]:
+    """Return the arguments that each variable without a sort is, by variable."""
+    places: dict[str, dict[ArgumentPlace, None]] = defaultdict(dict)
+    for symbol in symbols:
+        if symbol.kind is SymbolKind.SORT and symbol.name.startswith('?'):
+            places.setdefault(symbol.name[1:], {})
+        for number, argument in enumerate(symbol.arguments, start=1):
+            if argument.startswith('?'):
+                places[argument[1:]][ArgumentPlace(symbol.name, number)] = None
+    return {variable: tuple(found) for variable, found in places.items()}
+
+
+def declared_sorts(place: ArgumentPlace, rows: Sequence[tuple[str, str]]) -> frozenset[str]:
+    """Return the sorts of an argument, given the solutions of its query.
+
+    A feature that states the sort itself does not inherit it.
+    """
+    own = frozenset(sort for concept, sort in rows if concept == place.feature)
+    return own or frozenset(sort for _, sort in rows)
+
+
+def only_sort(variable: str, sorts: Mapping[ArgumentPlace, Iterable[str]]) -> str:
+    """Return the one possible sort of a variable, given the sorts of its places.
+
+    Raises:
+        CoordinationError: if there is none, or more than one.
+    """
+    found = {sort for each in sorts.values() for sort in each}
+    correction = f'write {variable} in SORT after forall or exists'
+    if not sorts:
+        raise CoordinationError(
+            f"the sort of '{variable}' is unknown, as no feature has it as an argument; "
+            f'{correction}'
+        )
+    unknown = ', '.join(str(place) for place, each in sorts.items() if not each)
+    if unknown:
+        raise CoordinationError(
+            f"the sort of '{variable}' is unknown: the ontology has none for {unknown}; "
+            f'{correction}'
+        )
+    if len(found) > 1:
+        uses = ', '.join(f'{" or ".join(sorted(each))} as {place}' for place, each in sorts.items())
+        raise CoordinationError(f"the sort of '{variable}' is ambiguous: {uses}; {correction}")
+    (sort,) = found
+    if not sort.rstrip("'").isidentifier():
+        raise CoordinationError(
+            f"the sort of '{variable}' is {sort}, a name that formulas cannot have; {correction}"
+        )
+    return sort
+
+
+def with_sorts(formula: str, sorts: Mapping[str, str]) -> str:
+    """Return a canonical text in which the quantifiers of some variables have their sorts."""
+
+    def completed(found: re.Match[str]) -> str:
+        sort = sorts.get(found['variable'] or '')
+        return f'{found[0][:-1]} in {sort}:' if sort else found[0]
+
+    return _UNSORTED.sub(completed, formula)
