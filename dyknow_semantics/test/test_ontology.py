@@ -244,8 +244,8 @@ def test_features_may_be_created_below_others(fleet: Ontology) -> None:
             lambda o: o.create_concept('2D', ['UAV']),
             ExitCode.INVALID_ARGUMENT,
             (
-                "'2D' is not a valid name; it must begin with a letter or _, "
-                'followed by letters, digits, _ . or -'
+                "'2D' is not a valid name; it must begin with an ASCII letter or _, "
+                'followed by ASCII letters, digits, _ . or -'
             ),
         ),
         (
