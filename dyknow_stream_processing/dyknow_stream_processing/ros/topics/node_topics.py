@@ -2,17 +2,29 @@
 
 Each subscription and timer of a node costs time at every message, so the streams of a node share
 one subscription for each topic, one timer that follows the publishers, and one for timed calls.
+
+The time of a message is the time at which the middleware received it. When callbacks of the node
+have run late, the messages of all topics that wait are processed first, in the order of these
+times. For example, a callback of the node takes from 0 to 300 ms:
+
+    time    event
+    100     the middleware receives a message of a
+    120     a timed call is due, because no message of a may arrive later than that
+    150     the middleware receives a message of b
+    300     the timer, or the callback of b, runs first: the message of a is processed with the
+            time 100, that of b with 150, and then the timed call is made
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import time
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
-from typing import Any, ClassVar, Final, Protocol, cast
+from typing import Any, ClassVar, Final, NamedTuple, Protocol, cast
 from weakref import WeakKeyDictionary, proxy
 
 from rclpy.callback_groups import ReentrantCallbackGroup
-from rclpy.clock import Clock, ClockType
+from rclpy.clock import Clock, ClockType, ROSClock
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
 
@@ -25,6 +37,7 @@ from dyknow_stream_processing.ros.messages.message_types import (
     type_name_of,
 )
 from dyknow_stream_processing.ros.topics.publications import (
+    QUEUE_DEPTH,
     Publication,
     find_publication,
     next_request,
@@ -40,6 +53,9 @@ SEARCH_PERIOD_NS: Final = 100 * NANOSECONDS['ms']
 
 WATCH_PERIOD_NS: Final = SECOND_NS
 """Time between two reads of the graph once all topics have publishers."""
+
+LATE_NS: Final = 10 * NANOSECONDS['ms']
+"""Time after which messages of other topics may wait that were received earlier than this one."""
 
 
 class MessageListener(Protocol):
@@ -72,9 +88,16 @@ class NodeTopics:
         self._node = proxy(node)
         self.wall_clock = Clock(clock_type=ClockType.STEADY_TIME)
         self.group = ReentrantCallbackGroup()
-        self.timed_calls = TimedCalls(self._node, self.group)
+        self.timed_calls = TimedCalls(self._node, self.group, self.catch_up)
+        self._idle_since = time.monotonic_ns()
         self._feeds: dict[Any, _Feed] = {}
         self._timer: Any = None
+
+    @property
+    def is_time_simulated(self) -> bool:
+        """True if the time of the node is that of the topic /clock."""
+        # The clock of a node is a ROSClock, but rclpy declares it as a Clock.
+        return bool(cast('ROSClock', self._node.get_clock()).ros_time_is_active)
 
     @classmethod
     def of(cls, node: Node) -> NodeTopics:
@@ -124,6 +147,28 @@ class NodeTopics:
 
         return remove
 
+    def process(self, message: _Message, now: int) -> None:
+        """Process a message, after those of all topics that were received before it."""
+        late = max(now - message.receipt_time, time.monotonic_ns() - self._idle_since)
+        if late > LATE_NS:
+            self.catch_up(now, [message])
+        else:
+            message.feed.process(message)
+            self._idle_since = time.monotonic_ns()
+
+    def catch_up(self, now: int, taken: Iterable[_Message] = ()) -> None:
+        """Process all messages that wait, in the order of their receipt.
+
+        Args:
+            now: the current time, nanoseconds.
+            taken: messages that do not wait any more, but have not been processed.
+        """
+        feeds = list(self._feeds.values())
+        messages = [*taken, *(message for feed in feeds for message in feed.take(now))]
+        for message in sorted(messages, key=lambda each: each.receipt_time):
+            message.feed.process(message)
+        self._idle_since = time.monotonic_ns()
+
     def refresh(self) -> None:
         """Match the subscriptions to the publishers of all topics."""
         # Everything is prepared before the first message, which would wait otherwise.
@@ -147,6 +192,15 @@ class NodeTopics:
             self._timer.reset()
 
 
+class _Message(NamedTuple):
+    """A message with the number its publisher gave it, and the time of its receipt."""
+
+    feed: _Feed
+    message: Any
+    number: int | None
+    receipt_time: int
+
+
 @dataclass(eq=False, slots=True)
 class _Feed:
     """A topic with one subscription, matched to its publishers, for all listeners."""
@@ -162,6 +216,7 @@ class _Feed:
     relay: ViolationRelay | None = None
     gaps: SequenceGaps = field(init=False)
     fault: str = ''
+    latest_receipt: int = 0
 
     def __post_init__(self) -> None:
         self.gaps = SequenceGaps(lambda: publishers_of(self.node, self.topic), self._on_gap)
@@ -208,6 +263,23 @@ class _Feed:
             self.relay.destroy()
             self.relay = None
 
+    def take(self, now: int) -> Iterator[_Message]:
+        """Take the messages that wait."""
+        if self.subscription is not None:
+            handle, message_type = self.subscription.handle, self.subscription.msg_type
+            with handle:
+                for _ in range(QUEUE_DEPTH):
+                    taken = handle.take_message(message_type, False)
+                    if taken is None:
+                        break
+                    yield self._received(taken[0], taken[1], now)
+
+    def process(self, message: _Message) -> None:
+        """Pass a message on to the listeners."""
+        self.gaps.note(message.number)
+        for listener in self.listeners:
+            listener.on_message(message.message, message.receipt_time)
+
     def _inform(self, class_: Any) -> None:
         for listener in self.listeners:
             try:
@@ -246,10 +318,18 @@ class _Feed:
         )
 
     def _on_message(self, message: Any, info: Any) -> None:
-        self.gaps.note(info.get('publication_sequence_number'))
         now = self.node.get_clock().now().nanoseconds
-        for listener in self.listeners:
-            listener.on_message(message, now)
+        self.topics.process(self._received(message, info, now), now)
+
+    def _received(self, message: Any, info: Any, now: int) -> _Message:
+        # Some middleware does not give the time of receipt, and none gives it in simulated time.
+        received = info.get('received_timestamp') or now
+        if self.topics.is_time_simulated:
+            received = now
+        # A message that was sent again may have been received after its successor.
+        self.latest_receipt = min(max(self.latest_receipt, received), now)
+        number = info.get('publication_sequence_number')
+        return _Message(self, message, number, self.latest_receipt)
 
     def _on_gap(self, count: int) -> None:
         if count:
