@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 import subprocess
 import sys
+import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -226,9 +227,25 @@ def test_samples_are_put_in_order_and_late_ones_dropped(client: Client) -> None:
     assert recording.proxy.statistics.samples == 3
 
 
+def test_a_busy_process_breaks_no_period(client: Client) -> None:
+    """Messages count from the time at which the middleware received them."""
+    with other_process():
+        recording = Recording(
+            client,
+            'sync(select data as a from "/a" with sample_period = 500 ms, '
+            'sample_period_deviation = 500 ms, max_delay = 500 ms) with sample_period = 20 ms',
+        )
+        client.spin_until(lambda: len(recording.samples) > 5, 'samples')
+        count = len(recording.samples)
+        time.sleep(2.0)
+        client.spin_until(lambda: len(recording.samples) > count + 150, 'samples')
+    assert recording.violations == []
+    assert recording.proxy.drops == {}
+
+
 def test_stamps_that_are_zero_negative_or_equal(client: Client) -> None:
     publisher = client.node.create_publisher(Odometry, '/a', RELIABLE)
-    recording = Recording(client, 'select pose.pose.position.x as x from "/a"')
+    recording = Recording(client, 'select pose.pose.position.x as x from "/a" with max_lead = 9 s')
     client.spin_until(lambda: publisher.get_subscription_count() == 1, 'the match')
     begun = client.node.get_clock().now().nanoseconds
     negative = odometry(begun)
