@@ -71,6 +71,18 @@ def test_a_topic_stamped_at_receipt_is_never_held(flow: Flow) -> None:
     assert flow.times() == [1]
 
 
+def test_a_time_of_receipt_is_not_before_what_the_clock_has_made_certain(flow: Flow) -> None:
+    flow.receipt_topics |= {'a', 'b'}
+    flow.create('sync(select x as a from "a", select x as b from "b") with sample_period = 10 ms')
+    flow.push('a', 0, x=0)
+    flow.push('b', 0, x=0)
+    flow.advance(11)
+    flow.push('a', 9, x=1)
+    flow.advance(30)
+    assert [fields['a'] for _, fields in flow.take()] == [0, 0, 1]
+    assert (flow.drops, flow.broken()) == ({}, [])
+
+
 def test_a_gap_is_reported_once_when_it_is_certain(flow: Flow) -> None:
     flow.receipt_topics.add('a')
     flow.create('"a" with sample_period = 10 ms, sample_period_deviation = 2 ms')

@@ -157,6 +157,9 @@ class SourceOperator(Operator):
     ) -> None:
         """Pass a sample on, without a promise about the next one."""
         self.is_checked = is_checked
+        if self._receipt_time and valid_time < now:
+            # The clock has made all earlier times certain, before this sample was processed.
+            valid_time = now
         for consumer, port in self.consumers:
             consumer.receive(port, valid_time, fields, NO_PROMISE, now)
 

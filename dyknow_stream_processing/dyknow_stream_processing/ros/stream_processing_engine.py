@@ -165,16 +165,19 @@ class StreamProcessingEngine(DyKnowNode):
             output.samples.publish(output.writer.write(sample))
 
     def _publish_violation(self, name: str, violation: Violation) -> None:
+        # The node may be later than the receipt of the sample. Subscribers ignore violations from
+        # before their subscription, but the sample may matter for a stream that was created since.
+        detected = max(violation.available_time, self.now())
         message = ConstraintViolation(
             stream_name=violation.stream_name,
             constraint=str(violation.constraint),
             valid_time=nanoseconds_to_time(violation.valid_time),
-            available_time=nanoseconds_to_time(violation.available_time),
+            available_time=nanoseconds_to_time(detected),
             observed=nanoseconds_to_duration(violation.observed),
             allowed=nanoseconds_to_duration(violation.allowed),
             message=violation.message,
         )
-        message.header.stamp = self.get_clock().now().to_msg()
+        message.header.stamp = message.available_time
         self._outputs[name].violations.publish(message)
         if self._warning.is_due():
             self.get_logger().warning(f'{name}: {violation.message}')

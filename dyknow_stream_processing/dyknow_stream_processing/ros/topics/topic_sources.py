@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Collection, Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Any, Final, NamedTuple
 
@@ -148,7 +148,8 @@ class TopicSources:
     def _on_jump_back(self, jump: Any) -> None:
         """Discard all samples: a simulation or a recording starts again."""
         now = self._node.get_clock().now().nanoseconds
-        self._release(now)
+        self._release(self._held, now)
+        self._held = []
         distance = round_duration(-jump.delta.nanoseconds)
         text = f'the clock was set back by {distance}; all streams restart'
         self._clear()
@@ -171,15 +172,15 @@ class TopicSources:
             self._topics.timed_calls.schedule(self._advance, self._held[0].time + 1)
 
     def _advance(self, now: int) -> None:
-        if self._held and self._held[0].time < now:
-            self._release(now)
+        due = [arrival for arrival in self._held if arrival.time < now]
+        self._held = self._held[len(due) :]
+        self._release(due, now)
         self._dataflow.advance(now)
         self._schedule()
 
-    def _release(self, now: int) -> None:
-        """Process the samples that were held."""
-        released, self._held = self._held, []
-        for arrival in released:
+    def _release(self, held: Iterable[_Arrival], now: int) -> None:
+        """Process samples that were held."""
+        for arrival in held:
             arrival.source.push(arrival, now)
 
 
