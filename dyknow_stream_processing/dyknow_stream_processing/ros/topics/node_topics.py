@@ -18,7 +18,8 @@ times. For example, a callback of the node takes from 0 to 300 ms:
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterable, Iterator
+from collections import deque
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from typing import Any, ClassVar, Final, NamedTuple, Protocol, cast
 from weakref import WeakKeyDictionary, proxy
@@ -37,7 +38,6 @@ from dyknow_stream_processing.ros.messages.message_types import (
     type_name_of,
 )
 from dyknow_stream_processing.ros.topics.publications import (
-    QUEUE_DEPTH,
     Publication,
     find_publication,
     next_request,
@@ -46,6 +46,7 @@ from dyknow_stream_processing.ros.topics.publications import (
 from dyknow_stream_processing.ros.topics.sequence_gaps import SequenceGaps
 from dyknow_stream_processing.ros.topics.timed_calls import TimedCalls
 from dyknow_stream_processing.ros.topics.violation_relay import ViolationRelay
+from dyknow_stream_processing.ros.topics.waiting_messages import take_waiting
 from dyknow_stream_processing.violation import Violation
 
 SEARCH_PERIOD_NS: Final = 100 * NANOSECONDS['ms']
@@ -89,7 +90,8 @@ class NodeTopics:
         self.wall_clock = Clock(clock_type=ClockType.STEADY_TIME)
         self.group = ReentrantCallbackGroup()
         self.timed_calls = TimedCalls(self._node, self.group, self.catch_up)
-        self._idle_since = time.monotonic_ns()
+        self._last_activity = time.monotonic_ns()
+        self._taken: deque[_Message] = deque()
         self._feeds: dict[Any, _Feed] = {}
         self._timer: Any = None
 
@@ -149,25 +151,28 @@ class NodeTopics:
 
     def process(self, message: _Message, now: int) -> None:
         """Process a message, after those of all topics that were received before it."""
-        late = max(now - message.receipt_time, time.monotonic_ns() - self._idle_since)
-        if late > LATE_NS:
-            self.catch_up(now, [message])
+        late = max(now - message.receipt_time, time.monotonic_ns() - self._last_activity)
+        if late > LATE_NS or self._taken:
+            self._taken.append(message)
+            self.catch_up(now)
         else:
             message.feed.process(message)
-            self._idle_since = time.monotonic_ns()
+            self._last_activity = time.monotonic_ns()
 
-    def catch_up(self, now: int, taken: Iterable[_Message] = ()) -> None:
-        """Process all messages that wait, in the order of their receipt.
-
-        Args:
-            now: the current time, nanoseconds.
-            taken: messages that do not wait any more, but have not been processed.
-        """
+    def catch_up(self, now: int) -> None:
+        """Process all messages that wait at a time (nanoseconds), in the order of their receipt."""
         feeds = list(self._feeds.values())
-        messages = [*taken, *(message for feed in feeds for message in feed.take(now))]
-        for message in sorted(messages, key=lambda each: each.receipt_time):
+        for feed in feeds:
+            self._taken += feed.take(now)
+        # A violation was published before the samples that it casts doubt on.
+        for relay in filter(None, [feed.relay for feed in feeds]):
+            relay.catch_up()
+        self._taken = deque(sorted(self._taken, key=lambda each: each.receipt_time))
+        # If a listener raises an error, the rest is processed at the next call.
+        while self._taken:
+            message = self._taken.popleft()
             message.feed.process(message)
-        self._idle_since = time.monotonic_ns()
+        self._last_activity = time.monotonic_ns()
 
     def refresh(self) -> None:
         """Match the subscriptions to the publishers of all topics."""
@@ -266,13 +271,8 @@ class _Feed:
     def take(self, now: int) -> Iterator[_Message]:
         """Take the messages that wait."""
         if self.subscription is not None:
-            handle, message_type = self.subscription.handle, self.subscription.msg_type
-            with handle:
-                for _ in range(QUEUE_DEPTH):
-                    taken = handle.take_message(message_type, False)
-                    if taken is None:
-                        break
-                    yield self._received(taken[0], taken[1], now)
+            for message, info in take_waiting(self.subscription):
+                yield self._received(message, info, now)
 
     def process(self, message: _Message) -> None:
         """Pass a message on to the listeners."""
