@@ -385,6 +385,37 @@ def test_violations_of_a_stream_reach_the_streams_made_from_it(client: Client) -
     assert 'gone' in recording.violations[1].message
 
 
+def test_a_violation_that_waits_is_reported_before_later_samples(client: Client) -> None:
+    """Also if the timer of the clock runs before the callbacks of both."""
+    events: list[object] = []
+    source = client.node.create_publisher(SampleMessage, '/a', RELIABLE)
+    violations = client.node.create_publisher(ConstraintViolation, '/a/violations', VIOLATIONS)
+    proxy = StreamProxy(
+        client.node,
+        'sync("/a" with max_delay = 1 ms) with sample_period = 5 ms',
+        on_sample=lambda sample: events.append(sample.fields['x']),
+        on_violation=lambda violation: events.append(violation.constraint),
+    )
+
+    def publish(value: int) -> None:
+        now = time_of(client.node.get_clock().now().nanoseconds)
+        fields = [Field(type='int', name='x', value=str(value))]
+        source.publish(SampleMessage(valid_time=now, available_time=now, fields=fields))
+
+    def is_heard() -> bool:
+        publish(1)
+        return bool(events)
+
+    client.spin_until(is_heard, 'samples')
+    now = time_of(client.node.get_clock().now().nanoseconds)
+    violations.publish(ConstraintViolation(constraint='far', available_time=now))
+    publish(2)
+    time.sleep(0.1)
+    client.spin_until(lambda: {2, 'far'} <= set(events), 'both')
+    assert events.index('far') < events.index(2)
+    proxy.destroy()
+
+
 def test_violations_cross_engines(tmp_path: Path) -> None:
     with Nodes(tmp_path, stream_processing_engine={}) as nodes:
         near = 'select data from "/tank" with max_delay = 1 s'
