@@ -167,7 +167,7 @@ class Dataflow:
         scheduler = self._scheduler
         scheduler.run(sample.available_time)
         for source in self._graph.sources.get(topic, ()):
-            source.push(sample.valid_time, sample.fields, scheduler.now, is_checked=is_checked)
+            source.push(sample.valid_time, sample.fields, scheduler.now, is_checked)
         scheduler.run(scheduler.now)
 
     def report(self, topic: str, violation: Violation) -> None:

@@ -153,7 +153,11 @@ class SourceOperator(Operator):
         """True while a sample is pushed whose stamps another engine has checked."""
 
     def push(
-        self, valid_time: int, fields: Mapping[str, Value], now: int, *, is_checked: bool
+        self,
+        valid_time: int,
+        fields: Mapping[str, Value],
+        now: int,
+        is_checked: bool,  # noqa: FBT001 - a keyword costs time at each sample
     ) -> None:
         """Pass a sample on, without a promise about the next one."""
         self.is_checked = is_checked
