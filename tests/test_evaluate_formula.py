@@ -6,9 +6,11 @@ import pytest
 from dyknow_interfaces.msg import ExitStatus, FormulaResult
 from dyknow_interfaces.srv import EvaluateFormula, StreamDestroy
 
+from evaluations import Evaluations, Spares
 from system import Batteries, System
 
 SYNTACTIC = EvaluateFormula.Request.SYNTACTIC
+SECOND = 1_000_000_000
 
 
 pytestmark = pytest.mark.usefixtures('calm')
@@ -139,6 +141,39 @@ def test_telemetry_that_stops_is_a_violation(system: System, batteries: Batterie
     assert answer.exit_status.code == ExitStatus.CONSTRAINT_VIOLATION
     assert answer.verdict == FormulaResult.UNDECIDED
     assert 'uav1' in answer.exit_status.message
+
+
+def test_telemetry_that_is_ahead_of_the_clock_is_a_violation(
+    system: System, batteries: Batteries
+) -> None:
+    """A robot whose clock is ahead must not lead to a verdict over values of different times."""
+    future = system.ask('always (Power[uav1] < 150 or Power[uav2] > 150)')
+    system.wait_until_running(future)
+    batteries.silent.add('uav1')
+    batteries.power.update(uav1=240.0, uav2=240.0)
+    batteries.publish('uav1', batteries.stamp + 5 * SECOND)
+    system.client.spin_until(future.done, 'the answer')
+    answer = future.result()
+    assert answer.exit_status.code == ExitStatus.CONSTRAINT_VIOLATION, answer
+    assert answer.verdict == FormulaResult.UNDECIDED
+    for word in ('uav1_battery', 'ahead of the clock', 'future: ', '100 ms allowed'):
+        assert word in answer.exit_status.message
+
+
+def test_periodic_telemetry_without_max_delay_that_stops_is_an_error(
+    system: System, batteries: Batteries, evaluations: Evaluations, spares: Spares
+) -> None:
+    """No violation is certain, as its delay has no bound."""
+    spares.make('regular', 'select voltage from "/uav1/battery" with sample_period = 200 ms')
+    future = system.ask('always regular.voltage > 9', timeout=60.0)
+    evaluations.wait_for_state()
+    batteries.silent.add('uav1')
+    system.client.spin_until(future.done, 'the answer')
+    answer = future.result()
+    assert answer.exit_status.code == ExitStatus.UNAVAILABLE, answer
+    assert answer.verdict == FormulaResult.UNDECIDED
+    assert "topic '/uav1/battery' has been silent for " in answer.exit_status.message
+    spares.clear()
 
 
 def test_many_calls_at_once(system: System) -> None:

@@ -27,6 +27,8 @@ class Simulation:
     def __init__(self, system: System) -> None:
         self.now = 1000 * SECOND
         self.speed = 1
+        self.tick = TICK
+        self.clock_is_last = False
         self.level = 10.0
         self.batteries = Batteries(system.client, system.vehicles)
         # It is told when to publish.
@@ -39,12 +41,16 @@ class Simulation:
 
     def _tick(self) -> None:
         for _ in range(self.speed):
-            self.now += TICK
-            self._clock.publish(Clock(clock=nanoseconds_to_time(self.now)))
+            self.now += self.tick
+            clock = Clock(clock=nanoseconds_to_time(self.now))
+            if not self.clock_is_last:
+                self._clock.publish(clock)
             if self.now % Batteries.PERIOD == 0:
                 self._level.publish(Float64(data=self.level))
                 for vehicle in self._vehicles:
                     self.batteries.publish(vehicle, self.now)
+            if self.clock_is_last:
+                self._clock.publish(clock)
 
 
 @pytest.fixture(scope='module')
@@ -64,7 +70,7 @@ def simulation(system: System) -> Simulation:
 def calm(simulation: Simulation, evaluations: Evaluations) -> Iterator[None]:
     simulation.speed = 1
     yield
-    simulation.speed = 1
+    simulation.speed, simulation.tick, simulation.clock_is_last = 1, TICK, False
     evaluations.wait_for_nothing()
 
 
@@ -88,6 +94,20 @@ def test_all_follows_the_clock(
     assert answer.exit_status.code == ExitStatus.SUCCESS, answer.exit_status.message
     assert answer.verdict == FormulaResult.TRUE
     assert begun + 2 * SECOND < nanoseconds(answer.decided_at) <= simulation.now
+
+
+def test_a_clock_that_lags_the_data(
+    system: System, simulation: Simulation, evaluations: Evaluations
+) -> None:
+    """Data that comes before the step of the clock at which it was stamped is not ahead of it."""
+    future = system.ask('always[0 s, 4 s] Power[uav1] < 150')
+    evaluations.wait_for_state()
+    simulation.clock_is_last = True
+    system.client.spin_until(lambda: simulation.now % Batteries.PERIOD == 0, 'data')
+    simulation.tick = Batteries.PERIOD
+    system.client.spin_until(future.done, 'the verdict')
+    answer = future.result()
+    assert answer.verdict == FormulaResult.TRUE, answer.exit_status.message
 
 
 def test_a_clock_that_stands_still(

@@ -46,6 +46,25 @@ def test_a_stream_that_falls_silent_is_replaced(
     assert SPARE in answer.groundings[0].stream
 
 
+def test_a_stream_that_is_ahead_of_the_clock_is_replaced(
+    system: System, batteries: Batteries, evaluations: Evaluations, spares: Spares
+) -> None:
+    spares.power(SPARE, 'spare1', of='uav1')
+    future = system.ask('always Power[uav1] < 150', timeout=20.0)
+    evaluations.wait_for_state()
+    batteries.silent.add('uav1')
+    batteries.power['uav1'] = 240.0
+    batteries.publish('uav1', batteries.stamp + 5 * SECOND)
+    evaluations.wait_for_event('uav1_battery', 'ahead of the clock', SPARE)
+    since = batteries.stamp
+    batteries.power['spare1'] = 240.0
+    system.client.spin_until(future.done, 'the verdict')
+    answer = future.result()
+    assert answer.verdict == FALSE, answer.exit_status.message
+    assert nanoseconds(answer.decided_at) > since
+    assert SPARE in answer.groundings[0].stream
+
+
 def test_no_state_has_a_value_that_is_not_known(
     system: System, batteries: Batteries, evaluations: Evaluations, spares: Spares
 ) -> None:

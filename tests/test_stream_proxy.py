@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 import subprocess
 import sys
+import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -226,9 +227,25 @@ def test_samples_are_put_in_order_and_late_ones_dropped(client: Client) -> None:
     assert recording.proxy.statistics.samples == 3
 
 
+def test_a_busy_process_breaks_no_period(client: Client) -> None:
+    """Messages count from the time at which the middleware received them."""
+    with other_process():
+        recording = Recording(
+            client,
+            'sync(select data as a from "/a" with sample_period = 500 ms, '
+            'sample_period_deviation = 500 ms, max_delay = 500 ms) with sample_period = 20 ms',
+        )
+        client.spin_until(lambda: len(recording.samples) > 5, 'samples')
+        count = len(recording.samples)
+        time.sleep(2.0)
+        client.spin_until(lambda: len(recording.samples) > count + 150, 'samples')
+    assert recording.violations == []
+    assert recording.proxy.drops == {}
+
+
 def test_stamps_that_are_zero_negative_or_equal(client: Client) -> None:
     publisher = client.node.create_publisher(Odometry, '/a', RELIABLE)
-    recording = Recording(client, 'select pose.pose.position.x as x from "/a"')
+    recording = Recording(client, 'select pose.pose.position.x as x from "/a" with max_lead = 9 s')
     client.spin_until(lambda: publisher.get_subscription_count() == 1, 'the match')
     begun = client.node.get_clock().now().nanoseconds
     negative = odometry(begun)
@@ -366,6 +383,37 @@ def test_violations_of_a_stream_reach_the_streams_made_from_it(client: Client) -
     client.spin_until(lambda: len(recording.violations) == 2, 'the end of the lease')
     assert recording.broken()[1] == 'source'
     assert 'gone' in recording.violations[1].message
+
+
+def test_a_violation_that_waits_is_reported_before_later_samples(client: Client) -> None:
+    """Also if the timer of the clock runs before the callbacks of both."""
+    events: list[object] = []
+    source = client.node.create_publisher(SampleMessage, '/a', RELIABLE)
+    violations = client.node.create_publisher(ConstraintViolation, '/a/violations', VIOLATIONS)
+    proxy = StreamProxy(
+        client.node,
+        'sync("/a" with max_delay = 1 ms) with sample_period = 5 ms',
+        on_sample=lambda sample: events.append(sample.fields['x']),
+        on_violation=lambda violation: events.append(violation.constraint),
+    )
+
+    def publish(value: int) -> None:
+        now = time_of(client.node.get_clock().now().nanoseconds)
+        fields = [Field(type='int', name='x', value=str(value))]
+        source.publish(SampleMessage(valid_time=now, available_time=now, fields=fields))
+
+    def is_heard() -> bool:
+        publish(1)
+        return bool(events)
+
+    client.spin_until(is_heard, 'samples')
+    now = time_of(client.node.get_clock().now().nanoseconds)
+    violations.publish(ConstraintViolation(constraint='far', available_time=now))
+    publish(2)
+    time.sleep(0.1)
+    client.spin_until(lambda: {2, 'far'} <= set(events), 'both')
+    assert events.index('far') < events.index(2)
+    proxy.destroy()
 
 
 def test_violations_cross_engines(tmp_path: Path) -> None:

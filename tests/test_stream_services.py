@@ -32,6 +32,7 @@ from system import LIMIT, POLL, private_environment
 ENGINE = 'stream_processing_engine'
 MANAGER = 'stream_manager'
 PERIOD = 100_000_000
+SECOND = 1_000_000_000
 INVALID = ExitStatus.INVALID_ARGUMENT
 LATEST = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 MISSING = ExitStatus.NOT_FOUND
@@ -127,6 +128,53 @@ def test_telemetry_that_stops_violates_its_period(engine: Nodes) -> None:
     assert nanoseconds(violations[0].valid_time) == last + PERIOD
     assert nanoseconds(violations[0].allowed) == PERIOD
     assert 'fading' in violations[0].message
+
+
+def test_stamps_ahead_of_the_clock(engine: Nodes) -> None:
+    """Of messages, of samples of an engine with the same clock, and of one with another clock."""
+    reports = engine.collect(StreamStatusArray, f'/{ENGINE}/streams', LATEST)
+    created = {}
+    for name, limit in (('ahead', ''), ('forecast', ' with max_lead = 1 min')):
+        text = f'select x from "/ahead"{limit}'
+        spec = StreamSpec(name=name, specification=text)
+        answer = engine.obtain(ENGINE, srv.StreamCreateFromSpec, spec=spec)
+        violations = answer.stream_constraint_violation_topic
+        created[name] = (
+            engine.collect(Sample, answer.stream_topic),
+            engine.collect(ConstraintViolation, violations, LATCHED),
+        )
+    source = engine.client.node.create_publisher(Sample, '/ahead', LATCHED)
+    now = engine.client.node.get_clock().now().nanoseconds
+    for number, (available, lead) in enumerate([(0, 0), (0, 30), (now, 30), (now, 120), (30, 30)]):
+        source.publish(
+            Sample(
+                valid_time=time_of(now + lead * SECOND),
+                available_time=time_of(now + available * SECOND if available == 30 else available),
+                fields=[Field(type='int', name='x', value=str(number))],
+            )
+        )
+    (samples, violations), (forecasts, broken) = created['ahead'], created['forecast']
+
+    def numbers(received: list[Any]) -> list[str]:
+        return [each.fields[0].value for each in received]
+
+    engine.client.spin_until(lambda: len(violations) >= 2 and len(broken) >= 1, 'violations')
+    engine.client.spin_until(lambda: len(samples) == len(forecasts) - 1 == 3, 'samples')
+    assert numbers(samples) == ['0', '2', '3']
+    assert numbers(forecasts) == ['0', '1', '2', '4']
+    assert [each.constraint for each in (*violations, *broken)] == ['future'] * 3
+    assert 25 * SECOND < nanoseconds(violations[0].observed) <= 30 * SECOND
+    assert nanoseconds(violations[0].allowed) == PERIOD
+    assert nanoseconds(broken[0].allowed) == 60 * SECOND
+
+    def reported() -> Any:
+        return {each.name: each for each in reports[-1].streams}.get('ahead') if reports else None
+
+    engine.client.spin_until(
+        lambda: (report := reported()) is not None and report.violations == 2, 'a report'
+    )
+    assert {each.reason: each.count for each in reported().drops} == {'future': 2}
+    assert -30 * SECOND <= nanoseconds(reported().sources[0].delay) < -25 * SECOND
 
 
 def test_elements_of_arrays_are_read_where_messages_have_them(engine: Nodes) -> None:

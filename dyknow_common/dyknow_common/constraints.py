@@ -37,6 +37,7 @@ class StreamConstraints:
         max_delay: no sample becomes available later than this after its valid time.
         sample_period: the valid times of two consecutive samples are this far apart, ...
         sample_period_deviation: ... give or take this much; exactly, if it is left out.
+        max_lead: no sample becomes available earlier than this before its valid time.
     """
 
     start_time: int | None = _constraint(ConstraintKind.TIME, stricter=max)
@@ -44,6 +45,7 @@ class StreamConstraints:
     max_delay: int | None = _constraint(ConstraintKind.DURATION)
     sample_period: int | None = _constraint(ConstraintKind.DURATION)
     sample_period_deviation: int | None = _constraint(ConstraintKind.DURATION)
+    max_lead: int | None = _constraint(ConstraintKind.DURATION)
 
     @property
     def is_empty(self) -> bool:

@@ -16,6 +16,7 @@ some_constraints = st.builds(
     optional,
     st.none() | st.integers(1, 2),
     optional,
+    optional,
 )
 
 
@@ -40,9 +41,9 @@ def test_merging_again_changes_nothing(one: StreamConstraints, other: StreamCons
 
 
 def test_the_stricter_one_holds() -> None:
-    one = StreamConstraints(1, 9, 5, 10, 4)
-    other = StreamConstraints(2, 8, 6, 10, 3)
-    assert one.merged(other) == StreamConstraints(2, 8, 5, 10, 3)
+    one = StreamConstraints(1, 9, 5, 10, 4, 7)
+    other = StreamConstraints(2, 8, 6, 10, 3, 8)
+    assert one.merged(other) == StreamConstraints(2, 8, 5, 10, 3, 7)
 
 
 def test_nothing_is_empty() -> None:
@@ -64,6 +65,7 @@ def test_text() -> None:
     [
         StreamConstraints(start_time=2, end_time=1),
         StreamConstraints(max_delay=-1),
+        StreamConstraints(max_lead=-1),
         StreamConstraints(sample_period=0),
         StreamConstraints(sample_period_deviation=1),
         StreamConstraints(sample_period=1, sample_period_deviation=2),

@@ -2,7 +2,7 @@
 
 import pytest
 
-from dyknow_common import Symbol, SymbolKind
+from dyknow_common import SECOND_NS, StreamConstraints, Symbol, SymbolKind
 from dyknow_coordinator.grounding.feature_sources import FeatureSource, referenced_source
 from dyknow_coordinator.grounding.known_streams import KnownStream, KnownStreams
 from dyknow_coordinator.grounding.stream_fields import field_names
@@ -114,3 +114,44 @@ def test_relative_topics_are_known_by_their_absolute_names() -> None:
     known = KnownStreams((), lambda _: True, lambda topic: f'/uav1/{topic}')
     assert known.affected([made], '/uav1/odometry') == (made,)
     assert known.affected([made], 'odometry') == (made,)
+
+
+PERIODIC = 'with sample_period = 2 s, sample_period_deviation = 1 s'
+
+
+@pytest.mark.parametrize(
+    ('text', 'silences', 'overdue'),
+    [
+        (f'select z from "/a" {PERIODIC}', {'/a': 4}, True),
+        (f'select z from "/a" {PERIODIC}', {'/a': 3}, False),
+        # It has never had a message.
+        (f'select z from "/a" {PERIODIC}', {'/b': 9}, False),
+        ('select z from "/a"', {'/a': 9}, False),
+        ('select z from regular', {'/a': 4, '/b': 0}, True),
+        ('select z from regular', {'/a': 3, '/b': 0}, False),
+        ('select z from inner', {'/a': 4}, True),
+        ('select z from constrained', {'/a': 4}, True),
+        # It goes on as long as one of its inputs does.
+        ('select z from merged', {'/a': 4, '/b': 0}, False),
+        ('select z from merged', {'/a': 4, '/b': 4}, True),
+        ('sync("/a", "/b") with sample_period = 1 s', {'/a': 9, '/b': 9}, False),
+        ('select z from ticks', {'/a': 9, '/b': 9}, False),
+    ],
+)
+def test_a_source_with_a_period_is_overdue_after_it(
+    text: str, silences: dict[str, int], *, overdue: bool
+) -> None:
+    streams = [
+        KnownStream('regular', f'select z from "/a" {PERIODIC}', '/x/regular'),
+        KnownStream('inner', f'stream i = "/a" {PERIODIC}; stream j = i; sink select z from j'),
+        KnownStream(
+            'constrained',
+            'select z from "/a"',
+            constraints=StreamConstraints(sample_period=3 * SECOND_NS),
+        ),
+        KnownStream('merged', f'merge("/a", "/b") {PERIODIC}'),
+        KnownStream('ticks', 'sync("/a", "/b") with sample_period = 1 s'),
+    ]
+    known = KnownStreams(streams, lambda _: True)
+    passed = {topic: seconds * SECOND_NS for topic, seconds in silences.items()}
+    assert known.is_overdue(source(text), passed) is overdue

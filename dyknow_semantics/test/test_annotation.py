@@ -136,7 +136,10 @@ def annotations(draw: st.DrawFn) -> Annotation:
         ranges,
         tuple(Key(each.variable, draw(FIELDS)) for each in ranges),
         StreamConstraints(
-            max_delay=draw(DURATIONS), sample_period=period, sample_period_deviation=deviation
+            max_delay=draw(DURATIONS),
+            sample_period=period,
+            sample_period_deviation=deviation,
+            max_lead=draw(DURATIONS),
         )
         if draw(st.booleans())
         else NO_CONSTRAINTS,

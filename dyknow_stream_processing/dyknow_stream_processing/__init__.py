@@ -25,6 +25,7 @@ from dyknow_stream_processing.language.specification import (
     UnitArgument,
     UnitDeclaration,
     made,
+    subterms,
 )
 from dyknow_stream_processing.language.type_rules import Unit
 from dyknow_stream_processing.management.relocation import in_namespace
@@ -66,4 +67,5 @@ __all__ = [
     'parse_specification',
     'resolve',
     'specifications_by_sink',
+    'subterms',
 ]

@@ -21,10 +21,11 @@ MILLISECOND = 1_000_000
 class Flow:
     """A dataflow that records what comes out; times are in milliseconds."""
 
-    def __init__(self, units: Mapping[str, Unit] | None = None) -> None:
+    def __init__(self, units: Mapping[str, Unit] | None = None, max_lead: float = 100) -> None:
         self.receipt_topics: set[str] = set()
         self.types: dict[str, Mapping[str, ValueType]] = {}
-        self.dataflow = Dataflow(load_units() if units is None else units, self._source_type)
+        units = load_units() if units is None else units
+        self.dataflow = Dataflow(units, self._source_type, _ns(max_lead))
         self.samples: list[Sample] = []
         self.violations: list[Violation] = []
 
@@ -41,10 +42,17 @@ class Flow:
         return self
 
     def push(
-        self, topic: str, valid_time: float, now: float | None = None, **fields: Value
+        self,
+        topic: str,
+        valid_time: float,
+        now: float | None = None,
+        *,
+        is_checked: bool = False,
+        **fields: Value,
     ) -> None:
         available_time = valid_time if now is None else now
-        self.dataflow.push(topic, Sample(_ns(valid_time), _ns(available_time), fields))
+        sample = Sample(_ns(valid_time), _ns(available_time), fields)
+        self.dataflow.push(topic, sample, is_checked=is_checked)
 
     def feed(self, topic: str, valid_times: Iterable[float]) -> None:
         for valid_time in valid_times:

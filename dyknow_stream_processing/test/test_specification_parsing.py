@@ -81,6 +81,7 @@ def constraints(draw: st.DrawFn) -> StreamConstraints:
         max_delay=draw(st.none() | durations),
         sample_period=period,
         sample_period_deviation=draw(st.none() | st.integers(0, period)) if period else None,
+        max_lead=draw(st.none() | durations),
     )
 
 

@@ -54,6 +54,21 @@ def test_a_line_for_each_stream() -> None:
     ]
 
 
+def test_stamps_ahead_of_the_clock() -> None:
+    """Of forecasts, and of a topic whose samples are all dropped."""
+    forecasts = replace(FLOWING, flow=Flow(9.96, -5_010 * MS, 12 * MS))
+    assert 'power flowing 120 10.0 Hz ahead 5.01 s 12 ms 3 2' in shown(
+        stream_table([forecasts], [])
+    )
+    assert 'delay ahead 5.01 s, 12 ms at most' in shown(stream_details(forecasts, 0))
+    topic = SourceReport('/t', 200, 1_000 * MS, -5_010 * MS)
+    dropped = replace(FLOWING, flow=Flow(), sources=(SourceReport('/other'), topic))
+    assert 'power flowing 120 0.0 Hz ahead 5.01 s 3 2' in shown(stream_table([dropped], []))
+    lines = shown(stream_details(dropped, 1_310 * MS))
+    assert 'delay ahead 5.01 s' in lines
+    assert '/t: 200 received, the latest 310 ms ago, stamped ahead 5.01 s' in lines
+
+
 def test_the_engines_where_there_are_several() -> None:
     lines = shown(stream_table([FLOWING], ['/engine', '/robot1/engine']))
     assert lines[1].endswith(' 3 2 /engine')
@@ -97,8 +112,8 @@ def test_a_stream_for_programs() -> None:
     assert document['state'] == 'FLOWING'
     assert document['constraints'] == {'max_delay': 100 * MS}
     assert list(document['sources']) == [
-        {'topic': '/silent', 'samples': 0, 'latest_ns': None},
-        {'topic': '/t', 'samples': 200, 'latest_ns': 1_000 * MS},
+        {'topic': '/silent', 'samples': 0, 'latest_ns': None, 'delay_ns': 0},
+        {'topic': '/t', 'samples': 200, 'latest_ns': 1_000 * MS, 'delay_ns': 0},
     ]
     assert document['drops'] == {'max_delay': 2, 'fields': 1}
     assert (document['rate_hz'], document['mean_delay_ns'], document['max_delay_ns']) == (

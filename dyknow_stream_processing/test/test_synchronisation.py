@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 from hypothesis import example, given
 from hypothesis import strategies as st
@@ -24,13 +24,18 @@ class NaiveInput:
     max_delay: int | None = None
     receipt_time: bool = False
     modulus: int = 1
+    max_lead: int | None = None
     seen: list[tuple[int, int]] = field(default_factory=list)
 
     def term(self, port: int) -> str:
-        delay = '' if self.max_delay is None else f' with max_delay = {self.max_delay} ns'
-        return f'{SELECT} n as n{port} from "{port}" where m{self.modulus} = 0{delay}'
+        limits = {'max_delay': self.max_delay, 'max_lead': self.max_lead}
+        given = ', '.join(f'{name} = {n} ns' for name, n in limits.items() if n is not None)
+        text = f'{SELECT} n as n{port} from "{port}" where m{self.modulus} = 0'
+        return f'{text} with {given}' if given else text
 
     def take(self, valid_time: int, number: int, now: int) -> None:
+        if self.max_lead is not None and valid_time - now > self.max_lead:
+            return
         too_late = self.max_delay is not None and now - valid_time > self.max_delay
         newest = max((time for time, _ in self.seen), default=valid_time)
         if not too_late and (self.max_delay is not None or valid_time >= newest):
@@ -127,13 +132,14 @@ def situations(
             max_delay=draw(st.none() | st.integers(0, 8)),
             receipt_time=draw(st.booleans()),
             modulus=draw(st.sampled_from([1, 1, 2, 3])),
+            max_lead=draw(st.none() | st.integers(0, 4)),
         )
         for _ in range(draw(st.integers(1, 3)))
     ]
     for each in inputs:
         if each.receipt_time:
             each.max_delay = None
-    arrivals = draw(st.lists(st.tuples(st.integers(0, 40), st.integers(0, 10)), max_size=25))
+    arrivals = draw(st.lists(st.tuples(st.integers(0, 40), st.integers(-6, 10)), max_size=25))
     ports = st.integers(0, len(inputs) - 1)
     events = []
     for now, delay in sorted(arrivals, key=lambda each: each[0]):
@@ -143,7 +149,7 @@ def situations(
 
 
 def fresh(inputs: Sequence[NaiveInput]) -> list[NaiveInput]:
-    return [NaiveInput(each.max_delay, each.receipt_time, each.modulus) for each in inputs]
+    return [replace(each, seen=[]) for each in inputs]
 
 
 @given(situations())

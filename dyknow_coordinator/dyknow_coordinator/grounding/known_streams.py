@@ -2,13 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import lru_cache
+from itertools import chain
 
-from dyknow_common import DyKnowError
+from dyknow_common import NO_CONSTRAINTS, DyKnowError, StreamConstraints
 from dyknow_coordinator.grounding.feature_sources import FeatureSource
-from dyknow_stream_processing import FreeNames, StreamDeclaration, free_names, parse_specification
+from dyknow_stream_processing import (
+    FreeNames,
+    SinkDeclaration,
+    StreamDeclaration,
+    StreamReference,
+    Sync,
+    Term,
+    free_names,
+    made,
+    parse_specification,
+    subterms,
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -21,6 +33,7 @@ class KnownStream:
         engine: the node that makes the stream, or made it last.
         received: for each topic that the stream is made from, the time at which the engine
             received the latest message, in nanoseconds; 0 before the first.
+        constraints: added to those of the specification.
     """
 
     name: str
@@ -29,6 +42,7 @@ class KnownStream:
     message_type: str = ''
     engine: str = ''
     received: Mapping[str, int] = field(default_factory=dict)
+    constraints: StreamConstraints = NO_CONSTRAINTS
 
 
 class KnownStreams:
@@ -70,8 +84,33 @@ class KnownStreams:
 
         Streams that are declared within others are included.
         """
+        return self._origins(_source_names(source))
+
+    def is_overdue(self, source: FeatureSource, silences: Mapping[str, int]) -> bool:
+        """Return True if a stream that a source is made from should have had a sample by now.
+
+        This is a stream with a `sample_period` if all topics that it is made from have been silent
+        for longer than that.
+
+        Args:
+            source: the source.
+            silences: for each topic that has had a message, the time for which it has been
+                silent, or that time less a tolerance; nanoseconds.
+        """
+        origins = [self._streams[name] for name in self.origins(source) & self._streams.keys()]
+        periods = chain(
+            _periods(_source_text(source), NO_CONSTRAINTS),
+            *(_periods(each.specification, each.constraints) for each in origins),
+        )
+        for longest_period, names in periods:
+            topics = self._origins(names) & silences.keys()
+            if topics and all(silences[topic] > longest_period for topic in topics):
+                return True
+        return False
+
+    def _origins(self, names: FreeNames) -> frozenset[str]:
         found: set[str] = set()
-        pending = [_source_names(source)]
+        pending = [names]
         while pending:
             names = pending.pop()
             for name in (names.streams | names.topics) - found:
@@ -118,7 +157,11 @@ def stream_topic(name: str) -> str:
 
 def _source_names(source: FeatureSource) -> FreeNames:
     """Return the streams and topics that a source names."""
-    return _free_names(';\n'.join([*source.units, source.declaration]))
+    return _free_names(_source_text(source))
+
+
+def _source_text(source: FeatureSource) -> str:
+    return ';\n'.join([*source.units, source.declaration])
 
 
 def _names_in(origin: str) -> frozenset[str]:
@@ -140,3 +183,41 @@ def _free_names(specification: str) -> FreeNames:
 def _declared_names(specification: str) -> frozenset[str]:
     declared = parse_specification(specification).declarations if specification else ()
     return frozenset(each.name for each in declared if isinstance(each, StreamDeclaration))
+
+
+@lru_cache(maxsize=4096)
+def _periods(specification: str, added: StreamConstraints) -> tuple[tuple[int, FreeNames], ...]:
+    """Return the longest period of each stream that gives a `sample_period`, and its origins.
+
+    The ticks of a `sync` are left out: they go on while an input is silent.
+    """
+    if not specification:
+        return ()
+    parsed = parse_specification(specification)
+    declared = {each.name: each.stream for each in parsed.declared(StreamDeclaration)}
+    stated = [*declared.values(), *(each.stream for each in parsed.declared(SinkDeclaration))]
+    terms = [(each.constraints, each) for term in stated for each in subterms(term)]
+    terms.append((added, made(parsed)))
+    return tuple(
+        (constraints.longest_period, _names_of(term, declared))
+        for constraints, term in terms
+        if constraints.longest_period is not None and not isinstance(term, Sync)
+    )
+
+
+def _names_of(term: Term, declared: Mapping[str, Term]) -> FreeNames:
+    """Return the streams and topics that a term names, also by way of declared streams."""
+    found = list(_references(term, declared))
+    return FreeNames(
+        frozenset(each.name for each in found if not each.is_topic),
+        frozenset(each.name for each in found if each.is_topic),
+    )
+
+
+def _references(term: Term, declared: Mapping[str, Term]) -> Iterator[StreamReference]:
+    for each in subterms(term):
+        if isinstance(each, StreamReference):
+            if each.is_topic or each.name not in declared:
+                yield each
+            else:
+                yield from _references(declared[each.name], declared)

@@ -9,7 +9,12 @@ from dyknow_interfaces.msg import StreamStatus, StreamStatusArray
 from rclpy.exceptions import InvalidTopicNameException
 
 from dyknow_common import ExitCode
-from dyknow_common.ros import LATCHED, DyKnowNode, time_to_nanoseconds
+from dyknow_common.ros import (
+    LATCHED,
+    DyKnowNode,
+    constraints_from_message,
+    time_to_nanoseconds,
+)
 from dyknow_coordinator.errors import CoordinationError
 from dyknow_coordinator.grounding.known_streams import KnownStream, KnownStreams
 from dyknow_coordinator.grounding.stream_fields import field_names
@@ -88,6 +93,7 @@ class StreamsMirror:
             message_type=status.message_type,
             engine=status.engine or (before.engine if before else ''),
             received={each.topic: time_to_nanoseconds(each.latest) for each in status.sources},
+            constraints=constraints_from_message(status.constraints),
         )
 
     def _known_streams(self, streams: Iterable[KnownStream]) -> KnownStreams:

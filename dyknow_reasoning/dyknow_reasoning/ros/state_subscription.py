@@ -51,6 +51,9 @@ class Breach:
 class StateSubscription:
     """Subscription to the states of one stream, and to its violations.
 
+    The times of states are not compared with the clock: the engine that makes the states has
+    checked the stamps that they are made from, and states of forecasts are ahead of the clock.
+
     Args:
         topic: the topic of the states.
         on_state: called with this subscription and each state.

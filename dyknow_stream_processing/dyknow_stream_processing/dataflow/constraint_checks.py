@@ -10,9 +10,17 @@ has passed, because an earlier one may still arrive until then (times in millise
     14      receive the sample valid at 2  - (dropped, violation: 12 ms late)
     15      max_delay of 5 has passed      the sample valid at 5
 
+Example of the check of leads: `"a" with max_lead = 5 ms`. At 20, a sample valid at 25 is passed on,
+and one valid at 26 is dropped with a violation. A topic without `max_lead` has that of the engine.
+
 Example of the period check: `"a" with sample_period = 10 ms, sample_period_deviation = 2 ms`, after
 a sample valid at 0. A sample valid at 7 is dropped with a violation; one valid at 8 to 12 is
-emitted. Without one, the gap is a violation as soon as no sample valid at 12 can arrive any more.
+emitted. Without one, the gap is a violation as soon as no sample valid at 12 can arrive any more:
+
+    "a" is                        the gap is certain
+    stamped                       when a sample valid after 12 arrives, whatever its delay
+    stamped, max_delay = 3 ms     then, or when the clock has passed 15
+    valid at the time of receipt  when the clock has passed 12
 """
 
 from __future__ import annotations
@@ -29,13 +37,57 @@ from dyknow_common import (
     round_duration,
     round_time,
 )
-from dyknow_stream_processing.dataflow.operators import NO_PROMISE, Operator, Wiring
+from dyknow_stream_processing.dataflow.operators import (
+    NO_PROMISE,
+    Operator,
+    SourceOperator,
+    Wiring,
+)
 from dyknow_stream_processing.dataflow.scheduler import BEGINNING
 from dyknow_stream_processing.violation import Fault, ViolationKind
 
 
-class OrderOperator(Operator):
-    """Filter that drops each sample that is older than its predecessor."""
+class LeadOperator(Operator):
+    """Filter that drops each sample that is stamped too far ahead of the clock.
+
+    Args:
+        max_lead: the lead in nanoseconds up to which a sample is passed on.
+        is_default: True if the stream gives no `max_lead`. The input is then a source, or selects
+            from one, and samples that another engine has checked are passed on in any case.
+    """
+
+    def __init__(self, wiring: Wiring, max_lead: int, is_default: bool) -> None:  # noqa: FBT001
+        super().__init__(wiring)
+        self.limit = (max_lead, is_default)
+        """The arguments, for an equal check."""
+        self._max_lead = max_lead
+        self._source = _source_of(self.inputs[0]) if is_default else None
+
+    def receive(
+        self, port: int, valid_time: int, fields: Mapping[str, Value], watermark: int, now: int
+    ) -> None:
+        """Pass a sample on unless it is too far ahead."""
+        if valid_time - now > self._max_lead and self._reject_ahead(valid_time, now):
+            self.promise(port, watermark, now)
+        else:
+            self._emit(valid_time, fields, watermark, now)
+
+    def _reject_ahead(self, valid_time: int, now: int) -> bool:
+        """Reject a sample; return False if another engine has checked it."""
+        if self._source is not None and self._source.is_checked:
+            return False
+        lead = valid_time - now
+        message = (
+            f'the sample valid at {round_time(valid_time)} is stamped {round_duration(lead)} ahead '
+            f'of the clock; max_lead is {format_duration(self._max_lead)}; synchronise the clocks, '
+            f'or give a stream of forecasts a longer max_lead'
+        )
+        self._reject(Fault(ViolationKind.FUTURE, valid_time, message, lead, self._max_lead))
+        return True
+
+
+class OrderOperator(LeadOperator):
+    """Filter that also drops each sample that is older than its predecessor."""
 
     _sorts = True
 
@@ -47,7 +99,9 @@ class OrderOperator(Operator):
         watermark: int,  # noqa: ARG002
         now: int,
     ) -> None:
-        """Pass a sample on unless a later one has been passed on."""
+        """Pass a sample on unless it is too far ahead, or a later one has been passed on."""
+        if valid_time - now > self._max_lead and self._reject_ahead(valid_time, now):
+            return
         if valid_time < self.watermark:
             self._reject(_out_of_order(valid_time, self.watermark))
         else:
@@ -171,10 +225,9 @@ class BoundsOperator(Operator):
 class PeriodOperator(Operator):
     """Check that samples follow each other at the sample period.
 
-    A sample that follows too early is dropped. A gap is reported once: when the clock makes it
-    certain, or by the sample that ends it. If the delay of the next sample has a bound, the clock
-    counts from the valid time of the last sample. Otherwise it counts from the arrival of the last
-    sample, as if the next one had the same delay.
+    A sample that follows too early is dropped. A gap is reported once, when it is certain: by the
+    sample that ends it, by a promise, or by the clock if the delay of the next sample has a bound.
+    Otherwise silence alone is no violation, because the next sample may be late, not missing.
     """
 
     def __init__(self, wiring: Wiring, constraints: StreamConstraints) -> None:
@@ -187,7 +240,8 @@ class PeriodOperator(Operator):
             f'give or take {format_duration(constraints.sample_period_deviation or 0)}'
         )
         self._last: int | None = None
-        self._due: int | None = None
+        self._latest: int | None = None
+        """The latest valid time at which the next sample is in time; None: no gap to report."""
 
     def receive(
         self, port: int, valid_time: int, fields: Mapping[str, Value], watermark: int, now: int
@@ -199,33 +253,44 @@ class PeriodOperator(Operator):
                 self._reject(self._fault(valid_time, distance, self._shortest))
                 self.promise(port, watermark, now)
                 return
-            if distance > self._longest and self._due is not None:
+            if distance > self._longest and self._latest is not None:
                 self._violate(self._fault(valid_time, distance, self._longest))
-        self._expect_next(valid_time, now)
-        self._emit(valid_time, fields, watermark, now)
-
-    def wake(self, now: int) -> None:
-        """Report the gap once it is certain that the next sample is not in time."""
-        if self._last is None or self._due is None:
-            return
-        if now < self._due:
-            self._scheduler.wake_at(self, self._due)
-            return
-        self._due = None
-        latest = self._last + self._longest
-        message = f'no sample after the one valid at {round_time(self._last)}; {self._demand}'
-        observed = now - self._last
-        self._violate(Fault(ViolationKind.SAMPLE_PERIOD, latest, message, observed, self._longest))
-
-    def _expect_next(self, valid_time: int, now: int) -> None:
         self._last = valid_time
         latest = valid_time + self._longest
-        if self._end is not None and latest > self._end:
-            self._due = None
+        self._latest = latest if self._end is None or latest <= self._end else None
+        self._plan()
+        self._emit(valid_time, fields, watermark, now)
+
+    def promise(self, port: int, watermark: int, now: int) -> None:  # noqa: ARG002
+        """Report the gap if no sample can be in time any more."""
+        if self._latest is not None and watermark > self._latest:
+            self._report_gap(self._latest, watermark)
+        self._promise(watermark, now)
+        self._plan()
+
+    def wake(self, now: int) -> None:
+        """Report the gap once the clock makes it certain that the next sample is not in time."""
+        if self._latest is None:
             return
-        certain = self.certain_at(latest)
-        self._due = now + self._longest + 1 if certain is None else certain
-        self._scheduler.wake_at(self, self._due)
+        certain = self.certain_at(self._latest)
+        if certain is not None and certain <= now:
+            self._report_gap(self._latest, now)
+        else:
+            self._plan()
+
+    def _plan(self) -> None:
+        """Wake when the clock makes a gap certain, if it can."""
+        if self.timed and self._latest is not None:
+            certain = self.certain_at(self._latest)
+            if certain is not None:
+                self._scheduler.wake_at(self, certain)
+
+    def _report_gap(self, latest: int, until: int) -> None:
+        self._latest = None
+        last = latest - self._longest
+        message = f'no sample after the one valid at {round_time(last)}; {self._demand}'
+        fault = Fault(ViolationKind.SAMPLE_PERIOD, latest, message, until - last, self._longest)
+        self._violate(fault)
 
     def _fault(self, valid_time: int, observed: int, allowed: int) -> Fault:
         message = (
@@ -233,6 +298,13 @@ class PeriodOperator(Operator):
             f'after its predecessor; {self._demand}'
         )
         return Fault(ViolationKind.SAMPLE_PERIOD, valid_time, message, observed, allowed)
+
+
+def _source_of(operator: Operator) -> SourceOperator:
+    """Return the source of an operator that selects from a single one."""
+    while not isinstance(operator, SourceOperator):
+        (operator,) = operator.inputs
+    return operator
 
 
 def _out_of_order(valid_time: int, predecessor: int) -> Fault:

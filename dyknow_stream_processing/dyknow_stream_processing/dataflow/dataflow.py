@@ -6,8 +6,9 @@ from collections import Counter
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
+from typing import Final
 
-from dyknow_common import ExitCode, StreamConstraints, Value, ValueType
+from dyknow_common import NANOSECONDS, ExitCode, StreamConstraints, Value, ValueType
 from dyknow_stream_processing.dataflow.operator_graph import OperatorGraph
 from dyknow_stream_processing.dataflow.operators import Operator
 from dyknow_stream_processing.dataflow.scheduler import BEGINNING, Scheduler
@@ -18,6 +19,9 @@ from dyknow_stream_processing.language.specification import Specification
 from dyknow_stream_processing.language.type_rules import Unit
 from dyknow_stream_processing.sample import Sample
 from dyknow_stream_processing.violation import Fault, Violation
+
+DEFAULT_MAX_LEAD: Final = 100 * NANOSECONDS['ms']
+"""The time by which stamps may be ahead of the clock where a stream gives no `max_lead`."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,13 +58,16 @@ class Dataflow:
     Args:
         units: the computational units, by name (see `load_units`).
         source_type: returns the type of a topic; `None` if it is unknown.
+        max_lead: of topics for which a stream gives none, in nanoseconds.
     """
 
     def __init__(
         self,
         units: Mapping[str, Unit],
         source_type: Callable[[str], SourceType | None],
+        max_lead: int = DEFAULT_MAX_LEAD,
     ) -> None:
+        self.max_lead = max_lead
         self._units = units
         self._source_type = source_type
         self._streams: dict[str, _RunningStream] = {}
@@ -68,7 +75,9 @@ class Dataflow:
 
     def _reset(self) -> None:
         self._scheduler = Scheduler()
-        self._graph = OperatorGraph(self._scheduler, self._units, self._has_receipt_time)
+        self._graph = OperatorGraph(
+            self._scheduler, self._units, self._has_receipt_time, self.max_lead
+        )
 
     def create(
         self,
@@ -146,12 +155,19 @@ class Dataflow:
         for source in self._graph.sources.get(topic, ()):
             source.set_receipt_time(receipt_time=source_type.receipt_time)
 
-    def push(self, topic: str, sample: Sample) -> None:
-        """Process a sample of a topic; its available time is the time of receipt, and is now."""
+    def push(self, topic: str, sample: Sample, *, is_checked: bool = False) -> None:
+        """Process a sample of a topic.
+
+        Args:
+            topic: its name.
+            sample: its available time is the time of receipt, and is now.
+            is_checked: True if another engine has checked its stamps: it may then be further ahead
+                of the clock than `max_lead`, unless a stream gives a `max_lead` by itself.
+        """
         scheduler = self._scheduler
         scheduler.run(sample.available_time)
         for source in self._graph.sources.get(topic, ()):
-            source.push(sample.valid_time, sample.fields, scheduler.now)
+            source.push(sample.valid_time, sample.fields, scheduler.now, is_checked)
         scheduler.run(scheduler.now)
 
     def report(self, topic: str, violation: Violation) -> None:

@@ -10,6 +10,7 @@ from dyknow_common import NO_CONSTRAINTS
 from dyknow_stream_processing.dataflow.computational_units import UnitOperator
 from dyknow_stream_processing.dataflow.constraint_checks import (
     BoundsOperator,
+    LeadOperator,
     OrderOperator,
     PeriodOperator,
     ReorderOperator,
@@ -42,6 +43,7 @@ class OperatorGraph:
         scheduler: wakes the operators.
         units: the computational units by name.
         has_receipt_time: returns true if the valid times of a topic are the times of receipt.
+        max_lead: of topics for which a stream gives none, in nanoseconds.
     """
 
     def __init__(
@@ -49,10 +51,12 @@ class OperatorGraph:
         scheduler: Scheduler,
         units: Mapping[str, Unit],
         has_receipt_time: Callable[[str], bool],
+        max_lead: int,
     ) -> None:
         self._scheduler = scheduler
         self._units = units
         self._has_receipt_time = has_receipt_time
+        self._max_lead = max_lead
         self._operators: dict[Hashable, Operator] = {}
         self.sources: Mapping[str, tuple[SourceOperator, ...]] = {}
         """The source operators of each topic."""
@@ -80,21 +84,33 @@ class OperatorGraph:
                 sources[operator.label] = (*sources.get(operator.label, ()), operator)
         self.sources = sources
 
-    def _constrained(self, term: Term, *, may_be_late: bool) -> Operator:
+    def _constrained(
+        self, term: Term, *, may_be_late: bool, max_lead: int | None = None
+    ) -> Operator:
         """Return the operator of a term with its constraints.
 
         With `may_be_late`, it may emit samples out of order, as a consumer reorders them. Otherwise
-        samples of a topic that are older than their predecessors are dropped.
+        samples of a topic that are older than their predecessors are dropped. A select or a merge
+        passes the least `max_lead`, its own or that of its consumer, on to the topics, because
+        leads are checked when samples arrive.
         """
         label, demands = _label(term), term.constraints
-        if demands.max_delay is not None:
-            source = self._bare(term, may_be_late=True)
+        is_delayed, is_regular = demands.max_delay is not None, demands.sample_period is not None
+        max_lead = min(
+            (each for each in (demands.max_lead, max_lead) if each is not None), default=None
+        )
+        operator = self._bare(
+            term,
+            may_be_late=is_delayed or (may_be_late and not is_regular),
+            max_lead=max_lead,
+        )
+        if isinstance(term, Sync | Call) and max_lead is not None:
+            operator = self._operator(LeadOperator, label, [operator], max_lead, False)
+        if is_delayed:
             limits = (demands.max_delay, demands.shortest_period)
-            operator = self._operator(ReorderOperator, label, [source], *limits)
-        elif demands.sample_period is not None:
-            operator = self._in_order(self._bare(term, may_be_late=False))
-        else:
-            operator = self._bare(term, may_be_late=may_be_late)
+            operator = self._operator(ReorderOperator, label, [operator], *limits)
+        elif is_regular:
+            operator = self._in_order(operator)
         bounds = (demands.start_time, demands.end_time)
         if bounds != (None, None):
             operator = self._operator(BoundsOperator, label, [operator], *bounds)
@@ -104,18 +120,23 @@ class OperatorGraph:
             operator = self._operator(PeriodOperator, label, [operator], demands)
         return operator
 
-    def _bare(self, term: Term, *, may_be_late: bool) -> Operator:
+    def _bare(self, term: Term, *, may_be_late: bool, max_lead: int | None) -> Operator:
         label = _label(replace(term, constraints=NO_CONSTRAINTS))
         match term:
             case StreamReference():
                 has_receipt_time = self._has_receipt_time(term.name)
                 source = self._operator(SourceOperator, label, [], has_receipt_time)
-                return source if may_be_late else self._operator(OrderOperator, label, [source])
+                check = LeadOperator if may_be_late else OrderOperator
+                limit = (self._max_lead, True) if max_lead is None else (max_lead, False)
+                return self._operator(check, label, [source], *limit)
             case Select():
-                source = self._constrained(term.source, may_be_late=may_be_late)
+                source = self._constrained(term.source, may_be_late=may_be_late, max_lead=max_lead)
                 return self._selected(source, label, (term.selections, term.conditions))
             case Merge():
-                inputs = [self._constrained(each, may_be_late=may_be_late) for each in term.inputs]
+                inputs = [
+                    self._constrained(each, may_be_late=may_be_late, max_lead=max_lead)
+                    for each in term.inputs
+                ]
                 return self._operator(MergeOperator, label, inputs)
             case Sync():
                 inputs = self._sorted(term.inputs)
@@ -127,6 +148,10 @@ class OperatorGraph:
                 return self._operator(UnitOperator, label, inputs, *details)
 
     def _selected(self, source: Operator, label: str, details: tuple[object, ...]) -> Operator:
+        if isinstance(source, LeadOperator) and not isinstance(source, OrderOperator):
+            # A stream is not at fault for samples that it does not select.
+            selected = self._selected(source.inputs[0], label, details)
+            return self._operator(LeadOperator, label, [selected], *source.limit)
         if not isinstance(source, MergeOperator):
             return self._operator(SelectOperator, label, [source], *details)
         # Selecting before merging is equivalent, and keeps the separate promises of the inputs.

@@ -149,9 +149,21 @@ class SourceOperator(Operator):
     def __init__(self, wiring: Wiring, receipt_time: bool) -> None:  # noqa: FBT001
         super().__init__(wiring)
         self.timed = self._receipt_time = receipt_time
+        self.is_checked = False
+        """True while a sample is pushed whose stamps another engine has checked."""
 
-    def push(self, valid_time: int, fields: Mapping[str, Value], now: int) -> None:
+    def push(
+        self,
+        valid_time: int,
+        fields: Mapping[str, Value],
+        now: int,
+        is_checked: bool,  # noqa: FBT001 - a keyword costs time at each sample
+    ) -> None:
         """Pass a sample on, without a promise about the next one."""
+        self.is_checked = is_checked
+        if self._receipt_time and valid_time < now:
+            # The clock has made all earlier times certain, before this sample was processed.
+            valid_time = now
         for consumer, port in self.consumers:
             consumer.receive(port, valid_time, fields, NO_PROMISE, now)
 

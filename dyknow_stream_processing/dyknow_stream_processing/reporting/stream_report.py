@@ -24,7 +24,10 @@ class StreamState(IntEnum):
 
 @dataclass(frozen=True, slots=True)
 class Flow:
-    """Samples per second, and their delays from valid to available time in nanoseconds."""
+    """Samples per second, and their delays from valid to available time in nanoseconds.
+
+    The delay of a sample that is available before its valid time, such as a forecast, is negative.
+    """
 
     rate: float = 0.0
     mean_delay: int = 0
@@ -69,6 +72,8 @@ class SourceReport:
     samples: int = 0
     latest: int | None = None
     """The time of receipt of the latest sample, nanoseconds."""
+    delay: int = 0
+    """The same minus its valid time, nanoseconds; negative if it was stamped ahead of the clock."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -63,7 +63,7 @@ def stream_details(report: StreamReport, now: int) -> RenderableType:
 
 def as_json(report: StreamReport) -> dict[str, Any]:
     """Return everything that is known of one stream; durations in nanoseconds, the rate in Hz."""
-    document = json_document(report, times=('latest',))
+    document = json_document(report, times=('latest', 'delay'))
     flow = document.pop('flow')
     return {
         **document,
@@ -104,7 +104,7 @@ def _details(report: StreamReport, now: int) -> Iterator[tuple[str, Cell]]:
         delay, max_delay = _delays(report)
         drops = ', '.join(f'{count} {reason}' for reason, count in sorted(report.drops.items()))
         yield 'samples', f'{report.samples} ({_rate(report)} now)'
-        yield 'delay', f'{delay}, {max_delay} at most' if delay else ''
+        yield 'delay', f'{delay}, {max_delay} at most' if max_delay else delay
         yield 'dropped', drops or 'none'
         yield 'violations', str(report.violations)
         yield 'made of', '\n'.join(_source(source, now) for source in report.sources)
@@ -114,7 +114,8 @@ def _source(source: SourceReport, now: int) -> str:
     if source.latest is None:
         return f'{source.topic}: nothing has come yet'
     age = round_duration(max(0, now - source.latest))
-    return f'{source.topic}: {source.samples} received, the latest {age} ago'
+    stamped = f', stamped {_delay(source.delay)}' if source.delay < 0 else ''
+    return f'{source.topic}: {source.samples} received, the latest {age} ago{stamped}'
 
 
 def _state(report: StreamReport) -> Text:
@@ -126,6 +127,14 @@ def _rate(report: StreamReport) -> str:
 
 
 def _delays(report: StreamReport) -> tuple[str, str]:
-    if not report.flow.rate:
-        return '', ''
-    return round_duration(report.flow.mean_delay), round_duration(report.flow.max_delay)
+    if report.flow.rate:
+        return _delay(report.flow.mean_delay), _delay(report.flow.max_delay)
+    # The samples of a topic that is stamped too far ahead of the clock are dropped.
+    least = min((source.delay for source in report.sources), default=0)
+    return (_delay(least), '') if least < 0 else ('', '')
+
+
+def _delay(nanoseconds: int) -> str:
+    if nanoseconds < 0:
+        return f'ahead {round_duration(-nanoseconds)}'
+    return round_duration(nanoseconds)

@@ -11,7 +11,7 @@ from dyknow_interfaces.srv import ListStreams, StreamCreateFromSpec, StreamDestr
 from rclpy.exceptions import InvalidTopicNameException
 from rclpy.validate_topic_name import validate_topic_name
 
-from dyknow_common import StreamConstraints
+from dyknow_common import SECOND_NS, StreamConstraints
 from dyknow_common.ros import (
     RUNNING,
     STREAM,
@@ -24,7 +24,7 @@ from dyknow_common.ros import (
     run,
 )
 from dyknow_stream_processing.dataflow.computational_units import load_units
-from dyknow_stream_processing.dataflow.dataflow import Dataflow
+from dyknow_stream_processing.dataflow.dataflow import DEFAULT_MAX_LEAD, Dataflow
 from dyknow_stream_processing.errors import StreamError
 from dyknow_stream_processing.language.parsing import parse_specification
 from dyknow_stream_processing.management.naming import check_name
@@ -72,7 +72,15 @@ class StreamProcessingEngine(DyKnowNode):
             validate_topic_name(f'{self._prefix}/name')
         except InvalidTopicNameException as error:
             raise StreamError(f"stream_prefix '{self._prefix}' cannot be used: {error}") from None
-        self._dataflow = Dataflow(load_units(), lambda topic: source_type(self, topic))
+        max_lead = self.parameter(
+            'default_max_lead',
+            DEFAULT_MAX_LEAD / SECOND_NS,
+            'Seconds by which stamps may be ahead of the clock where a stream gives no max_lead.',
+            (0.0, 3600.0),
+        )
+        self._dataflow = Dataflow(
+            load_units(), lambda topic: source_type(self, topic), round(max_lead * SECOND_NS)
+        )
         self._sources = TopicSources(self, self._dataflow)
         self._outputs: dict[str, _Output] = {}
         self._report_publisher = StreamReportPublisher(
@@ -157,16 +165,19 @@ class StreamProcessingEngine(DyKnowNode):
             output.samples.publish(output.writer.write(sample))
 
     def _publish_violation(self, name: str, violation: Violation) -> None:
+        # The node may be later than the receipt of the sample. Subscribers ignore violations from
+        # before their subscription, but the sample may matter for a stream that was created since.
+        detected = max(violation.available_time, self.now())
         message = ConstraintViolation(
             stream_name=violation.stream_name,
             constraint=str(violation.constraint),
             valid_time=nanoseconds_to_time(violation.valid_time),
-            available_time=nanoseconds_to_time(violation.available_time),
+            available_time=nanoseconds_to_time(detected),
             observed=nanoseconds_to_duration(violation.observed),
             allowed=nanoseconds_to_duration(violation.allowed),
             message=violation.message,
         )
-        message.header.stamp = self.get_clock().now().to_msg()
+        message.header.stamp = message.available_time
         self._outputs[name].violations.publish(message)
         if self._warning.is_due():
             self.get_logger().warning(f'{name}: {violation.message}')

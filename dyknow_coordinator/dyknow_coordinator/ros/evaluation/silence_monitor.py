@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from typing import Final
 
 from dyknow_common import SECOND_NS
@@ -16,7 +15,8 @@ class SilenceMonitor:
     """Replaces streams whose topics are silent, if others carry the same feature.
 
     A stream without constraints breaks none by being silent. If nothing can replace it, its
-    evaluations wait, and operators get a warning.
+    evaluations wait, and operators get a warning. A stream with a `sample_period` and no bound of
+    its delay, which no violation ends, fails them if it is silent for that much longer.
 
     Args:
         limit_s: a topic is silent after this time without a message.
@@ -36,19 +36,23 @@ class SilenceMonitor:
         names = [group.states.stream.name for group in groups]
         self._first_seen = {name: self._first_seen.get(name, now) for name in names}
         for group in groups:
-            known = self._context.streams.known
-            for topic in self._silent_topics(group):
-                silent = known.affected(group.states.chosen, topic)
-                group.states.replace_silent(
-                    silent, f"topic '{topic}' has been silent for {self._limit_s:g} s"
-                )
+            self._check_topics(group)
 
-    def _silent_topics(self, group: EvaluationGroup) -> Iterator[str]:
-        """Yield the topics without a message within the limit and since the stream exists."""
-        stream = self._context.streams.known.get(group.states.stream.name)
-        if stream is not None:
-            first_seen = self._first_seen[stream.name]
-            oldest = self._context.node.now() - round(self._limit_s * SECOND_NS)
-            for topic, latest in stream.received.items():
-                if max(latest, first_seen) < oldest:
-                    yield topic
+    def _check_topics(self, group: EvaluationGroup) -> None:
+        known = self._context.streams.known
+        stream = known.get(group.states.stream.name)
+        if stream is None:
+            return
+        first_seen = self._first_seen[stream.name]
+        oldest = self._context.node.now() - round(self._limit_s * SECOND_NS)
+        silences = {
+            topic: oldest - max(latest, first_seen) for topic, latest in stream.received.items()
+        }
+        started = {topic: each for topic, each in silences.items() if stream.received[topic]}
+        for topic in [topic for topic, silence in silences.items() if silence > 0]:
+            silent = known.affected(group.states.chosen, topic)
+            group.states.replace_silent(
+                silent,
+                f"topic '{topic}' has been silent for {self._limit_s:g} s",
+                is_overdue=any(known.is_overdue(each, started) for each in silent),
+            )

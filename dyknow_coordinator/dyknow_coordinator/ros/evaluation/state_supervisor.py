@@ -149,15 +149,18 @@ class StateSupervisor:
             self._is_changing = True
             self._context.node.spawn(self._improve)
 
-    def replace_silent(self, silent: Sequence[FeatureSource], reason: str) -> None:
-        """Replace silent sources, if others are available."""
+    def replace_silent(
+        self, silent: Sequence[FeatureSource], reason: str, *, is_overdue: bool
+    ) -> None:
+        """Replace silent sources, if others are available; if not, and `is_overdue`, fail."""
         self._exclude(silent)
         others = set(self._choose(self.inputs.candidates)) - set(self.chosen)
         available = all(map(self._context.streams.known.is_available, others))
         # Sources that have failed would be replaced again at once, without end.
-        if others and available and not any(map(self._is_excluded, others)):
+        can_replace = others and available and not any(map(self._is_excluded, others))
+        if can_replace or is_overdue:
             error = CoordinationError(reason, ExitCode.UNAVAILABLE)
-            self._interrupt(StateFault(error, transient=True))
+            self._interrupt(StateFault(error, transient=bool(can_replace)))
 
     def _on_missing(self, error: CoordinationError) -> None:
         now = self._context.wall_time_s()

@@ -97,6 +97,7 @@ def report_to_message(report: StreamReport) -> Any:
                 topic=source.topic,
                 samples=source.samples,
                 latest=nanoseconds_to_time(source.latest or 0),
+                delay=nanoseconds_to_duration(source.delay),
             )
             for source in report.sources
         ],
@@ -114,7 +115,12 @@ def report_from_message(message: Any) -> StreamReport:
         constraints=constraints_from_message(message.constraints),
         drops={drop.reason: drop.count for drop in message.drops},
         sources=tuple(
-            SourceReport(source.topic, source.samples, time_to_nanoseconds(source.latest) or None)
+            SourceReport(
+                source.topic,
+                source.samples,
+                time_to_nanoseconds(source.latest) or None,
+                time_to_nanoseconds(source.delay),
+            )
             for source in message.sources
         ),
         flow=Flow(

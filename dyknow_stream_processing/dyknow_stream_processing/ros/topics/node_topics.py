@@ -2,17 +2,30 @@
 
 Each subscription and timer of a node costs time at every message, so the streams of a node share
 one subscription for each topic, one timer that follows the publishers, and one for timed calls.
+
+The time of a message is the time at which the middleware received it. When callbacks of the node
+have run late, the messages of all topics that wait are processed first, in the order of these
+times. For example, a callback of the node takes from 0 to 300 ms:
+
+    time    event
+    100     the middleware receives a message of a
+    120     a timed call is due, because no message of a may arrive later than that
+    150     the middleware receives a message of b
+    300     the timer, or the callback of b, runs first: the message of a is processed with the
+            time 100, that of b with 150, and then the timed call is made
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import time
+from collections import deque
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
-from typing import Any, ClassVar, Final, Protocol, cast
+from typing import Any, ClassVar, Final, NamedTuple, Protocol, cast
 from weakref import WeakKeyDictionary, proxy
 
 from rclpy.callback_groups import ReentrantCallbackGroup
-from rclpy.clock import Clock, ClockType
+from rclpy.clock import Clock, ClockType, ROSClock
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
 
@@ -33,6 +46,7 @@ from dyknow_stream_processing.ros.topics.publications import (
 from dyknow_stream_processing.ros.topics.sequence_gaps import SequenceGaps
 from dyknow_stream_processing.ros.topics.timed_calls import TimedCalls
 from dyknow_stream_processing.ros.topics.violation_relay import ViolationRelay
+from dyknow_stream_processing.ros.topics.waiting_messages import take_waiting
 from dyknow_stream_processing.violation import Violation
 
 SEARCH_PERIOD_NS: Final = 100 * NANOSECONDS['ms']
@@ -40,6 +54,9 @@ SEARCH_PERIOD_NS: Final = 100 * NANOSECONDS['ms']
 
 WATCH_PERIOD_NS: Final = SECOND_NS
 """Time between two reads of the graph once all topics have publishers."""
+
+LATE_NS: Final = 10 * NANOSECONDS['ms']
+"""Time after which messages of other topics may wait that were received earlier than this one."""
 
 
 class MessageListener(Protocol):
@@ -72,9 +89,17 @@ class NodeTopics:
         self._node = proxy(node)
         self.wall_clock = Clock(clock_type=ClockType.STEADY_TIME)
         self.group = ReentrantCallbackGroup()
-        self.timed_calls = TimedCalls(self._node, self.group)
+        self.timed_calls = TimedCalls(self._node, self.group, self.catch_up)
+        self._last_activity = time.monotonic_ns()
+        self._taken: deque[_Message] = deque()
         self._feeds: dict[Any, _Feed] = {}
         self._timer: Any = None
+
+    @property
+    def is_time_simulated(self) -> bool:
+        """True if the time of the node is that of the topic /clock."""
+        # The clock of a node is a ROSClock, but rclpy declares it as a Clock.
+        return bool(cast('ROSClock', self._node.get_clock()).ros_time_is_active)
 
     @classmethod
     def of(cls, node: Node) -> NodeTopics:
@@ -124,6 +149,31 @@ class NodeTopics:
 
         return remove
 
+    def process(self, message: _Message, now: int) -> None:
+        """Process a message, after those of all topics that were received before it."""
+        late = max(now - message.receipt_time, time.monotonic_ns() - self._last_activity)
+        if late > LATE_NS or self._taken:
+            self._taken.append(message)
+            self.catch_up(now)
+        else:
+            message.feed.process(message)
+            self._last_activity = time.monotonic_ns()
+
+    def catch_up(self, now: int) -> None:
+        """Process all messages that wait at a time (nanoseconds), in the order of their receipt."""
+        feeds = list(self._feeds.values())
+        for feed in feeds:
+            self._taken += feed.take(now)
+        # A violation was published before the samples that it casts doubt on.
+        for relay in filter(None, [feed.relay for feed in feeds]):
+            relay.catch_up()
+        self._taken = deque(sorted(self._taken, key=lambda each: each.receipt_time))
+        # If a listener raises an error, the rest is processed at the next call.
+        while self._taken:
+            message = self._taken.popleft()
+            message.feed.process(message)
+        self._last_activity = time.monotonic_ns()
+
     def refresh(self) -> None:
         """Match the subscriptions to the publishers of all topics."""
         # Everything is prepared before the first message, which would wait otherwise.
@@ -147,6 +197,15 @@ class NodeTopics:
             self._timer.reset()
 
 
+class _Message(NamedTuple):
+    """A message with the number its publisher gave it, and the time of its receipt."""
+
+    feed: _Feed
+    message: Any
+    number: int | None
+    receipt_time: int
+
+
 @dataclass(eq=False, slots=True)
 class _Feed:
     """A topic with one subscription, matched to its publishers, for all listeners."""
@@ -162,6 +221,7 @@ class _Feed:
     relay: ViolationRelay | None = None
     gaps: SequenceGaps = field(init=False)
     fault: str = ''
+    latest_receipt: int = 0
 
     def __post_init__(self) -> None:
         self.gaps = SequenceGaps(lambda: publishers_of(self.node, self.topic), self._on_gap)
@@ -208,6 +268,18 @@ class _Feed:
             self.relay.destroy()
             self.relay = None
 
+    def take(self, now: int) -> Iterator[_Message]:
+        """Take the messages that wait."""
+        if self.subscription is not None:
+            for message, info in take_waiting(self.subscription):
+                yield self._received(message, info, now)
+
+    def process(self, message: _Message) -> None:
+        """Pass a message on to the listeners."""
+        self.gaps.note(message.number)
+        for listener in self.listeners:
+            listener.on_message(message.message, message.receipt_time)
+
     def _inform(self, class_: Any) -> None:
         for listener in self.listeners:
             try:
@@ -246,10 +318,18 @@ class _Feed:
         )
 
     def _on_message(self, message: Any, info: Any) -> None:
-        self.gaps.note(info.get('publication_sequence_number'))
         now = self.node.get_clock().now().nanoseconds
-        for listener in self.listeners:
-            listener.on_message(message, now)
+        self.topics.process(self._received(message, info, now), now)
+
+    def _received(self, message: Any, info: Any, now: int) -> _Message:
+        # Some middleware does not give the time of receipt, and none gives it in simulated time.
+        received = info.get('received_timestamp') or now
+        if self.topics.is_time_simulated:
+            received = now
+        # A message that was sent again may have been received after its successor.
+        self.latest_receipt = min(max(self.latest_receipt, received), now)
+        number = info.get('publication_sequence_number')
+        return _Message(self, message, number, self.latest_receipt)
 
     def _on_gap(self, count: int) -> None:
         if count:

@@ -10,11 +10,18 @@ from rclpy.node import Node
 
 
 class TimedCalls:
-    """One timer for all functions that a node must call at a given time of its ROS clock."""
+    """One timer for all functions that a node must call at a given time of its ROS clock.
 
-    def __init__(self, node: Node, group: CallbackGroup) -> None:
+    Args:
+        before_calls: receives the current time before the functions that are due then are called.
+    """
+
+    def __init__(
+        self, node: Node, group: CallbackGroup, before_calls: Callable[[int], None]
+    ) -> None:
         self._node = node
         self._group = group
+        self._before_calls = before_calls
         self._times_ns: dict[Callable[[int], None], int] = {}
         self._timer: Any = None
         self._next_ns: int | None = None
@@ -50,6 +57,7 @@ class TimedCalls:
         self._timer.cancel()
         self._next_ns = None
         now = self._node.get_clock().now().nanoseconds
+        self._before_calls(now)
         for function in [each for each, time_ns in self._times_ns.items() if time_ns <= now]:
             # A function may cancel others.
             if self._times_ns.pop(function, None) is not None:

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Collection, Iterable, Mapping
 from dataclasses import dataclass, field
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 from rclpy.clock import JumpThreshold
 from rclpy.duration import Duration
@@ -12,7 +12,7 @@ from rclpy.node import Node
 from rclpy.qos import QoSProfile
 
 from dyknow_common import Value, round_duration
-from dyknow_common.ros import Throttle
+from dyknow_common.ros import Throttle, time_to_nanoseconds
 from dyknow_stream_processing.dataflow.dataflow import Dataflow, SourceType
 from dyknow_stream_processing.errors import StreamError
 from dyknow_stream_processing.reporting.stream_report import SourceReport
@@ -31,6 +31,9 @@ from dyknow_stream_processing.violation import Violation, ViolationKind
 
 WARNING_PERIOD_S: Final = 60.0
 """Minimum time between two warnings of one kind about a topic."""
+
+MAX_HELD: Final = 1000
+"""The number of samples that may wait for the next step of simulated time."""
 
 
 def source_type(
@@ -64,6 +67,9 @@ def _type_of_class(class_: Any, valid_time: str | None) -> SourceType:
 class TopicSources:
     """The sources of a dataflow: topics that push samples into it, and the node's clock.
 
+    Simulated time advances in steps, and a sample may arrive before the step at which it was
+    stamped. So a sample that is stamped ahead of simulated time is held until the next step.
+
     Args:
         quality_of_service: for every subscription; by default it is matched to the publishers.
         valid_times: the fields that hold the valid times, by topic; by default the stamps of the
@@ -86,6 +92,7 @@ class TopicSources:
         self._message_types = message_types or {}
         self._topics = NodeTopics.of(node)
         self._sources: dict[str, tuple[_Source, Callable[[], None]]] = {}
+        self._held: list[_Arrival] = []
         backward = JumpThreshold(min_forward=None, min_backward=Duration(nanoseconds=-1))
         self._jumps = node.get_clock().create_jump_callback(
             backward, post_callback=self._on_jump_back
@@ -108,16 +115,24 @@ class TopicSources:
     def report(self, topic: str) -> SourceReport:
         """Return the report of a topic that is subscribed to."""
         source, _ = self._sources[topic]
-        return SourceReport(self._node.resolve_topic_name(topic), source.received, source.latest)
+        name = self._node.resolve_topic_name(topic)
+        return SourceReport(name, source.received, source.latest, source.delay)
 
     def destroy(self) -> None:
         """Destroy all subscriptions; a second call does nothing."""
         self._jumps.unregister()
+        self._held.clear()
         self._clear()
 
     def _add(self, topic: str, fields: Collection[str]) -> None:
         source = _Source(
-            self._node, topic, fields, self._valid_times.get(topic), self._dataflow, self._schedule
+            self._node,
+            topic,
+            fields,
+            self._valid_times.get(topic),
+            self._dataflow,
+            self._schedule,
+            self._hold,
         )
         remove = self._topics.listen(
             topic, source, self._quality_of_service, self._message_types.get(topic)
@@ -133,20 +148,55 @@ class TopicSources:
     def _on_jump_back(self, jump: Any) -> None:
         """Discard all samples: a simulation or a recording starts again."""
         now = self._node.get_clock().now().nanoseconds
+        self._release(self._held, now)
+        self._held = []
         distance = round_duration(-jump.delta.nanoseconds)
         text = f'the clock was set back by {distance}; all streams restart'
         self._clear()
         self._dataflow.restart(Violation('', ViolationKind.VALID_TIME_ORDER, now, now, 0, 0, text))
         self.refresh()
 
+    def _hold(self, arrival: _Arrival) -> bool:
+        """Hold a sample until simulated time advances; return False if it must not wait."""
+        if not self._topics.is_time_simulated or len(self._held) >= MAX_HELD:
+            return False
+        self._held.append(arrival)
+        self._schedule()
+        return True
+
     def _schedule(self) -> None:
         deadline = self._dataflow.next_deadline()
         if deadline is not None:
             self._topics.timed_calls.schedule(self._advance, deadline)
+        if self._held:
+            self._topics.timed_calls.schedule(self._advance, self._held[0].time + 1)
 
     def _advance(self, now: int) -> None:
+        due = [arrival for arrival in self._held if arrival.time < now]
+        self._held = self._held[len(due) :]
+        self._release(due, now)
         self._dataflow.advance(now)
         self._schedule()
+
+    def _release(self, held: Iterable[_Arrival], now: int) -> None:
+        """Process samples that were held."""
+        for arrival in held:
+            arrival.source.push(arrival, now)
+
+
+class _Arrival(NamedTuple):
+    """A sample as it is received.
+
+    Args:
+        time: of the receipt, nanoseconds.
+        checked_at: the available time by the clock of the engine that made it; 0 if none did.
+    """
+
+    source: _Source
+    time: int
+    valid_time: int
+    fields: Mapping[str, Value]
+    checked_at: int
 
 
 @dataclass(eq=False, slots=True)
@@ -159,8 +209,11 @@ class _Source:
     valid_time_field: str | None
     dataflow: Dataflow
     schedule: Callable[[], None]
+    hold: Callable[[_Arrival], bool]
     received: int = 0
     latest: int | None = None
+    delay: int = 0
+    is_sample: bool = False
     zero_warning: Throttle = field(default_factory=lambda: Throttle(WARNING_PERIOD_S))
     class_: Any = None
     read_valid_time: Callable[[Any], int] | None = None
@@ -176,6 +229,7 @@ class _Source:
         if class_ is self.class_:
             return
         self.class_, self.extract = class_, None
+        self.is_sample = is_sample(class_)
         type_ = _type_of_class(class_, self.valid_time_field)
         self.read_valid_time = valid_time_reader(class_, self.valid_time_field)
         self.extract = _extractor(class_, self.fields)
@@ -197,11 +251,22 @@ class _Source:
                 )
             valid_time = now
         try:
-            sample = Sample(valid_time, now, self.extract(message))
+            fields = self.extract(message)
         except StreamError as error:
             self._reject(valid_time, now, str(error))
             return
-        self.dataflow.push(self.topic, sample)
+        checked_at = time_to_nanoseconds(message.available_time) if self.is_sample else 0
+        arrival = _Arrival(self, now, valid_time, fields, checked_at)
+        if not (valid_time - now > self.dataflow.max_lead and self.hold(arrival)):
+            self.push(arrival, now)
+
+    def push(self, arrival: _Arrival, now: int) -> None:
+        """Push a sample into the dataflow."""
+        self.delay = now - arrival.valid_time
+        sample = Sample(arrival.valid_time, now, arrival.fields)
+        # An engine whose clock is ahead of this one has not noticed stamps that are, too.
+        is_checked = 0 < arrival.checked_at <= now + self.dataflow.max_lead
+        self.dataflow.push(self.topic, sample, is_checked=is_checked)
         self.schedule()
 
     def on_lost(self, count: int) -> None:

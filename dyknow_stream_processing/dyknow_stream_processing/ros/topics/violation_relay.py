@@ -28,6 +28,7 @@ from dyknow_common.ros import (
     time_to_nanoseconds,
     with_distinct_lease,
 )
+from dyknow_stream_processing.ros.topics.waiting_messages import take_waiting
 from dyknow_stream_processing.violation import Violation, ViolationKind
 
 
@@ -82,6 +83,12 @@ class ViolationRelay:
             self._lost_after = None
             text = 'its engine is gone; samples may be missing until it is back'
             self._report(ViolationKind.SOURCE, text)
+
+    def catch_up(self) -> None:
+        """Report the violations that wait."""
+        if self._subscription is not None:
+            for message, _ in take_waiting(self._subscription):
+                self._on_message(message)
 
     def destroy(self) -> None:
         """Destroy the subscription."""
