@@ -15,6 +15,7 @@ from dyknow_common.ros.node import (
 from dyknow_common.ros.node_adapter import NodeAdapter
 from dyknow_common.ros.process import run
 from dyknow_common.ros.qos import (
+    HEARTBEAT,
     LATCHED,
     LATCHED_HISTORY,
     NO_SUBSCRIPTION_EVENTS,
@@ -35,6 +36,7 @@ from dyknow_common.ros.time_messages import (
 )
 
 __all__ = [
+    'HEARTBEAT',
     'LATCHED',
     'LATCHED_HISTORY',
     'NODE_TYPE',

@@ -30,6 +30,9 @@ STARTED_AT = 'born'
 NODE_TYPE = 'type'
 """The key of the kind of node in its status, such as `stream_processing_engine`."""
 
+HANG_LIMIT_S = 20.0
+"""The default of the time without progress after which a node hangs."""
+
 
 class DyKnowNode(Node):
     """A node whose services always respond, and whose heartbeats show that it is alive."""
@@ -47,7 +50,7 @@ class DyKnowNode(Node):
         self.heartbeat = NodeHeartbeat(self, self.started_at, self._publish_status)
         self.hang_limit_s = self.parameter(
             'hang_limit',
-            20.0,
+            HANG_LIMIT_S,
             'Seconds without progress after which the process of the node ends; 0: never.',
             (0.0, 3600.0),
         )

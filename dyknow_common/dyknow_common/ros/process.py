@@ -20,7 +20,7 @@ from dyknow_common.errors import DyKnowError
 from dyknow_common.ros.commands import ROS_ERRORS
 from dyknow_common.ros.deadlines import TICK_PERIOD_S
 from dyknow_common.ros.executor import node_executor
-from dyknow_common.ros.node import DyKnowNode
+from dyknow_common.ros.node import HANG_LIMIT_S, DyKnowNode
 from dyknow_common.ros.qos import HEARTBEAT_PERIOD_S
 
 SHUTDOWN_TIMEOUT_S = 5.0
@@ -42,13 +42,13 @@ _INT_AND_POINTER = (ctypes.c_int, ctypes.c_void_p)
 
 
 class Watchdog:
-    """A thread that publishes the heartbeats of a node, and ends the process if the node hangs.
+    """A thread that publishes the heartbeats of a node, and ends the process if it hangs.
 
     The thread counts its own periods, so time in which the process is stopped (SIGSTOP) does not
     count. If a thread that hangs holds the GIL, no other one can run. Then SIGALRM ends the
     process, which is handled without Python:
 
-         0.0 s  the thread publishes a heartbeat and sets the timer of SIGALRM to `hang_limit`
+         0.0 s  the thread sets the timer of SIGALRM to `hang_limit`, and publishes a heartbeat
          0.5 s  the same again
          0.7 s  a thread waits for ever, with the GIL
         20.5 s  SIGALRM: the tracebacks of all threads are printed
@@ -56,41 +56,50 @@ class Watchdog:
                 the timer again in between
     """
 
-    def __init__(self, node: DyKnowNode) -> None:
-        self._node = node
+    def __init__(self) -> None:
+        self._node: DyKnowNode | None = None
+        self._limit_s = HANG_LIMIT_S
         self._stopped = threading.Event()
-        self._thread = threading.Thread(target=self._run, daemon=True)
         with suppress(*WITHOUT_STDERR):
             faulthandler.register(signal.SIGALRM, all_threads=True)
         self._libc = ctypes.CDLL(None)
         self._libc.signal.argtypes = self._libc.sysv_signal.argtypes = _INT_AND_POINTER
         self._libc.signal.restype = ctypes.c_void_p
         self._print_tracebacks = self._libc.signal(signal.SIGALRM, None)
-
-    def __enter__(self) -> None:
+        self._thread = threading.Thread(target=self._run, daemon=True)
         self._thread.start()
 
-    def __exit__(self, *_: object) -> None:
+    def guard(self, node: DyKnowNode) -> None:
+        """Publish the heartbeats of a node whose executor is about to run."""
+        self._limit_s = node.hang_limit_s
+        self._node = node
+
+    def stop(self) -> None:
+        """End the heartbeats and the guard."""
         self._stopped.set()
         self._thread.join(HEARTBEAT_PERIOD_S)
         signal.setitimer(signal.ITIMER_REAL, 0.0)
 
     def _run(self) -> None:
-        limit_s = self._node.hang_limit_s
-        while not self._stopped.wait(HEARTBEAT_PERIOD_S):
-            if limit_s:
-                # A handler that `sysv_signal` sets is called once; the next signal has the default
-                # effect.
-                self._libc.sysv_signal(signal.SIGALRM, self._print_tracebacks)
-                signal.setitimer(signal.ITIMER_REAL, limit_s, FREEZE_GRACE_S)
-            try:
-                hung_s = self._node.heartbeat.publish()
-            except RuntimeError:
-                if self._node.context.ok():
-                    raise
+        while not self._stopped.is_set():
+            # A handler that `sysv_signal` sets is called once; then the default action is restored.
+            self._libc.sysv_signal(signal.SIGALRM, self._print_tracebacks)
+            signal.setitimer(signal.ITIMER_REAL, self._limit_s, FREEZE_GRACE_S)
+            if self._node is not None and not self._publish(self._node):
                 return
-            if 0.0 < limit_s < hung_s and self._node.context.ok():
-                _end_hung(hung_s)
+            self._stopped.wait(HEARTBEAT_PERIOD_S)
+
+    def _publish(self, node: DyKnowNode) -> bool:
+        """Publish a heartbeat; return True unless the node is stopping."""
+        try:
+            hung_s = node.heartbeat.publish()
+        except RuntimeError:
+            if node.context.ok():
+                raise
+            return False
+        if node.context.ok() and 0.0 < self._limit_s < hung_s:
+            _end_hung(hung_s)
+        return True
 
 
 def _end_hung(hung_s: float) -> None:
@@ -145,14 +154,15 @@ def run(
         print(' '.join(str(error).split()), file=sys.stderr)  # noqa: T201
         return failure
     _exit_after_shutdown()
+    watchdog = Watchdog()
     node: DyKnowNode | None = None
     executor = node_executor()
     try:
         node = make_node()
         executor.add_node(node)
         node.announce()
-        with Watchdog(node):
-            executor.spin()
+        watchdog.guard(node)
+        executor.spin()
     except (KeyboardInterrupt, ExternalShutdownException):
         pass
     except (DyKnowError, NameValidationException, ParameterException) as error:
@@ -163,6 +173,7 @@ def run(
         if rclpy.ok():
             raise
     finally:
+        watchdog.stop()
         _exit_without_threads()
         executor.shutdown()
         if node is not None:
