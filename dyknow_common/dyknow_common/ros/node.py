@@ -26,7 +26,6 @@ RUNNING = 'running'
 STARTED_AT = 'born'
 """The key of the time of start in a node's status; it distinguishes a restarted node."""
 
-
 NODE_TYPE = 'type'
 """The key of the kind of node in its status, such as `stream_processing_engine`."""
 
