@@ -3,13 +3,7 @@
 from dyknow_common.ros.commands import CommandNode, duration, run_command, run_ros_main
 from dyknow_common.ros.deadlines import TICK_PERIOD_S
 from dyknow_common.ros.executor import NodeExecutor, supports_node_executor
-from dyknow_common.ros.liveliness import (
-    FIRST_ASSERTION_S,
-    GRACE_S,
-    AliveCount,
-    Liveliness,
-    with_distinct_lease,
-)
+from dyknow_common.ros.liveliness import Heartbeats, PublisherWatch
 from dyknow_common.ros.node import (
     NODE_TYPE,
     RUNNING,
@@ -21,6 +15,7 @@ from dyknow_common.ros.node import (
 from dyknow_common.ros.node_adapter import NodeAdapter
 from dyknow_common.ros.process import run
 from dyknow_common.ros.qos import (
+    HEARTBEAT,
     LATCHED,
     LATCHED_HISTORY,
     NO_SUBSCRIPTION_EVENTS,
@@ -41,8 +36,7 @@ from dyknow_common.ros.time_messages import (
 )
 
 __all__ = [
-    'FIRST_ASSERTION_S',
-    'GRACE_S',
+    'HEARTBEAT',
     'LATCHED',
     'LATCHED_HISTORY',
     'NODE_TYPE',
@@ -54,12 +48,12 @@ __all__ = [
     'STREAM',
     'TICK_PERIOD_S',
     'VIOLATIONS',
-    'AliveCount',
     'CommandNode',
     'DyKnowNode',
-    'Liveliness',
+    'Heartbeats',
     'NodeAdapter',
     'NodeExecutor',
+    'PublisherWatch',
     'RemoteNode',
     'ReportCommand',
     'Throttle',
@@ -76,5 +70,4 @@ __all__ = [
     'snake_case',
     'supports_node_executor',
     'time_to_nanoseconds',
-    'with_distinct_lease',
 ]

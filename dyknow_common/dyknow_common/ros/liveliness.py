@@ -1,121 +1,178 @@
-"""Liveliness of a publisher, by the lease of its topic.
+"""Liveliness of other nodes, by their heartbeats.
 
-A publisher asserts its liveliness; the middleware reports to each subscription when a lease expires
-and when it is asserted again. An event counts only after a grace period, as the middleware asserts
-the liveliness of healthy nodes late on a busy machine:
+Every node of DyKnow publishes `~/heartbeat` each PERIOD_S. A reader counts the periods of its own
+timer since the last heartbeat. So time in which the reader itself cannot run does not count:
 
-    0.0 s  the publisher is found: `expect`     lost at 3.0 s without an assertion
-    0.2 s  first assertion                      alive
-    7.0 s  the node is busy, its lease expires  lost at 8.5 s without an assertion
-    7.4 s  asserted again                       `on_regained`
-    9.0 s  the node is killed
-   10.0 s  its lease of 1 s expires             lost at 11.5 s without an assertion
-   11.5 s                                       `on_lost`
+     0.0 s  the first heartbeat: the node is alive
+     7.0 s  the reader is stopped (SIGSTOP)
+    22.0 s  it continues: its timer has counted one period, then a heartbeat is received
+    30.1 s  the node is killed
+    32.5 s  the reader has counted MISSED_LIMIT periods: the node is dead
+    33.0 s  the node is restarted: its heartbeats have a later time of start
+
+The leases of the middleware would need no heartbeat, but the timers behind them have caused
+deadlocks in Fast DDS.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from itertools import count
-from typing import Any
+from functools import partial
+from typing import Any, ClassVar, Final
+from weakref import WeakKeyDictionary, proxy
 
-from rclpy.duration import Duration
-from rclpy.qos import QoSProfile
-from rclpy.task import Future
+from dyknow_interfaces.msg import Heartbeat
+from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
+from rclpy.clock import Clock, ClockType
+from rclpy.node import Node
 
-from dyknow_common.ros.node import DyKnowNode
-from dyknow_common.ros.node_adapter import NodeAdapter
+from dyknow_common.ros.qos import HEARTBEAT, HEARTBEAT_PERIOD_S, NO_SUBSCRIPTION_EVENTS
+from dyknow_common.ros.time_messages import time_to_nanoseconds
 
-GRACE_S = 1.5
-"""The time after the end of a lease before its publisher counts as lost."""
-
-FIRST_ASSERTION_S = 3.0
-"""The time for the first assertion of a publisher that was found."""
-
-_subscriptions = count(1)
+MISSED_LIMIT: Final = 5
+"""The number of periods without a heartbeat after which a node counts as dead."""
 
 
-def with_distinct_lease(publishing: QoSProfile) -> QoSProfile:
-    """Return the profile for one subscription with liveliness events.
+class NodeLiveliness:
+    """The liveliness of a node, from its heartbeats.
 
-    If several subscriptions of a process have equal leases, the middleware reports to only one of
-    them that the publisher is alive. So each has a lease that is some microseconds longer.
-
-    Args:
-        publishing: the profile of the publisher.
+    Attributes:
+        started_at: the start of the node's latest known run in nanoseconds; 0 if none is known.
+        silence: the number of the reader's periods since the last sign of life.
     """
-    lease = publishing.liveliness_lease_duration.nanoseconds + 1_000 * next(_subscriptions)
-    return QoSProfile(
-        depth=publishing.depth,
-        reliability=publishing.reliability,
-        durability=publishing.durability,
-        liveliness=publishing.liveliness,
-        liveliness_lease_duration=Duration(nanoseconds=lease),
-    )
-
-
-class AliveCount:
-    """The number of publishers of a topic that are alive, from the events of a subscription."""
 
     def __init__(self) -> None:
-        self.value = 0
+        self.started_at = 0
+        self.silence = 0
 
-    def update(self, event: Any) -> int:
-        """Return the number after an event."""
-        # The change counts also leases that expired before an assertion that was not reported.
-        self.value = max(0, self.value + event.alive_count_change)
-        return self.value
+    @property
+    def alive_since(self) -> int:
+        """The start of the run that is alive, in nanoseconds; 0 if there is none."""
+        return self.started_at if self.silence < MISSED_LIMIT else 0
+
+    def note(self, started_at: int) -> None:
+        """Record a sign of life of the run of the node that started at a time."""
+        # If two nodes of one name meet, the older one must not look like a restart of the younger.
+        if started_at >= self.alive_since:
+            self.started_at, self.silence = started_at, 0
 
 
-class Liveliness:
-    """The state of a publisher, from the liveliness events of a subscription.
+class Heartbeats:
+    """The heartbeats that a node receives: one subscription for each other node; see `of`."""
+
+    _known: ClassVar[WeakKeyDictionary[Node, Heartbeats]] = WeakKeyDictionary()
+
+    def __init__(self, node: Node) -> None:
+        # A proxy: the entry in `_known` must not keep the node alive.
+        self.node: Node = proxy(node)
+        self.group = MutuallyExclusiveCallbackGroup()
+        """The callback group of the heartbeats and the listeners."""
+        self._nodes: dict[str, NodeLiveliness] = {}
+        self._subscriptions: list[Any] = []
+        self._listeners: list[Callable[[], None]] = []
+        self._timer: Any = None
+
+    @classmethod
+    def of(cls, node: Node) -> Heartbeats:
+        """Return the heartbeats that a node receives."""
+        if node not in cls._known:
+            cls._known[node] = cls(node)
+        return cls._known[node]
+
+    def liveliness(self, name: str) -> NodeLiveliness:
+        """Return the liveliness of a node, which is kept up to date while there is a listener."""
+        topic = self.node.resolve_topic_name(f'{name}/heartbeat')
+        if topic not in self._nodes:
+            self._nodes[topic] = NodeLiveliness()
+            self._subscriptions.append(
+                self.node.create_subscription(
+                    Heartbeat,
+                    topic,
+                    partial(_on_heartbeat, self._nodes[topic]),
+                    HEARTBEAT,
+                    callback_group=self.group,
+                    event_callbacks=NO_SUBSCRIPTION_EVENTS,
+                )
+            )
+        return self._nodes[topic]
+
+    def listen(self, listener: Callable[[], None]) -> None:
+        """Call a function after each period."""
+        self._listeners.append(listener)
+        if self._timer is None:
+            self._timer = self.node.create_timer(
+                HEARTBEAT_PERIOD_S,
+                self._end_period,
+                callback_group=self.group,
+                clock=Clock(clock_type=ClockType.STEADY_TIME),
+            )
+
+    def remove(self, listener: Callable[[], None]) -> None:
+        """Remove a listener; without listeners, all subscriptions end."""
+        self._listeners.remove(listener)
+        if self._listeners:
+            return
+        self.node.destroy_timer(self._timer)
+        self._timer = None
+        for subscription in self._subscriptions:
+            self.node.destroy_subscription(subscription)
+        self._subscriptions.clear()
+        self._nodes.clear()
+
+    def _end_period(self) -> None:
+        for each in self._nodes.values():
+            each.silence += 1
+        for listener in list(self._listeners):
+            listener()
+
+
+class PublisherWatch:
+    """Notices that the node that publishes a topic is dead or was restarted.
+
+    A publisher that is no node of DyKnow has no heartbeat; it counts as alive while it is on the
+    ROS graph.
 
     Args:
-        on_lost: called when the lease has expired and the grace period is over.
-        on_regained: called when the lease is asserted again.
+        heartbeats: that the watching node receives.
+        topic: absolute.
+        on_lost: called when no publisher is alive any more, and when one was restarted.
     """
 
-    def __init__(
-        self,
-        node: DyKnowNode | NodeAdapter,
-        on_lost: Callable[[], None],
-        on_regained: Callable[[], None] = lambda: None,
-    ) -> None:
-        self._node = node
+    def __init__(self, heartbeats: Heartbeats, topic: str, on_lost: Callable[[], None]) -> None:
+        self._heartbeats = heartbeats
+        self._topic = topic
         self._on_lost = on_lost
-        self._on_regained = on_regained
-        self._alive = AliveCount()
-        self._timeout: Future | None = None
+        self._starts: dict[str, int] = {}
+        self._absence = 0
+        self._is_lost = False
+        heartbeats.listen(self._check)
 
-    def on_event(self, event: Any) -> None:
-        """Process a liveliness event of the subscription."""
-        if not self._alive.update(event):
-            self._start_timeout(GRACE_S)
-            return
-        self.stop_timeout()
-        if event.not_alive_count_change < 0:
-            self._on_regained()
+    def stop(self) -> None:
+        """End the watch."""
+        self._heartbeats.remove(self._check)
 
-    def expect(self) -> None:
-        """Expect a first assertion from a publisher that was found.
-
-        The middleware raises no event for a lease that expires before it is first asserted.
-        """
-        if not self._alive.value:
-            self._start_timeout(FIRST_ASSERTION_S)
-
-    def stop_timeout(self) -> None:
-        """Expect no assertion until the next event."""
-        timeout, self._timeout = self._timeout, None
-        if timeout is not None:
-            timeout.cancel()
-
-    def _start_timeout(self, timeout_s: float) -> None:
-        if self._timeout is None:
-            self._timeout = self._node.deadlines.after(timeout_s)
-            self._timeout.add_done_callback(self._on_timeout)
-
-    def _on_timeout(self, timeout: Future) -> None:
-        if timeout is self._timeout:
-            self._timeout = None
+    def _check(self) -> None:
+        names = self._publishers()
+        self._absence = 0 if names else self._absence + 1
+        was_lost = self._is_lost
+        self._is_lost = min(map(self._silence, names), default=self._absence) >= MISSED_LIMIT
+        starts = {name: self._heartbeats.liveliness(name).started_at for name in names}
+        is_restarted = any(self._starts.get(name, 0) not in {0, starts[name]} for name in names)
+        self._starts.update(starts)
+        if (self._is_lost or is_restarted) and not was_lost:
             self._on_lost()
+
+    def _publishers(self) -> list[str]:
+        infos = self._heartbeats.node.get_publishers_info_by_topic(self._topic)
+        names = {f'{info.node_namespace.rstrip("/")}/{info.node_name}' for info in infos}
+        # The name of a node that was just discovered may be unknown.
+        return [name for name in names if name.startswith('/')]
+
+    def _silence(self, name: str) -> int:
+        liveliness = self._heartbeats.liveliness(name)
+        has_heartbeat = self._heartbeats.node.count_publishers(f'{name}/heartbeat') > 0
+        return liveliness.silence if liveliness.started_at or has_heartbeat else 0
+
+
+def _on_heartbeat(liveliness: NodeLiveliness, message: Any) -> None:
+    liveliness.note(time_to_nanoseconds(message.started_at))

@@ -16,6 +16,8 @@ from rclpy.node import Node
 
 from dyknow_common.errors import DyKnowError, ExitCode
 from dyknow_common.ros.deadlines import Deadlines
+from dyknow_common.ros.heartbeat import NodeHeartbeat
+from dyknow_common.ros.liveliness import Heartbeats
 from dyknow_common.ros.qos import NO_PUBLISHER_EVENTS, NO_SUBSCRIPTION_EVENTS, SERVICE, STATUS
 
 RUNNING = 'running'
@@ -24,13 +26,15 @@ RUNNING = 'running'
 STARTED_AT = 'born'
 """The key of the time of start in a node's status; it distinguishes a restarted node."""
 
-
 NODE_TYPE = 'type'
 """The key of the kind of node in its status, such as `stream_processing_engine`."""
 
+HANG_LIMIT_S = 20.0
+"""The default of the time without progress after which a node hangs."""
+
 
 class DyKnowNode(Node):
-    """A node whose services always respond, and whose status has a liveliness lease."""
+    """A node whose services always respond, and whose heartbeats show that it is alive."""
 
     def __init__(self, name: str) -> None:
         super().__init__(name)
@@ -38,9 +42,17 @@ class DyKnowNode(Node):
         # Runs also while simulated time stands still.
         self.wall_clock = Clock(clock_type=ClockType.STEADY_TIME)
         self.deadlines = Deadlines(self, self.wall_clock)
+        self.heartbeats = Heartbeats.of(self)
         # Simulated time may start again with each run.
         self.started_at = int(Clock(clock_type=ClockType.SYSTEM_TIME).now().nanoseconds)
         """The time of start by the system clock, in nanoseconds; unique among nodes of one name."""
+        self.heartbeat = NodeHeartbeat(self, self.started_at, self._publish_status)
+        self.hang_limit_s = self.parameter(
+            'hang_limit',
+            HANG_LIMIT_S,
+            'Seconds without progress after which the process of the node ends; 0: never.',
+            (0.0, 3600.0),
+        )
         self._status: Any = None
         self._last_status: Any = None
         self.set_status(RUNNING)
@@ -58,9 +70,14 @@ class DyKnowNode(Node):
         )
 
     def announce(self) -> None:
-        """Publish the status; called when all services exist, since others then call them."""
+        """Start the heartbeats and publish the status, as all services exist and may be called.
+
+        Raises:
+            DyKnowError: ALREADY_EXISTS, if another node of this name is running.
+        """
+        self.heartbeat.start()
         self._status = self.create_publisher(DiagnosticStatus, '~/status', STATUS)
-        self._status.publish(self._last_status)
+        self._publish_status()
 
     def set_status(
         self, message: str, values: Mapping[str, str] | None = None, *, level: bytes | None = None
@@ -77,6 +94,9 @@ class DyKnowNode(Node):
                 for key, value in {**identity, **(values or {}), **identity}.items()
             ],
         )
+        self._publish_status()
+
+    def _publish_status(self) -> None:
         if self._status is not None:
             self._status.publish(self._last_status)
 

@@ -7,10 +7,11 @@ from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 
 from dyknow_common.ros.deadlines import Deadlines
+from dyknow_common.ros.liveliness import Heartbeats
 
 
 class NodeAdapter:
-    """The part of the interface of `DyKnowNode` that `RemoteNode` and `Liveliness` use.
+    """The part of the interface of `DyKnowNode` that `RemoteNode` uses.
 
     The executor of the node runs the callbacks; they never wait, and share no callback group with
     the node's own.
@@ -29,6 +30,7 @@ class NodeAdapter:
         self.create_client = node.create_client
         self.destroy_client = node.destroy_client
         self.deadlines = Deadlines(node, self.wall_clock)
+        self.heartbeats = Heartbeats.of(node)
 
     def close(self) -> None:
         """End all waits at once, and destroy the timer."""

@@ -2,35 +2,27 @@
 
 from __future__ import annotations
 
-from typing import Any, Final
+from typing import Final
 
-from rclpy.duration import Duration
 from rclpy.event_handler import PublisherEventCallbacks, SubscriptionEventCallbacks
 from rclpy.qos import (
     DurabilityPolicy,
-    LivelinessPolicy,
     QoSProfile,
     ReliabilityPolicy,
     qos_profile_services_default,
 )
 
-LEASE = Duration(seconds=1)
-"""The time in which a living publisher asserts its liveliness."""
+HEARTBEAT_PERIOD_S: Final = 0.5
+"""The time between two heartbeats of a node."""
 
 
-def _latched(depth: int, **policies: Any) -> QoSProfile:
+def _latched(depth: int) -> QoSProfile:
     return QoSProfile(
         depth=depth,
         reliability=ReliabilityPolicy.RELIABLE,
         durability=DurabilityPolicy.TRANSIENT_LOCAL,
-        **policies,
     )
 
-
-_WITH_LEASE: Final = {
-    'liveliness': LivelinessPolicy.AUTOMATIC,
-    'liveliness_lease_duration': LEASE,
-}
 
 LATCHED = _latched(1)
 """A state, also for subscribers that start later."""
@@ -38,11 +30,14 @@ LATCHED = _latched(1)
 LATCHED_HISTORY = _latched(1000)
 """Events, also for subscribers that start a little later."""
 
-STATUS = _latched(1, **_WITH_LEASE)
-"""The status of a node; the lease shows that the node is alive."""
+STATUS = LATCHED
+"""The status of a node."""
 
-VIOLATIONS = _latched(1000, **_WITH_LEASE)
-"""Violations of a stream; the lease shows the stream's users that its engine is alive."""
+VIOLATIONS = LATCHED_HISTORY
+"""Violations of a stream."""
+
+HEARTBEAT = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
+"""Heartbeats: a lost one is soon followed by another one."""
 
 STREAM = QoSProfile(depth=1000, reliability=ReliabilityPolicy.RELIABLE)
 """Samples; none is lost between two nodes."""

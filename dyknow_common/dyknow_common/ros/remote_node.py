@@ -1,17 +1,16 @@
 """Other nodes of DyKnow: their status, and calls of their services that always end.
 
-Services of a killed node look ready for another 20 s, so its state follows from the lease of its
-status topic, and from the time of start in the status:
+Services of a killed node look ready for another 20 s, so its state follows from its heartbeats, and
+from the time of start in its status:
 
     0.0 s  call to a node that is not running     waits `patience_s`, then UNAVAILABLE
     1.0 s  its status arrives: `on_found`         the request is sent; TIMEOUT after `timeout_s`
     5.0 s  the node is killed
-    6.0 s  its lease expires
-    7.5 s  the grace period is over: `on_lost`    pending calls fail with UNAVAILABLE
+    7.2 s  five heartbeats missing: `on_lost`     pending calls fail with UNAVAILABLE
     9.0 s  the node is restarted: `on_found`
 
-If a killed node is restarted before 7.5 s, the new time of start in its status shows that, and
-`on_lost` and `on_found` follow each other at once.
+If a killed node is restarted before 7.2 s, the new time of start shows that, and `on_lost` and
+`on_found` follow each other at once.
 """
 
 from __future__ import annotations
@@ -20,15 +19,13 @@ from collections.abc import Callable, Iterable, Mapping
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticStatus
-from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.task import Future
 
 from dyknow_common.durations import SECOND_NS
 from dyknow_common.errors import DyKnowError, ExitCode
-from dyknow_common.ros.liveliness import Liveliness, with_distinct_lease
 from dyknow_common.ros.node import RUNNING, STARTED_AT, DyKnowNode, snake_case
 from dyknow_common.ros.node_adapter import NodeAdapter
-from dyknow_common.ros.qos import SERVICE, STATUS
+from dyknow_common.ros.qos import NO_SUBSCRIPTION_EVENTS, SERVICE, STATUS
 
 POLL_PERIOD_S = 0.02
 """The period of checks for a service that discovery has not found yet."""
@@ -62,30 +59,27 @@ class RemoteNode:
         self._timeout_s = timeout_s
         self._clients: dict[Any, Any] = {}
         self._calls: set[Future] = set()
-        self._is_alive = False
+        self._run = 0
         self._is_released = False
         self._status: dict[str, str] = {}
         self._message = ''
         for service_type in services:
             self._client(service_type)
-        self._liveliness = Liveliness(
-            node, on_lost=self._set_lost, on_regained=self._on_lease_regained
-        )
+        self._liveliness = node.heartbeats.liveliness(name)
+        node.heartbeats.listen(self._refresh)
         self._subscription = node.create_subscription(
             DiagnosticStatus,
             f'{name}/status',
             self._on_status,
-            with_distinct_lease(STATUS),
-            callback_group=node.reentrant,
-            event_callbacks=SubscriptionEventCallbacks(
-                liveliness=self._liveliness.on_event, use_default_callbacks=False
-            ),
+            STATUS,
+            callback_group=node.heartbeats.group,
+            event_callbacks=NO_SUBSCRIPTION_EVENTS,
         )
 
     @property
     def alive(self) -> bool:
-        """True if the node has published its status and its lease is not over."""
-        return self._is_alive
+        """True if the node has published its status, and its heartbeats are not missing."""
+        return self._run > 0
 
     @property
     def status(self) -> Mapping[str, str]:
@@ -95,7 +89,7 @@ class RemoteNode:
     @property
     def is_running(self) -> bool:
         """True if the node is alive and has everything it needs."""
-        return self._is_alive and self._message == RUNNING
+        return self.alive and self._message == RUNNING
 
     async def call(self, service_type: Any, **fields: Any) -> Any:
         """Return the response of a service of the node, whose exit status is SUCCESS.
@@ -142,8 +136,8 @@ class RemoteNode:
     def release(self) -> None:
         """Destroy the subscription and the clients; pending calls fail with CANCELLED."""
         self._is_released = True
-        self._is_alive = False
-        self._liveliness.stop_timeout()
+        self._run = 0
+        self._node.heartbeats.remove(self._refresh)
         self._node.destroy_subscription(self._subscription)
         self._fail_calls(self._cancelled())
         for client in self._clients.values():
@@ -167,7 +161,7 @@ class RemoteNode:
     async def _wait_for_service(self, client: Any, patience_s: float) -> None:
         clock = self._node.wall_clock
         end = clock.now().nanoseconds + round(patience_s * SECOND_NS)
-        while not (self._is_alive and client.service_is_ready()):
+        while not (self.alive and client.service_is_ready()):
             if self._is_released:
                 raise self._cancelled()
             if clock.now().nanoseconds > end:
@@ -175,30 +169,25 @@ class RemoteNode:
             await self._node.deadlines.after(POLL_PERIOD_S)
 
     def _on_status(self, message: Any) -> None:
-        status = {value.key: value.value for value in message.values}
+        self._status = {value.key: value.value for value in message.values}
         self._message = message.message
-        is_restarted = self._status.get(STARTED_AT) not in (None, status.get(STARTED_AT))
-        self._status = status
-        if is_restarted:
-            self._set_lost()
-        self._liveliness.expect()
-        self._set_found()
+        self._liveliness.note(self._status_run())
+        self._refresh()
 
-    def _on_lease_regained(self) -> None:
-        # If the node was only out of reach, its last status still holds.
-        if self._status:
-            self._set_found()
+    def _status_run(self) -> int:
+        return int(self._status.get(STARTED_AT, 0))
 
-    def _set_found(self) -> None:
-        if not self._is_alive:
-            self._is_alive = True
-            _notify(self.on_found)
-
-    def _set_lost(self) -> None:
-        if self._is_alive:
-            self._is_alive = False
+    def _refresh(self) -> None:
+        """Report the end of the run that callers know, and the next run once it has a status."""
+        run = self._liveliness.alive_since
+        if self._run and run != self._run:
+            self._run = 0
             self._fail_calls(self.unavailable('has died'))
             _notify(self.on_lost)
+        # If the node was only out of reach, its last status still holds.
+        if run and not self._run and run == self._status_run():
+            self._run = run
+            _notify(self.on_found)
 
     def _fail_calls(self, error: DyKnowError) -> None:
         for call in list(self._calls):

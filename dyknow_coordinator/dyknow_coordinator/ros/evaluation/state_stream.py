@@ -6,10 +6,9 @@ from collections.abc import Callable
 from typing import Any
 
 from dyknow_interfaces.msg import ConstraintViolation
-from rclpy.event_handler import SubscriptionEventCallbacks
 
 from dyknow_common import StreamConstraints
-from dyknow_common.ros import VIOLATIONS, Liveliness, with_distinct_lease
+from dyknow_common.ros import VIOLATIONS, PublisherWatch
 from dyknow_coordinator.ros.context import CoordinatorContext
 
 
@@ -33,8 +32,9 @@ class StateStream:
         self.topic = context.state_topic(name)
         self._context = context
         self._on_violation = on_violation
-        self._liveliness = Liveliness(context.node, on_lost=lambda: on_lost(self))
+        self._on_lost = on_lost
         self._subscription: Any = None
+        self._watch: PublisherWatch | None = None
         self._is_created = False
 
     async def create(self, specification: str, constraints: StreamConstraints) -> bool:
@@ -55,10 +55,10 @@ class StateStream:
 
     def destroy(self) -> None:
         """Destroy the stream."""
-        self._liveliness.stop_timeout()
-        if self._subscription is not None:
+        if self._watch is not None:
+            self._watch.stop()
             self._context.node.destroy_subscription(self._subscription)
-            self._subscription = None
+            self._watch = self._subscription = None
         if self._is_created:
             self._is_created = False
             self._context.cleanup.destroy_stream(self.name)
@@ -68,10 +68,9 @@ class StateStream:
             ConstraintViolation,
             violations,
             lambda violation: self._on_violation(self, violation),
-            with_distinct_lease(VIOLATIONS),
+            VIOLATIONS,
             callback_group=self._context.node.reentrant,
-            event_callbacks=SubscriptionEventCallbacks(
-                liveliness=self._liveliness.on_event, use_default_callbacks=False
-            ),
         )
-        self._liveliness.expect()
+        self._watch = PublisherWatch(
+            self._context.node.heartbeats, violations, lambda: self._on_lost(self)
+        )

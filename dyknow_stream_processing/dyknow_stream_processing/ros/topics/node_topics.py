@@ -30,7 +30,7 @@ from rclpy.node import Node
 from rclpy.qos import QoSProfile
 
 from dyknow_common import NANOSECONDS, SECOND_NS
-from dyknow_common.ros import NO_SUBSCRIPTION_EVENTS
+from dyknow_common.ros import NO_SUBSCRIPTION_EVENTS, Heartbeats
 from dyknow_stream_processing.errors import StreamError
 from dyknow_stream_processing.ros.messages.message_types import (
     is_sample,
@@ -87,8 +87,9 @@ class NodeTopics:
     def __init__(self, node: Node) -> None:
         # A proxy: the entry in `_known` must not keep the node alive.
         self._node = proxy(node)
-        self.wall_clock = Clock(clock_type=ClockType.STEADY_TIME)
+        self._wall_clock = Clock(clock_type=ClockType.STEADY_TIME)
         self.group = ReentrantCallbackGroup()
+        self.heartbeats = Heartbeats.of(node)
         self.timed_calls = TimedCalls(self._node, self.group, self.catch_up)
         self._last_activity = time.monotonic_ns()
         self._taken: deque[_Message] = deque()
@@ -190,7 +191,7 @@ class NodeTopics:
                 period_ns / SECOND_NS,
                 self.refresh,
                 callback_group=self.group,
-                clock=self.wall_clock,
+                clock=self._wall_clock,
             )
         elif self._timer.timer_period_ns != period_ns:
             self._timer.timer_period_ns = period_ns
@@ -304,7 +305,7 @@ class _Feed:
         group = self.topics.group
         if is_sample(class_):
             self.relay = ViolationRelay(
-                self.node, self.topic, group, self.topics.wall_clock, self._on_violation
+                self.node, self.topic, group, self.topics.heartbeats, self._on_violation
             )
             self.relay.refresh()
         self.subscription = self.node.create_subscription(

@@ -4,8 +4,7 @@ For example, an engine makes `level`, and this node makes `half` from it. `half`
 
 - each violation published on `/dyknow/streams/level/violations` since it was created,
 - `lost`: 3 samples are missing by their sequence numbers,
-- `source`: the sequence numbers restart, as `level` was recreated, or the liveliness lease of the
-  violations topic has expired, as its engine is gone.
+- `source`: the sequence numbers restart, as `level` was recreated, or the engine is gone.
 """
 
 from __future__ import annotations
@@ -15,18 +14,14 @@ from typing import Any
 
 from dyknow_interfaces.msg import ConstraintViolation
 from rclpy.callback_groups import CallbackGroup
-from rclpy.clock import Clock
-from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.node import Node
 
-from dyknow_common import SECOND_NS
 from dyknow_common.ros import (
-    FIRST_ASSERTION_S,
-    GRACE_S,
+    NO_SUBSCRIPTION_EVENTS,
     VIOLATIONS,
-    AliveCount,
+    Heartbeats,
+    PublisherWatch,
     time_to_nanoseconds,
-    with_distinct_lease,
 )
 from dyknow_stream_processing.ros.topics.waiting_messages import take_waiting
 from dyknow_stream_processing.violation import Violation, ViolationKind
@@ -42,7 +37,7 @@ class ViolationRelay:
 
     Args:
         topic: the topic of the samples.
-        wall_clock: continues while simulated time stands still.
+        heartbeats: that the node receives.
         on_violation: receives each violation.
     """
 
@@ -51,38 +46,31 @@ class ViolationRelay:
         node: Node,
         topic: str,
         group: CallbackGroup,
-        wall_clock: Clock,
+        heartbeats: Heartbeats,
         on_violation: Callable[[Violation], None],
     ) -> None:
         self._node = node
         self._topic = topic
         self._group = group
-        self._wall_clock = wall_clock
+        self._heartbeats = heartbeats
         self._on_violation = on_violation
         self._start = node.get_clock().now().nanoseconds
         self._subscription: Any = None
-        self._lost_after: int | None = None
-        self._alive = AliveCount()
+        self._watch: PublisherWatch | None = None
 
     def refresh(self) -> None:
-        """Subscribe to the violations once they are published, and check the liveliness."""
+        """Subscribe to the violations once they are published."""
         topic = violations_topic(self._topic)
-        if self._subscription is None and self._node.count_publishers(topic):
-            self._expect_assertion_within(FIRST_ASSERTION_S)
+        if self._watch is None and self._node.count_publishers(topic):
+            self._watch = PublisherWatch(self._heartbeats, topic, self._report_loss)
             self._subscription = self._node.create_subscription(
                 ConstraintViolation,
                 topic,
                 self._on_message,
-                with_distinct_lease(VIOLATIONS),
+                VIOLATIONS,
                 callback_group=self._group,
-                event_callbacks=SubscriptionEventCallbacks(
-                    liveliness=self._on_liveliness, use_default_callbacks=False
-                ),
+                event_callbacks=NO_SUBSCRIPTION_EVENTS,
             )
-        if self._lost_after is not None and self._wall_clock.now().nanoseconds > self._lost_after:
-            self._lost_after = None
-            text = 'its engine is gone; samples may be missing until it is back'
-            self._report(ViolationKind.SOURCE, text)
 
     def catch_up(self) -> None:
         """Report the violations that wait."""
@@ -92,9 +80,10 @@ class ViolationRelay:
 
     def destroy(self) -> None:
         """Destroy the subscription."""
-        if self._subscription is not None:
+        if self._watch is not None:
+            self._watch.stop()
             self._node.destroy_subscription(self._subscription)
-            self._subscription = None
+            self._watch = self._subscription = None
 
     def report_gap(self, count: int) -> None:
         """Report a number of lost samples; 0 if the sequence numbers restarted."""
@@ -105,14 +94,9 @@ class ViolationRelay:
             text = 'it was recreated; samples may be missing before this one'
             self._report(ViolationKind.SOURCE, text)
 
-    def _on_liveliness(self, event: Any) -> None:
-        if self._alive.update(event):
-            self._lost_after = None
-        else:
-            self._expect_assertion_within(GRACE_S)
-
-    def _expect_assertion_within(self, seconds: float) -> None:
-        self._lost_after = self._wall_clock.now().nanoseconds + round(seconds * SECOND_NS)
+    def _report_loss(self) -> None:
+        text = 'its engine is gone or was restarted; samples may be missing until it is back'
+        self._report(ViolationKind.SOURCE, text)
 
     def _on_message(self, message: Any) -> None:
         # The topic is latched: ignore violations from before this stream was created.

@@ -1,0 +1,141 @@
+"""The heartbeat of a node: it is alive, it is the only one of its name, and it does not hang.
+
+The watchdog of the process publishes the heartbeats in a thread of its own, so a node also looks
+alive while a callback takes seconds.
+
+The deadline of the heartbeats is shorter than their period. So the middleware reports a missed
+deadline in each period: its own thread wakes the executor, which calls `_on_progress`. This shows
+that the middleware and the executor work. The receipt of the node's own heartbeats would not: they
+come even if all threads of the middleware hang, as the thread that publishes also delivers them.
+
+Two nodes of one name, `b` started after `a`:
+
+    b finds a on the ROS graph, and receives its heartbeat    b does not start
+    both start at once, and hear each other a little later    b ends, as a started first
+    they meet later, as two networks are joined               both log an error
+"""
+
+from __future__ import annotations
+
+import secrets
+from collections.abc import Callable
+from datetime import UTC, datetime
+from typing import Any, Final
+
+from dyknow_interfaces.msg import Heartbeat
+from rclpy.duration import Duration
+from rclpy.event_handler import PublisherEventCallbacks
+from rclpy.node import Node
+from rclpy.qos import QoSProfile
+from rclpy.wait_for_message import wait_for_message
+
+from dyknow_common.errors import DyKnowError, ExitCode
+from dyknow_common.ros.qos import HEARTBEAT, HEARTBEAT_PERIOD_S
+from dyknow_common.ros.throttle import Throttle
+from dyknow_common.ros.time_messages import nanoseconds_to_time, time_to_nanoseconds
+
+SETTLING_HEARTBEATS: Final = 20
+"""The number of heartbeats after which a node does not give way to another one of its name."""
+
+CONFLICT_PERIOD_S: Final = 60.0
+"""The time between two log messages about another node of the same name."""
+
+
+class NodeHeartbeat:
+    """Publisher of the heartbeats of a node.
+
+    Args:
+        started_at: the time of start, in nanoseconds of the system clock.
+        on_younger: called at the heartbeats of a node of the same name that is about to end, as it
+            is younger; others may take it for this node until then.
+    """
+
+    def __init__(self, node: Node, started_at: int, on_younger: Callable[[], None]) -> None:
+        self._node = node
+        self._on_younger = on_younger
+        self._message = Heartbeat(
+            started_at=nanoseconds_to_time(started_at), node_id=secrets.randbits(64)
+        )
+        self._publisher: Any = None
+        self._conflict = Throttle(CONFLICT_PERIOD_S)
+        self._periods_without_progress = 0
+
+    def start(self) -> None:
+        """Start to publish, if this is the only node of its name.
+
+        Raises:
+            DyKnowError: ALREADY_EXISTS, if another node of this name is running.
+        """
+        self._check_name()
+        self._publisher = self._node.create_publisher(
+            Heartbeat,
+            '~/heartbeat',
+            QoSProfile(
+                depth=HEARTBEAT.depth,
+                reliability=HEARTBEAT.reliability,
+                deadline=Duration(seconds=0.8 * HEARTBEAT_PERIOD_S),
+            ),
+            event_callbacks=PublisherEventCallbacks(
+                deadline=self._on_progress, use_default_callbacks=False
+            ),
+        )
+        self._node.create_subscription(Heartbeat, '~/heartbeat', self._on_heartbeat, HEARTBEAT)
+        self.publish()
+
+    def publish(self) -> float:
+        """Publish a heartbeat; return the seconds for which the executor has made no progress."""
+        self._publisher.publish(self._message)
+        self._message.sequence_number += 1
+        self._periods_without_progress += 1
+        return self._periods_without_progress * HEARTBEAT_PERIOD_S
+
+    def _on_progress(self, _missed_deadline: Any) -> None:
+        self._periods_without_progress = 0
+
+    def _check_name(self) -> None:
+        """Wait for the heartbeat of a node of this name, if there seems to be one.
+
+        A node that was killed stays on the ROS graph for another 20 s.
+        """
+        topic = self._node.resolve_topic_name('~/heartbeat')
+        if not self._node.count_publishers(topic):
+            return
+        is_running, heartbeat = wait_for_message(
+            Heartbeat,
+            self._node,
+            topic,
+            qos_profile=HEARTBEAT,
+            time_to_wait=2 * HEARTBEAT_PERIOD_S,
+        )
+        if is_running:
+            raise self._refusal(heartbeat)
+
+    def _on_heartbeat(self, heartbeat: Any) -> None:
+        own, other = _identity(self._message), _identity(heartbeat)
+        if other == own:
+            return
+        if other < own and self._message.sequence_number < SETTLING_HEARTBEATS:
+            raise self._refusal(heartbeat)
+        if other > own and heartbeat.sequence_number < SETTLING_HEARTBEATS:
+            self._on_younger()
+        elif self._conflict.is_due():
+            self._node.get_logger().error(
+                f'{self._described(heartbeat)}, and others cannot tell it from this node: stop '
+                'one of them'
+            )
+
+    def _refusal(self, heartbeat: Any) -> DyKnowError:
+        return DyKnowError(
+            f'{self._described(heartbeat)}: stop it, or start this system in another namespace '
+            '(--namespace)',
+            ExitCode.ALREADY_EXISTS,
+        )
+
+    def _described(self, heartbeat: Any) -> str:
+        start = datetime.fromtimestamp(heartbeat.started_at.sec, UTC).astimezone()
+        name = self._node.get_fully_qualified_name()
+        return f'another {name} is already running (started at {start:%Y-%m-%d %H:%M:%S})'
+
+
+def _identity(heartbeat: Any) -> tuple[int, int]:
+    return time_to_nanoseconds(heartbeat.started_at), heartbeat.node_id

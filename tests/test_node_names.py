@@ -1,0 +1,151 @@
+"""Two nodes of one name: the second one does not start, or ends."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import AbstractContextManager, ExitStack
+from typing import Any
+
+import pytest
+from diagnostic_msgs.msg import DiagnosticStatus
+from dyknow_interfaces.msg import Heartbeat
+
+from dyknow_bringup.resources import executable_path
+from dyknow_common.ros import HEARTBEAT, LATCHED, NodeAdapter, RemoteNode
+from node_processes import end_of, node_that, process_of
+from system import LIMIT, Client, private_environment
+
+MANAGER = '/robot1/stream_manager'
+REFUSAL = f'another {MANAGER} is already running (started at '
+MEND = 'stop it, or start this system in another namespace (--namespace)'
+COMMAND = str(executable_path('dyknow_stream_processing', 'stream_manager'))
+ARGUMENTS = ('--ros-args', '-r', '__ns:=/robot1')
+
+
+@pytest.fixture
+def environment() -> dict[str, str]:
+    return private_environment()
+
+
+@pytest.fixture
+def client(environment: dict[str, str]) -> Iterator[Client]:
+    alone = Client(environment)
+    yield alone
+    alone.close()
+
+
+def manager(environment: dict[str, str]) -> AbstractContextManager[Any]:
+    return process_of(COMMAND, *ARGUMENTS, environment=environment)
+
+
+@pytest.fixture
+def remote(client: Client) -> RemoteNode:
+    """The manager, as another node sees it."""
+    return RemoteNode(NodeAdapter(client.node), MANAGER)
+
+
+def noting(remote: RemoteNode) -> list[str]:
+    """What happens to a node."""
+    events: list[str] = []
+    remote.on_found.append(lambda: events.append('found'))
+    remote.on_lost.append(lambda: events.append('lost'))
+    return events
+
+
+def test_a_second_node_of_a_name_does_not_start(
+    environment: dict[str, str], client: Client, remote: RemoteNode
+) -> None:
+    events = noting(remote)
+    with manager(environment):
+        client.spin_until(lambda: remote.alive, 'the first one')
+        started = remote.status['born']
+        with manager(environment) as second:
+            client.spin_until(lambda: second.poll() is not None, 'the end of the second one')
+            code, errors = end_of(second, LIMIT)
+        assert code == 1
+        assert REFUSAL in errors
+        assert MEND in errors
+        assert 'Traceback' not in errors
+        assert remote.alive
+        assert remote.status['born'] == started
+    # Those who use the first one have not noticed.
+    assert events == ['found']
+
+
+def test_of_two_that_start_at_once_one_goes_on(
+    environment: dict[str, str], client: Client, remote: RemoteNode
+) -> None:
+    with ExitStack() as stack:
+        both = [stack.enter_context(manager(environment)) for _ in range(2)]
+        client.spin_until(
+            lambda: any(each.poll() is not None for each in both), 'the end of one of them'
+        )
+        (ended,) = (each for each in both if each.returncode is not None)
+        code, errors = end_of(ended, LIMIT)
+        assert code == 1
+        assert REFUSAL in errors
+        client.spin_until(lambda: remote.alive, 'the other one')
+        beats = heartbeats(client)
+        client.spin_until(lambda: len(beats) > 6, 'its heartbeats')
+        assert len({each.node_id for each in beats}) == 1
+        assert [each.poll() for each in both].count(None) == 1
+
+
+def heartbeats(client: Client) -> list[Any]:
+    received: list[Any] = []
+    client.node.create_subscription(Heartbeat, f'{MANAGER}/heartbeat', received.append, HEARTBEAT)
+    return received
+
+
+def test_a_killed_node_starts_again_at_once(
+    environment: dict[str, str], client: Client, remote: RemoteNode
+) -> None:
+    """Its restart within the time limit is a loss."""
+    events = noting(remote)
+    with manager(environment) as first:
+        client.spin_until(lambda: remote.alive, 'the first one')
+        first.kill()
+        first.wait()
+        with manager(environment) as second:
+            client.spin_until(lambda: events == ['found', 'lost', 'found'], 'the second one')
+            assert second.poll() is None
+
+
+@pytest.mark.parametrize(
+    ('sequence_number', 'start', 'effect'),
+    [
+        (1000, 1, 'refused'),
+        (1000, 2**31 - 1, 'another /node is already running'),
+        (0, 2**31 - 1, ''),
+    ],
+    ids=['an older one', 'a younger one', 'a younger one that is about to end'],
+)
+def test_a_node_that_meets_another_one(
+    environment: dict[str, str], client: Client, sequence_number: int, start: int, effect: str
+) -> None:
+    """Within its first ten seconds."""
+    heartbeat = Heartbeat(sequence_number=sequence_number)
+    heartbeat.started_at.sec = start
+    publisher = client.node.create_publisher(Heartbeat, '/node/heartbeat', HEARTBEAT)
+    own: list[Any] = []
+    client.node.create_subscription(Heartbeat, '/node/heartbeat', own.append, HEARTBEAT)
+    statuses: list[Any] = []
+    client.node.create_subscription(DiagnosticStatus, '/node/status', statuses.append, LATCHED)
+    with node_that('pass', environment=environment) as process:
+        client.spin_until(lambda: bool(statuses), 'the status')
+        publisher.publish(heartbeat)
+        if effect == 'refused':
+            code, errors = end_of(process, LIMIT)
+            assert code == 1
+            assert 'another /node is already running (started at 1970-01-01' in errors
+            return
+        if not effect:
+            # Others may have taken the younger one for this node.
+            client.spin_until(lambda: len(statuses) > 1, 'the status again')
+        count = len(own)
+        client.spin_until(lambda: len(own) > count + 2, 'it goes on')
+        process.terminate()
+        code, errors = end_of(process, LIMIT)
+    assert code == 0
+    assert ('another' in errors) == bool(effect)
+    assert effect in errors
