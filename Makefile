@@ -39,7 +39,7 @@ test-packages:  ## run the tests that need no ROS under another Python (PYTHON=p
 
 check: build  ## ruff, mypy, the import rules and the rules of the code base
 	@$(IN_ENVIRONMENT) ruff format --check --quiet . && ruff check --quiet .
-	@$(IN_ENVIRONMENT) mypy $(foreach package,$(filter-out dyknow_interfaces,$(PACKAGES)),$(package)/$(package))
+	@$(IN_ENVIRONMENT) mypy dyknow_common/dyknow_main $(foreach package,$(filter-out dyknow_interfaces,$(PACKAGES)),$(package)/$(package))
 	@$(IN_ENVIRONMENT) lint-imports --no-cache
 	@$(IN_ENVIRONMENT) python tools/check_code_base.py
 

@@ -39,7 +39,9 @@ SCHEDULE = (
     ('test_demonstration',),
     ('test_two_robots',),
     ('test_sim_time_jumps',),
+    ('test_stopping',),
     ('test_rover',),
+    ('test_up',),
     ('test_many_engines',),
     ('test_stream_conflicts',),
     ('test_replay_command',),
@@ -54,7 +56,9 @@ OF_INDEPENDENT_TESTS = {
     'test_demonstration',
     'test_many_engines',
     'test_replay_command',
+    'test_stopping',
     'test_stream_conflicts',
+    'test_up',
 }
 """Modules whose tests share nothing: each test is a unit."""
 

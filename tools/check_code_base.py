@@ -55,8 +55,8 @@ def packages() -> list[str]:
 
 
 def modules(package: str) -> list[Path]:
-    """Return the files of the modules of a package."""
-    return sorted((ROOT / package / package).rglob('*.py'))
+    """Return the files of the modules of a package, with those of the Python packages beside it."""
+    return sorted((ROOT / package).glob('dyknow_*/**/*.py'))
 
 
 def parsed(path: Path) -> ast.Module:
@@ -134,7 +134,7 @@ def undeclared_dependencies() -> Iterator[str]:
         test = {each.text for each in manifest.iter('test_depend')}
         tests = list((ROOT / package / 'test').rglob('*.py'))
         product = [*modules(package), *(ROOT / package).glob('launch/*.py')]
-        ours = {package, *OPTIONAL, *(path.stem for path in tests)}
+        ours = {package, 'dyknow_main', *OPTIONAL, *(path.stem for path in tests)}
         lacking = set(imported(product)) - run - ours
         yield from (f'{package}/package.xml lacks <depend>{each}</depend>' for each in lacking)
         lacking = set(imported(tests)) - run - test - ours

@@ -10,16 +10,22 @@ import os
 import sys
 from collections.abc import Callable, Collection
 from contextlib import suppress
-from importlib.metadata import distribution
 from pathlib import Path
 from traceback import extract_tb
 
 from dyknow_common.errors import DyKnowError
+from dyknow_main import INTERRUPTED
 
 SUCCESS, FALSE, ERROR = 0, 1, 2
 
-INTERRUPTED = 130
-"""The exit code of a command that the user has interrupted, as shells have it."""
+CANNOT_START = 1
+"""The exit code of a node that cannot run, such as with a wrong configuration."""
+
+FAULT = 70
+"""The exit code of a node that a fault ended while it ran (EX_SOFTWARE of sysexits.h)."""
+
+LAUNCHER = 'DYKNOW_LAUNCHER'
+"""The variable with the id of the process that started a node and that it must not outlive."""
 
 UNREAD = 141
 """The exit code of a command whose output is a pipe that nothing reads any more, such as `head`."""
@@ -31,14 +37,14 @@ _SCRIPT = """\
 import sys
 
 try:
-    from dyknow_common.executables import entry_point
+    from dyknow_main import load
 
-    main = entry_point(%(spec)r, %(name)r)
+    main = load(%(spec)r, %(name)r, is_node=%(name)r in NODES)
 except ImportError as error:
     print(f'%(name)s: cannot start: {error}; SOURCE', file=sys.stderr)
     sys.exit(1 if %(name)r in NODES else 2)
 except KeyboardInterrupt:
-    sys.exit(INTERRUPTED)
+    sys.exit(0 if %(name)r in NODES else INTERRUPTED)
 if __name__ == '__main__':
     sys.exit(main())
 """
@@ -54,17 +60,6 @@ def script_template(nodes: Collection[str] = ()) -> str:
     """
     text = _SCRIPT.replace('NODES', repr(sorted(nodes))).replace('SOURCE', SOURCE_ENVIRONMENT)
     return text.replace('INTERRUPTED', str(INTERRUPTED))
-
-
-def entry_point(package: str, name: str) -> Callable[[], int]:
-    """Return the main function of an executable.
-
-    Raises:
-        ImportError: if something that it needs is not installed, or not in this environment.
-    """
-    scripts = distribution(package.partition('==')[0]).entry_points.select(group='console_scripts')
-    main: Callable[[], int] = scripts[name].load()
-    return main
 
 
 def run_main(command: str, work: Callable[[], int]) -> int:

@@ -45,6 +45,25 @@ def test_parts_of_intersections_and_unions() -> None:
     assert knowledge.subconcepts('Either') == ('Both', 'Either', 'Left', 'Right')
 
 
+def test_counts_are_those_of_the_own_ontologies() -> None:
+    triples = class_triples('A', 'B', 'Level')
+    triples += [
+        (f'http://www.dyknow.org/ontology#{name}', RDF + 'type', OWL + 'Class')
+        for name in ('Object', 'Feature')
+    ]
+    triples += [
+        (HERE + 'Level', RDFS + 'subClassOf', 'http://www.dyknow.org/ontology#NullaryFeature'),
+        (
+            'http://www.dyknow.org/ontology#NullaryFeature',
+            RDFS + 'subClassOf',
+            'http://www.dyknow.org/ontology#Feature',
+        ),
+        (HERE + 'Level', 'http://www.dyknow.org/ontology#value_type', 'float'),
+        (HERE + 'a', RDF + 'type', HERE + 'A'),
+    ]
+    assert Knowledge(triples).counts == {'concepts': 3, 'features': 1, 'objects': 1}
+
+
 def test_constructs_within_constructs() -> None:
     triples = class_triples('A', 'B', 'C', 'D')
     triples += construct('-1', 'intersectionOf', HERE + 'B', '-2')

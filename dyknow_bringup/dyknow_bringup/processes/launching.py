@@ -10,12 +10,18 @@ from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 
 from dyknow_bringup.processes.processes import Process, join_namespaces
+from dyknow_bringup.processes.supervision import RESTART_DELAY_NS
+from dyknow_common import SECOND_NS
 from launch import LaunchDescription
+
+MAX_RESTARTS = 10
+"""The number of restarts of a node; a wrong configuration would end it again and again."""
 
 COMMON_ARGUMENTS = {
     'namespace': ('', 'namespace of all nodes'),
     'use_sim_time': ('false', 'take time from /clock'),
     'log_level': ('info', 'of all nodes'),
+    'use_respawn': ('false', 'start a node again that has died'),
 }
 
 
@@ -55,4 +61,7 @@ def _node(process: Process, values: Mapping[str, str]) -> Any:
         output='screen',
         parameters=[{**process.parameters, 'use_sim_time': is_true(values['use_sim_time'])}],
         ros_arguments=['--log-level', values['log_level']],
+        respawn=is_true(values['use_respawn']),
+        respawn_delay=RESTART_DELAY_NS / SECOND_NS,
+        respawn_max_retries=MAX_RESTARTS,
     )

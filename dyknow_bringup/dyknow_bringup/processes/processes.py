@@ -10,6 +10,7 @@ from typing import Final
 
 from dyknow_bringup.errors import BringupError
 from dyknow_bringup.simulation.fleet import fleet_annotations, fleet_ontology, fleet_specification
+from dyknow_common import ExitCode
 
 Parameter = bool | int | float | str | list[str]
 """The value of a node's parameter."""
@@ -60,6 +61,9 @@ class SystemConfiguration:
         bridges: files of bridge rules between the ontologies.
         store: a folder that keeps changes of the ontology and of the annotations; None: no store.
         reasoner: of the ontology; empty for the node's default.
+
+    Raises:
+        BringupError: NOT_FOUND, with the path of a file that does not exist.
     """
 
     ontologies: tuple[Path, ...] = ()
@@ -68,6 +72,13 @@ class SystemConfiguration:
     bridges: tuple[Path, ...] = ()
     store: Path | None = None
     reasoner: str = ''
+
+    def __post_init__(self) -> None:
+        """Check the files."""
+        for kind in ('ontologies', 'annotations', 'streams', 'bridges'):
+            for path in getattr(self, kind):
+                if not path.is_file():
+                    raise BringupError(f'{kind}: there is no file {path}', ExitCode.NOT_FOUND)
 
 
 def dyknow_processes(configuration: SystemConfiguration) -> tuple[Process, ...]:

@@ -4,69 +4,27 @@ from __future__ import annotations
 
 import argparse
 import json
-import signal
 import sys
-import tempfile
 from collections.abc import Sequence
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import rclpy
 from rclpy.node import Node
+from rclpy.signals import SignalHandlerOptions
 from rclpy.utilities import remove_ros_args
 
-from dyknow_bringup.errors import BringupError
-from dyknow_bringup.processes.launcher import Launcher
-from dyknow_bringup.processes.processes import SystemConfiguration, dyknow_processes
+from dyknow_bringup.ros.up import add_up_options
 from dyknow_common import SECOND_NS, ExitCode, Verdict, round_time
 from dyknow_common.executables import ERROR, FALSE, SUCCESS
-from dyknow_common.ros import duration, run_ros_main
+from dyknow_common.ros import duration, interruptible, run_ros_main
 from dyknow_coordinator import Answer, Grounding
 from dyknow_coordinator.ros import FormulaClient
 
 GROUNDINGS = {grounding.name.lower(): grounding for grounding in Grounding}
-CHECK_PERIOD_S = 0.5
 
 COORDINATOR_TIMEOUT_S = 10.0
 """Time to wait for the coordinator, which may just have been started."""
-
-
-def up(chosen: argparse.Namespace) -> int:
-    """Run the seven nodes until SIGINT or SIGTERM, or until one of them ends."""
-    if chosen.store is not None:
-        chosen.store.mkdir(parents=True, exist_ok=True)
-    configuration = SystemConfiguration(
-        _existing(chosen.ontology),
-        _existing(chosen.annotations),
-        _existing(chosen.streams),
-        _existing(chosen.bridges),
-        chosen.store and chosen.store.resolve(),
-        chosen.reasoner,
-    )
-    logs = chosen.logs or Path(tempfile.mkdtemp(prefix='dyknow_'))
-    logs.mkdir(parents=True, exist_ok=True)
-    signals = {signal.SIGINT, signal.SIGTERM}
-    with Launcher(
-        logs,
-        namespace=chosen.namespace,
-        use_sim_time=chosen.use_sim_time,
-        log_level=chosen.log_level,
-    ) as launcher:
-        launcher.start_all(dyknow_processes(configuration))
-        # The signals are blocked after the start only, as the nodes would inherit that.
-        signal.pthread_sigmask(signal.SIG_BLOCK, signals)
-        _print(f'DyKnow runs; logs are in {logs}; stop it with Ctrl-C')
-        while signal.sigtimedwait(signals, CHECK_PERIOD_S) is None:
-            launcher.check_running()
-    return SUCCESS
-
-
-def _existing(files: Sequence[Path]) -> tuple[Path, ...]:
-    for path in files:
-        if not path.is_file():
-            raise BringupError(f'there is no file {path}', ExitCode.NOT_FOUND)
-    return tuple(path.resolve() for path in files)
 
 
 def evaluate(chosen: argparse.Namespace) -> int:
@@ -84,10 +42,10 @@ def evaluate(chosen: argparse.Namespace) -> int:
 
 
 def _ask(chosen: argparse.Namespace) -> Answer:
-    rclpy.init(args=sys.argv)
+    rclpy.init(args=sys.argv, signal_handler_options=SignalHandlerOptions.NO)
     node = Node('dyknow_evaluate')
     try:
-        with FormulaClient(node, chosen.coordinator) as client:
+        with interruptible(), FormulaClient(node, chosen.coordinator) as client:
             answer = client.evaluate_blocking(
                 chosen.formula,
                 timeout=chosen.timeout / SECOND_NS,
@@ -135,41 +93,13 @@ def options(arguments: Sequence[str]) -> argparse.Namespace:
     """Return the options on the command line."""
     parser = argparse.ArgumentParser(prog='dyknow', description=__doc__)
     commands = parser.add_subparsers(required=True, metavar='COMMAND')
-    _add_up_options(commands.add_parser('up', help='start the seven nodes'))
+    add_up_options(commands.add_parser('up', help='start the seven nodes'))
     _add_evaluate_options(
         commands.add_parser(
             'evaluate', help='evaluate a formula; exit code 0: true, 1: false, 2: no verdict'
         )
     )
     return parser.parse_args(arguments)
-
-
-def _add_up_options(parser: argparse.ArgumentParser) -> None:
-    parser.set_defaults(command=up)
-    for name, description in (
-        ('ontology', 'OWL files'),
-        ('annotations', 'files in SSL'),
-        ('streams', 'files in the stream language'),
-        ('bridges', 'files of bridge rules between the ontologies'),
-    ):
-        parser.add_argument(
-            f'--{name}', nargs='*', type=Path, default=[], metavar='FILE', help=description
-        )
-    parser.add_argument(
-        '--store',
-        type=Path,
-        metavar='FOLDER',
-        help='keeps changes of the ontology and of the annotations (default: nothing is kept)',
-    )
-    parser.add_argument(
-        '--reasoner',
-        default='',
-        help='structural, hermit or pellet, the last two with Java (default: structural)',
-    )
-    parser.add_argument('--namespace', default='', help='of all nodes (default: none)')
-    parser.add_argument('--use-sim-time', action='store_true', help='take time from /clock')
-    parser.add_argument('--log-level', default='info', help='of all nodes (default: info)')
-    parser.add_argument('--logs', type=Path, help='folder for the logs')
 
 
 def _add_evaluate_options(parser: argparse.ArgumentParser) -> None:

@@ -11,6 +11,7 @@ import rclpy
 from diagnostic_msgs.msg import DiagnosticStatus
 from dyknow_interfaces.srv import ListStreams
 from rclpy.executors import SingleThreadedExecutor
+from rclpy.signals import SignalHandlerOptions
 
 from dyknow_bringup.errors import BringupError
 from dyknow_bringup.processes.launcher import Launcher
@@ -25,7 +26,7 @@ from dyknow_bringup.simulation.fleet import fleet_specification, vehicle_names
 from dyknow_bringup.simulation.scenario import load_scenario
 from dyknow_common import SECOND_NS, ExitCode
 from dyknow_common.executables import FALSE, SUCCESS
-from dyknow_common.ros import LATCHED, DyKnowNode, RemoteNode
+from dyknow_common.ros import LATCHED, DyKnowNode, RemoteNode, interruptible
 from dyknow_common.tables import Terminal
 from dyknow_stream_processing import parse_specification, specifications_by_sink
 
@@ -135,11 +136,12 @@ def run_scenario(
     if logs is not None:
         logs.mkdir(parents=True, exist_ok=True)
     with (
+        interruptible(),
         tempfile.TemporaryDirectory(prefix='dyknow_') as temporary,
         Launcher(logs or Path(temporary), log_level=log_level) as launcher,
     ):
         run = make_run(launcher, Path(temporary))
-        rclpy.init()
+        rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
         try:
             return SUCCESS if run.run() else FALSE
         finally:

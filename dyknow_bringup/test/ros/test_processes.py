@@ -6,7 +6,7 @@ import pytest
 import yaml
 
 from dyknow_bringup.errors import BringupError
-from dyknow_bringup.processes.arguments import CONFIGURATION, robots
+from dyknow_bringup.processes.arguments import CONFIGURATION, configuration, robots
 from dyknow_bringup.processes.processes import (
     Process,
     SystemConfiguration,
@@ -53,8 +53,10 @@ def test_parameters_are_written_as_yaml() -> None:
 
 
 def test_a_fleet_is_configured_by_files(tmp_path: Path) -> None:
-    configuration = write_fleet_configuration(('uav1', 'uav2'), Path('uav.owl'), tmp_path)
-    assert configuration.ontologies[0] == Path('uav.owl')
+    ontology = tmp_path / 'uav.owl'
+    ontology.touch()
+    configuration = write_fleet_configuration(('uav1', 'uav2'), ontology, tmp_path)
+    assert configuration.ontologies[0] == ontology
     written = (*configuration.ontologies[1:], *configuration.annotations, *configuration.streams)
     assert all('uav2' in path.read_text(encoding='utf-8') for path in written)
 
@@ -79,24 +81,39 @@ def test_store_and_reasoner() -> None:
     assert parameters['stream_semantics_manager'] == {'store': '/kept/annotations.sqlite3'}
 
 
-def test_bridges_go_to_the_matching_engine() -> None:
-    processes = dyknow_processes(SystemConfiguration(bridges=(Path('/robots.bridges'),)))
+def test_bridges_go_to_the_matching_engine(tmp_path: Path) -> None:
+    bridges = tmp_path / 'robots.bridges'
+    bridges.touch()
+    processes = dyknow_processes(SystemConfiguration(bridges=(bridges,)))
     parameters = {process.executable: process.parameters for process in processes}
-    assert parameters['semantic_matching_engine'] == {'bridges': ['/robots.bridges']}
+    assert parameters['semantic_matching_engine'] == {'bridges': [str(bridges)]}
+
+
+@pytest.mark.parametrize('kind', ['ontologies', 'annotations', 'streams', 'bridges'])
+def test_a_file_that_does_not_exist_is_named(kind: str) -> None:
+    with pytest.raises(BringupError, match=f'{kind}: there is no file /absent/nope.txt'):
+        SystemConfiguration(**{kind: (Path('/absent/nope.txt'),)})
+
+
+def test_a_launch_argument_that_names_no_file() -> None:
+    with pytest.raises(BringupError, match='ontologies: there is no file .*/nope.owl'):
+        configuration(robot_arguments(ontology='nope.owl'))
 
 
 def robot_arguments(**given: str) -> dict[str, str]:
     return {**{name: default for name, (default, _) in CONFIGURATION.items()}, **given}
 
 
-def test_each_robot_has_a_system_in_its_namespace() -> None:
+def test_each_robot_has_a_system_in_its_namespace(tmp_path: Path) -> None:
+    for robot in ('robot1', 'robot2'):
+        (tmp_path / f'{robot}.streams').touch()
     values = robot_arguments(
-        robots='robot1, /robot2', streams='/c/<robot>.streams', store='/kept/<robot>'
+        robots='robot1, /robot2', streams=f'{tmp_path}/<robot>.streams', store='/kept/<robot>'
     )
     processes = {process.name: process for process in robots(values)}
     assert len(processes) == 14
     manager = processes['robot2/stream_manager']
-    assert manager.parameters == {'streams': ['/c/robot2.streams']}
+    assert manager.parameters == {'streams': [f'{tmp_path}/robot2.streams']}
     assert '__ns:=/fleet/robot2' in ros_arguments(manager, 'fleet', 'info', use_sim_time=False)
     assert (
         processes['robot1/ontology_manager'].parameters['store'] == '/kept/robot1/ontology.sqlite3'

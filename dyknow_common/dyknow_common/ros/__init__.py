@@ -1,6 +1,12 @@
 """The parts that every ROS node of DyKnow shares."""
 
-from dyknow_common.ros.commands import CommandNode, duration, run_command, run_ros_main
+from dyknow_common.ros.commands import (
+    CommandNode,
+    duration,
+    interruptible,
+    run_command,
+    run_ros_main,
+)
 from dyknow_common.ros.deadlines import TICK_PERIOD_S
 from dyknow_common.ros.executor import NodeExecutor, supports_node_executor
 from dyknow_common.ros.liveliness import Heartbeats, PublisherWatch
@@ -62,6 +68,7 @@ __all__ = [
     'constraints_to_message',
     'duration',
     'fill_exit_status',
+    'interruptible',
     'nanoseconds_to_duration',
     'nanoseconds_to_time',
     'run',

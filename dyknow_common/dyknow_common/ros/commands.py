@@ -5,8 +5,8 @@ from __future__ import annotations
 import argparse
 import os
 import sys
-from collections.abc import Callable, Sequence
-from contextlib import closing
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import closing, contextmanager
 
 import rclpy
 from rclpy.clock import Clock, ClockType
@@ -20,6 +20,7 @@ from rclpy.utilities import remove_ros_args
 from dyknow_common.durations import parse_duration
 from dyknow_common.errors import DyKnowError
 from dyknow_common.executables import SUCCESS, run_main
+from dyknow_main import TERMINAL_SIGNALS, handle, ignore
 
 TICK_PERIOD_S = 0.1
 """The period in which a waiting command checks its deadline."""
@@ -91,7 +92,7 @@ def run_command(
         # An interrupt must end the command by an exception, while its context is still valid.
         rclpy.init(args=sys.argv, signal_handler_options=SignalHandlerOptions.NO)
         try:
-            with closing(CommandNode(name)) as node:
+            with closing(CommandNode(name)) as node, interruptible():
                 work(options, node)
         finally:
             rclpy.try_shutdown()
@@ -112,6 +113,24 @@ def run_ros_main(command: str, work: Callable[[], int]) -> int:
             raise DyKnowError(' '.join(str(error).split())) from None
 
     return run_main(command, work_of_command)
+
+
+@contextmanager
+def interruptible() -> Iterator[None]:
+    """Raise KeyboardInterrupt in a block at the first signal that stops a command.
+
+    Later signals are ignored, so that they do not disturb the cleanup.
+    """
+
+    def interrupt(*_: object) -> None:
+        ignore(TERMINAL_SIGNALS)
+        raise KeyboardInterrupt
+
+    handle(TERMINAL_SIGNALS, interrupt)
+    try:
+        yield
+    finally:
+        ignore(TERMINAL_SIGNALS)
 
 
 def duration(text: str) -> int:

@@ -139,7 +139,7 @@ class DyKnowNode(Node):
                 self.get_logger().info(f'{name}: {error}')
             except Exception as error:  # noqa: BLE001 - the caller must get a response
                 fill_exit_status(response.exit_status, error)
-                self._log_fault(name, error)
+                self.log_fault(name, error)
             return response
 
         self.create_service(
@@ -157,13 +157,18 @@ class DyKnowNode(Node):
             try:
                 await work(*arguments)
             except Exception as error:  # noqa: BLE001 - it would end the executor
-                self._log_fault(work.__qualname__, error)
+                self.log_fault(work.__qualname__, error)
 
         if self.executor is None:
+            if not self.context.ok():
+                return  # The node has stopped, and its unfinished coroutines clean up.
             raise RuntimeError('a node can spawn work only while an executor runs it')
         self.executor.create_task(guarded)
 
-    def _log_fault(self, where: str, error: Exception) -> None:
+    def log_fault(self, where: str, error: Exception) -> None:
+        """Log an unexpected error, with its traceback."""
+        if not self.context.ok():
+            return  # The node stops: nothing can be published or requested any more.
         text = ''.join(traceback.format_exception(error))
         self.get_logger().error(f'fault in {where}:\n{text}')
 

@@ -9,22 +9,28 @@ import signal
 import sys
 import threading
 import time
+import traceback
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 
 import rclpy
 from rclpy.exceptions import NameValidationException, ParameterException
 from rclpy.executors import ExternalShutdownException
+from rclpy.signals import SignalHandlerOptions, install_signal_handlers
 
 from dyknow_common.errors import DyKnowError
+from dyknow_common.executables import CANNOT_START, FAULT, LAUNCHER
 from dyknow_common.ros.commands import ROS_ERRORS
 from dyknow_common.ros.deadlines import TICK_PERIOD_S
 from dyknow_common.ros.executor import node_executor
 from dyknow_common.ros.node import HANG_LIMIT_S, DyKnowNode
 from dyknow_common.ros.qos import HEARTBEAT_PERIOD_S
+from dyknow_main import STOP_SIGNALS, handle, ignore
 
 SHUTDOWN_TIMEOUT_S = 5.0
 """The time that a node may take to stop."""
+
+_PR_SET_PDEATHSIG = 1
 
 HANG_TIMEOUT_S = 9.0
 """The time that the middleware may take to stop: seconds on a busy machine. Launchers wait 10 s."""
@@ -114,14 +120,26 @@ def _end_hung(hung_s: float) -> None:
     os._exit(HUNG)
 
 
-def _exit_after_shutdown() -> None:
-    """End the process some time after its context is shut down, even if the node hangs.
+def _end_with_launcher() -> None:
+    """Ask the kernel for SIGTERM when the launcher of this process ends, by whatever cause.
+
+    For the kernel, the launcher is the thread that has started this process: its main thread.
+    """
+    launcher = os.environ.pop(LAUNCHER, None)
+    if launcher is not None:
+        ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGTERM)
+        if os.getppid() != int(launcher):
+            os.kill(os.getpid(), signal.SIGTERM)  # It had ended before.
+
+
+def _exit_after_stop(stopped: threading.Event) -> None:
+    """End the process some time after its stop or the shutdown of its context, even if it hangs.
 
     The middleware may wait for ever for a lock in shared memory that a killed process held.
     """
 
     def watch() -> None:
-        while rclpy.ok():
+        while rclpy.ok() and not stopped.is_set():
             time.sleep(TICK_PERIOD_S)
         time.sleep(SHUTDOWN_TIMEOUT_S)
         os._exit(0)
@@ -141,38 +159,45 @@ def _exit_without_threads() -> None:
 def run(
     make_node: Callable[[], DyKnowNode],
     arguments: Sequence[str] | None = None,
-    failure: int = 1,
+    failure: int = CANNOT_START,
 ) -> int:
     """Run a node until SIGINT or SIGTERM; the main function of every executable.
 
     Returns:
-        The exit code: 0 after a clean stop, `failure` when the node cannot start.
+        The exit code: 0 after a clean stop, `failure` when the node cannot run, or FAULT.
     """
+    # Otherwise, Python would raise KeyboardInterrupt anywhere.
+    stopped = threading.Event()
+    handle(STOP_SIGNALS, lambda *_: stopped.set())
+    _end_with_launcher()
+    arguments = None if arguments is None else list(arguments)
     try:
-        rclpy.init(args=None if arguments is None else list(arguments))
+        rclpy.init(args=arguments, signal_handler_options=SignalHandlerOptions.NO)
     except ROS_ERRORS as error:
         print(' '.join(str(error).split()), file=sys.stderr)  # noqa: T201
         return failure
-    _exit_after_shutdown()
+    _exit_after_stop(stopped)
     watchdog = Watchdog()
     node: DyKnowNode | None = None
     executor = node_executor()
+    has_started = False
     try:
         node = make_node()
         executor.add_node(node)
         node.announce()
-        watchdog.guard(node)
-        executor.spin()
-    except (KeyboardInterrupt, ExternalShutdownException):
+        has_started = True
+        # These shut the context down. A node cannot be made with a context that is shut down.
+        install_signal_handlers()
+        if not stopped.is_set():
+            watchdog.guard(node)
+            executor.spin()
+    except ExternalShutdownException:
         pass
-    except (DyKnowError, NameValidationException, ParameterException) as error:
-        print(error, file=sys.stderr)  # noqa: T201 - there is no node to log with
-        return failure
-    except Exception:
-        # After a stop during the start, errors of the incomplete node are expected.
-        if rclpy.ok():
-            raise
+    except Exception as error:  # noqa: BLE001 - it is printed, unless the stop has caused it
+        if rclpy.ok() and not stopped.is_set():
+            return _report(error, failure, has_started=has_started)
     finally:
+        ignore(STOP_SIGNALS)
         watchdog.stop()
         _exit_without_threads()
         executor.shutdown()
@@ -180,3 +205,12 @@ def run(
             node.destroy_node()
         rclpy.try_shutdown()
     return 0
+
+
+def _report(error: Exception, failure: int, *, has_started: bool) -> int:
+    """Print an error that ends a node, as there is no node to log with; return the exit code."""
+    if isinstance(error, DyKnowError | NameValidationException | ParameterException):
+        print(error, file=sys.stderr)  # noqa: T201
+        return failure
+    traceback.print_exception(error)
+    return FAULT if has_started else failure

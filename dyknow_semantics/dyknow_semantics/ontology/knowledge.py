@@ -85,6 +85,16 @@ class Knowledge:
         """All concepts that are not features."""
         return self._names_of(frozenset(self._concepts) - self._taxonomy.below(vocabulary.FEATURE))
 
+    @property
+    def counts(self) -> dict[str, int]:
+        """The numbers of concepts, features and objects, without those of the upper ontology."""
+        concepts = {iri for iri in self._concepts if not iri.startswith(vocabulary.UPPER_ONTOLOGY)}
+        return {
+            'concepts': len(concepts),
+            'features': len(concepts & self._features.keys()),
+            'objects': len(self._types),
+        }
+
     def feature(self, name: str) -> FeatureSignature:
         """Return a feature.
 

@@ -56,7 +56,8 @@ class OntologyManager(DyKnowNode):
         )
         self._version = VersionPublisher(self)
         self._ontology = Ontology(store or None)
-        for path_or_iri in filter(None, files):
+        self._files = [each for each in files if each]
+        for path_or_iri in self._files:
             self._ontology.load(path_or_iri)
         self._inference = Inference(self, self._ontology, process, self._report_change)
         self.serve(ConceptCreate, self._create_concept)
@@ -121,7 +122,12 @@ class OntologyManager(DyKnowNode):
         self._version.publish_change(concepts)
         self.set_status(
             fault or RUNNING,
-            {'version': str(self._version.number), 'reasoner': self._reasoner},
+            {
+                'version': str(self._version.number),
+                'reasoner': self._reasoner,
+                'files': str(len(self._files)),
+                **{key: str(count) for key, count in self._ontology.knowledge.counts.items()},
+            },
             level=DiagnosticStatus.ERROR if fault else None,
         )
         if fault:

@@ -40,9 +40,13 @@ class StreamSemanticsManager(DyKnowNode):
         self._store = AnnotationStore(Path(store) if store else None)
         self._fields = StreamFields(self)
         self._version = VersionPublisher(self)
+        # The loaded annotations with a fault; None until they are checked.
+        self._refused: set[str] | None = None
         for path in map(Path, filter(None, files)):
             read = read_file(path, 'annotations', parse_annotations, SemanticsError)
             self._store.add(each for each in read if each not in self._store)
+        if not self._store.annotations:
+            self._refused = set()
         self._report_change()
         self.serve(AddSemanticSpecification, self._add_specification)
         self.serve(RemoveSemanticSpecification, self._remove_specification)
@@ -83,7 +87,11 @@ class StreamSemanticsManager(DyKnowNode):
         self.set_status(RUNNING, self._status_values())
 
     def _status_values(self) -> dict[str, str]:
-        return {'version': str(self._version.number)}
+        texts = self._store.texts
+        values = {'version': str(self._version.number), 'annotations': str(len(texts))}
+        if self._refused is not None:
+            values['refused'] = str(len(self._refused.intersection(texts)))
+        return values
 
     async def _knowledge(self) -> Knowledge:
         return (await self._ontologies.contents()).stated
@@ -96,15 +104,17 @@ class StreamSemanticsManager(DyKnowNode):
             self.get_logger().warning(f'annotations are not checked: {error}')
             return
         faults: list[str] = []
+        self._refused = set()
         for annotation in self._store.annotations:
             try:
                 check_annotation(annotation, knowledge)
             except DyKnowError as error:
                 faults.append(error.message)
+                self._refused.add(str(annotation))
         for fault in faults:
             self.get_logger().error(fault)
-        if faults:
-            self.set_status(faults[0], self._status_values(), level=DiagnosticStatus.ERROR)
+        level = DiagnosticStatus.ERROR if faults else None
+        self.set_status([*faults, RUNNING][0], self._status_values(), level=level)
 
 
 def _affected_concepts(annotations: Iterable[Annotation], knowledge: Knowledge) -> tuple[str, ...]:

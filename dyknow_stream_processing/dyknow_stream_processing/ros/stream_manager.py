@@ -184,6 +184,7 @@ class StreamManager(DyKnowNode):
             values={
                 'streams': str(len(self._registry.names())),
                 'waiting': ' '.join(waiting),
+                'refused': str(len(failed)),
                 'engines': ' '.join(self._engines.ready()),
                 **{stream.name: stream.message for stream in unplaced if stream.message},
                 **self._placement.recreated(),

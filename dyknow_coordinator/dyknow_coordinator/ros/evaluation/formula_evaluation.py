@@ -8,7 +8,6 @@ exists (9), or it would miss the first states.
 
 from __future__ import annotations
 
-import traceback
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any
@@ -107,8 +106,7 @@ class FormulaEvaluation(Evaluation):
         except DyKnowError as error:
             self.fail(error)
         except Exception as error:  # noqa: BLE001 - the client must get an answer
-            text = ''.join(traceback.format_exception(error))
-            self._context.node.get_logger().error(f'fault in {self.name}:\n{text}')
+            self._context.node.log_fault(self.name, error)
             self.fail(CoordinationError(f'fault in DyKnow: {error!r}', ExitCode.INTERNAL_ERROR))
         expiry.cancel()
         self._leave()

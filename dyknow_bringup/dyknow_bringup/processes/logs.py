@@ -1,0 +1,122 @@
+"""The logs of nodes: their warnings and errors, as records that a terminal can show."""
+
+from __future__ import annotations
+
+import re
+from collections import Counter
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+from dyknow_common import SECOND_NS
+
+LOG_ENVIRONMENT: Final = {
+    'RCUTILS_CONSOLE_OUTPUT_FORMAT': '[{severity}] [{time}] [{name}]: {message}',
+    'RCUTILS_COLORIZED_OUTPUT': '0',
+}
+"""Variables with which nodes log in the format that is read here, whatever the user prefers."""
+
+PERIOD_NS: Final = 10 * SECOND_NS
+MAX_RECORDS: Final = 20
+"""Records of a node that are shown in a period."""
+
+_RECORD: Final = re.compile(r'\[(DEBUG|INFO|WARN|ERROR|FATAL)\] \[[\d.]+\] \[[^\]]*\]: (.*)')
+_FAULTS_OF_PYTHON: Final = ('Traceback ', 'Exception ignored ', 'Fatal Python error')
+_SHOWN: Final = {'WARN', 'ERROR', 'FATAL'}
+_MAX_LAST_LINES: Final = 15
+
+
+@dataclass(frozen=True, slots=True)
+class LogRecord:
+    """A warning or an error; its text may have several lines."""
+
+    level: str
+    text: str
+
+
+class LogReader:
+    """The warnings and errors in a log, which grows.
+
+    Records are complete lines. A line without the head of a record continues the record before it:
+
+        [ERROR] [17.2] [stream_manager]: stream 'a' is not made: unknown unit    one record
+            compunit u: float nothing((x: float))                                of three
+                              ^^^^^^^                                            lines
+        [INFO] [17.3] [stream_manager]: ...                                      not shown
+
+    Args:
+        file: the log; what it contains already is skipped.
+    """
+
+    def __init__(self, file: Path) -> None:
+        self._file = file
+        self._position = file.stat().st_size if file.exists() else 0
+        self._level = 'INFO'
+
+    def read(self) -> tuple[LogRecord, ...]:
+        """Return the warnings and errors since the last call."""
+        records: list[tuple[str, list[str]]] = []
+        for line in self._new_lines():
+            head = _RECORD.match(line)
+            if head is not None:
+                self._level, line = head.groups()  # noqa: PLW2901
+                records.append((self._level, [line]))
+            elif line.startswith(_FAULTS_OF_PYTHON) and self._level not in _SHOWN:
+                self._level = 'ERROR'
+                records.append((self._level, [line]))
+            elif records:
+                records[-1][1].append(line)
+            else:
+                records.append((self._level, [line]))
+        return tuple(
+            LogRecord(level, '\n'.join(lines).strip())
+            for level, lines in records
+            if level in _SHOWN
+        )
+
+    def _new_lines(self) -> list[str]:
+        if not self._file.exists():
+            return []
+        with self._file.open('rb') as log:
+            log.seek(self._position)
+            complete, newline, _ = log.read().rpartition(b'\n')
+        self._position += len(complete) + len(newline)
+        return complete.decode(errors='replace').split('\n') if newline else []
+
+
+class LogThrottle:
+    """Limits the records that are shown: MAX_RECORDS of a node in a period, none of them twice."""
+
+    def __init__(self) -> None:
+        self._end: int | None = None
+        self._shown: Counter[str] = Counter()
+        self._known: set[tuple[str, LogRecord]] = set()
+        self._left_out: Counter[str] = Counter()
+
+    def admit(self, name: str, record: LogRecord, now: int) -> bool:
+        """Return True if a record of a node is to be shown."""
+        if self._end is None:
+            self._end = now + PERIOD_NS
+        if (name, record) in self._known or self._shown[name] >= MAX_RECORDS:
+            self._left_out[name] += 1
+            return False
+        self._known.add((name, record))
+        self._shown[name] += 1
+        return True
+
+    def left_out(self, now: int) -> Iterator[tuple[str, int]]:
+        """At the end of a period, yield the nodes with the number of records not shown."""
+        if self._end is not None and now >= self._end:
+            yield from self._left_out.items()
+            self._end = None
+            self._shown.clear()
+            self._known.clear()
+            self._left_out.clear()
+
+
+def last_lines(log: Path) -> str:
+    """Return the end of a log: what its node printed last beside its records, or the last lines."""
+    lines = log.read_text(errors='replace').strip().splitlines()[-_MAX_LAST_LINES:]
+    logged = [number for number, line in enumerate(lines) if _RECORD.match(line)]
+    return '\n'.join(lines[logged[-1] + 1 :] if logged and logged[-1] + 1 < len(lines) else lines)

@@ -1,0 +1,101 @@
+"""The start of a system: which nodes run, and what they have loaded."""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from functools import partial
+from typing import Any, Self
+
+import rclpy
+from diagnostic_msgs.msg import DiagnosticStatus
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+from rclpy.signals import SignalHandlerOptions
+
+from dyknow_common.ros import STATUS
+
+
+class SystemStart:
+    """The statuses of the nodes of a system that starts, received in a `with` block.
+
+    Args:
+        namespace: of the system, absolute.
+        nodes: the names of its nodes.
+    """
+
+    def __init__(self, namespace: str, nodes: Collection[str]) -> None:
+        self._namespace = namespace
+        self._nodes = nodes
+        self._values: dict[str, dict[str, str]] = {}
+
+    def __enter__(self) -> Self:
+        rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
+        self._node = Node('dyknow_up', start_parameter_services=False)
+        for name in self._nodes:
+            self._node.create_subscription(
+                DiagnosticStatus,
+                f'{self._namespace.rstrip("/")}/{name}/status',
+                partial(self._on_status, name),
+                STATUS,
+            )
+        self._executor = SingleThreadedExecutor()
+        self._executor.add_node(self._node)
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._executor.shutdown()
+        self._node.destroy_node()
+        rclpy.try_shutdown()
+
+    def spin_once(self, timeout_s: float) -> None:
+        """Wait for a status."""
+        self._executor.spin_once(timeout_sec=timeout_s)
+
+    @property
+    def missing(self) -> list[str]:
+        """The nodes that have not published their status."""
+        return [name for name in self._nodes if name not in self._values]
+
+    @property
+    def is_complete(self) -> bool:
+        """True if all nodes run, and have checked everything that they have loaded."""
+        return (
+            not self.missing
+            and 'refused' in self._values['stream_semantics_manager']
+            and not self._values['stream_manager']['waiting']
+        )
+
+    def __str__(self) -> str:
+        if self.missing:
+            return (
+                f'DyKnow does not run completely in {self._namespace}: '
+                f'no status of {", ".join(self.missing)}'
+            )
+        ontology = self._values['ontology_manager']
+        contents = ', '.join(
+            _counted(ontology[things], things) for things in ('concepts', 'features', 'objects')
+        )
+        semantics = self._values['stream_semantics_manager']
+        streams = self._values['stream_manager']
+        waiting = len(streams['waiting'].split())
+        refused = int(semantics.get('refused', '0'))
+        accepted = str(int(semantics['annotations']) - refused)
+        return f'DyKnow runs in {self._namespace}: ' + ', '.join(
+            (
+                f'{_counted(ontology["files"], "ontologies")} ({contents})',
+                _counted(accepted, 'annotations'),
+                f'{refused} refused' if 'refused' in semantics else 'not checked yet',
+                _counted(streams['streams'], 'streams'),
+                *([f'{waiting} waiting'] if waiting else []),
+                f'{streams["refused"]} refused',
+            )
+        )
+
+    def _on_status(self, name: str, status: Any) -> None:
+        self._values[name] = {each.key: each.value for each in status.values}
+
+
+def _counted(number: str, things: str) -> str:
+    """Return `1 ontology`, `2 ontologies`."""
+    singular = 'ontology' if things == 'ontologies' else things.removesuffix('s')
+    return f'{number} {singular if number == "1" else things}'

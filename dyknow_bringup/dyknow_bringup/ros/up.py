@@ -1,0 +1,154 @@
+"""The command `dyknow up`: runs the seven nodes, restarts them, and shows their warnings."""
+
+from __future__ import annotations
+
+import argparse
+import tempfile
+import threading
+import time
+from pathlib import Path
+
+from rclpy.exceptions import InvalidNamespaceException
+from rclpy.validate_namespace import validate_namespace
+from rich.console import Console
+from rich.text import Text
+
+from dyknow_bringup.errors import BringupError
+from dyknow_bringup.processes.launcher import Launcher
+from dyknow_bringup.processes.logs import LogReader, LogThrottle
+from dyknow_bringup.processes.processes import SystemConfiguration, dyknow_processes
+from dyknow_bringup.processes.supervision import Supervisor
+from dyknow_bringup.ros.system_start import SystemStart
+from dyknow_common import ExitCode
+from dyknow_common.executables import SUCCESS
+from dyknow_main import TERMINAL_SIGNALS, handle
+
+PERIOD_S = 0.2
+"""The period in which ended nodes and new warnings are noticed."""
+
+START_LIMIT_S = 30.0
+"""The time after which the nodes that have not started are reported."""
+
+_STYLES = {'WARN': 'yellow', 'ERROR': 'red', 'FATAL': 'red'}
+
+
+class LogMonitor:
+    """Shows the warnings and errors in the logs of nodes on the terminal.
+
+    Args:
+        logs: the logs by node; what they contain already is not shown.
+    """
+
+    def __init__(self, logs: dict[str, Path]) -> None:
+        self._logs = logs
+        self._readers = {name: LogReader(log) for name, log in logs.items()}
+        self._throttle = LogThrottle()
+        self._console = Console(stderr=True)
+
+    def show(self, level: str, text: str) -> None:
+        """Show a message."""
+        message = Text.assemble((f'{level} ', _STYLES[level]), text)
+        self._console.print(message, soft_wrap=True)
+
+    def update(self, now: int) -> None:
+        """Show what is new."""
+        for name, reader in self._readers.items():
+            for record in reader.read():
+                if self._throttle.admit(name, record, now):
+                    self.show(record.level, f'{name}: {record.text}')
+        for name, count in self._throttle.left_out(now):
+            self.show('WARN', f'{name}: {count} more warnings and errors are in {self._logs[name]}')
+
+
+def up(chosen: argparse.Namespace) -> int:
+    """Run the seven nodes until SIGINT, SIGTERM or SIGHUP, or until one of them cannot run."""
+    stop = threading.Event()
+    handle(TERMINAL_SIGNALS, lambda *_: stop.set())
+    namespace = _absolute(chosen.namespace)
+    processes = dyknow_processes(_configuration(chosen))
+    logs = chosen.logs or Path(tempfile.mkdtemp(prefix='dyknow_'))
+    logs.mkdir(parents=True, exist_ok=True)
+    with Launcher(
+        logs,
+        namespace=namespace,
+        use_sim_time=chosen.use_sim_time,
+        log_level=chosen.log_level,
+    ) as launcher:
+        names = [process.name for process in processes]
+        monitor = LogMonitor({name: launcher.log(name) for name in names})
+        supervisor = Supervisor(
+            launcher,
+            processes,
+            lambda text: monitor.show('WARN', text),
+            restarts=not chosen.no_respawn,
+        )
+
+        def update() -> None:
+            now = time.monotonic_ns()
+            monitor.update(now)
+            supervisor.update(now)
+
+        end = time.monotonic() + START_LIMIT_S
+        with SystemStart(namespace, names) as start:
+            while not (stop.is_set() or start.is_complete or time.monotonic() > end):
+                start.spin_once(PERIOD_S)
+                update()
+        if not stop.is_set():
+            print(f'{start}; logs are in {logs}; stop it with Ctrl-C', flush=True)  # noqa: T201
+        while not stop.wait(PERIOD_S):
+            update()
+    return SUCCESS
+
+
+def _absolute(namespace: str) -> str:
+    absolute = f'/{namespace.strip("/")}'
+    try:
+        validate_namespace(absolute)
+    except InvalidNamespaceException as error:
+        raise BringupError(str(error), ExitCode.INVALID_ARGUMENT) from None
+    return absolute
+
+
+def _configuration(chosen: argparse.Namespace) -> SystemConfiguration:
+    if chosen.store is not None:
+        chosen.store.mkdir(parents=True, exist_ok=True)
+    return SystemConfiguration(
+        ontologies=tuple(path.resolve() for path in chosen.ontology),
+        annotations=tuple(path.resolve() for path in chosen.annotations),
+        streams=tuple(path.resolve() for path in chosen.streams),
+        bridges=tuple(path.resolve() for path in chosen.bridges),
+        store=chosen.store and chosen.store.resolve(),
+        reasoner=chosen.reasoner,
+    )
+
+
+def add_up_options(parser: argparse.ArgumentParser) -> None:
+    """Add the options of the command."""
+    parser.set_defaults(command=up)
+    for name, description in (
+        ('ontology', 'OWL files'),
+        ('annotations', 'files in SSL'),
+        ('streams', 'files in the stream language'),
+        ('bridges', 'files of bridge rules between the ontologies'),
+    ):
+        parser.add_argument(
+            f'--{name}', nargs='*', type=Path, default=[], metavar='FILE', help=description
+        )
+    parser.add_argument(
+        '--store',
+        type=Path,
+        metavar='FOLDER',
+        help='keeps changes of the ontology and of the annotations (default: nothing is kept)',
+    )
+    parser.add_argument(
+        '--reasoner',
+        default='',
+        help='structural, hermit or pellet, the last two with Java (default: structural)',
+    )
+    parser.add_argument('--namespace', default='', help='of all nodes (default: none)')
+    parser.add_argument('--use-sim-time', action='store_true', help='take time from /clock')
+    parser.add_argument(
+        '--no-respawn', action='store_true', help='end when a node dies (default: start it again)'
+    )
+    parser.add_argument('--log-level', default='info', help='of all nodes (default: info)')
+    parser.add_argument('--logs', type=Path, help='folder for the logs')

@@ -1,0 +1,89 @@
+"""Restarts of processes that end."""
+
+import pytest
+
+from dyknow_bringup.errors import BringupError
+from dyknow_bringup.processes.launcher import EndedProcess
+from dyknow_bringup.processes.processes import Process
+from dyknow_bringup.processes.supervision import PERIOD_NS, RESTART_DELAY_NS, Supervisor
+from dyknow_common.executables import CANNOT_START
+
+NODE = Process('package', 'node')
+
+
+class Processes:
+    """Stands for the launcher."""
+
+    def __init__(self) -> None:
+        self.starts = 0
+        self.code: int | None = None
+
+    def start(self, process: Process) -> None:
+        assert process == NODE
+        self.starts += 1
+        self.code = None
+
+    def start_all(self, processes: object) -> None:
+        for process in processes:
+            self.start(process)
+
+    def ended(self) -> tuple[EndedProcess, ...]:
+        return () if self.code is None else (EndedProcess('node', self.code, 'its last words'),)
+
+
+class Restarts:
+    def __init__(self, *, restarts: bool = True) -> None:
+        self.processes = Processes()
+        self.said: list[str] = []
+        self.supervisor = Supervisor(self.processes, [NODE], self.said.append, restarts=restarts)
+        self.now = 0
+
+    def end(self, code: int) -> None:
+        self.processes.code = code
+        self.supervisor.update(self.now)
+
+    def wait(self, duration: int) -> None:
+        self.now += duration
+        self.supervisor.update(self.now)
+
+
+def test_a_process_that_ends_is_started_again_after_a_delay() -> None:
+    node = Restarts()
+    node.end(-9)
+    node.wait(RESTART_DELAY_NS - 1)
+    assert node.processes.starts == 1
+    node.wait(1)
+    assert node.processes.starts == 2
+    node.wait(RESTART_DELAY_NS)
+    assert node.processes.starts == 2
+    assert node.said == [
+        'node was killed by SIGKILL; it will be started again',
+        'node was started again',
+    ]
+
+
+def test_a_process_that_cannot_start_ends_the_system() -> None:
+    with pytest.raises(BringupError, match='node cannot start:\nits last words'):
+        Restarts().end(CANNOT_START)
+
+
+def test_a_process_that_ends_again_and_again_ends_the_system() -> None:
+    node = Restarts()
+    for _ in range(2):
+        node.end(70)
+        node.wait(RESTART_DELAY_NS)
+    with pytest.raises(BringupError, match=r'node ended with exit code 70 \(end 3 within 30 s\)'):
+        node.end(70)
+
+
+def test_rare_ends_are_no_loop() -> None:
+    node = Restarts()
+    for _ in range(5):
+        node.end(-6)
+        node.wait(PERIOD_NS // 2)
+    assert node.processes.starts == 6
+
+
+def test_without_restarts_the_first_end_is_that_of_the_system() -> None:
+    with pytest.raises(BringupError, match='node was killed by SIGSEGV:\nits last words'):
+        Restarts(restarts=False).end(-11)

@@ -1,0 +1,64 @@
+"""The part of the executables that handles signals before anything else is imported.
+
+The imports of an executable take a second, on a busy machine several. A signal in that time would
+end the process with the traceback of a KeyboardInterrupt, or without the exit code of a clean stop.
+As the process has not begun its work yet, it can end at once. The functions that are called after
+the imports (`run` of nodes, `interruptible` of commands) replace the handlers that are set here.
+"""
+
+from __future__ import annotations
+
+import os
+import signal
+import sys
+from collections.abc import Callable, Iterable
+from importlib.metadata import distribution
+from types import FrameType
+
+INTERRUPTED = 130
+"""The exit code of a command that the user has interrupted, as shells have it."""
+
+STOP_SIGNALS = (signal.SIGINT, signal.SIGTERM)
+"""The signals that stop a node."""
+
+TERMINAL_SIGNALS = (*STOP_SIGNALS, signal.SIGHUP)
+"""The signals that stop a command, which also ends with its terminal."""
+
+
+def load(package: str, name: str, *, is_node: bool) -> Callable[[], int]:
+    """Return the main function of an executable; from now on, signals end the process cleanly.
+
+    Args:
+        package: its package, as in the requirement `package==version`.
+        name: its name.
+        is_node: True if it is a node, False if it is a command.
+
+    Raises:
+        ImportError: if something that it needs is not installed, or not in this environment.
+    """
+    signals = STOP_SIGNALS if is_node else TERMINAL_SIGNALS
+    is_clean = is_node or (name == 'dyknow' and sys.argv[1:2] == ['up'])
+    handle(signals, lambda *_: os._exit(0 if is_clean else INTERRUPTED))
+    scripts = distribution(package.partition('==')[0]).entry_points.select(group='console_scripts')
+    main: Callable[[], int] = scripts[name].load()
+
+    def run() -> int:
+        try:
+            return main()
+        finally:
+            ignore(signals)  # The exit code of the work counts.
+
+    return run
+
+
+def handle(numbers: Iterable[int], handler: Callable[[int, FrameType | None], None]) -> None:
+    """Handle signals, except SIGHUP in a process that was started by nohup."""
+    for number in numbers:
+        if number != signal.SIGHUP or signal.getsignal(number) is not signal.SIG_IGN:
+            signal.signal(number, handler)
+
+
+def ignore(numbers: Iterable[int]) -> None:
+    """Ignore signals."""
+    for number in numbers:
+        signal.signal(number, signal.SIG_IGN)

@@ -1,0 +1,139 @@
+"""Processes that are stopped by signals: at any moment, several times, with all their children."""
+
+from __future__ import annotations
+
+import os
+import re
+import signal
+import subprocess
+import time
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+import pytest
+
+from commands import command
+from dyknow_bringup.processes.processes import PACKAGES
+from dyknow_bringup.resources import executable_path
+from system import LIMIT, System, private_environment
+
+MOMENTS = [each * 0.15 for each in range(11)]
+"""Seconds after a process can handle signals: during its imports, its construction and its work."""
+
+ALWAYS = 'forall u in UAV: always Power[u] < 150'
+
+
+def wait_for(condition: Callable[[], bool], description: str) -> None:
+    end = time.monotonic() + LIMIT
+    while not condition():
+        assert time.monotonic() < end, f'not within {LIMIT} s: {description}'
+        time.sleep(0.005)
+
+
+def handles(pid: int, number: signal.Signals) -> bool:
+    """Return True if a process has a handler for a signal."""
+    status = Path(f'/proc/{pid}/status').read_text(encoding='utf-8')
+    caught = int(re.findall(r'SigCgt:\s*(\w+)', status)[0], 16)
+    return bool(caught >> (number - 1) & 1)
+
+
+def members(domain: str) -> set[int]:
+    """Return the processes in a ROS domain, except this one."""
+    found = set()
+    for folder in Path('/proc').glob('[0-9]*'):
+        try:
+            variables = (folder / 'environ').read_bytes().split(b'\0')
+        except OSError:
+            continue  # It has ended, or is another user's.
+        if f'ROS_DOMAIN_ID={domain}'.encode() in variables:
+            found.add(int(folder.name))
+    return found - {os.getpid()}
+
+
+def stopped_at(
+    line: list[str], environment: dict[str, str], delay: float, *signals: signal.Signals
+) -> tuple[int, str]:
+    """Stop a process some time after its start; return its exit code and its output."""
+    with subprocess.Popen(
+        line,
+        env={**os.environ, **environment},
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+        start_new_session=True,
+    ) as process:
+        # Python itself handles SIGINT from its start, by an exception.
+        wait_for(lambda: handles(process.pid, signal.SIGTERM), 'the first line of the executable')
+        time.sleep(delay)
+        for number in signals:
+            process.send_signal(number)
+            time.sleep(0.03)
+        output, _ = process.communicate(timeout=LIMIT)
+    return process.returncode, output
+
+
+@pytest.mark.parametrize(
+    ('line', 'code'),
+    [
+        ([str(executable_path('dyknow_stream_processing', 'stream_processing_engine'))], 0),
+        ([str(executable_path('dyknow_semantics', 'ontology_manager'))], 0),
+        (command('dyknow', 'up'), 0),
+        (command('dyknow', 'evaluate', 'always true'), 130),
+        ([str(executable_path('dyknow_stream_processing', 'streams'))], 130),
+    ],
+    ids=['engine', 'ontology_manager', 'up', 'evaluate', 'streams'],
+)
+def test_a_process_stops_at_any_moment(line: list[str], code: int) -> None:
+    environment = private_environment()
+    kinds = (
+        [signal.SIGINT],
+        [signal.SIGTERM],
+        [signal.SIGINT] * 3,
+        [signal.SIGTERM, signal.SIGINT],
+    )
+    cases = [(delay, kinds[number % 4]) for number, delay in enumerate(MOMENTS)]
+    with ThreadPoolExecutor(2) as pool:
+        ends = list(pool.map(lambda case: stopped_at(line, environment, case[0], *case[1]), cases))
+    for case, (returned, output) in zip(cases, ends, strict=True):
+        assert returned == code, (case, output)
+        assert 'Traceback' not in output, (case, output)
+        assert 'ignored' not in output, (case, output)
+    wait_for(lambda: not members(environment['ROS_DOMAIN_ID']), 'the end of all processes')
+
+
+@pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
+def test_nodes_stop_while_formulas_are_grounded(tmp_path: Path, number: signal.Signals) -> None:
+    with System(tmp_path) as system:
+        for _ in range(20):
+            system.ask(ALWAYS, timeout=60.0)
+        system.client.executor.spin_once(timeout_sec=0.05)
+        for _ in range(2):
+            for process in system.running.values():
+                process.send_signal(number)
+        codes = {name: process.wait(LIMIT) for name, process in system.running.items()}
+    assert set(codes.values()) == {0}, codes
+    for log in tmp_path.glob('*.log'):
+        text = log.read_text(encoding='utf-8')
+        assert 'Traceback' not in text, text
+
+
+@pytest.mark.parametrize('number', [signal.SIGHUP, signal.SIGKILL, signal.SIGTERM])
+@pytest.mark.parametrize(
+    ('name', 'options', 'code'), [('dyknow', ['up'], 0), ('uav_demo', [], 130)]
+)
+def test_nodes_end_with_their_launcher(
+    name: str, options: list[str], code: int, number: signal.Signals
+) -> None:
+    environment = private_environment()
+    domain = environment['ROS_DOMAIN_ID']
+    process = subprocess.Popen(
+        command(name, *options),
+        env={**os.environ, **environment},
+        stdout=subprocess.DEVNULL,
+        start_new_session=True,
+    )
+    wait_for(lambda: len(members(domain)) > len(PACKAGES), 'the start of all nodes')
+    process.send_signal(number)
+    assert process.wait(LIMIT) == (-number if number == signal.SIGKILL else code)
+    wait_for(lambda: not members(domain), 'the end of all nodes')

@@ -1,0 +1,171 @@
+"""The command `dyknow up`: what it restarts, and what it shows on the terminal."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import pytest
+
+from commands import command, output_of, running
+from system import LIMIT, private_environment
+from test_rover import EXAMPLES, Rover
+from test_stopping import members, wait_for
+
+ROVER = [
+    '--ontology', str(EXAMPLES / 'rover.owl'), '--annotations', str(EXAMPLES / 'rover.ssl'),
+    '--streams', str(EXAMPLES / 'rover.streams'),
+]  # fmt: skip
+
+
+class Terminal:
+    """The output of a running process."""
+
+    def __init__(self, process: subprocess.Popen[str]) -> None:
+        self._process = process
+        self._lines: list[str] = []
+        self._thread = threading.Thread(target=self._read, daemon=True)
+        self._thread.start()
+
+    @property
+    def text(self) -> str:
+        return ''.join(self._lines)
+
+    def join(self) -> None:
+        """Wait for the end of the output."""
+        self._thread.join(LIMIT)
+
+    def wait_for(self, text: str) -> None:
+        end = time.monotonic() + LIMIT
+        while text not in self.text:
+            assert time.monotonic() < end, f'no {text!r} in: {self.text}'
+            time.sleep(0.05)
+
+    def _read(self) -> None:
+        assert self._process.stdout is not None
+        self._lines.extend(self._process.stdout)
+
+
+@contextmanager
+def up(environment: dict[str, str], *options: str) -> Iterator[Terminal]:
+    """Run `dyknow up` with a terminal."""
+    with running(command('dyknow', 'up', *options), environment) as process:
+        yield Terminal(process)
+
+
+def node(environment: dict[str, str], executable: str) -> int:
+    """Return the process of a node."""
+    for pid in members(environment['ROS_DOMAIN_ID']):
+        if (
+            f'/{executable}'.encode()
+            in Path(f'/proc/{pid}/cmdline').read_bytes().split(b'--ros')[0]
+        ):
+            return pid
+    raise AssertionError(f'{executable} does not run')
+
+
+def test_a_killed_engine_is_restarted_and_formulas_are_evaluated() -> None:
+    environment = private_environment()
+    with up(environment, *ROVER) as terminal:
+        terminal.wait_for('DyKnow runs in /: 1 ontology (3 concepts, 2 features, 1 object), ')
+        terminal.wait_for('2 annotations, 0 refused, 1 stream, 0 refused; logs are in ')
+        os.kill(node(environment, 'stream_processing_engine'), signal.SIGKILL)
+        terminal.wait_for(
+            'stream_processing_engine was killed by SIGKILL; it will be started again'
+        )
+        terminal.wait_for('stream_processing_engine was started again')
+        rover = Rover(environment)
+        rover.client.wait_for_coordinator()
+        formula = 'forall r in Rover: always[0 s, 1 s] Speed[r] < 1.5'
+        line = command('dyknow', 'evaluate', formula, '--timeout', '30 s')
+        # The streams may still be on their way to the new engine.
+        outcomes = [rover.run(line, environment) for _ in range(2)]
+        rover.client.close()
+    assert outcomes[-1][0] == 0, outcomes
+
+
+def test_without_respawn_the_end_of_a_node_ends_the_system() -> None:
+    environment = private_environment()
+    with subprocess.Popen(
+        command('dyknow', 'up', '--no-respawn'),
+        env={**os.environ, **environment},
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+    ) as process:
+        terminal = Terminal(process)
+        terminal.wait_for('DyKnow runs in /')
+        os.kill(node(environment, 'stream_manager'), signal.SIGKILL)
+        assert process.wait(LIMIT) == 2
+        terminal.wait_for('dyknow: stream_manager was killed by SIGKILL')
+        terminal.join()
+    assert not members(environment['ROS_DOMAIN_ID'])
+
+
+def faulty(folder: Path, name: str, text: str) -> list[str]:
+    """Return the option for a file of the rover with some text added."""
+    file = folder / f'faulty.{name}'
+    file.write_text((EXAMPLES / f'rover.{name}').read_text(encoding='utf-8') + text)
+    return ['--annotations' if name == 'ssl' else '--streams', str(file)]
+
+
+def test_faults_of_the_configuration_are_shown(tmp_path: Path) -> None:
+    annotations = """
+        stream "/rover1/x" contains Sped[rover1] = speed;
+        stream "/rover1/y" contains Speed[rover7] = speed;
+        stream "/rover1/z" contains Speed[rover1] = speed [apples];
+        """
+    streams = """;
+        compunit nothing: float invented((x: float));
+        stream broken = invented(select speed as x from rover1_speed);
+        sink broken;
+        stream narrow = select breadth as x from rover1_speed;
+        sink narrow
+        """
+    options = [*faulty(tmp_path, 'ssl', annotations), *faulty(tmp_path, 'streams', streams)]
+    environment = private_environment()
+    with up(environment, '--namespace', 'robot1', *ROVER[:2], *options) as terminal:
+        terminal.wait_for('DyKnow runs in /robot1: ')
+        terminal.wait_for("ERROR stream_manager: stream 'broken' is not made: ")
+        terminal.wait_for("there is no computational unit 'invented'")
+        terminal.wait_for("stream 'rover1_speed' has no field 'breadth'")
+        for text in ("'Sped'", "'rover7'", 'apples'):
+            terminal.wait_for(text)
+        assert 'ERROR stream_semantics_manager: ' in terminal.text
+        assert '2 annotations, 3 refused, 1 stream, 2 refused' in terminal.text
+        assert '\x1b[' not in terminal.text, 'colour only on a terminal'
+        assert terminal.text.count("no object: unknown instance 'rover7'") == 1, terminal.text
+
+
+def syntax_error(folder: Path) -> list[str]:
+    return faulty(folder, 'ssl', 'stream "/rover1/x" contains;')
+
+
+@pytest.mark.parametrize(
+    ('options', 'message'),
+    [
+        (syntax_error, 'stream_semantics_manager cannot start:\n/'),
+        (lambda _: ['--streams', 'nope.streams'], 'streams: there is no file /'),
+        (
+            lambda _: ['--reasoner', 'guess'],
+            "ontology_manager cannot start:\nunknown reasoner 'guess'",
+        ),
+        (lambda _: ['--namespace', 'a b'], 'must not contain characters'),
+    ],
+)
+def test_a_wrong_configuration_ends_the_command(
+    tmp_path: Path, options: Callable[[Path], list[str]], message: str
+) -> None:
+    environment = private_environment()
+    done = output_of(command('dyknow', 'up', *options(tmp_path)), environment)
+    assert done.returncode == 2, done.stderr
+    assert message in done.stderr
+    assert 'started again' not in done.stderr
+    assert 'Traceback' not in done.stderr
+    wait_for(lambda: not members(environment['ROS_DOMAIN_ID']), 'the end of all nodes')
