@@ -38,6 +38,8 @@ class SelectOperator(Operator):
         if not any(each.embedded_fields for each in selections):
             self._constant_names = {each.name: each.field for each in selections}
         self._emitted = BEGINNING
+        self._conditions = ' and '.join(map(str, conditions))
+        self._rejected = ''
 
     def receive(
         self, port: int, valid_time: int, fields: Mapping[str, Value], watermark: int, now: int
@@ -46,6 +48,7 @@ class SelectOperator(Operator):
         try:
             for field, test in self._tests:
                 if not test(fields[field]):
+                    self._rejected = self._rejected or f'{field} = {value_text(fields[field])}'
                     self.promise(port, watermark, now)
                     return
             selected = self._select(fields)
@@ -69,6 +72,13 @@ class SelectOperator(Operator):
         """
         is_covered = self.in_order and watermark <= self._emitted
         self._promise(watermark if is_covered else watermark - 1, now)
+
+    def obstacle(self, name: Callable[[Operator], str]) -> str:
+        """Return the conditions, if samples fail them, and how the first one did."""
+        if not self._rejected:
+            return super().obstacle(name)
+        source = name(self.inputs[0])
+        return f'no sample of {source} satisfies {self._conditions} (one has {self._rejected})'
 
     def certain_at(self, valid_time: int) -> int | None:
         """Return the time from which not even a second sample of a valid time can arrive."""

@@ -28,6 +28,7 @@ from dyknow_common.ros import (
     time_to_nanoseconds,
     with_distinct_lease,
 )
+from dyknow_stream_processing.ros.topics.publications import publishers_remark
 from dyknow_stream_processing.violation import Violation, ViolationKind
 
 
@@ -125,5 +126,5 @@ class ViolationRelay:
 
     def _report(self, kind: ViolationKind, message: str) -> None:
         now = self._node.get_clock().now().nanoseconds
-        text = f"stream '{self._topic}': {message}"
+        text = f"stream '{self._topic}': {message}{publishers_remark(self._node, [self._topic])}"
         self._on_violation(Violation(self._topic, kind, now, now, 0, 0, text))
