@@ -73,9 +73,7 @@ def test_samples_that_wait_for_the_clock_are_the_reason(flow: Flow) -> None:
 
 def test_samples_of_the_future_are_the_reason(flow: Flow) -> None:
     flow.create('"a" with max_delay = 1 s').push('a', 5000, 2, x=1)
-    assert reasons(flow) == [
-        'samples of a are stamped later than the time of the clock, and wait'
-    ]
+    assert reasons(flow) == ['samples of a are stamped later than the time of the clock, and wait']
 
 
 def test_a_state_that_waits_for_a_max_delay_says_for_whose(flow: Flow) -> None:

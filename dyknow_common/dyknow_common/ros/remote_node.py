@@ -66,6 +66,8 @@ class RemoteNode:
         self._is_released = False
         self._status: dict[str, str] = {}
         self._message = ''
+        self.latest: Any = None
+        """The last message on its status topic; None before the first."""
         for service_type in services:
             self._client(service_type)
         self._liveliness = Liveliness(
@@ -177,6 +179,7 @@ class RemoteNode:
     def _on_status(self, message: Any) -> None:
         status = {value.key: value.value for value in message.values}
         self._message = message.message
+        self.latest = message
         is_restarted = self._status.get(STARTED_AT) not in (None, status.get(STARTED_AT))
         self._status = status
         if is_restarted:

@@ -21,6 +21,7 @@ class KnownStream:
         engine: the node that makes the stream, or made it last.
         received: for each topic that the stream is made from, the time at which the engine
             received the latest message, in nanoseconds; 0 before the first.
+        waits_for: why it has no samples; empty if they come.
     """
 
     name: str
@@ -29,6 +30,7 @@ class KnownStream:
     message_type: str = ''
     engine: str = ''
     received: Mapping[str, int] = field(default_factory=dict)
+    waits_for: str = ''
 
 
 class KnownStreams:

@@ -40,6 +40,8 @@ class StreamsMirror:
         self._node = node
         self._namespace = namespace
         self.known = self._known_streams(())
+        self.engines: tuple[str, ...] = ()
+        """The stream processing engines that run."""
         self._on_change = on_change
         node.create_subscription(
             StreamStatusArray, topic, self._on_report, LATCHED, callback_group=node.reentrant
@@ -71,6 +73,7 @@ class StreamsMirror:
         return tuple(found.fields or ()) if found else ()
 
     def _on_report(self, message: Any) -> None:
+        self.engines = tuple(message.engines)
         before = self.known.published()
         self.known = self._known_streams(map(self._known_stream, message.streams))
         if self.known.published() != before:
@@ -88,6 +91,7 @@ class StreamsMirror:
             message_type=status.message_type,
             engine=status.engine or (before.engine if before else ''),
             received={each.topic: time_to_nanoseconds(each.latest) for each in status.sources},
+            waits_for=status.message if status.state == StreamStatus.WAITING else '',
         )
 
     def _known_streams(self, streams: Iterable[KnownStream]) -> KnownStreams:

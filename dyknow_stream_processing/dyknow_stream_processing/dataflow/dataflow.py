@@ -147,9 +147,7 @@ class Dataflow:
         """Return why a stream that has no samples has none; see `waiting_reasons`."""
         stream = self._find(name)
         root = stream.operators[0]
-        return tuple(
-            dict.fromkeys(waiting_reasons(root, since, topic_reason, stream.name_of))
-        )
+        return tuple(dict.fromkeys(waiting_reasons(root, since, topic_reason, stream.name_of)))
 
     def topics(self, name: str) -> tuple[str, ...]:
         """Return the topics that a stream is made of, sorted."""

@@ -295,7 +295,9 @@ class StreamRegistry:
                 topic=stream.topic,
                 message_type=stream.message_type,
             )
-        unreported = StreamReport(stream.name, StreamState.WAITING, 'its engine has yet to report it')
+        unreported = StreamReport(
+            stream.name, StreamState.WAITING, 'its engine has yet to report it'
+        )
         found = reported or unreported
         state, message = found.state, '; '.join(filter(None, (found.message, stream.message)))
         if not stream.topic:

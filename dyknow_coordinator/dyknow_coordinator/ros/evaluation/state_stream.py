@@ -31,6 +31,7 @@ class StateStream:
     ) -> None:
         self.name = name
         self.topic = context.state_topic(name)
+        self.created_at_s = context.wall_time_s()
         self._context = context
         self._on_violation = on_violation
         self._liveliness = Liveliness(context.node, on_lost=lambda: on_lost(self))

@@ -130,7 +130,7 @@ def incompatible_publisher(node: Node, topic: str, requested: QoSProfile) -> str
         verdict, reason = qos_check_compatible(info.qos_profile, requested)
         if verdict is QoSCompatibility.ERROR:
             return (
-                f"no message of {topic} comes from {_node_of(info)}: its quality of service is "
+                f'no message of {topic} comes from {_node_of(info)}: its quality of service is '
                 f'incompatible with the requested one ({reason.rstrip("; ")})'
             )
     return ''
