@@ -56,7 +56,8 @@ class OntologyManager(DyKnowNode):
         )
         self._version = VersionPublisher(self)
         self._ontology = Ontology(store or None)
-        for path_or_iri in filter(None, files):
+        self._files = tuple(filter(None, files))
+        for path_or_iri in self._files:
             self._ontology.load(path_or_iri)
         self._inference = Inference(self, self._ontology, process, self._report_change)
         self.serve(ConceptCreate, self._create_concept)
@@ -119,6 +120,7 @@ class OntologyManager(DyKnowNode):
     def _report_change(self, fault: str, concepts: Iterable[str]) -> None:
         """Publish a change; the caller of the service is answered afterwards."""
         self._version.publish_change(concepts)
+        self.set_loaded(self._contents())
         self.set_status(
             fault or RUNNING,
             {'version': str(self._version.number), 'reasoner': self._reasoner},
@@ -126,6 +128,16 @@ class OntologyManager(DyKnowNode):
         )
         if fault:
             self.get_logger().error(fault)
+
+    def _contents(self) -> dict[str, int]:
+        known = self._ontology.knowledge
+        objects = {each for sort in known.sorts for each in known.instances(sort)}
+        return {
+            'concepts': len(known.sorts) + len(known.features),
+            'features': len(known.features),
+            'objects': len(objects),
+            'files': len(self._files),
+        }
 
 
 def main() -> int:

@@ -90,8 +90,10 @@ class StreamManager(DyKnowNode):
         registry = StreamRegistry(
             NamingConvention(convention), own, self._published, Namespaces.of(namespaces, own)
         )
-        for stream in read_streams(filter(None, files)):
+        paths = list(filter(None, files))
+        for stream in read_streams(paths):
             registry.add(stream)
+        self.set_loaded({'streams': len(registry.streams()), 'files': len(paths)})
         return registry
 
     async def _create(self, request: Any, response: Any) -> None:

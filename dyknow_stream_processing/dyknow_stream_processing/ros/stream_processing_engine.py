@@ -76,8 +76,10 @@ class StreamProcessingEngine(DyKnowNode):
             validate_topic_name(f'{self._prefix}/name')
         except InvalidTopicNameException as error:
             raise StreamError(f"stream_prefix '{self._prefix}' cannot be used: {error}") from None
+        units = load_units()
+        self.set_loaded({'computational units': len(units)})
         self._dataflow = Dataflow(
-            load_units(),
+            units,
             lambda topic: source_type(self, topic),
             lambda topics: publishers_remark(self, topics),
         )
