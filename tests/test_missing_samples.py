@@ -18,7 +18,6 @@ from dyknow_interfaces.srv import EvaluateFormula, StreamRegister
 from nav_msgs.msg import Odometry
 from rclpy.node import Node
 from rosgraph_msgs.msg import Clock
-from std_msgs.msg import Float64
 
 from commands import command, output_of
 from dyknow_common.ros import nanoseconds_to_duration
@@ -28,6 +27,7 @@ from stream_nodes import StreamNodes
 
 SECOND = 1_000_000_000
 MISTYPED = 'nobody publishes /odm (did you mean /odom?)'
+MANAGER = '/stream_manager'
 FORMULA = 'always ("/odm".pose.pose.position.z < 5)'
 
 
@@ -108,36 +108,41 @@ def wait_for_reason(nodes: StreamNodes, name: str, reason: str) -> None:
     assert report_of(nodes, name).state == StreamStatus.WAITING
 
 
-def start(nodes: StreamNodes, **parameters: Any) -> None:
-    nodes.start('/engine', **parameters)
-    nodes.start_manager(**parameters)
+def start(nodes: StreamNodes) -> None:
+    nodes.start('/engine')
+    nodes.start_manager()
     nodes.wait_for_engines('/engine')
 
 
 def test_a_sync_names_the_one_topic_that_is_missing(nodes: StreamNodes) -> None:
     publishers = [
-        nodes.client.node.create_publisher(Float64, f'/tank{number}/level', 10)
+        nodes.client.node.create_publisher(Odometry, f'/robot{number}/odom', 10)
         for number in (1, 2, 4, 5)
     ]
-    timer = nodes.client.node.create_timer(
-        0.1, lambda: [each.publish(Float64(data=0.5)) for each in publishers]
-    )
+
+    def publish() -> None:
+        message = Odometry()
+        message.header.stamp = nodes.client.node.get_clock().now().to_msg()
+        for each in publishers:
+            each.publish(message)
+
+    timer = nodes.client.node.create_timer(0.1, publish)
     start(nodes)
     inputs = ', '.join(
-        f'(select data as level{number} from "/tank{number}/level")' for number in range(1, 6)
+        f'(select pose.pose.position.z as z{number} from "/robot{number}/odom")'
+        for number in range(1, 6)
     )
-    nodes.create('levels', f'sync({inputs})')
-    nodes.create('half', 'select level1 from levels')
-    reason = 'nobody publishes /tank3/level (did you mean /tank5/level or /tank4/level?)'
-    for name in ('levels', 'half'):
-        wait_for_reason(nodes, name, 'nobody publishes /tank3/level (did you mean ')
-        assert report_of(nodes, name).message.count('nobody') == 1, reason
-    third = nodes.client.node.create_publisher(Float64, '/tank3/level', 10)
-    wait_for_reason(nodes, 'levels', '/tank3/level has a publisher but no message has come')
+    nodes.create('heights', f'sync({inputs})')
+    nodes.create('first', 'select z1 from heights')
+    for name in ('heights', 'first'):
+        wait_for_reason(nodes, name, 'nobody publishes /robot3/odom (did you mean ')
+        assert report_of(nodes, name).message.count('nobody') == 1
+    third = nodes.client.node.create_publisher(Odometry, '/robot3/odom', 10)
+    wait_for_reason(nodes, 'heights', '/robot3/odom has a publisher but no message has come')
     publishers.append(third)
-    nodes.wait_until_flowing('levels', 'half')
+    nodes.wait_until_flowing('heights', 'first')
     publishers.remove(third)
-    wait_for_reason(nodes, 'levels', '/tank3/level has fallen silent')
+    wait_for_reason(nodes, 'heights', '/robot3/odom has fallen silent')
     timer.cancel()
 
 
@@ -166,7 +171,7 @@ def test_a_where_that_lets_nothing_through_is_named(nodes: StreamNodes) -> None:
 def test_another_type_than_registered_is_named(nodes: StreamNodes) -> None:
     start(nodes)
     answer = nodes.call(
-        '/stream_manager',
+        MANAGER,
         StreamRegister,
         stream_name='odometry',
         topic_name='/tank/level',
@@ -178,7 +183,9 @@ def test_another_type_than_registered_is_named(nodes: StreamNodes) -> None:
 
 
 def test_without_a_clock_that_is_the_reason(nodes: StreamNodes) -> None:
-    start(nodes, use_sim_time=True)
+    for name, executable in (('/engine', 'stream_processing_engine'), (MANAGER, MANAGER[1:])):
+        nodes.start(name, executable, use_sim_time=True)
+    nodes.wait_for_engines('/engine')
     text = 'select data from "/tank/level" with max_delay = 1 s, sample_period = 20 ms'
     nodes.create('level', f'sync(({text})) with sample_period = 20 ms')
     reason = 'no /clock has come: nobody publishes it, but use_sim_time is true'

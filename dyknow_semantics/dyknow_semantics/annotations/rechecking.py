@@ -25,7 +25,7 @@ class Origin:
 
 
 @dataclass(frozen=True, slots=True)
-class CheckResult:
+class AnnotationFaults:
     """The faults of all annotations.
 
     Args:
@@ -42,7 +42,7 @@ def check_annotations(
     fields: Mapping[str, Fields],
     knowledge: Knowledge,
     origins: Mapping[str, Origin],
-) -> CheckResult:
+) -> AnnotationFaults:
     """Check all annotations.
 
     Args:
@@ -68,7 +68,7 @@ def check_annotations(
         except LanguageError as error:
             messages.append(_located(error, origin))
             field_faults[text] = error.reason
-    return CheckResult(tuple(messages), field_faults)
+    return AnnotationFaults(tuple(messages), field_faults)
 
 
 def _located(error: DyKnowError, origin: Origin | None) -> str:

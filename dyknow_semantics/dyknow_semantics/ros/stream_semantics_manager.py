@@ -20,7 +20,7 @@ from dyknow_semantics.annotations.annotation_store import AnnotationStore
 from dyknow_semantics.annotations.checking import check_annotation
 from dyknow_semantics.annotations.field_checking import check_fields
 from dyknow_semantics.annotations.parsing import parse_annotations
-from dyknow_semantics.annotations.rechecking import CheckResult, Origin, check_annotations
+from dyknow_semantics.annotations.rechecking import AnnotationFaults, Origin, check_annotations
 from dyknow_semantics.errors import SemanticsError
 from dyknow_semantics.ontology.knowledge import Knowledge
 from dyknow_semantics.ros.mirrors import mirror_ontologies
@@ -55,7 +55,7 @@ class StreamSemanticsManager(DyKnowNode):
             read = read_file(path, 'annotations', parse_annotations, SemanticsError)
             self._store.add(each for each in read if each not in self._store)
             self._origins |= {str(each): Origin(path, each) for each in read}
-        self._checks = CheckResult()
+        self._checks = AnnotationFaults()
         self._is_checking = False
         # The types of streams, by annotation, and the version of the ontology at the last check.
         self._types: dict[str, str] = {}

@@ -97,23 +97,15 @@ class Dataflow:
             LanguageError: if the specification is not valid here.
         """
         if name in self._streams:
-            raise StreamError(
-                f"there is a stream '{name}' already; destroy it or choose another name",
-                ExitCode.ALREADY_EXISTS,
-            )
+            message = f"there is a stream '{name}' already; destroy it or choose another name"
+            raise StreamError(message, ExitCode.ALREADY_EXISTS)
         others = self._streams.values()
         known = {each.name: each.resolved for each in others}
         resolved = resolve(specification, constraints, known, self._fields_of, self._units)
         names = {label: name for each in others for label, name in each.own_names.items()}
+        text, scheduler = str(specification), self._scheduler
         stream = _RunningStream(
-            name,
-            str(specification),
-            resolved,
-            names,
-            self._scheduler,
-            on_sample,
-            on_violation,
-            self._remark,
+            name, text, resolved, names, scheduler, self._remark, on_sample, on_violation
         )
         try:
             stream.attach(self._graph.connect(resolved.term))
@@ -234,9 +226,9 @@ class _RunningStream:
     resolved: Resolved
     names: Mapping[str, str]
     scheduler: Scheduler
+    remark: Callable[[Iterable[str]], str]
     on_sample: Callable[[Sample], None]
     on_violation: Callable[[Violation], None]
-    remark: Callable[[Iterable[str]], str]
     samples: int = 0
     violations: int = 0
     drops: Counter[str] = field(default_factory=Counter)

@@ -39,11 +39,12 @@ class GroupMember(StateObserver, ResultListener, Protocol):
     name: str
     """The name of the formula at the reasoning engine."""
 
-    title: str
-    """The name of the formula for people."""
-
     outcome: Future
     """Done when the evaluation has ended."""
+
+    @property
+    def title(self) -> str:
+        """The name of the formula for people."""
 
 
 class EvaluationGroup:

@@ -28,7 +28,7 @@ class ClockWatch:
 
     def reason(self) -> str:
         """Return why time does not pass; empty if it does."""
-        if not self._node.get_clock().ros_time_is_active:
+        if not self._node.get_parameter('use_sim_time').value:
             return ''
         now = self._now()
         if now == 0:

@@ -192,8 +192,11 @@ class _Feed:
         except StreamError as error:
             self._set_fault(str(error))
             return None
-        requested = self.quality_of_service
-        self._set_fault(requested and incompatible_publisher(self.node, self.topic, requested))
+        if self.quality_of_service is None:
+            self._set_fault('')
+        else:
+            requested = self.quality_of_service
+            self._set_fault(incompatible_publisher(self.node, self.topic, requested))
         self._inform(class_)
         held, self.request = self.request, request
         if self.relay is not None:
@@ -211,11 +214,11 @@ class _Feed:
             self.relay.destroy()
             self.relay = None
 
-    def _set_fault(self, fault: str | None) -> None:
+    def _set_fault(self, fault: str) -> None:
         # The graph is read periodically; a fault is logged once.
         if fault and fault != self.fault:
             self.node.get_logger().error(fault)
-        self.fault = fault or ''
+        self.fault = fault
 
     def _inform(self, class_: Any) -> None:
         for listener in self.listeners:
