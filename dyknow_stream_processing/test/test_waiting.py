@@ -52,6 +52,11 @@ def test_a_where_that_lets_nothing_through_is_named(flow: Flow) -> None:
     ]
 
 
+def test_a_huge_value_is_cut(flow: Flow) -> None:
+    flow.create('select x from "fleet" where id = "uav7"').push('fleet', 1, id='u' * 10**6, x=1)
+    assert len(reasons(flow)[0]) < 200
+
+
 def test_the_where_of_an_input_is_named(flow: Flow) -> None:
     flow.create('stream seven = select x from "fleet" where id = 7; sink sync(seven, "b")')
     flow.push('fleet', 1, id=1, x=1)

@@ -26,6 +26,7 @@ class SemanticMatchingEngine(DyKnowNode):
         paths = list(filter(None, files))
         bridges = read_bridges(paths)
         self.set_loaded({'bridges': len(bridges), 'files': len(paths)})
+        self.set_status(RUNNING)
         self._ontologies = mirror_ontologies(self, bridges)
         self._annotations = mirror_annotations(self)
         self._matcher = Matcher(Knowledge(()))

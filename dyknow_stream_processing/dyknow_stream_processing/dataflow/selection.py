@@ -24,6 +24,9 @@ _COMPARISONS: Final[Mapping[str, Callable[[Value, Value], bool]]] = {
     '>=': operator.ge,
 }
 
+_MAX_VALUE: Final = 80
+"""The length of a value in a message."""
+
 
 class SelectOperator(Operator):
     """Some fields of those samples of its source that satisfy all conditions."""
@@ -48,7 +51,7 @@ class SelectOperator(Operator):
         try:
             for field, test in self._tests:
                 if not test(fields[field]):
-                    self._rejected = self._rejected or f'{field} = {value_text(fields[field])}'
+                    self._rejected = self._rejected or _shown(field, fields[field])
                     self.promise(port, watermark, now)
                     return
             selected = self._select(fields)
@@ -97,6 +100,11 @@ class SelectOperator(Operator):
                 raise StreamError(f"two selected fields are both named '{name}'; rename one")
             selected[name] = fields[field]
         return selected
+
+
+def _shown(field: str, value: Value) -> str:
+    text = value_text(value)
+    return f'{field} = {text if len(text) <= _MAX_VALUE else f"{text[:_MAX_VALUE]}..."}'
 
 
 def _test(condition: Condition) -> Callable[[Value], bool]:

@@ -291,7 +291,6 @@ class StreamRegistry:
             return StreamReport(
                 stream.name,
                 StreamState.REGISTERED,
-                message=self._mismatch(stream),
                 topic=stream.topic,
                 message_type=stream.message_type,
             )
@@ -311,16 +310,6 @@ class StreamRegistry:
             specification=canonical(stream.specification),
             constraints=stream.constraints,
         )
-
-    def _mismatch(self, stream: RegisteredStream) -> str:
-        """Return why a registered topic is not published as registered; empty if it is."""
-        found = self._published(stream.topic)
-        if found is None:
-            return f'nobody publishes {stream.topic}'
-        if found[1] != stream.message_type:
-            expected = stream.message_type
-            return f'{stream.topic} has the type {found[1]}, but is registered with {expected}'
-        return ''
 
     def _created(self) -> list[CreatedStream]:
         return [each for each in self._streams.values() if isinstance(each, CreatedStream)]

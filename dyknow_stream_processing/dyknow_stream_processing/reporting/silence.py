@@ -19,6 +19,7 @@ MAX_TOPICS: Final = 1000
 """The number of topics that are compared."""
 
 _MAX_REASONS: Final = 5
+_MAX_NODES: Final = 5
 
 
 class ActivityMeter:
@@ -107,7 +108,8 @@ def several_publishers(nodes: Iterable[str]) -> str:
     if len(set(names)) == 1:
         # The middleware lists a killed node for another 20 s, beside its successor.
         return f'{len(names)} publishers, all of {names[0]} (one may be gone)'
-    return f'{len(names)} publishers: {", ".join(names)}'
+    more = ', ...' if len(names) > _MAX_NODES else ''
+    return f'{len(names)} publishers: {", ".join(names[:_MAX_NODES])}{more}'
 
 
 def with_origins(reports: Collection[StreamReport]) -> Iterator[StreamReport]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticStatus
@@ -164,7 +165,25 @@ class StreamManager(DyKnowNode):
     def _report(self, stream: Stream) -> StreamReport:
         engine = getattr(stream, 'engine', None)
         reported = self._engines.reports(engine).get(stream.name) if engine else None
-        return self._registry.report(stream, reported)
+        report = self._registry.report(stream, reported)
+        if isinstance(stream, RegisteredStream):
+            return replace(report, message=self._registration_fault(stream))
+        return report
+
+    def _registration_fault(self, stream: RegisteredStream) -> str:
+        """Return why a topic is not published as it was registered; empty if it is."""
+        try:
+            found = find_publication(self, stream.topic)
+        except StreamError as error:
+            return str(error)
+        if found is None:
+            return f'nobody publishes {stream.topic}'
+        if found.type_name == stream.message_type:
+            return ''
+        return (
+            f'{stream.topic} has the type {found.type_name}, but is registered with '
+            f'{stream.message_type}'
+        )
 
     def _on_change(self) -> None:
         try:

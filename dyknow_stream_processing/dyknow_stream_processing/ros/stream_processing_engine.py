@@ -78,6 +78,7 @@ class StreamProcessingEngine(DyKnowNode):
             raise StreamError(f"stream_prefix '{self._prefix}' cannot be used: {error}") from None
         units = load_units()
         self.set_loaded({'computational units': len(units)})
+        self.set_status(RUNNING)
         self._dataflow = Dataflow(
             units,
             lambda topic: source_type(self, topic),
