@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import os
+import signal
+import subprocess
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -24,6 +27,7 @@ from dyknow_common.ros import nanoseconds_to_duration
 from dyknow_coordinator import Grounding
 from services import LATCHED, Nodes, time_of
 from stream_nodes import StreamNodes
+from system import LIMIT
 
 SECOND = 1_000_000_000
 MISTYPED = 'nobody publishes /odm (did you mean /odom?)'
@@ -84,6 +88,22 @@ def test_evaluate_says_on_stderr_why_no_state_comes(reasoning: Nodes) -> None:
     assert warning == f'no state has come: {MISTYPED}'
     assert error == f'TIMEOUT: no verdict within 6 s ({warning})'
     assert (ended.stdout, ended.returncode) == ('', 2)
+
+
+def test_evaluate_can_be_interrupted_while_it_waits(reasoning: Nodes) -> None:
+    line = command('dyknow', 'evaluate', FORMULA, '--grounding', 'syntactic')
+    process = subprocess.Popen(
+        ['env', '--default-signal=INT', *line],
+        env={**os.environ, **reasoning.environment},
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    assert process.stderr is not None
+    assert process.stderr.readline() == f'no state has come: {MISTYPED}\n'
+    process.send_signal(signal.SIGINT)
+    _, error = process.communicate(timeout=LIMIT)
+    assert process.returncode == 130
+    assert error == ''
 
 
 def test_a_publisher_without_messages_is_named(reasoning: Nodes) -> None:

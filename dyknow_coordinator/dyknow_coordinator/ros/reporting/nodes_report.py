@@ -74,7 +74,8 @@ class NodesReport:
         absent = self._wall_time() - self._lost.get(name, self._started)
         state = NodeState(alive, absent=absent)
         if latest is not None:
-            state = NodeState(alive, Level(latest.level[0]), latest.message, absent)
+            level = Level(min(latest.level[0], Level.ERROR))
+            state = NodeState(alive, level, latest.message, absent)
         diagnosis = diagnose_node(state)
         values = [] if latest is None else latest.values
         return DiagnosticStatus(
