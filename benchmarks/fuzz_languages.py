@@ -72,11 +72,11 @@ LIMIT_S = 10.0
 
 MAX_LENGTH = 20_000
 MAX_MESSAGE = 5_000
-SYMBOLS = '()[]{}<>=!+-*/.,;:%#"\'\\|&?@$_ \t\n\r¬∧∨→↔∀∃∈□◇◊U∪≠≤≥∞·′τ\u2028\x00\x1f\ud800é🚁'
+SYMBOLS = '()[]{}<>=!+-*/.,;:%#"\'\\|&?@$_ \t\n\r¬∧∨→↔∀∃∈□◇◊U∪≠≤≥∞·′τ\u2028\x00\x1f\ud800é🚁'  # noqa: RUF001
 WORDS = re.compile(r"[A-Za-z_]\w*'*|\d+(?:\.\d+)?|\S")
 
 
-class TooSlow(Exception):
+class TooSlowError(Exception):
     """An input that takes longer than its limit."""
 
 
@@ -351,8 +351,10 @@ def languages() -> Mapping[str, LanguageUse]:
                 'select x, a as "b[%a%]" from "/t" where x > 0.5 and a != 3 with max_delay = 1 s',
                 'source (x: float) "/t"; stream b = select x from "/t"; sink merge(b, "/t")',
                 'compunit x: float mean(x: float); sink mean("/t", window = 5 s)',
-                'sync("/t", select a as c from "/t" with sample_period = 1 s, end_time = 9 s) '
-                'with sample_period = 1 s, approximation = linear',
+                (
+                    'sync("/t", select a as c from "/t" with sample_period = 1 s, end_time = 9 s) '
+                    'with sample_period = 1 s, approximation = linear'
+                ),
             ]
             * 5
             + blocks('streams')
@@ -362,8 +364,10 @@ def languages() -> Mapping[str, LanguageUse]:
         'annotation': LanguageUse(
             [each for text in blocks('ssl') for each in text.split(';')] * 5
             + [
-                'stream a contains Power[uav1] = power [W], XYDist[u, v] = d [km] for every u in UAV, '
-                'v ∈ Vehicle where u = id, v = other with max_delay = 1 s'
+                (
+                    'stream a contains Power[uav1] = power [W], XYDist[u, v] = d [km] '
+                    'for every u in UAV, v ∈ Vehicle where u = id, v = other with max_delay = 1 s'
+                )
             ]
             * 20
             + blocks('ssl')
@@ -405,7 +409,7 @@ def examine(language: LanguageUse, inputs: int, seed: int) -> Findings:
     """Use mutated texts of a language."""
 
     def interrupt(*_: object) -> None:
-        raise TooSlow
+        raise TooSlowError
 
     signal.signal(signal.SIGVTALRM, interrupt)
     texts = Mutations(language.corpus, np.random.default_rng(seed))

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import re
 import signal
+import subprocess
+from collections.abc import Mapping
 from contextlib import ExitStack
 from pathlib import Path
 from typing import Any, Self
@@ -84,11 +86,11 @@ class Nodes:
         self._launcher = Launcher(folder, environment=environment)
         self.client = Client(environment, self._launcher.check_running)
         self.environment = environment
+        self._folder = folder
         self._subscriptions: list[Any] = []
-        self.processes = {
-            executable: self._launcher.start(Process(PACKAGES[executable], executable, parameters))
-            for executable, parameters in executables.items()
-        }
+        self.processes: dict[str, subprocess.Popen[bytes]] = {}
+        for executable, parameters in executables.items():
+            self.start(executable, parameters)
 
     def __enter__(self) -> Self:
         with ExitStack() as undoing:
@@ -105,6 +107,15 @@ class Nodes:
         self.client.close()
         codes = self._launcher.stop_all()
         assert set(codes.values()) <= {0}, f'exit codes of the nodes: {codes}'
+
+    def start(self, node: str, parameters: Mapping[str, Any] | None = None) -> None:
+        """Starts a node, also one that was killed."""
+        process = Process(PACKAGES[node], node, parameters or {})
+        self.processes[node] = self._launcher.start(process)
+
+    def log(self, node: str) -> list[str]:
+        """The lines that a node has logged so far."""
+        return (self._folder / f'{node}.log').read_text().splitlines()
 
     def kill(self, node: str) -> None:
         """Ends a node without warning."""

@@ -20,8 +20,8 @@ class Symbol:
 
     The `str` of a ground feature is the name of its field in a state, `XYDist[uav1, uav2]`.
 
-    A quantifier without a sort, `forall u: ...`, has the sort `?u`: the one that the features of `u`
-    declare.
+    A quantifier without a sort, `forall u: ...`, has the sort `?u`: the one that the features of
+    `u` declare.
 
     Args:
         kind: feature, sort or object.

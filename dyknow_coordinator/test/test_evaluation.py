@@ -72,3 +72,16 @@ def test_a_timeout_says_what_was_going_on(evaluation: Evaluation, answers: list[
     evaluation.set_phase(EvaluationPhase.RUNNING)
     evaluation.expire(1.0)
     assert 'being evaluated' in str(answers[0].error)
+
+
+def test_a_timeout_without_states_says_why(answers: list[Answer]) -> None:
+    class Waiting(Evaluation):
+        """An evaluation whose states do not come."""
+
+        def missing_states(self) -> str:
+            return 'no state has come: nobody publishes /odm'
+
+    Waiting(answers.append).expire(5.0)
+    assert str(answers[0].error) == (
+        'no verdict within 5 s (no state has come: nobody publishes /odm)'
+    )

@@ -14,7 +14,12 @@ from dyknow_coordinator import (
     SymbolGrounding,
     diagnose,
 )
-from dyknow_coordinator.reporting.evaluation_status import Diagnosis, details, outcome
+from dyknow_coordinator.reporting.evaluation_status import (
+    Diagnosis,
+    alarm_level,
+    details,
+    outcome,
+)
 
 SECOND = 1_000_000_000
 NOW = 100 * SECOND
@@ -138,3 +143,32 @@ def test_what_is_told_at_the_end() -> None:
     assert (told['plan'], told['action']) == ('survey', 'land')
     assert told['explanation'] == '31 m is not < 30'
     assert dict(details(ended_with(ExitCode.NOT_FOUND)))['error'] == 'why'
+
+
+def test_an_evaluation_without_states_is_waiting_and_says_for_what() -> None:
+    waiting = replace(
+        RUNNING,
+        phase=EvaluationPhase.WAITING,
+        latest_valid_time=None,
+        waits_for='nobody publishes /odm',
+    )
+    assert diagnosis(waiting) == Diagnosis(Level.WARN, 'waiting for states: nobody publishes /odm')
+    assert outcome(waiting) == 'waiting'
+    assert dict(details(waiting))['waits for'] == 'nobody publishes /odm'
+
+
+@pytest.mark.parametrize(
+    ('status', 'monitored', 'asked'),
+    [
+        (replace(ENDED, verdict=Verdict.TRUE), Level.OK, Level.OK),
+        (replace(ENDED, verdict=Verdict.FALSE), Level.WARN, Level.OK),
+        (ended_with(ExitCode.CONSTRAINT_VIOLATION), Level.ERROR, Level.ERROR),
+        (ended_with(ExitCode.UNAVAILABLE), Level.ERROR, Level.ERROR),
+        (ended_with(ExitCode.NOT_FOUND), Level.WARN, Level.OK),
+        (ended_with(ExitCode.TIMEOUT), Level.OK, Level.OK),
+        (ended_with(ExitCode.CANCELLED), Level.OK, Level.OK),
+    ],
+)
+def test_alarms_are_logged(status: EvaluationStatus, monitored: Level, asked: Level) -> None:
+    assert alarm_level(status, is_monitored=True) is monitored
+    assert alarm_level(status, is_monitored=False) is asked

@@ -109,3 +109,11 @@ def test_an_evaluation_for_programs() -> None:
     assert failed['exit_status'] == 'NOT_FOUND'
     assert failed['message'].startswith('no stream carries p')
     assert failed['decided_at_ns'] is None
+
+
+def test_a_waiting_evaluation_says_for_what() -> None:
+    waiting = replace(RUNNING, phase=EvaluationPhase.WAITING, waits_for='nobody publishes /odm')
+    (line,) = shown(evaluation_table([waiting], 13 * SECOND))[1:]
+    assert line == 'power waiting 12 1 3 s always (Power[uav1] < 200) nobody publishes /odm'
+    document = as_json(waiting)
+    assert (document['phase'], document['waits_for']) == ('WAITING', 'nobody publishes /odm')

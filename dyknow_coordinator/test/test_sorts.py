@@ -51,8 +51,10 @@ def test_the_only_sort() -> None:
         ),
         (
             {POWER: ['UAV'], TARGET: ['Place']},
-            "the sort of 'u' is ambiguous: UAV as argument 1 of Power, Place as argument 2 of "
-            'Distance; write u in SORT after forall or exists',
+            (
+                "the sort of 'u' is ambiguous: UAV as argument 1 of Power, Place as argument 2 of "
+                'Distance; write u in SORT after forall or exists'
+            ),
         ),
         ({POWER: ['a:UAV']}, "the sort of 'u' is a:UAV, a name that formulas cannot have"),
     ],

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 
 from dyknow_common import NO_CONSTRAINTS, StreamConstraints, Value, ValueType
 from dyknow_stream_processing import (
@@ -21,11 +21,16 @@ MILLISECOND = 1_000_000
 class Flow:
     """A dataflow that records what comes out; times are in milliseconds."""
 
-    def __init__(self, units: Mapping[str, Unit] | None = None, max_lead: float = 100) -> None:
+    def __init__(
+        self,
+        units: Mapping[str, Unit] | None = None,
+        max_lead: float = 100,
+        remark: Callable[[Iterable[str]], str] = lambda _: '',
+    ) -> None:
         self.receipt_topics: set[str] = set()
         self.types: dict[str, Mapping[str, ValueType]] = {}
         units = load_units() if units is None else units
-        self.dataflow = Dataflow(units, self._source_type, _ns(max_lead))
+        self.dataflow = Dataflow(units, self._source_type, _ns(max_lead), remark)
         self.samples: list[Sample] = []
         self.violations: list[Violation] = []
 

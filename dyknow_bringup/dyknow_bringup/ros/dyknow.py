@@ -7,18 +7,20 @@ import json
 import sys
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any
+from typing import Any, cast
 
 import rclpy
+from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 from rclpy.utilities import remove_ros_args
 
+from dyknow_bringup.errors import BringupError
 from dyknow_bringup.ros.up import add_up_options
 from dyknow_common import SECOND_NS, ExitCode, Verdict, round_time
 from dyknow_common.executables import ERROR, FALSE, SUCCESS
 from dyknow_common.ros import duration, interruptible, run_ros_main
-from dyknow_coordinator import Answer, Grounding
+from dyknow_coordinator import Answer, Grounding, Progress
 from dyknow_coordinator.ros import FormulaClient
 
 GROUNDINGS = {grounding.name.lower(): grounding for grounding in Grounding}
@@ -44,20 +46,27 @@ def evaluate(chosen: argparse.Namespace) -> int:
 def _ask(chosen: argparse.Namespace) -> Answer:
     rclpy.init(args=sys.argv, signal_handler_options=SignalHandlerOptions.NO)
     node = Node('dyknow_evaluate')
+    executor = SingleThreadedExecutor()
+    executor.add_node(node)
     try:
         with interruptible(), FormulaClient(node, chosen.coordinator) as client:
-            answer = client.evaluate_blocking(
+            monitor = client.monitor(
                 chosen.formula,
+                on_feedback=_SilenceWarning().check,
                 timeout=chosen.timeout / SECOND_NS,
                 grounding=GROUNDINGS[chosen.grounding],
                 wait=COORDINATOR_TIMEOUT_S,
             )
-        others = _other_coordinators(node, chosen.coordinator)
-        if answer.error is not None and answer.error.code is ExitCode.UNAVAILABLE and others:
+            executor.spin_until_future_complete(monitor.outcome)
+        answer = cast('Answer', monitor.outcome.result())
+        is_unavailable = answer.error is not None and answer.error.code is ExitCode.UNAVAILABLE
+        others = _other_coordinators(node, chosen.coordinator) if is_unavailable else []
+        if answer.error is not None and others:
             hint = f'; there are: {", ".join(others)} (choose one by --coordinator)'
             answer = replace(answer, error=BringupError(f'{answer.error}{hint}', answer.error.code))
         return answer
     finally:
+        executor.shutdown()
         node.destroy_node()
         rclpy.try_shutdown()
 
@@ -71,6 +80,21 @@ def _other_coordinators(node: Node, name: str) -> list[str]:
     ]
     found = sorted(service.rpartition('/')[0] for service in services)
     return [] if node.resolve_service_name(name) in found else found
+
+
+class _SilenceWarning:
+    """Warns on stderr that no state comes, once for each reason."""
+
+    def __init__(self) -> None:
+        self._reason = ''
+
+    def check(self, progress: Progress) -> None:
+        """Print why no state comes, if that is new."""
+        if progress.waits_for not in {'', self._reason}:
+            since = ' for a while' if progress.states_progressed else ''
+            text = f'no state has come{since}: {progress.waits_for}'
+            print(text, file=sys.stderr, flush=True)  # noqa: T201
+        self._reason = progress.waits_for
 
 
 def _as_json(answer: Answer) -> dict[str, Any]:

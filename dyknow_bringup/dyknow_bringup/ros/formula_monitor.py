@@ -100,7 +100,10 @@ class FormulaMonitor(DyKnowNode):
         self._on_change(monitored)
 
     def _log(self, monitored: MonitoredFormula) -> None:
-        self.get_logger().info(
+        logger = self.get_logger()
+        # A formula that is not violated in its time ends with TIMEOUT.
+        is_alarm = monitored.outcome not in {'true', ExitCode.TIMEOUT.name}
+        (logger.warning if is_alarm else logger.info)(
             f'{monitored.formula.name}: {monitored.outcome} '
             f'at {round_time(monitored.known_at or 0)}: {monitored.explanation}'
         )

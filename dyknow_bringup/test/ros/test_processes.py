@@ -91,12 +91,12 @@ def test_bridges_go_to_the_matching_engine(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize('kind', ['ontologies', 'annotations', 'streams', 'bridges'])
 def test_a_file_that_does_not_exist_is_named(kind: str) -> None:
-    with pytest.raises(BringupError, match=f'{kind}: there is no file /absent/nope.txt'):
+    with pytest.raises(BringupError, match=rf'{kind}: there is no file /absent/nope\.txt'):
         SystemConfiguration(**{kind: (Path('/absent/nope.txt'),)})
 
 
 def test_a_launch_argument_that_names_no_file() -> None:
-    with pytest.raises(BringupError, match='ontologies: there is no file .*/nope.owl'):
+    with pytest.raises(BringupError, match=r'ontologies: there is no file .*/nope\.owl'):
         configuration(robot_arguments(ontology='nope.owl'))
 
 

@@ -32,7 +32,7 @@ from dyknow_common.ros.qos import (
 )
 from dyknow_common.ros.remote_node import RemoteNode
 from dyknow_common.ros.report_command import ReportCommand, add_report_options
-from dyknow_common.ros.throttle import Throttle
+from dyknow_common.ros.throttle import LogOnce, Throttle
 from dyknow_common.ros.time_messages import (
     constraints_from_message,
     constraints_to_message,
@@ -57,6 +57,7 @@ __all__ = [
     'CommandNode',
     'DyKnowNode',
     'Heartbeats',
+    'LogOnce',
     'NodeAdapter',
     'NodeExecutor',
     'PublisherWatch',

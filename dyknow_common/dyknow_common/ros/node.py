@@ -31,6 +31,7 @@ NODE_TYPE = 'type'
 
 HANG_LIMIT_S = 20.0
 """The default of the time without progress after which a node hangs."""
+_FILES = 'files'
 
 
 class DyKnowNode(Node):
@@ -55,6 +56,7 @@ class DyKnowNode(Node):
         )
         self._status: Any = None
         self._last_status: Any = None
+        self._loaded: dict[str, int] = {}
         self.set_status(RUNNING)
 
     def create_publisher(self, *arguments: Any, **options: Any) -> Any:
@@ -76,14 +78,23 @@ class DyKnowNode(Node):
             DyKnowError: ALREADY_EXISTS, if another node of this name is running.
         """
         self.heartbeat.start()
+        self.get_logger().info(f'ready: {loaded_text(self._loaded)}' if self._loaded else 'ready')
         self._status = self.create_publisher(DiagnosticStatus, '~/status', STATUS)
         self._publish_status()
+
+    def set_loaded(self, counts: Mapping[str, int]) -> None:
+        """Set the numbers of things that the node has loaded, in plural: `streams`, and `files`.
+
+        They are logged when the node is ready, and are values of each later status.
+        """
+        self._loaded = dict(counts)
 
     def set_status(
         self, message: str, values: Mapping[str, str] | None = None, *, level: bytes | None = None
     ) -> None:
         """Set the status, which is published on `~/status` with the type and the time of start."""
         identity = {NODE_TYPE: snake_case(type(self).__name__), STARTED_AT: str(self.started_at)}
+        loaded = {name: str(number) for name, number in self._loaded.items()}
         self._last_status = DiagnosticStatus(
             level=DiagnosticStatus.OK if level is None else level,
             name=self.get_fully_qualified_name(),
@@ -91,7 +102,7 @@ class DyKnowNode(Node):
             values=[
                 KeyValue(key=key, value=value)
                 # The name of a value, such as that of a stream, must not hide the identity.
-                for key, value in {**identity, **(values or {}), **identity}.items()
+                for key, value in {**identity, **loaded, **(values or {}), **identity}.items()
             ],
         )
         self._publish_status()
@@ -175,6 +186,16 @@ class DyKnowNode(Node):
     def now(self) -> int:
         """Return the time of the node's ROS clock in nanoseconds."""
         return int(self.get_clock().now().nanoseconds)
+
+
+def loaded_text(counts: Mapping[str, int]) -> str:
+    """Return what was loaded in words, `2 streams from 1 file` for {'streams': 2, 'files': 1}."""
+
+    def counted(kind: str) -> str:
+        return f'{counts[kind]} {kind.removesuffix("s") if counts[kind] == 1 else kind}'
+
+    things = ', '.join(counted(kind) for kind in counts if kind != _FILES)
+    return f'{things} from {counted(_FILES)}' if _FILES in counts else things
 
 
 def fill_exit_status(exit_status: Any, error: Exception) -> None:

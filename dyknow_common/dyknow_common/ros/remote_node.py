@@ -63,6 +63,8 @@ class RemoteNode:
         self._is_released = False
         self._status: dict[str, str] = {}
         self._message = ''
+        self.latest: Any = None
+        """The last message on its status topic; None before the first."""
         for service_type in services:
             self._client(service_type)
         self._liveliness = node.heartbeats.liveliness(name)
@@ -171,6 +173,7 @@ class RemoteNode:
     def _on_status(self, message: Any) -> None:
         self._status = {value.key: value.value for value in message.values}
         self._message = message.message
+        self.latest = message
         self._liveliness.note(self._status_run())
         self._refresh()
 

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+from typing import Final
+
 from rclpy.clock import Clock, ClockType
 
 from dyknow_common.durations import SECOND_NS
@@ -26,3 +29,24 @@ class Throttle:
             return False
         self._next_ns = now + self._period_ns
         return True
+
+
+FORGET_NS: Final = 60 * SECOND_NS
+"""Time without a cause after which it is logged again."""
+
+
+class LogOnce:
+    """Causes that hold now, each to be logged once, and again when it returns after a minute."""
+
+    def __init__(self) -> None:
+        self._clock = Clock(clock_type=ClockType.STEADY_TIME)
+        self._last_seen: dict[str, int] = {}
+
+    def new(self, causes: Iterable[str]) -> list[str]:
+        """Return those of all present causes that are to be logged now."""
+        now, present = self._clock.now().nanoseconds, list(dict.fromkeys(causes))
+        new = [cause for cause in present if cause not in self._last_seen]
+        self._last_seen |= dict.fromkeys(present, now)
+        limit = now - FORGET_NS
+        self._last_seen = {each: seen for each, seen in self._last_seen.items() if seen > limit}
+        return new

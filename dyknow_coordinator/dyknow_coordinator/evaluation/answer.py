@@ -52,6 +52,7 @@ class Progress:
         presumably_false: True if the formula would be false without further states.
         streams: the specifications of the streams in use.
         events: what has happened since the last report.
+        waits_for: why no state has come for 3 s; empty while states come.
     """
 
     states_progressed: int
@@ -60,3 +61,4 @@ class Progress:
     presumably_false: bool = False
     streams: tuple[str, ...] = ()
     events: tuple[str, ...] = ()
+    waits_for: str = ''

@@ -17,6 +17,7 @@ class EvaluationPhase(IntEnum):
     RUNNING = 1
     INTERRUPTED = 2
     ENDED = 3
+    WAITING = 4
 
 
 _ACTIVITIES = {
@@ -24,6 +25,7 @@ _ACTIVITIES = {
     EvaluationPhase.RUNNING: 'being evaluated',
     EvaluationPhase.INTERRUPTED: 'waiting for other streams',
     EvaluationPhase.ENDED: 'no longer evaluated',
+    EvaluationPhase.WAITING: 'waiting for states',
 }
 
 
@@ -63,12 +65,17 @@ class Evaluation:
 
     def expire(self, timeout_s: float) -> None:
         """End because the timeout of the client has passed."""
-        text = f'no verdict within {timeout_s:g} s (the formula was {_ACTIVITIES[self.phase]})'
+        reason = self.missing_states() or f'the formula was {_ACTIVITIES[self.phase]}'
+        text = f'no verdict within {timeout_s:g} s ({reason})'
         self.fail(CoordinationError(text, ExitCode.TIMEOUT))
 
     def cancel(self, reason: str = 'cancelled by the caller') -> None:
         """End because the client needs no answer any more."""
         self.fail(CoordinationError(reason, ExitCode.CANCELLED))
+
+    def missing_states(self) -> str:
+        """Return that no state comes, and why; empty if states come or that is unknown."""
+        return ''
 
     def _end(self, answer: Answer) -> None:
         if not self.has_ended:

@@ -19,6 +19,7 @@ class EvaluationRequest:
         name: the name that operators see; empty for the formula itself.
         plan: name of the plan that the formula belongs to, if any.
         action: name of the action of that plan.
+        is_monitored: True if the formula should hold: then false is an alarm, not an answer.
         restart_on_change: restart when a sort in the formula gains or loses objects.
     """
 
@@ -29,4 +30,5 @@ class EvaluationRequest:
     name: str = ''
     plan: str = ''
     action: str = ''
+    is_monitored: bool = False
     restart_on_change: bool = False

@@ -34,6 +34,7 @@ class KnownStream:
         received: for each topic that the stream is made from, the time at which the engine
             received the latest message, in nanoseconds; 0 before the first.
         constraints: added to those of the specification.
+        waits_for: why it has no samples; empty if they come.
     """
 
     name: str
@@ -43,6 +44,7 @@ class KnownStream:
     engine: str = ''
     received: Mapping[str, int] = field(default_factory=dict)
     constraints: StreamConstraints = NO_CONSTRAINTS
+    waits_for: str = ''
 
 
 class KnownStreams:

@@ -32,6 +32,7 @@ class EvaluationStatus:
     latest_valid_time: int | None = None
     residual_formula: str = ''
     presumably_false: bool = False
+    waits_for: str = ''
     verdict: Verdict = Verdict.UNDECIDED
     decided_at: int | None = None
     explanation: str = ''
@@ -59,7 +60,7 @@ def diagnose(status: EvaluationStatus, now: int, silence_limit: int) -> Diagnosi
 
     - ERROR: the formula is false, or cannot be evaluated.
     - WARN: the formula may become false or may never be decided: it is presumably false,
-      interrupted, or without streams or states for too long; or its timeout has passed.
+      interrupted, waiting, or without streams or states for too long; or its timeout has passed.
     - OK: otherwise, also after a cancellation, which the client requested.
 
     Args:
@@ -72,10 +73,12 @@ def diagnose(status: EvaluationStatus, now: int, silence_limit: int) -> Diagnosi
     level = Level.WARN
     match status.phase:
         case EvaluationPhase.ENDED:
-            return _diagnosis_of_ended(status)
+            return diagnosis_of_ended(status)
         case EvaluationPhase.INTERRUPTED:
             reason = status.events[-1] if status.events else 'other streams are being found'
             text = f'interrupted: {reason}'
+        case EvaluationPhase.WAITING:
+            text = f'waiting for states: {status.waits_for}'
         case EvaluationPhase.GROUNDING if waited > silence_limit:
             text = f'its streams have not been found within {round_duration(waited)}'
         case EvaluationPhase.GROUNDING:
@@ -108,6 +111,7 @@ def details(status: EvaluationStatus) -> Iterator[tuple[str, str]]:
         ('phase', status.phase.name.lower()),
         ('verdict', status.verdict.name.lower()),
         ('decided at', '' if decided is None else round_time(decided)),
+        ('waits for', status.waits_for),
         ('explanation', status.explanation),
         ('error', '' if status.error is None else status.error.message),
         ('plan', status.plan),
@@ -131,11 +135,31 @@ def details(status: EvaluationStatus) -> Iterator[tuple[str, str]]:
     return ((name, text) for name, text in known if text)
 
 
+def alarm_level(status: EvaluationStatus, *, is_monitored: bool) -> Level:
+    """Return the severity of the end of an evaluation in the log; OK: it is not logged.
+
+    Args:
+        status: of the evaluation, which has ended.
+        is_monitored: True if the formula should hold: then false is an alarm, not an answer.
+    """
+    code = None if status.error is None else status.error.code
+    if code in _FAULTS:
+        return Level.ERROR
+    is_wrong = status.verdict is Verdict.FALSE or code in _WRONG_REQUESTS
+    return Level.WARN if is_monitored and is_wrong else Level.OK
+
+
+_FAULTS = {ExitCode.CONSTRAINT_VIOLATION, ExitCode.UNAVAILABLE, ExitCode.INTERNAL_ERROR}
+"""The ends for which a stream or a node is at fault."""
+
+_WRONG_REQUESTS = {ExitCode.INVALID_ARGUMENT, ExitCode.NOT_FOUND}
+
 _LEVELS = {ExitCode.CANCELLED: Level.OK, ExitCode.TIMEOUT: Level.WARN}
 """Severity of the ends without a verdict that are no fault of a node or a stream."""
 
 
-def _diagnosis_of_ended(status: EvaluationStatus) -> Diagnosis:
+def diagnosis_of_ended(status: EvaluationStatus) -> Diagnosis:
+    """Return the diagnosis of an evaluation that has ended."""
     if status.error is not None:
         text = f'{outcome(status)}: {status.error.message}'
         return Diagnosis(_LEVELS.get(status.error.code, Level.ERROR), text)

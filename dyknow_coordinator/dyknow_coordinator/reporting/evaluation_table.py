@@ -93,4 +93,6 @@ def _remark(status: EvaluationStatus) -> str:
         return status.error.message.partition('\n')[0]
     if status.phase is EvaluationPhase.INTERRUPTED and status.events:
         return status.events[-1]
+    if status.phase is EvaluationPhase.WAITING:
+        return status.waits_for
     return status.explanation

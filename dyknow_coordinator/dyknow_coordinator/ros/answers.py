@@ -99,4 +99,5 @@ def progress_from_message(message: Any) -> Progress:
         presumably_false=message.presumably_false,
         streams=tuple(message.streams),
         events=tuple(message.events),
+        waits_for=message.waits_for,
     )

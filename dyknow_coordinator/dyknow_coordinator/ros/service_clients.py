@@ -63,6 +63,9 @@ class ServiceClients:
             '/'
         )[0]
         """The namespace of the stream manager, whose relative topics are in it."""
+        semantics_manager = RemoteNode(node, names['stream_semantics_manager'])
+        self.needed_nodes = (*self.nodes, semantics_manager)
+        """These nodes, and those that they need in turn; without the engines."""
         self.streams_topic = f'{names["stream_manager"]}/streams'
         self.progress_topic = f'{names["stream_reasoning_engine"]}/progress'
         self.version_topics = tuple(

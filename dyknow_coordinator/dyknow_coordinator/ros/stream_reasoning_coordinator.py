@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import zlib
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from itertools import count
 from typing import Any, Final, Self
@@ -16,7 +16,12 @@ from dyknow_common import DyKnowError
 from dyknow_common.ros import RUNNING, DyKnowNode, run
 from dyknow_coordinator.evaluation.answer import Answer
 from dyknow_coordinator.evaluation.request import EvaluationRequest
-from dyknow_coordinator.reporting.evaluation_status import EvaluationStatus
+from dyknow_coordinator.reporting.evaluation_status import (
+    EvaluationStatus,
+    Level,
+    alarm_level,
+    diagnosis_of_ended,
+)
 from dyknow_coordinator.ros.actions import CancellingActionServer, finish_goal
 from dyknow_coordinator.ros.answers import fill_answer, request_from_message
 from dyknow_coordinator.ros.cleanup import Cleanup
@@ -28,6 +33,7 @@ from dyknow_coordinator.ros.evaluation.formula_evaluation import FormulaEvaluati
 from dyknow_coordinator.ros.evaluation.silence_monitor import SilenceMonitor
 from dyknow_coordinator.ros.plans.plan_monitoring import PlanMonitoring
 from dyknow_coordinator.ros.reporting.evaluations_report import EvaluationsReport
+from dyknow_coordinator.ros.reporting.nodes_report import NodesReport
 from dyknow_coordinator.ros.results import Results
 from dyknow_coordinator.ros.service_clients import ServiceClients
 from dyknow_coordinator.ros.streams_mirror import StreamsMirror
@@ -104,7 +110,10 @@ class StreamReasoningCoordinator(DyKnowNode):
         self._groups = EvaluationGroups(self._shared)
         self._evaluations: list[FormulaEvaluation] = []
         self._service_evaluations: list[FormulaEvaluation] = []
-        self._report = EvaluationsReport(self, self._statuses, self._settings.silence_limit_s)
+        nodes = NodesReport(self, clients.needed_nodes, lambda: self._shared.streams.engines)
+        self._report = EvaluationsReport(
+            self, self._statuses, self._settings.silence_limit_s, nodes.diagnostics
+        )
         ChangeListener(self, clients.version_topics, self._on_semantics_changed)
         SilenceMonitor(self._shared, self._groups, self._settings.silence_limit_s)
         for remote in clients.nodes:
@@ -136,8 +145,17 @@ class StreamReasoningCoordinator(DyKnowNode):
 
     async def _run(self, evaluation: FormulaEvaluation) -> None:
         await evaluation.run()
+        self._log_alarm(evaluation)
         expiry = self.deadlines.after(self._settings.keep_ended_s)
         expiry.add_done_callback(lambda _: self._forget(evaluation))
+
+    def _log_alarm(self, evaluation: FormulaEvaluation) -> None:
+        status = evaluation.status()
+        level = alarm_level(status, is_monitored=evaluation.request.is_monitored)
+        if level is not Level.OK:
+            logger = self.get_logger()
+            text = f'{status.name}: {diagnosis_of_ended(status).text}'
+            (logger.error if level is Level.ERROR else logger.warning)(text)
 
     def _forget(self, evaluation: FormulaEvaluation) -> None:
         self._evaluations.remove(evaluation)
@@ -152,7 +170,8 @@ class StreamReasoningCoordinator(DyKnowNode):
 
     async def _monitor(self, goal: Any) -> Any:
         try:
-            evaluation = self.start(self._read_request(goal.request))
+            request = self._read_request(goal.request)
+            evaluation = self.start(replace(request, is_monitored=True))
         except DyKnowError as error:
             answer = Answer(error=error)
         else:
@@ -206,6 +225,7 @@ def _publish_feedback(goal: Any, evaluation: FormulaEvaluation) -> None:
     if not evaluation.has_ended:
         feedback = MonitorFormula.Feedback(
             streams=[each.stream for each in evaluation.groundings],
+            waits_for=evaluation.waits_for,
             events=evaluation.history.read(),
             **{name: getattr(evaluation.progress, name) for name in _PROGRESS_FIELDS},
         )

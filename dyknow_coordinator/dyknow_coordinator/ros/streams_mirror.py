@@ -45,6 +45,8 @@ class StreamsMirror:
         self._node = node
         self._namespace = namespace
         self.known = self._known_streams(())
+        self.engines: tuple[str, ...] = ()
+        """The stream processing engines that run."""
         self._on_change = on_change
         node.create_subscription(
             StreamStatusArray, topic, self._on_report, LATCHED, callback_group=node.reentrant
@@ -76,6 +78,7 @@ class StreamsMirror:
         return tuple(found.fields or ()) if found else ()
 
     def _on_report(self, message: Any) -> None:
+        self.engines = tuple(message.engines)
         before = self.known.published()
         self.known = self._known_streams(map(self._known_stream, message.streams))
         if self.known.published() != before:
@@ -94,6 +97,7 @@ class StreamsMirror:
             engine=status.engine or (before.engine if before else ''),
             received={each.topic: time_to_nanoseconds(each.latest) for each in status.sources},
             constraints=constraints_from_message(status.constraints),
+            waits_for=status.message if status.state == StreamStatus.WAITING else '',
         )
 
     def _known_streams(self, streams: Iterable[KnownStream]) -> KnownStreams:

@@ -98,8 +98,8 @@ class _Size:
         self._parts += 1
         if self._parts > MAX_FORMULA_PARTS:
             raise ReasoningError(
-                f'the formula has more than {MAX_FORMULA_PARTS} parts for these objects; quantify over '
-                'fewer variables or objects'
+                f'the formula has more than {MAX_FORMULA_PARTS} parts for these objects; '
+                'quantify over fewer variables or objects'
             )
 
 

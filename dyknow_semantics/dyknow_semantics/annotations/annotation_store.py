@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sqlite3
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Final
@@ -40,6 +40,11 @@ class AnnotationStore:
     def annotations(self) -> tuple[Annotation, ...]:
         """All annotations, in the order in which they were added."""
         return tuple(self._annotations.values())
+
+    @property
+    def by_text(self) -> Mapping[str, Annotation]:
+        """All annotations, by canonical text."""
+        return dict(self._annotations)
 
     @property
     def texts(self) -> tuple[str, ...]:

@@ -62,9 +62,9 @@ class _Entry:
 class Matcher:
     """Matches concepts with indexed annotations; an update processes only what has changed.
 
-    An annotation that is invalid for the ontology, such as one of a destroyed object, matches
-    nothing until the ontology is changed. A concept that is invalid for the ontology raises
-    LanguageError in all methods.
+    An annotation that is invalid for the ontology, such as one of a destroyed object, or that its
+    stream does not fit, matches nothing until that changes. A concept that is invalid for the
+    ontology raises LanguageError in all methods.
 
     Args:
         knowledge: the ontologies, with the bridges between them.
@@ -77,6 +77,7 @@ class Matcher:
         self._object_names = ObjectNames(self._stated, knowledge)
         self._entries: dict[str, _Entry] = {}
         self._annotations: Mapping[str, Annotation] = {}
+        self._field_faults: Mapping[str, str] = {}
         self._mentions: dict[str, dict[str, None]] = defaultdict(dict)
         self.index = FieldIndex()
 
@@ -85,19 +86,29 @@ class Matcher:
         """The reason why each invalid annotation is invalid, by its canonical text."""
         return {text: each.fault for text, each in self._entries.items() if each.fault}
 
-    def set_annotations(self, annotations: Mapping[str, Annotation]) -> None:
-        """Replace all annotations; the keys are their canonical texts."""
-        if annotations is self._annotations:
+    def set_annotations(
+        self, annotations: Mapping[str, Annotation], faults: Mapping[str, str] | None = None
+    ) -> None:
+        """Replace all annotations.
+
+        Args:
+            annotations: by canonical text.
+            faults: why streams do not fit their annotations, by canonical text.
+        """
+        faults = faults or {}
+        if annotations is self._annotations and faults == self._field_faults:
             return
-        for text in self._entries.keys() - annotations.keys():
+        changed = {text for text, _ in faults.items() ^ self._field_faults.items()}
+        for text in self._entries.keys() - (annotations.keys() - changed):
             self.remove(text)
+        self._field_faults = faults
         for text in annotations.keys() - self._entries.keys():
             self.add(text, annotations[text])
         self._annotations = annotations
 
     def add(self, text: str, annotation: Annotation) -> None:
         """Add an annotation with its canonical text."""
-        entry = self._entries[text] = self._entry(annotation)
+        entry = self._entries[text] = self._entry(annotation, self._field_faults.get(text, ''))
         for carrier in entry.carriers:
             self.index.add(carrier)
         for name in _mentioned(annotation):
@@ -150,14 +161,15 @@ class Matcher:
 
     def nearest(self, concept: Concept) -> str:
         """Return a sentence about the field nearest to a concept without matches."""
-        sentence = nearest(concept, self._pattern(concept), self.index, self.knowledge)
-        name = concept.feature.name
+        pattern, name = self._pattern(concept), concept.feature.name
         faults = [
             f'; the annotation of {each.annotation.stream} is invalid: {each.fault}'
             for each in self._entries.values()
             if each.fault and name in _mentioned(each.annotation)
         ]
-        return ''.join([sentence, *faults[:1]])
+        if faults and not self.index.features:
+            return f'no stream carries {concept}{faults[0]}'
+        return ''.join([nearest(concept, pattern, self.index, self.knowledge), *faults[:1]])
 
     def explain(self, concept: Concept) -> tuple[Explanation, ...]:
         """Return the matches of a concept in their order, then the near misses, with reasons."""
@@ -212,11 +224,13 @@ class Matcher:
             if sort
         }
 
-    def _entry(self, annotation: Annotation) -> _Entry:
+    def _entry(self, annotation: Annotation, field_fault: str) -> _Entry:
         try:
             check_annotation(annotation, self._stated)
         except LanguageError as error:
             return _Entry(annotation, (), error.reason)
+        if field_fault:
+            return _Entry(annotation, (), field_fault)
         carriers: list[AnnotatedField] = []
         # A bridge into a sort extends requests, not the contents of a stream.
         identities = self._object_names.identities

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Awaitable, Callable, Iterable, Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Generic, TypeVar
 
@@ -57,8 +58,16 @@ def mirror_ontologies(node: DyKnowNode, bridges: tuple[Bridge, ...] = ()) -> Mir
     return Mirror(RemoteNode(node, name), fetch)
 
 
-def mirror_annotations(node: DyKnowNode) -> Mirror[Mapping[str, Annotation]]:
-    """Return a copy of the annotations, by canonical text."""
+@dataclass(frozen=True, slots=True)
+class ListedAnnotations:
+    """Annotations by canonical text, and the faults of those that do not fit their streams."""
+
+    annotations: Mapping[str, Annotation]
+    faults: Mapping[str, str]
+
+
+def mirror_annotations(node: DyKnowNode) -> Mirror[ListedAnnotations]:
+    """Return a copy of the annotations."""
     name = node.parameter(
         'stream_semantics_manager',
         'stream_semantics_manager',
@@ -66,12 +75,16 @@ def mirror_annotations(node: DyKnowNode) -> Mirror[Mapping[str, Annotation]]:
     )
     parsed: dict[str, dict[str, Annotation]] = {}
 
-    async def fetch(remote: RemoteNode) -> Mapping[str, Annotation]:
+    async def fetch(remote: RemoteNode) -> ListedAnnotations:
         nonlocal parsed
-        texts = (await remote.call(ListSemanticSpecifications)).ssl_statements
+        response = await remote.call(ListSemanticSpecifications)
         # Only new annotations are parsed.
-        parsed = {text: parsed.get(text) or annotations_by_text([text]) for text in texts}
-        return {text: each for found in parsed.values() for text, each in found.items()}
+        parsed = {
+            text: parsed.get(text) or annotations_by_text([text])
+            for text in response.ssl_statements
+        }
+        annotations = {text: each for found in parsed.values() for text, each in found.items()}
+        return ListedAnnotations(annotations, faults_of(response))
 
     return Mirror(RemoteNode(node, name), fetch)
 
@@ -79,6 +92,12 @@ def mirror_annotations(node: DyKnowNode) -> Mirror[Mapping[str, Annotation]]:
 def annotations_by_text(texts: Iterable[str]) -> dict[str, Annotation]:
     """Return the annotations in SSL texts, by canonical text."""
     return {str(each): each for text in texts for each in parse_annotations(text)}
+
+
+def faults_of(response: Any) -> dict[str, str]:
+    """Return the faults in a response of ListSemanticSpecifications, by canonical text."""
+    pairs = zip(response.ssl_statements, response.faults, strict=True)
+    return {text: fault for text, fault in pairs if fault}
 
 
 def triples_of(response: Any) -> Iterable[Triple]:

@@ -56,7 +56,7 @@ class OntologyManager(DyKnowNode):
         )
         self._version = VersionPublisher(self)
         self._ontology = Ontology(store or None)
-        self._files = [each for each in files if each]
+        self._files = tuple(filter(None, files))
         for path_or_iri in self._files:
             self._ontology.load(path_or_iri)
         self._inference = Inference(self, self._ontology, process, self._report_change)
@@ -120,14 +120,10 @@ class OntologyManager(DyKnowNode):
     def _report_change(self, fault: str, concepts: Iterable[str]) -> None:
         """Publish a change; the caller of the service is answered afterwards."""
         self._version.publish_change(concepts)
+        self.set_loaded({**self._ontology.knowledge.counts, 'files': len(self._files)})
         self.set_status(
             fault or RUNNING,
-            {
-                'version': str(self._version.number),
-                'reasoner': self._reasoner,
-                'files': str(len(self._files)),
-                **{key: str(count) for key, count in self._ontology.knowledge.counts.items()},
-            },
+            {'version': str(self._version.number), 'reasoner': self._reasoner},
             level=DiagnosticStatus.ERROR if fault else None,
         )
         if fault:

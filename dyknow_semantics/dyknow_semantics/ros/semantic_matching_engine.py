@@ -23,7 +23,11 @@ class SemanticMatchingEngine(DyKnowNode):
     def __init__(self) -> None:
         super().__init__('semantic_matching_engine')
         files = self.parameter('bridges', [''], 'Files of bridges between ontologies.')
-        self._ontologies = mirror_ontologies(self, read_bridges(filter(None, files)))
+        paths = list(filter(None, files))
+        bridges = read_bridges(paths)
+        self.set_loaded({'bridges': len(bridges), 'files': len(paths)})
+        self.set_status(RUNNING)
+        self._ontologies = mirror_ontologies(self, bridges)
         self._annotations = mirror_annotations(self)
         self._matcher = Matcher(Knowledge(()))
         self._faults: tuple[str, ...] = ()
@@ -42,9 +46,9 @@ class SemanticMatchingEngine(DyKnowNode):
 
     async def _update(self) -> None:
         ontologies = await self._ontologies.contents()
-        annotations = await self._annotations.contents()
+        listed = await self._annotations.contents()
         self._matcher.set_knowledge(ontologies.known, ontologies.stated)
-        self._matcher.set_annotations(annotations)
+        self._matcher.set_annotations(listed.annotations, listed.faults)
         self._report_faults(ontologies)
 
     async def _update_early(self) -> None:

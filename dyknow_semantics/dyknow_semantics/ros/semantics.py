@@ -23,7 +23,7 @@ from dyknow_semantics.reporting.hierarchy import (
     hierarchy_entries,
     hierarchy_tree,
 )
-from dyknow_semantics.ros.mirrors import annotations_by_text, read_bridges, triples_of
+from dyknow_semantics.ros.mirrors import annotations_by_text, faults_of, read_bridges, triples_of
 
 
 def show(options: argparse.Namespace, command: CommandNode) -> None:
@@ -90,7 +90,7 @@ def _fetch_matcher(options: argparse.Namespace, command: CommandNode) -> Matcher
     if ontologies.faults:
         raise SemanticsError('\n'.join(ontologies.faults))
     matcher = Matcher(ontologies.known, ontologies.stated)
-    matcher.set_annotations(annotations_by_text(listed.ssl_statements))
+    matcher.set_annotations(annotations_by_text(listed.ssl_statements), faults_of(listed))
     return matcher
 
 

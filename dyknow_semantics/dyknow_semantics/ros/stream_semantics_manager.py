@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 from diagnostic_msgs.msg import DiagnosticStatus
 from dyknow_interfaces.srv import (
@@ -20,15 +20,24 @@ from dyknow_semantics.annotations.annotation_store import AnnotationStore
 from dyknow_semantics.annotations.checking import check_annotation
 from dyknow_semantics.annotations.field_checking import check_fields
 from dyknow_semantics.annotations.parsing import parse_annotations
+from dyknow_semantics.annotations.rechecking import AnnotationFaults, Origin, check_annotations
 from dyknow_semantics.errors import SemanticsError
 from dyknow_semantics.ontology.knowledge import Knowledge
 from dyknow_semantics.ros.mirrors import mirror_ontologies
-from dyknow_semantics.ros.stream_fields import StreamFields
+from dyknow_semantics.ros.stream_fields import StreamFields, fields_of
 from dyknow_semantics.ros.version import VersionPublisher
+
+CHECK_PERIOD_S: Final = 1.0
+"""Time between two looks whether the types of more streams are known."""
 
 
 class StreamSemanticsManager(DyKnowNode):
-    """Serves the annotations of streams; each is checked against the ontology when it is added."""
+    """Serves the annotations of streams.
+
+    Each is checked against the ontology when it is added, and against the fields of its stream as
+    soon as the type of that is known. An annotation that is found to be invalid later is kept, but
+    not used.
+    """
 
     def __init__(self) -> None:
         super().__init__('stream_semantics_manager')
@@ -40,19 +49,23 @@ class StreamSemanticsManager(DyKnowNode):
         self._store = AnnotationStore(Path(store) if store else None)
         self._fields = StreamFields(self)
         self._version = VersionPublisher(self)
-        # The loaded annotations with a fault; None until they are checked.
-        self._refused: set[str] | None = None
-        for path in map(Path, filter(None, files)):
+        self._files = tuple(map(Path, filter(None, files)))
+        self._origins: dict[str, Origin] = {}
+        for path in self._files:
             read = read_file(path, 'annotations', parse_annotations, SemanticsError)
             self._store.add(each for each in read if each not in self._store)
-        if not self._store.annotations:
-            self._refused = set()
+            self._origins |= {str(each): Origin(path, each) for each in read}
+        self._checks = AnnotationFaults()
+        self._is_checked = not self._store.annotations
+        self._is_checking = False
+        # The types of streams, by annotation, and the version of the ontology at the last check.
+        self._types: dict[str, str] = {}
+        self._ontology: dict[str, str] = {}
+        self.create_timer(CHECK_PERIOD_S, self._check_when_due, clock=self.wall_clock)
         self._report_change()
         self.serve(AddSemanticSpecification, self._add_specification)
         self.serve(RemoveSemanticSpecification, self._remove_specification)
         self.serve(ListSemanticSpecifications, self._list)
-        if self._store.annotations:
-            self._ontologies.remote.on_found.append(lambda: self.spawn(self._check_all))
 
     def destroy_node(self) -> None:
         """Close the store too."""
@@ -80,47 +93,73 @@ class StreamSemanticsManager(DyKnowNode):
 
     def _list(self, _request: Any, response: Any) -> None:
         response.ssl_statements = list(self._store.texts)
+        response.faults = [self._checks.field_faults.get(text, '') for text in self._store.texts]
 
     def _report_change(self, concepts: Iterable[str] = ()) -> None:
         """Publish a change; the caller of the service is answered afterwards."""
         self._version.publish_change(concepts)
-        self.set_status(RUNNING, self._status_values())
+        self.set_loaded({'annotations': len(self._store.texts), 'files': len(self._files)})
+        self._report_checks()
 
-    def _status_values(self) -> dict[str, str]:
-        texts = self._store.texts
-        values = {'version': str(self._version.number), 'annotations': str(len(texts))}
-        if self._refused is not None:
-            values['refused'] = str(len(self._refused.intersection(texts)))
-        return values
+    def _report_checks(self) -> None:
+        faults = self._checks.messages
+        refused = {'refused': str(len(faults))} if self._is_checked else {}
+        self.set_status(
+            faults[0] if faults else RUNNING,
+            {'version': str(self._version.number), 'faults': '\n'.join(faults), **refused},
+            level=DiagnosticStatus.ERROR if faults else None,
+        )
 
     async def _knowledge(self) -> Knowledge:
         return (await self._ontologies.contents()).stated
 
+    def _check_when_due(self) -> None:
+        """Check all annotations again, if types of streams have become known since."""
+        stored = self._store.by_text
+        # A type that is not known at present is still the last one that was.
+        types = {
+            text: self._fields.type_of(each) or self._types.get(text, '')
+            for text, each in stored.items()
+        }
+        ontology = dict(self._ontologies.remote.status)
+        is_outdated = bool(self._checks.messages) and ontology != self._ontology
+        if (types == self._types and not is_outdated) or self._is_checking:
+            return
+        if self._ontologies.remote.alive:
+            self._types, self._ontology = types, ontology
+            self._is_checking = True
+            self.spawn(self._check_all)
+
     async def _check_all(self) -> None:
-        """Check the annotations that were loaded before the ontology was available."""
         try:
             knowledge = await self._knowledge()
         except DyKnowError as error:
             self.get_logger().warning(f'annotations are not checked: {error}')
+            self._types = {}
             return
-        faults: list[str] = []
-        self._refused = set()
-        for annotation in self._store.annotations:
-            try:
-                check_annotation(annotation, knowledge)
-            except DyKnowError as error:
-                faults.append(error.message)
-                self._refused.add(str(annotation))
-        for fault in faults:
-            self.get_logger().error(fault)
-        level = DiagnosticStatus.ERROR if faults else None
-        self.set_status([*faults, RUNNING][0], self._status_values(), level=level)
+        finally:
+            self._is_checking = False
+        found = {text: fields_of(type_name) for text, type_name in self._types.items()}
+        fields = {text: known for text, known in found.items() if known is not None}
+        before, stored = self._checks, self._store.by_text
+        was_checked, self._is_checked = self._is_checked, True
+        self._checks = check_annotations(stored, fields, knowledge, self._origins)
+        for message in self._checks.messages:
+            if message not in before.messages:
+                self.get_logger().error(message)
+        if self._checks != before:
+            changed = before.field_faults.items() ^ self._checks.field_faults.items()
+            affected = [stored[text] for text, _ in changed if text in stored]
+            self._report_change(_affected_concepts(affected, knowledge))
+        elif not was_checked:
+            self._report_checks()
 
 
 def _affected_concepts(annotations: Iterable[Annotation], knowledge: Knowledge) -> tuple[str, ...]:
     """Return the annotated features, and all concepts above them."""
     features = {each.feature.name for annotation in annotations for each in annotation.contents}
-    return tuple(sorted({above for name in features for above in knowledge.superconcepts(name)}))
+    known = filter(knowledge.is_feature, features)
+    return tuple(sorted({above for name in known for above in knowledge.superconcepts(name)}))
 
 
 def main() -> int:

@@ -25,7 +25,7 @@ emitted. Without one, the gap is a violation as soon as no sample valid at 12 ca
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from heapq import heappop, heappush
 from itertools import count
 
@@ -173,6 +173,16 @@ class ReorderOperator(Operator):
             return certain
         bound = valid_time + self._max_delay + 1
         return bound if certain is None or bound < certain else certain
+
+    def obstacle(self, name: Callable[[Operator], str]) -> str:
+        """Return for what the held samples wait."""
+        source = name(self.inputs[0])
+        if not self._held:
+            return super().obstacle(name)
+        if self._held[0][0] > self._scheduler.now:
+            return f'samples of {source} are stamped later than the time of the clock, and wait'
+        limit = '' if self._max_delay is None else ' until its max_delay has passed'
+        return f'samples of {source} wait{limit or " for later ones"}'
 
     def wake(self, now: int) -> None:
         """Release the samples that no earlier sample can precede."""

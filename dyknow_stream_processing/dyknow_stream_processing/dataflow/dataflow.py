@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Final
@@ -12,6 +12,7 @@ from dyknow_common import NANOSECONDS, ExitCode, StreamConstraints, Value, Value
 from dyknow_stream_processing.dataflow.operator_graph import OperatorGraph
 from dyknow_stream_processing.dataflow.operators import Operator
 from dyknow_stream_processing.dataflow.scheduler import BEGINNING, Scheduler
+from dyknow_stream_processing.dataflow.waiting import waiting_reasons
 from dyknow_stream_processing.errors import StreamError, unknown_stream
 from dyknow_stream_processing.language.required_fields import total_demand
 from dyknow_stream_processing.language.resolution import Fields, Resolved, resolve
@@ -59,6 +60,7 @@ class Dataflow:
         units: the computational units, by name (see `load_units`).
         source_type: returns the type of a topic; `None` if it is unknown.
         max_lead: of topics for which a stream gives none, in nanoseconds.
+        remark: returns the end of a violation's message, given the topics of the stream at fault.
     """
 
     def __init__(
@@ -66,10 +68,12 @@ class Dataflow:
         units: Mapping[str, Unit],
         source_type: Callable[[str], SourceType | None],
         max_lead: int = DEFAULT_MAX_LEAD,
+        remark: Callable[[Iterable[str]], str] = lambda _: '',
     ) -> None:
         self.max_lead = max_lead
         self._units = units
         self._source_type = source_type
+        self._remark = remark
         self._streams: dict[str, _RunningStream] = {}
         self._reset()
 
@@ -102,16 +106,15 @@ class Dataflow:
             LanguageError: if the specification is not valid here.
         """
         if name in self._streams:
-            raise StreamError(
-                f"there is a stream '{name}' already; destroy it or choose another name",
-                ExitCode.ALREADY_EXISTS,
-            )
+            message = f"there is a stream '{name}' already; destroy it or choose another name"
+            raise StreamError(message, ExitCode.ALREADY_EXISTS)
         others = self._streams.values()
         known = {each.name: each.resolved for each in others}
         resolved = resolve(specification, constraints, known, self._fields_of, self._units)
         names = {label: name for each in others for label, name in each.own_names.items()}
+        text, scheduler = str(specification), self._scheduler
         stream = _RunningStream(
-            name, str(specification), resolved, names, self._scheduler, on_sample, on_violation
+            name, text, resolved, names, scheduler, self._remark, on_sample, on_violation
         )
         try:
             stream.attach(self._graph.connect(resolved.term))
@@ -138,6 +141,14 @@ class Dataflow:
         """Return the counts of a stream."""
         stream = self._find(name)
         return Statistics(stream.samples, stream.violations, dict(stream.drops))
+
+    def waits_for(
+        self, name: str, since: int, topic_reason: Callable[[str], str]
+    ) -> tuple[str, ...]:
+        """Return why a stream that has no samples has none; see `waiting_reasons`."""
+        stream = self._find(name)
+        root = stream.operators[0]
+        return tuple(dict.fromkeys(waiting_reasons(root, since, topic_reason, stream.name_of)))
 
     def topics(self, name: str) -> tuple[str, ...]:
         """Return the topics that a stream is made of, sorted."""
@@ -231,6 +242,7 @@ class _RunningStream:
     resolved: Resolved
     names: Mapping[str, str]
     scheduler: Scheduler
+    remark: Callable[[Iterable[str]], str]
     on_sample: Callable[[Sample], None]
     on_violation: Callable[[Violation], None]
     samples: int = 0
@@ -247,6 +259,10 @@ class _RunningStream:
     @cached_property
     def topics(self) -> tuple[str, ...]:
         return tuple(sorted(total_demand([self.resolved.term])))
+
+    def name_of(self, label: str) -> str:
+        """Return the name of the stream that the label of an operator states, or the label."""
+        return self.own_names.get(label) or self.names.get(label, label)
 
     def attach(self, root: Operator) -> None:
         """Listen to an operator, and observe it and all operators before it."""
@@ -286,8 +302,7 @@ class _RunningStream:
         self.on_violation(violation)
 
     def report_fault(self, operator: Operator, fault: Fault) -> None:
-        label = operator.label
-        name = self.own_names.get(label) or self.names.get(label, label)
+        name = self.name_of(operator.label)
         self.report(
             Violation(
                 stream_name=name,
@@ -296,6 +311,13 @@ class _RunningStream:
                 available_time=self.scheduler.now,
                 observed=fault.observed,
                 allowed=fault.allowed,
-                message=f"stream '{name}': {fault.message}",
+                message=f"stream '{name}': {fault.message}{self.remark(_topics_of(operator))}",
             )
         )
+
+
+def _topics_of(operator: Operator) -> dict[str, None]:
+    """Return the topics that an operator's samples are made of, in the order of its inputs."""
+    if not operator.inputs:
+        return {operator.label: None}
+    return {topic: None for each in operator.inputs for topic in _topics_of(each)}

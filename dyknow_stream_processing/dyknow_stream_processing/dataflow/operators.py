@@ -16,7 +16,7 @@ and then of rank, so each operator wakes after the inputs whose `certain_at` it 
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from typing import ClassVar, Final, Protocol
 
@@ -72,6 +72,10 @@ class Operator:
         self.consumers: list[tuple[Operator, int]] = []
         self.listeners: list[StreamObserver] = []
         self.observers: list[StreamObserver] = []
+        self.emitted_at: int | None = None
+        """The time at which it emitted its latest sample, nanoseconds."""
+        self.dropped_for = ''
+        """The reason why it dropped a sample last."""
         self._scheduler = wiring.scheduler
 
     def receive(
@@ -102,6 +106,17 @@ class Operator:
     def wake(self, now: int) -> None:
         """Do the work that is due at `now`; there may be none."""
 
+    def awaited(self) -> Iterable[Operator]:
+        """Return the inputs without whose samples it can emit nothing now."""
+        return self.inputs
+
+    def obstacle(self, name: Callable[[Operator], str]) -> str:
+        """Return why it emits nothing although its inputs do; `name` names an operator."""
+        inputs = ', '.join(map(name, self.inputs))
+        if self.dropped_for:
+            return f'samples of {inputs} come, but all are dropped ({self.dropped_for})'
+        return f'samples of {inputs} come, but {name(self)} gives none for them'
+
     def become_timed(self) -> None:
         """Note that the clock may make a time certain, also for all consumers."""
         self.timed = True
@@ -111,6 +126,7 @@ class Operator:
     def _emit(self, valid_time: int, fields: Mapping[str, Value], watermark: int, now: int) -> None:
         if watermark > self.watermark:
             self.watermark = watermark
+        self.emitted_at = now
         for listener in self.listeners:
             listener.receive(valid_time, fields)
         for consumer, port in self.consumers:
@@ -124,6 +140,7 @@ class Operator:
             consumer.promise(port, self.watermark, now)
 
     def _drop(self, reason: str) -> None:
+        self.dropped_for = reason
         for observer in self.observers:
             observer.count_drops(reason)
 
@@ -160,6 +177,7 @@ class SourceOperator(Operator):
         is_checked: bool,  # noqa: FBT001 - a keyword costs time at each sample
     ) -> None:
         """Pass a sample on, without a promise about the next one."""
+        self.emitted_at = now
         self.is_checked = is_checked
         if self._receipt_time and valid_time < now:
             # The clock has made all earlier times certain, before this sample was processed.

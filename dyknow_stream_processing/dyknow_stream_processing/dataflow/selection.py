@@ -24,6 +24,9 @@ _COMPARISONS: Final[Mapping[str, Callable[[Value, Value], bool]]] = {
     '>=': operator.ge,
 }
 
+_MAX_VALUE: Final = 80
+"""The length of a value in a message."""
+
 
 class SelectOperator(Operator):
     """Some fields of those samples of its source that satisfy all conditions."""
@@ -38,6 +41,8 @@ class SelectOperator(Operator):
         if not any(each.embedded_fields for each in selections):
             self._constant_names = {each.name: each.field for each in selections}
         self._emitted = BEGINNING
+        self._conditions = ' and '.join(map(str, conditions))
+        self._rejected = ''
 
     def receive(
         self, port: int, valid_time: int, fields: Mapping[str, Value], watermark: int, now: int
@@ -46,6 +51,7 @@ class SelectOperator(Operator):
         try:
             for field, test in self._tests:
                 if not test(fields[field]):
+                    self._rejected = self._rejected or _shown(field, fields[field])
                     self.promise(port, watermark, now)
                     return
             selected = self._select(fields)
@@ -70,6 +76,13 @@ class SelectOperator(Operator):
         is_covered = self.in_order and watermark <= self._emitted
         self._promise(watermark if is_covered else watermark - 1, now)
 
+    def obstacle(self, name: Callable[[Operator], str]) -> str:
+        """Return the conditions, if samples fail them, and how the first one did."""
+        if not self._rejected:
+            return super().obstacle(name)
+        source = name(self.inputs[0])
+        return f'no sample of {source} satisfies {self._conditions} (one has {self._rejected})'
+
     def certain_at(self, valid_time: int) -> int | None:
         """Return the time from which not even a second sample of a valid time can arrive."""
         if valid_time <= self.watermark:
@@ -87,6 +100,11 @@ class SelectOperator(Operator):
                 raise StreamError(f"two selected fields are both named '{name}'; rename one")
             selected[name] = fields[field]
         return selected
+
+
+def _shown(field: str, value: Value) -> str:
+    text = value_text(value)
+    return f'{field} = {text if len(text) <= _MAX_VALUE else f"{text[:_MAX_VALUE]}..."}'
 
 
 def _test(condition: Condition) -> Callable[[Value], bool]:

@@ -15,7 +15,7 @@ a `max_delay` of 10 ms on b, tick 2 is emitted without another sample of b when 
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Iterable, Mapping
 from typing import ClassVar, Final
 
 from dyknow_common import Value, round_duration, round_time
@@ -101,6 +101,31 @@ class SynchronisedOperator(Operator):
     def wake(self, now: int) -> None:
         """Emit the ticks that the clock makes certain."""
         self._settle(now, clock=now)
+
+    def awaited(self) -> Iterable[Operator]:
+        """Return the inputs that have never delivered, or else those that delay the target."""
+        never = [each.source for each in self._tracks if each.latest is None and not each.waiting]
+        return never or [each.source for each in self._unsettled_tracks()] or self.inputs
+
+    def obstacle(self, name: Callable[[Operator], str]) -> str:
+        """Return which inputs delay the target, and for how long at most."""
+        delaying = self._unsettled_tracks()
+        if self._target is None or not delaying:
+            return super().obstacle(name)
+        sources = ', '.join(name(each.source) for each in delaying)
+        ends = [each.certain_at(self._target) for each in delaying]
+        limit = '' if None in ends else f', at most until {round_time(max(filter(None, ends)))}'
+        return f'the sample for {round_time(self._target)} waits for later ones of {sources}{limit}'
+
+    def _unsettled_tracks(self) -> list[Track]:
+        """Return the tracks that neither samples nor the clock have settled until the target."""
+        target, now = self._target, self._scheduler.now
+        if target is None:
+            return []
+        behind = [each for each in self._tracks if each.settled < target]
+        ends = [each.certain_at(target) for each in behind]
+        pairs = zip(behind, ends, strict=True)
+        return [track for track, end in pairs if end is None or end > now]
 
     def _tick(self, valid_time: int, values: Values, now: int) -> None:
         raise NotImplementedError

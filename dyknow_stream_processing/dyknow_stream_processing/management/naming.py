@@ -33,8 +33,8 @@ def check_name(name: str) -> None:
         or declarations != (SinkDeclaration(StreamReference(name)),)
     ):
         raise StreamError(
-            f"'{shortened(name)}' cannot be the name of a stream; use letters, digits and _, beginning with "
-            f'a letter, and no keyword of the stream language'
+            f"'{shortened(name)}' cannot be the name of a stream; use letters, digits and _, "
+            'beginning with a letter, and no keyword of the stream language'
         )
 
 

@@ -294,11 +294,17 @@ class StreamRegistry:
                 topic=stream.topic,
                 message_type=stream.message_type,
             )
-        state = StreamState.FLOWING if stream.topic else StreamState.WAITING
+        unreported = StreamReport(
+            stream.name, StreamState.WAITING, 'its engine has yet to report it'
+        )
+        found = reported or unreported
+        state, message = found.state, '; '.join(filter(None, (found.message, stream.message)))
+        if not stream.topic:
+            state, message = StreamState.WAITING, stream.message
         return replace(
-            reported or StreamReport(stream.name, state),
+            found,
             state=StreamState.FAILED if stream.failed else state,
-            message=stream.message,
+            message=message,
             engine=stream.engine or '',
             topic=stream.topic,
             specification=canonical(stream.specification),

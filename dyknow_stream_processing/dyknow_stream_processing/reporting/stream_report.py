@@ -81,7 +81,7 @@ class StreamReport:
     """A stream and its counts since it was created.
 
     Args:
-        message: why it waits or failed; where, when and why it was recreated.
+        message: what it waits for, or why it failed; where, when and why it was recreated.
         engine: the node that makes it; empty if none does.
         topic: the topic of its samples; empty if there is none.
         drops: the number of dropped samples, by reason.

@@ -86,7 +86,7 @@ def _row(report: StreamReport, *, several_engines: bool) -> list[Cell]:
         ]
         remark = report.engine if several_engines else ''
     elif report.state is StreamState.REGISTERED:
-        remark = report.topic
+        remark = report.message or report.topic
     else:
         remark = report.message.partition('\n')[0]
     return [report.name, _state(report), *figures, remark]
@@ -100,7 +100,7 @@ def _details(report: StreamReport, now: int) -> Iterator[tuple[str, Cell]]:
     yield 'topic', report.topic
     yield 'type', report.message_type
     yield 'constraints', str(report.constraints)
-    if report.state is StreamState.FLOWING:
+    if report.engine:
         delay, max_delay = _delays(report)
         drops = ', '.join(f'{count} {reason}' for reason, count in sorted(report.drops.items()))
         yield 'samples', f'{report.samples} ({_rate(report)} now)'

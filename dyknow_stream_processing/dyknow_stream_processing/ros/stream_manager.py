@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticStatus
@@ -22,8 +23,9 @@ from dyknow_stream_processing.language.parsing import parse_specification
 from dyknow_stream_processing.management.namespaces import Namespaces
 from dyknow_stream_processing.management.naming import NamingConvention, check_name
 from dyknow_stream_processing.management.registry import DEFAULT_CONVENTION, StreamRegistry
-from dyknow_stream_processing.management.streams import CreatedStream, RegisteredStream
-from dyknow_stream_processing.reporting.stream_report import StreamReport
+from dyknow_stream_processing.management.streams import CreatedStream, RegisteredStream, Stream
+from dyknow_stream_processing.reporting.silence import with_origins
+from dyknow_stream_processing.reporting.stream_report import StreamReport, StreamState
 from dyknow_stream_processing.ros.management.engines import Engines
 from dyknow_stream_processing.ros.management.persistence_files import PersistenceFile, read_streams
 from dyknow_stream_processing.ros.management.placement import Placement
@@ -53,6 +55,7 @@ class StreamManager(DyKnowNode):
             if self._registry.get(remembered.name) is None:
                 self._registry.add(remembered)
         self._memory.write(self._registry.streams())
+        self._states: dict[str, dict[str, StreamState]] = {}
         self._engines = Engines(
             self,
             self._registry.engine_namespaces,
@@ -88,8 +91,10 @@ class StreamManager(DyKnowNode):
         registry = StreamRegistry(
             NamingConvention(convention), own, self._published, Namespaces.of(namespaces, own)
         )
-        for stream in read_streams(filter(None, files)):
+        paths = list(filter(None, files))
+        for stream in read_streams(paths):
             registry.add(stream)
+        self.set_loaded({'streams': len(registry.streams()), 'files': len(paths)})
         return registry
 
     async def _create(self, request: Any, response: Any) -> None:
@@ -140,6 +145,10 @@ class StreamManager(DyKnowNode):
         return self.resolve_topic_name(topic), publication.type_name
 
     def _on_engine_report(self, name: str) -> None:
+        states = {each.name: each.state for each in self._engines.reports(name).values()}
+        if states != self._states.get(name):
+            self._states[name] = states
+            self._report_publisher.publish_soon()
         is_settled = self._placement.is_settled(name)
         if not is_settled or self._registry.waiting() or self._placement.conflicts:
             self._placement.reconcile_soon()
@@ -151,10 +160,30 @@ class StreamManager(DyKnowNode):
         self._on_change()
 
     def _reports(self) -> Iterator[StreamReport]:
-        for stream in self._registry.streams():
-            engine = getattr(stream, 'engine', None)
-            reported = self._engines.reports(engine).get(stream.name) if engine else None
-            yield self._registry.report(stream, reported)
+        return with_origins(list(map(self._report, self._registry.streams())))
+
+    def _report(self, stream: Stream) -> StreamReport:
+        engine = getattr(stream, 'engine', None)
+        reported = self._engines.reports(engine).get(stream.name) if engine else None
+        report = self._registry.report(stream, reported)
+        if isinstance(stream, RegisteredStream):
+            return replace(report, message=self._registration_fault(stream))
+        return report
+
+    def _registration_fault(self, stream: RegisteredStream) -> str:
+        """Return why a topic is not published as it was registered; empty if it is."""
+        try:
+            found = find_publication(self, stream.topic)
+        except StreamError as error:
+            return str(error)
+        if found is None:
+            return f'nobody publishes {stream.topic}'
+        if found.type_name == stream.message_type:
+            return ''
+        return (
+            f'{stream.topic} has the type {found.type_name}, but is registered with '
+            f'{stream.message_type}'
+        )
 
     def _on_change(self) -> None:
         try:

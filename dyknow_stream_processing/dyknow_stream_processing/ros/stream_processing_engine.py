@@ -37,8 +37,10 @@ from dyknow_stream_processing.reporting.stream_report import (
 )
 from dyknow_stream_processing.ros.messages.sample_messages import SampleWriter
 from dyknow_stream_processing.ros.messages.stream_report_messages import StreamReportPublisher
+from dyknow_stream_processing.ros.topics.publications import publishers_remark
 from dyknow_stream_processing.ros.topics.topic_sources import TopicSources, source_type
 from dyknow_stream_processing.ros.topics.violation_relay import violations_topic
+from dyknow_stream_processing.ros.topics.waiting_streams import WaitingStreams
 from dyknow_stream_processing.sample import Sample as DataSample
 from dyknow_stream_processing.violation import Violation
 
@@ -56,6 +58,8 @@ class _Output:
     violations: Any
     meter: FlowMeter
     is_wanted: bool = False
+    waits_for: str = ''
+    """The reason in the last report."""
     writer: SampleWriter = field(default_factory=SampleWriter)
     flow: Flow = NO_FLOW
 
@@ -78,10 +82,17 @@ class StreamProcessingEngine(DyKnowNode):
             'Seconds by which stamps may be ahead of the clock where a stream gives no max_lead.',
             (0.0, 3600.0),
         )
+        units = load_units()
+        self.set_loaded({'computational units': len(units)})
+        self.set_status(RUNNING)
         self._dataflow = Dataflow(
-            load_units(), lambda topic: source_type(self, topic), round(max_lead * SECOND_NS)
+            units,
+            lambda topic: source_type(self, topic),
+            round(max_lead * SECOND_NS),
+            lambda topics: publishers_remark(self, topics),
         )
         self._sources = TopicSources(self, self._dataflow)
+        self._waiting = WaitingStreams(self, self._dataflow, self._sources)
         self._outputs: dict[str, _Output] = {}
         self._report_publisher = StreamReportPublisher(
             self, lambda: [self.get_fully_qualified_name()], self._reports, self._end_period
@@ -115,12 +126,14 @@ class StreamProcessingEngine(DyKnowNode):
             meter=FlowMeter(self.now()),
         )
         self._sources.refresh()
+        self._waiting.add(spec.name)
         self._report_publisher.publish_soon()
         response.stream_topic = topic
         response.stream_constraint_violation_topic = violations
 
     def _destroy(self, request: Any, _response: Any) -> None:
         self._dataflow.destroy(request.stream_name)
+        self._waiting.remove(request.stream_name)
         output = self._outputs.pop(request.stream_name)
         self.destroy_publisher(output.samples)
         self.destroy_publisher(output.violations)
@@ -134,15 +147,18 @@ class StreamProcessingEngine(DyKnowNode):
         now = self.now()
         for output in self._outputs.values():
             output.flow = output.meter.measure(now)
+        self._waiting.end_period()
         samples = sum(self._dataflow.statistics(name).samples for name in self._outputs)
         self.set_status(RUNNING, {'streams': str(len(self._outputs)), 'samples': str(samples)})
 
     def _reports(self) -> Iterator[StreamReport]:
         for name, output in self._outputs.items():
             statistics = self._dataflow.statistics(name)
+            output.waits_for = self._waiting.reason(name)
             yield StreamReport(
                 name=name,
-                state=StreamState.FLOWING,
+                state=StreamState.WAITING if output.waits_for else StreamState.FLOWING,
+                message=output.waits_for,
                 engine=self.get_fully_qualified_name(),
                 topic=output.topic,
                 specification=self._dataflow.specification(name),
@@ -157,6 +173,9 @@ class StreamProcessingEngine(DyKnowNode):
     def _publish_sample(self, name: str, sample: DataSample) -> None:
         output = self._outputs[name]
         output.meter.note(sample)
+        if output.waits_for:
+            output.waits_for = ''
+            self._report_publisher.publish_soon()
         # Publishing is what costs most, and only other streams of this engine use many streams.
         # A stream that once had a subscriber stays published: a subscriber that was out of reach
         # counts the samples that it missed by their sequence numbers.

@@ -17,6 +17,7 @@ from dyknow_stream_processing.errors import StreamError
 from dyknow_stream_processing.language.parsing import parse_specification
 from dyknow_stream_processing.language.required_fields import total_demand
 from dyknow_stream_processing.language.resolution import resolve
+from dyknow_stream_processing.ros.topics.publications import publishers_remark
 from dyknow_stream_processing.ros.topics.topic_sources import TopicSources, source_type
 from dyknow_stream_processing.sample import Sample
 from dyknow_stream_processing.violation import Violation
@@ -67,7 +68,9 @@ class StreamProxy:
         def type_of(topic: str) -> SourceType | None:
             return source_type(node, topic, message_types.get(topic), valid_times.get(topic))
 
-        self._dataflow = Dataflow(load_units(), type_of)
+        self._dataflow = Dataflow(
+            load_units(), type_of, remark=lambda topics: publishers_remark(node, topics)
+        )
         specification = parse_specification(text)
         if valid_time is not None or message_type is not None:
             resolved = resolve(specification, constraints, {}, lambda _: None, load_units())

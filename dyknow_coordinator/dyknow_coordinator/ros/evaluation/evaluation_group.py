@@ -18,7 +18,7 @@ if it would choose the same streams now.
 
 from __future__ import annotations
 
-from typing import Protocol
+from typing import Final, Protocol
 
 from rclpy.task import Future
 
@@ -30,6 +30,8 @@ from dyknow_coordinator.ros.evaluation.candidates import find_candidates
 from dyknow_coordinator.ros.evaluation.state_supervisor import StateObserver, StateSupervisor
 from dyknow_coordinator.ros.results import ResultListener
 
+_MAX_TITLES: Final = 3
+
 
 class GroupMember(StateObserver, ResultListener, Protocol):
     """The evaluation of one formula, as its group uses it."""
@@ -39,6 +41,10 @@ class GroupMember(StateObserver, ResultListener, Protocol):
 
     outcome: Future
     """Done when the evaluation has ended."""
+
+    @property
+    def title(self) -> str:
+        """The name of the formula for people."""
 
 
 class EvaluationGroup:
@@ -56,6 +62,8 @@ class EvaluationGroup:
         self.states = StateSupervisor(context, group_id, name, inputs, self)
         self._context = context
         self._phase = EvaluationPhase.GROUNDING
+        self.waits_for = ''
+        """Why no state comes; empty if the phase is not WAITING."""
         self._members: dict[int, GroupMember] = {}
         self._joining = 0
         self._error: DyKnowError | None = None
@@ -134,8 +142,26 @@ class EvaluationGroup:
         if not self.has_ended:
             self.states.update_candidates(candidates)
 
+    @property
+    def titles(self) -> str:
+        """The names of its formulas, for people; only the first ones of many."""
+        titles = [member.title for member in self._members.values()]
+        more = ', ...' if len(titles) > _MAX_TITLES else ''
+        return f'{", ".join(titles[:_MAX_TITLES])}{more}'
+
+    def set_waiting(self, reason: str) -> None:
+        """Set that no state comes, and why, or that states come again if the reason is empty."""
+        is_evaluated = self._phase in (EvaluationPhase.RUNNING, EvaluationPhase.WAITING)
+        if is_evaluated and reason != self.waits_for:
+            phase = EvaluationPhase.WAITING if reason else EvaluationPhase.RUNNING
+            self._set_phase(phase, reason)
+
     def set_phase(self, phase: EvaluationPhase) -> None:
         """Set the phase of all formulas."""
+        self._set_phase(phase)
+
+    def _set_phase(self, phase: EvaluationPhase, waits_for: str = '') -> None:
+        self.waits_for = waits_for
         if not self.has_ended:
             self._phase = phase
         for member in list(self._members.values()):

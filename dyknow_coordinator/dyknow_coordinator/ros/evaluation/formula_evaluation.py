@@ -60,7 +60,7 @@ class FormulaEvaluation(Evaluation):
     Attributes:
         outcome: a future of the `Answer`.
         progress: the latest FormulaProgress.
-        on_progress: called for each FormulaProgress.
+        on_progress: called for each FormulaProgress, and when the evaluation begins to wait.
     """
 
     def __init__(
@@ -93,6 +93,16 @@ class FormulaEvaluation(Evaluation):
             return self._last_groundings
         states = self._group.states
         return states.inputs.candidates.symbol_groundings(states.chosen)
+
+    @property
+    def title(self) -> str:
+        """The name that operators see."""
+        return self.request.name or self.canonical_formula or self.request.formula
+
+    @property
+    def waits_for(self) -> str:
+        """Why no state comes; empty if states come or it is not evaluated."""
+        return self._group.waits_for if self._group is not None else ''
 
     async def run(self) -> None:
         """Take all steps, wait for the outcome and clean up; never raises."""
@@ -166,6 +176,8 @@ class FormulaEvaluation(Evaluation):
         """Set the phase, unless the evaluation has ended, and report it."""
         super().set_phase(phase)
         self._on_change()
+        if phase is EvaluationPhase.WAITING:
+            self.on_progress()
 
     def add_event(self, event: str) -> None:
         """Record an event, and report it."""
@@ -177,10 +189,9 @@ class FormulaEvaluation(Evaluation):
         """Return the status for operators."""
         answer: Answer = self.outcome.result() if self.outcome.done() else Answer()
         progress, group, request = self.progress, self._group, self.request
-        formula = self.canonical_formula or request.formula
         return EvaluationStatus(
-            name=request.name or formula,
-            formula=formula,
+            name=self.title,
+            formula=self.canonical_formula or request.formula,
             phase=self.phase,
             started=self._started,
             plan=request.plan,
@@ -193,11 +204,20 @@ class FormulaEvaluation(Evaluation):
             latest_valid_time=time_to_nanoseconds(progress.latest_valid_time) or None,
             residual_formula=progress.residual_formula,
             presumably_false=progress.presumably_false,
+            waits_for=self.waits_for,
             verdict=answer.verdict,
             decided_at=answer.decided_at,
             explanation=answer.explanation,
             error=answer.error,
         )
+
+    def missing_states(self) -> str:
+        """Return that no state comes, and why; empty if states come or that is unknown."""
+        reason = '' if self._group is None else self._group.states.waits_for
+        if not reason:
+            return ''
+        since = ' for a while' if self.progress.states_progressed else ''
+        return f'no state has come{since}: {reason}'
 
     async def _prepare(self) -> PreparedFormula:
         """Find the inputs of the formula, with a formula group of its own."""

@@ -1,22 +1,28 @@
-"""Monitor of the topics that streams in use are made from."""
+"""Monitor of silence: of states that do not come, and of topics that streams are made from."""
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import Final
 
 from dyknow_common import SECOND_NS
+from dyknow_common.ros import LogOnce
 from dyknow_coordinator.ros.context import CoordinatorContext
 from dyknow_coordinator.ros.evaluation.evaluation_group import EvaluationGroup, EvaluationGroups
 
-PERIOD_S: Final = 1.0
+PERIOD_S: Final = 0.5
+
+WAITING_LIMIT_S: Final = 3.0
+"""Time that a new state stream has for its first state before its evaluations are waiting."""
 
 
 class SilenceMonitor:
     """Replaces streams whose topics are silent, if others carry the same feature.
 
     A stream without constraints breaks none by being silent. If nothing can replace it, its
-    evaluations wait, and operators get a warning. A stream with a `sample_period` and no bound of
-    its delay, which no violation ends, fails them if it is silent for that much longer.
+    evaluations are waiting, clients and operators are told why, and the log has a warning. A stream
+    with a `sample_period` and no bound of its delay, which no violation ends, fails them if it is
+    silent for that much longer.
 
     Args:
         limit_s: a topic is silent after this time without a message.
@@ -29,12 +35,14 @@ class SilenceMonitor:
         self._groups = groups
         self._limit_s = limit_s
         self._first_seen: dict[str, int] = {}
+        self._log = LogOnce()
         context.node.create_timer(PERIOD_S, self._check, clock=context.node.wall_clock)
 
     def _check(self) -> None:
         groups, now = self._groups.running(), self._context.node.now()
         names = [group.states.stream.name for group in groups]
         self._first_seen = {name: self._first_seen.get(name, now) for name in names}
+        self._report_waiting(groups)
         for group in groups:
             self._check_topics(group)
 
@@ -56,3 +64,16 @@ class SilenceMonitor:
                 f"topic '{topic}' has been silent for {self._limit_s:g} s",
                 is_overdue=any(known.is_overdue(each, started) for each in silent),
             )
+
+    def _report_waiting(self, groups: Iterable[EvaluationGroup]) -> None:
+        latest_start_s = self._context.wall_time_s() - WAITING_LIMIT_S
+        for group in groups:
+            is_due = group.states.stream.created_at_s <= latest_start_s
+            group.set_waiting(group.states.waits_for if is_due else '')
+        waiting = (
+            f'no state comes for {group.titles}: {group.waits_for}'
+            for group in groups
+            if group.waits_for
+        )
+        for text in self._log.new(waiting):
+            self._context.node.get_logger().warning(text)

@@ -30,6 +30,7 @@ class StateStream:
     ) -> None:
         self.name = name
         self.topic = context.state_topic(name)
+        self.created_at_s = context.wall_time_s()
         self._context = context
         self._on_violation = on_violation
         self._on_lost = on_lost

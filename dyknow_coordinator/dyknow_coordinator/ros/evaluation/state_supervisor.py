@@ -113,6 +113,12 @@ class StateSupervisor:
         # Streams that will be used, or were used and have not been unsubscribed from.
         self._others: list[StateStream] = []
 
+    @property
+    def waits_for(self) -> str:
+        """Why the state stream has no samples; empty if they come or that is unknown."""
+        stream = self._context.streams.known.get(self.stream.name)
+        return '' if stream is None else stream.waits_for
+
     def would_choose_from(self, candidates: Candidates) -> bool:
         """Return True if the same streams would be chosen from other candidates now."""
         return self._choose(candidates) == self.chosen

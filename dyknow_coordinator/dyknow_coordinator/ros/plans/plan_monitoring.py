@@ -118,6 +118,7 @@ class MonitoredPlan:
             name=position.formula,
             plan=self._execution.plan.name,
             action=position.action,
+            is_monitored=True,
         )
         evaluation = self._evaluations[position] = self._start(request)
         self._update(position, phase=PlanPhase.RUNNING)

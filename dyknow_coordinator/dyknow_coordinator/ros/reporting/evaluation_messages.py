@@ -25,6 +25,7 @@ _COMMON_FIELDS: Final = (
     'states_progressed',
     'residual_formula',
     'presumably_false',
+    'waits_for',
     'explanation',
 )
 """The fields that a status and its message have in common."""

@@ -14,6 +14,7 @@ from dyknow_common.ros import LATCHED, DyKnowNode
 from dyknow_coordinator.evaluation.evaluation import EvaluationPhase
 from dyknow_coordinator.reporting.evaluation_status import EvaluationStatus, details, diagnose
 from dyknow_coordinator.ros.reporting.evaluation_messages import status_to_message
+from dyknow_coordinator.ros.reporting.nodes_report import NO_HARDWARE
 
 PERIOD_S = 1.0
 
@@ -22,9 +23,6 @@ COLLECTION_S = 0.2
 
 DIAGNOSTICS = QoSProfile(depth=1)
 """The profile of diagnostic_updater."""
-
-NO_HARDWARE = 'none'
-"""The hardware id of diagnostics that concern no hardware, by convention."""
 
 
 class EvaluationsReport:
@@ -36,6 +34,7 @@ class EvaluationsReport:
     Args:
         statuses: returns the status of all evaluations, in the order of their requests.
         silence_limit_s: time without a state after which operators get a warning.
+        nodes: returns the diagnostics of the nodes that the coordinator depends on.
     """
 
     def __init__(
@@ -43,9 +42,11 @@ class EvaluationsReport:
         node: DyKnowNode,
         statuses: Callable[[], Iterable[EvaluationStatus]],
         silence_limit_s: float = 5.0,
+        nodes: Callable[[], Iterable[DiagnosticStatus]] = lambda: (),
     ) -> None:
         self._node = node
         self._statuses = statuses
+        self._nodes = nodes
         self._silence_limit_ns = round(silence_limit_s * SECOND_NS)
         self._is_pending = False
         self._evaluations = node.create_publisher(EvaluationStatusArray, '~/evaluations', LATCHED)
@@ -83,7 +84,7 @@ class EvaluationsReport:
         )
 
     def _publish_diagnostics(self, statuses: Iterable[EvaluationStatus]) -> None:
-        array = DiagnosticArray(status=list(self._diagnoses(statuses)))
+        array = DiagnosticArray(status=[*self._nodes(), *self._diagnoses(statuses)])
         array.header.stamp = self._node.get_clock().now().to_msg()
         self._diagnostics.publish(array)
 

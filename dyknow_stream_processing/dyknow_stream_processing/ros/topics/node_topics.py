@@ -40,6 +40,7 @@ from dyknow_stream_processing.ros.messages.message_types import (
 from dyknow_stream_processing.ros.topics.publications import (
     Publication,
     find_publication,
+    incompatible_publisher,
     next_request,
     publishers_of,
 )
@@ -185,6 +186,10 @@ class NodeTopics:
             is_complete = all(feed.has_publishers for feed in feeds)
             self._refresh_every(WATCH_PERIOD_NS if is_complete else SEARCH_PERIOD_NS)
 
+    def fault(self, topic: str) -> str:
+        """Return why a topic, given its absolute name, cannot be subscribed to; empty if it can."""
+        return next((each.fault for each in self._feeds.values() if each.topic == topic), '')
+
     def _refresh_every(self, period_ns: int) -> None:
         if self._timer is None:
             self._timer = self._node.create_timer(
@@ -246,12 +251,13 @@ class _Feed:
                 return None
             class_ = message_class(request.type_name)
         except StreamError as error:
-            # The graph is read periodically; an error is logged once.
-            if str(error) != self.fault:
-                self.fault = str(error)
-                self.node.get_logger().error(self.fault)
+            self._set_fault(str(error))
             return None
-        self.fault = ''
+        if self.quality_of_service is None:
+            self._set_fault('')
+        else:
+            requested = self.quality_of_service
+            self._set_fault(incompatible_publisher(self.node, self.topic, requested))
         self._inform(class_)
         held, self.request = self.request, request
         if self.relay is not None:
@@ -280,6 +286,12 @@ class _Feed:
         self.gaps.note(message.number)
         for listener in self.listeners:
             listener.on_message(message.message, message.receipt_time)
+
+    def _set_fault(self, fault: str) -> None:
+        # The graph is read periodically; a fault is logged once.
+        if fault and fault != self.fault:
+            self.node.get_logger().error(fault)
+        self.fault = fault
 
     def _inform(self, class_: Any) -> None:
         for listener in self.listeners:

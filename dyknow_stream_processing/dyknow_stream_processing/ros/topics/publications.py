@@ -6,14 +6,30 @@ from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from typing import Any, Final
 
+from rclpy.clock import Clock, ClockType
 from rclpy.exceptions import InvalidTopicNameException
 from rclpy.node import Node
-from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.qos import (
+    DurabilityPolicy,
+    QoSCompatibility,
+    QoSProfile,
+    ReliabilityPolicy,
+    qos_check_compatible,
+)
 
+from dyknow_common import SECOND_NS
 from dyknow_stream_processing.errors import StreamError
+from dyknow_stream_processing.reporting.silence import nearest_topics, several_publishers
 
 QUEUE_DEPTH: Final = 1000
 """The number of messages of a topic that may wait for the node."""
+
+
+_NAMES_PERIOD_NS: Final = 2 * SECOND_NS
+"""Time between two reads of the names of all topics."""
+
+_MAX_COMPARED: Final = 20
+"""The number of topics for which similar names are sought: with many names, that takes long."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -96,3 +112,58 @@ def next_request(held: Publication | None, found: Publication) -> Publication:
     # A new subscription to latched publishers would receive their messages twice.
     latched = held.latched and found.latched and reliable == held.reliable
     return replace(found, reliable=reliable, latched=latched)
+
+
+def publishers_remark(node: Node, topics: Iterable[str]) -> str:
+    """Return the end of a message about topics: those with several publishers, and their nodes."""
+    remark = ''
+    for topic in topics:
+        if node.count_publishers(topic) > 1:
+            nodes = map(_node_of, node.get_publishers_info_by_topic(topic))
+            remark += f'; {node.resolve_topic_name(topic)} has {several_publishers(nodes)}'
+    return remark
+
+
+def incompatible_publisher(node: Node, topic: str, requested: QoSProfile) -> str:
+    """Return which publisher offers less than a requested quality of service; empty if none."""
+    for info in node.get_publishers_info_by_topic(topic):
+        verdict, reason = qos_check_compatible(info.qos_profile, requested)
+        if verdict is QoSCompatibility.ERROR:
+            return (
+                f'no message of {topic} comes from {_node_of(info)}: its quality of service is '
+                f'incompatible with the requested one ({reason.rstrip("; ")})'
+            )
+    return ''
+
+
+def _node_of(info: Any) -> str:
+    return f'{info.node_namespace.rstrip("/")}/{info.node_name}'
+
+
+class TopicNames:
+    """The names of all topics, for suggestions in messages."""
+
+    def __init__(self, node: Node) -> None:
+        self._node = node
+        self._wall_clock = Clock(clock_type=ClockType.STEADY_TIME)
+        self._names: tuple[str, ...] = ()
+        self._read_at: int | None = None
+        self._nearest: dict[str, tuple[str, ...]] = {}
+
+    def nearest(self, topic: str) -> tuple[str, ...]:
+        """Return the published topics whose names are similar to that of a topic, at most two."""
+        self._update()
+        if topic not in self._nearest and len(self._nearest) < _MAX_COMPARED:
+            near = nearest_topics(topic, self._names)
+            self._nearest[topic] = tuple(filter(self._node.count_publishers, near))[:2]
+        return self._nearest.get(topic, ())
+
+    def _update(self) -> None:
+        now = self._wall_clock.now().nanoseconds
+        if self._read_at is not None and now < self._read_at + _NAMES_PERIOD_NS:
+            return
+        self._read_at = now
+        names = tuple(sorted(name for name, _ in self._node.get_topic_names_and_types()))
+        if names != self._names:
+            self._names = names
+            self._nearest.clear()

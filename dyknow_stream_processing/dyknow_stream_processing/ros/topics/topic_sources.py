@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, Final, NamedTuple
 
 from rclpy.clock import JumpThreshold
@@ -15,6 +15,7 @@ from dyknow_common import Value, round_duration
 from dyknow_common.ros import Throttle, time_to_nanoseconds
 from dyknow_stream_processing.dataflow.dataflow import Dataflow, SourceType
 from dyknow_stream_processing.errors import StreamError
+from dyknow_stream_processing.reporting.silence import TopicState, topic_reason
 from dyknow_stream_processing.reporting.stream_report import SourceReport
 from dyknow_stream_processing.ros.messages.conversions import extractor
 from dyknow_stream_processing.ros.messages.message_types import (
@@ -25,7 +26,7 @@ from dyknow_stream_processing.ros.messages.message_types import (
 )
 from dyknow_stream_processing.ros.messages.sample_messages import sample_fields
 from dyknow_stream_processing.ros.topics.node_topics import NodeTopics
-from dyknow_stream_processing.ros.topics.publications import find_publication
+from dyknow_stream_processing.ros.topics.publications import TopicNames, find_publication
 from dyknow_stream_processing.sample import Sample
 from dyknow_stream_processing.violation import Violation, ViolationKind
 
@@ -91,6 +92,7 @@ class TopicSources:
         self._valid_times = valid_times or {}
         self._message_types = message_types or {}
         self._topics = NodeTopics.of(node)
+        self._names = TopicNames(node)
         self._sources: dict[str, tuple[_Source, Callable[[], None]]] = {}
         self._held: list[_Arrival] = []
         backward = JumpThreshold(min_forward=None, min_backward=Duration(nanoseconds=-1))
@@ -117,6 +119,30 @@ class TopicSources:
         source, _ = self._sources[topic]
         name = self._node.resolve_topic_name(topic)
         return SourceReport(name, source.received, source.latest, source.delay)
+
+    def reason(self, topic: str, since: int | None) -> str:
+        """Return why no messages of a topic that is subscribed to come; empty if they come.
+
+        Args:
+            topic: its name.
+            since: the time after which they came lately, nanoseconds; None if that is unknown.
+        """
+        source, _ = self._sources[topic]
+        name = self._node.resolve_topic_name(topic)
+        try:
+            publication = find_publication(self._node, topic)
+        except StreamError as error:
+            return error.message
+        state = TopicState(
+            name,
+            received=source.received,
+            is_silent=since is not None and (source.latest or 0) <= since,
+            fault=source.fault or self._topics.fault(name),
+        )
+        if publication is None:
+            return topic_reason(state, self._names.nearest(name))
+        publishers, is_latched = len(publication.publishers), publication.latched
+        return topic_reason(replace(state, publishers=publishers, is_latched=is_latched))
 
     def destroy(self) -> None:
         """Destroy all subscriptions; a second call does nothing."""
@@ -214,6 +240,8 @@ class _Source:
     latest: int | None = None
     delay: int = 0
     is_sample: bool = False
+    fault: str = ''
+    """Why no message could be used so far."""
     zero_warning: Throttle = field(default_factory=lambda: Throttle(WARNING_PERIOD_S))
     class_: Any = None
     read_valid_time: Callable[[Any], int] | None = None
@@ -230,7 +258,12 @@ class _Source:
             return
         self.class_, self.extract = class_, None
         self.is_sample = is_sample(class_)
-        type_ = _type_of_class(class_, self.valid_time_field)
+        try:
+            type_ = _type_of_class(class_, self.valid_time_field)
+        except StreamError as error:
+            self.fault = f'messages of {self.topic} cannot be used: {error}'
+            raise
+        self.fault = ''
         self.read_valid_time = valid_time_reader(class_, self.valid_time_field)
         self.extract = _extractor(class_, self.fields)
         self.dataflow.set_source_type(self.topic, type_)
@@ -255,6 +288,7 @@ class _Source:
         except StreamError as error:
             self._reject(valid_time, now, str(error))
             return
+        self.fault = ''
         checked_at = time_to_nanoseconds(message.available_time) if self.is_sample else 0
         arrival = _Arrival(self, now, valid_time, fields, checked_at)
         if not (valid_time - now > self.dataflow.max_lead and self.hold(arrival)):
@@ -277,6 +311,7 @@ class _Source:
 
     def _reject(self, valid_time: int, now: int, fault: str) -> None:
         text = f"stream '{self.topic}': a message cannot be used: {fault}"
+        self.fault = self.fault or f'messages of {self.topic} cannot be used: {fault}'
         self.dataflow.drop(self.topic, ViolationKind.MESSAGE)
         self.on_violation(Violation(self.topic, ViolationKind.MESSAGE, valid_time, now, 0, 0, text))
 

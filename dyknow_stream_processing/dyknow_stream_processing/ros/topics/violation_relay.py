@@ -23,6 +23,7 @@ from dyknow_common.ros import (
     PublisherWatch,
     time_to_nanoseconds,
 )
+from dyknow_stream_processing.ros.topics.publications import publishers_remark
 from dyknow_stream_processing.ros.topics.waiting_messages import take_waiting
 from dyknow_stream_processing.violation import Violation, ViolationKind
 
@@ -116,5 +117,5 @@ class ViolationRelay:
 
     def _report(self, kind: ViolationKind, message: str) -> None:
         now = self._node.get_clock().now().nanoseconds
-        text = f"stream '{self._topic}': {message}"
+        text = f"stream '{self._topic}': {message}{publishers_remark(self._node, [self._topic])}"
         self._on_violation(Violation(self._topic, kind, now, now, 0, 0, text))

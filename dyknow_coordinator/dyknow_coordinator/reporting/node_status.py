@@ -1,0 +1,43 @@
+"""Diagnosis of the nodes that the coordinator depends on."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final
+
+from dyknow_common import SECOND_NS, round_duration
+from dyknow_coordinator.reporting.evaluation_status import Diagnosis, Level
+
+START_UP_NS: Final = 5 * SECOND_NS
+"""Time from the start of the coordinator within which the other nodes may be missing."""
+
+
+@dataclass(frozen=True, slots=True)
+class NodeState:
+    """A node as the coordinator sees it.
+
+    Args:
+        alive: True if its liveliness lease holds.
+        level: of its own status.
+        message: of its own status; empty if it has never been heard of.
+        absent: the time for which it has been gone, or searched for in vain; nanoseconds.
+    """
+
+    alive: bool = False
+    level: Level = Level.OK
+    message: str = ''
+    absent: int = 0
+
+
+def diagnose_node(state: NodeState) -> Diagnosis:
+    """Return the diagnosis of a node: its own, or ERROR if it is gone or was never there."""
+    absent = round_duration(state.absent)
+    if state.alive:
+        return Diagnosis(state.level, state.message)
+    if state.message:
+        reason = 'it was stopped or killed, or is out of reach'
+        return Diagnosis(Level.ERROR, f'gone for {absent}: {reason}')
+    if state.absent < START_UP_NS:
+        return Diagnosis(Level.WARN, 'not found yet')
+    question = 'is it running, in this namespace and ROS domain?'
+    return Diagnosis(Level.ERROR, f'not found within {absent}: {question}')

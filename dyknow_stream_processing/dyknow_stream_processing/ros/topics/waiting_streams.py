@@ -1,0 +1,74 @@
+"""The streams of an engine that have no samples, and what they wait for."""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from typing import Final
+
+from dyknow_common.ros import DyKnowNode, LogOnce
+from dyknow_stream_processing.dataflow.dataflow import Dataflow
+from dyknow_stream_processing.reporting.silence import ActivityMeter, joined_reasons
+from dyknow_stream_processing.ros.topics.clock_watch import ClockWatch
+from dyknow_stream_processing.ros.topics.topic_sources import TopicSources
+
+_MAX_LISTED: Final = 5
+"""The number of streams that a warning names."""
+
+
+class WaitingStreams:
+    """Finds the reason why a stream has no samples, and warns of each reason once."""
+
+    def __init__(self, node: DyKnowNode, dataflow: Dataflow, sources: TopicSources) -> None:
+        self._node = node
+        self._dataflow = dataflow
+        self._sources = sources
+        self._clock = ClockWatch(node)
+        self._meters: dict[str, ActivityMeter] = {}
+        self._topic_reasons: dict[str, str] = {}
+        self._log = LogOnce()
+
+    def add(self, name: str) -> None:
+        """Watch a new stream."""
+        self._meters[name] = ActivityMeter()
+
+    def remove(self, name: str) -> None:
+        """Watch a stream no more."""
+        del self._meters[name]
+
+    def end_period(self) -> None:
+        """End a second of the wall clock, and warn of new reasons."""
+        self._clock.end_period()
+        self._topic_reasons.clear()
+        waiting: defaultdict[str, list[str]] = defaultdict(list)
+        for name, meter in self._meters.items():
+            meter.measure(self._dataflow.statistics(name).samples)
+            if meter.is_overdue:
+                for reason in self._reasons(name):
+                    waiting[reason].append(name)
+        for reason in self._log.new(waiting):
+            names = waiting[reason]
+            more = ', ...' if len(names) > _MAX_LISTED else ''
+            self._node.get_logger().warning(
+                f'{reason}; this delays: {", ".join(names[:_MAX_LISTED])}{more}'
+            )
+
+    def reason(self, name: str) -> str:
+        """Return what a stream waits for; empty while it has samples."""
+        return joined_reasons(self._reasons(name))
+
+    def _reasons(self, name: str) -> tuple[str, ...]:
+        samples = self._dataflow.statistics(name).samples
+        if not self._meters[name].is_silent(samples):
+            return ()
+        clock = self._clock.reason()
+        found = self._dataflow.waits_for(name, self._clock.since, self._topic_reason)
+        reasons = tuple(filter(None, (clock, *found)))
+        # A topic whose publishers keep their messages may be silent.
+        return reasons if reasons or samples else ('no sample has come yet',)
+
+    def _topic_reason(self, topic: str) -> str:
+        # The graph is asked once a second: many streams may be made of one topic.
+        if topic not in self._topic_reasons:
+            since = None if self._clock.reason() else self._clock.since
+            self._topic_reasons[topic] = self._sources.reason(topic, since)
+        return self._topic_reasons[topic]
