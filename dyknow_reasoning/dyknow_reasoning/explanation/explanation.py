@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections import defaultdict
 from collections.abc import Mapping
+from functools import cached_property
 
 from dyknow_common import Value, format_time
 from dyknow_reasoning.execution import DecidingMoment, InstanceVerdict
@@ -182,8 +183,12 @@ class _Explainer:
         """Return the valid time of the state that reached a window; None if it is unknown."""
         if node.end is not None:
             return self._times[node.end.state]
-        known = sides(node) in windows_of_known_origin(self._before.instance.node)
+        known = sides(node) in self._known_origins
         return self._before.window_origins.get(sides(node)) if known else None
+
+    @cached_property
+    def _known_origins(self) -> frozenset[Sides]:
+        return windows_of_known_origin(self._before.instance.node)
 
     def _time(self, bound: Bound, *, fresh: bool) -> int:
         return (self._now if fresh else self._times[bound.state]) + bound.offset
