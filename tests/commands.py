@@ -33,9 +33,13 @@ def running(line: list[str], environment: dict[str, str]) -> Iterator[subprocess
         process.send_signal(signal.SIGTERM)
         assert process.wait(30) == 0
     finally:
-        if process.poll() is None:
+        # After a failure, the nodes that the process has started must end too.
+        process.terminate()
+        try:
+            process.communicate(timeout=30)
+        except subprocess.TimeoutExpired:
             os.killpg(process.pid, signal.SIGKILL)
-        process.communicate()
+            process.communicate()
 
 
 def output_of(line: list[str], environment: dict[str, str], limit: float = 90.0) -> Any:

@@ -6,7 +6,7 @@ import json
 import os
 import subprocess
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from pathlib import Path
 
 import pytest
@@ -33,9 +33,9 @@ def dyknow_with_a_boat(folder: Path) -> Iterator[tuple[Client, dict[str, str]]]:
         client = Client(environment)
         publisher = client.node.create_publisher(Float64, '/boat1/draught', 10)
         client.node.create_timer(0.1, lambda: publisher.publish(Float64(data=120.0)))
-        client.wait_for_coordinator()
-        yield client, environment
-        client.close()
+        with closing(client):
+            client.wait_for_coordinator()
+            yield client, environment
 
 
 def output(client: Client, line: list[str], environment: dict[str, str]) -> str:
