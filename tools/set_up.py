@@ -83,6 +83,7 @@ def set_up_from_pypi():
     for group in ('ros', 'build', 'run', 'test', 'check'):
         install('--group', group)
     # The wheels of ROS install lark-parser, the old name of lark, into the same folder.
+    run(str(PYTHON), '-m', 'pip', 'uninstall', '-qq', '--yes', 'lark-parser')
     install('--force-reinstall', '--no-deps', 'lark>=1.3,<2')
     correct_paths_of_wheels()
 

@@ -18,12 +18,14 @@ from dyknow_common.durations import (
 )
 from dyknow_common.errors import DyKnowError, ExitCode, shortened
 from dyknow_common.field_paths import absence, all_elements, listed_as
-from dyknow_common.parsing import (
+from dyknow_common.limits import (
     MAX_CHARACTERS,
     MAX_DEPTH,
     MAX_FORMULA_PARTS,
     MAX_STREAM_PARTS,
     MAX_WORDS,
+)
+from dyknow_common.parsing import (
     NOWHERE,
     ConstraintBuilder,
     Language,
@@ -40,8 +42,7 @@ from dyknow_common.parsing import (
     quoted,
     text_value,
 )
-from dyknow_common.reserved_words import FORMULA_WORDS, FUNCTIONS, SSL_WORDS
-from dyknow_common.symbol import Symbol, SymbolKind
+from dyknow_common.symbol import FORMULA_WORDS, FUNCTIONS, SSL_WORDS, Symbol, SymbolKind
 from dyknow_common.text_files import open_text, read_file, read_text
 from dyknow_common.units import check_unit, unit_conversion
 from dyknow_common.values import Value, ValueType

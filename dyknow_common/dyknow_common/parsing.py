@@ -28,23 +28,9 @@ from lark.visitors import Transformer_NonRecursive
 from dyknow_common.constraints import CONSTRAINT_KINDS
 from dyknow_common.durations import MAX_DIGITS, parse_duration
 from dyknow_common.errors import DyKnowError, ExitCode, shortened
+from dyknow_common.limits import MAX_CHARACTERS, MAX_DEPTH, MAX_WORDS
 
 Syntax = TypeVar('Syntax')
-
-MAX_CHARACTERS: Final = 1_000_000
-"""The length of a text."""
-
-MAX_WORDS: Final = 200_000
-"""The number of words and symbols in a text, which bounds the time to parse it."""
-
-MAX_STREAM_PARTS: Final = 200_000
-"""The number of parts of the streams of a text, each with all streams that it is made of."""
-
-MAX_FORMULA_PARTS: Final = 1_000_000
-"""The number of parts of a formula for all objects that its variables range over."""
-
-MAX_DEPTH: Final = 100
-"""The depth to which a text nests, and so to which functions may recurse over its syntax."""
 
 _ASCII_COMPARISONS: Final = {'≠': '!=', '≤': '<=', '≥': '>='}
 
@@ -95,9 +81,6 @@ class SyntaxNode:
     """A part of the abstract syntax; nodes that differ in their positions only are equal."""
 
     position: TextPosition = field(default=NOWHERE, compare=False)
-
-
-Node = TypeVar('Node', bound=SyntaxNode)
 
 
 class LanguageError(DyKnowError):
@@ -217,7 +200,7 @@ class Language:
             raise PositionedError(message, _position_at(text, found.start()))
 
     def _tree(self, text: str) -> Tree[Token]:
-        parser = self._parser.parse_interactive(text)
+        parser: Any = self._parser.parse_interactive(text)  # typed in part only
         last = None
         try:
             for count, last in enumerate(parser.iter_parse(), start=1):
@@ -233,7 +216,7 @@ class Language:
             raise self._unexpected_token(text, error, parser.accepts()) from None
         return tree
 
-    def check_depth(self, root: Node, parts: Callable[[Node], Iterable[Node]]) -> None:
+    def check_depth(self, root: SyntaxNode, parts: Callable[[Any], Iterable[SyntaxNode]]) -> None:
         """Check that functions may recurse over a part of the abstract syntax.
 
         Args:

@@ -1,9 +1,22 @@
-"""Symbols of formulas, which must be grounded before the formula can be evaluated."""
+"""Symbols of formulas, which are grounded before its evaluation, and names that are no symbols."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import IntEnum
+from typing import Final
+
+FORMULA_WORDS: Final = frozenset(
+    {'true', 'false', 'not', 'and', 'or', 'forall', 'exists', 'in', 'always', 'eventually'}
+    | {'until', 'U'}
+)
+"""The reserved words of formulas; a test compares them with the grammar."""
+
+SSL_WORDS: Final = frozenset({'for', 'where', 'with', 'contains'})
+"""The reserved words of annotations; a test compares them with the grammar."""
+
+FUNCTIONS: Final = frozenset({'abs', 'max', 'maximum', 'mean', 'min', 'minimum', 'sqrt', 'sum'})
+"""Names of functions, which no feature and no stream may have."""
 
 
 class SymbolKind(IntEnum):

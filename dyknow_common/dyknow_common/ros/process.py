@@ -1,4 +1,4 @@
-"""The process of a node: its start, its watchdog, its shutdown, its exit code."""
+"""The process of a node: its start, its shutdown, its exit code."""
 
 from __future__ import annotations
 
@@ -23,8 +23,8 @@ from dyknow_common.executables import CANNOT_START, FAULT, LAUNCHER
 from dyknow_common.ros.commands import ROS_ERRORS
 from dyknow_common.ros.deadlines import TICK_PERIOD_S
 from dyknow_common.ros.executor import node_executor
-from dyknow_common.ros.node import HANG_LIMIT_S, DyKnowNode
-from dyknow_common.ros.qos import HEARTBEAT_PERIOD_S
+from dyknow_common.ros.node import DyKnowNode
+from dyknow_common.ros.watchdog import WITHOUT_STDERR, Watchdog
 from dyknow_main import STOP_SIGNALS, handle, ignore
 
 SHUTDOWN_TIMEOUT_S = 5.0
@@ -34,90 +34,6 @@ _PR_SET_PDEATHSIG = 1
 
 HANG_TIMEOUT_S = 9.0
 """The time that the middleware may take to stop: seconds on a busy machine. Launchers wait 10 s."""
-
-HUNG = 70
-"""The exit code of a node that hangs while it runs (EX_SOFTWARE of sysexits.h)."""
-
-FREEZE_GRACE_S = 10.0
-"""The time between the two signals that end a process in which no thread of Python can run."""
-
-WITHOUT_STDERR = (AttributeError, OSError, RuntimeError, ValueError)
-"""The errors of output to stderr where there is none."""
-
-_INT_AND_POINTER = (ctypes.c_int, ctypes.c_void_p)
-
-
-class Watchdog:
-    """A thread that publishes the heartbeats of a node, and ends the process if it hangs.
-
-    The thread counts its own periods, so time in which the process is stopped (SIGSTOP) does not
-    count. If a thread that hangs holds the GIL, no other one can run. Then SIGALRM ends the
-    process, which is handled without Python:
-
-         0.0 s  the thread sets the timer of SIGALRM to `hang_limit`, and publishes a heartbeat
-         0.5 s  the same again
-         0.7 s  a thread waits for ever, with the GIL
-        20.5 s  SIGALRM: the tracebacks of all threads are printed
-        30.5 s  SIGALRM: the process ends. A process that was stopped for 20 s and continues sets
-                the timer again in between
-    """
-
-    def __init__(self) -> None:
-        self._node: DyKnowNode | None = None
-        self._limit_s = HANG_LIMIT_S
-        self._stopped = threading.Event()
-        with suppress(*WITHOUT_STDERR):
-            faulthandler.register(signal.SIGALRM, all_threads=True)
-        self._libc = ctypes.CDLL(None)
-        self._libc.signal.argtypes = self._libc.sysv_signal.argtypes = _INT_AND_POINTER
-        self._libc.signal.restype = ctypes.c_void_p
-        self._print_tracebacks = self._libc.signal(signal.SIGALRM, None)
-        self._thread = threading.Thread(target=self._run, daemon=True)
-        self._thread.start()
-
-    def guard(self, node: DyKnowNode) -> None:
-        """Publish the heartbeats of a node whose executor is about to run."""
-        self._limit_s = node.hang_limit_s
-        self._node = node
-
-    def stop(self) -> None:
-        """End the heartbeats and the guard."""
-        self._stopped.set()
-        self._thread.join(HEARTBEAT_PERIOD_S)
-        signal.setitimer(signal.ITIMER_REAL, 0.0)
-
-    def _run(self) -> None:
-        while not self._stopped.is_set():
-            # A handler that `sysv_signal` sets is called once; then the default action is restored.
-            self._libc.sysv_signal(signal.SIGALRM, self._print_tracebacks)
-            signal.setitimer(signal.ITIMER_REAL, self._limit_s, FREEZE_GRACE_S)
-            if self._node is not None and not self._publish(self._node):
-                return
-            self._stopped.wait(HEARTBEAT_PERIOD_S)
-
-    def _publish(self, node: DyKnowNode) -> bool:
-        """Publish a heartbeat; return True unless the node is stopping."""
-        try:
-            hung_s = node.heartbeat.publish()
-        except RuntimeError:
-            if node.context.ok():
-                raise
-            return False
-        if node.context.ok() and 0.0 < self._limit_s < hung_s:
-            _end_hung(hung_s)
-        return True
-
-
-def _end_hung(hung_s: float) -> None:
-    # The logger of the node uses the middleware.
-    with suppress(*WITHOUT_STDERR):
-        print(  # noqa: T201
-            f'The executor or the middleware has hung for {hung_s:g} s, so the process ends:',
-            file=sys.stderr,
-            flush=True,
-        )
-        faulthandler.dump_traceback(all_threads=True)
-    os._exit(HUNG)
 
 
 def _end_with_launcher() -> None:
@@ -177,6 +93,11 @@ def run(
         print(' '.join(str(error).split()), file=sys.stderr)  # noqa: T201
         return failure
     _exit_after_stop(stopped)
+    return _run(make_node, failure, stopped)
+
+
+def _run(make_node: Callable[[], DyKnowNode], failure: int, stopped: threading.Event) -> int:
+    """Run a node within an initialised context; return the exit code."""
     watchdog = Watchdog()
     node: DyKnowNode | None = None
     executor = node_executor()

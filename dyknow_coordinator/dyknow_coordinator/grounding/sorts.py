@@ -58,7 +58,7 @@ def places_of_variables(symbols: Iterable[Symbol]) -> dict[str, tuple[ArgumentPl
     return {variable: tuple(found) for variable, found in places.items()}
 
 
-def declared_sorts(place: ArgumentPlace, rows: Sequence[tuple[str, str]]) -> frozenset[str]:
+def declared_sorts(place: ArgumentPlace, rows: Sequence[tuple[str, ...]]) -> frozenset[str]:
     """Return the sorts of an argument, given the solutions of its query.
 
     A feature that states the sort itself does not inherit it.
