@@ -18,7 +18,6 @@ from dyknow_common.ros.node import (
     fill_exit_status,
     snake_case,
 )
-from dyknow_common.ros.node_adapter import NodeAdapter
 from dyknow_common.ros.process import run
 from dyknow_common.ros.qos import (
     HEARTBEAT,
@@ -30,7 +29,7 @@ from dyknow_common.ros.qos import (
     STREAM,
     VIOLATIONS,
 )
-from dyknow_common.ros.remote_node import RemoteNode
+from dyknow_common.ros.remote_node import NodeAdapter, RemoteNode
 from dyknow_common.ros.report_command import ReportCommand, add_report_options
 from dyknow_common.ros.throttle import LogOnce, Throttle
 from dyknow_common.ros.time_messages import (
