@@ -29,7 +29,7 @@ def dyknow_with_a_boat(folder: Path) -> Iterator[tuple[Client, dict[str, str]]]:
     environment = private_environment()
     with running(command('dyknow', 'up', '--store', str(folder)), environment) as process:
         assert process.stdout is not None
-        assert 'DyKnow runs' in process.stdout.readline()
+        assert any('DyKnow runs' in line for line in process.stdout)
         client = Client(environment)
         publisher = client.node.create_publisher(Float64, '/boat1/draught', 10)
         client.node.create_timer(0.1, lambda: publisher.publish(Float64(data=120.0)))

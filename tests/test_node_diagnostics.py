@@ -69,7 +69,7 @@ def test_each_node_logs_what_it_has_loaded(tmp_path: Path) -> None:
     ) as nodes:
         expected = {
             'stream_manager': 'ready: 2 streams from 1 file',
-            'ontology_manager': 'ready: 4 concepts, 2 features, 1 object from 1 file',
+            'ontology_manager': 'ready: 3 concepts, 2 features, 1 object from 1 file',
             'stream_semantics_manager': 'ready: 2 annotations from 1 file',
             'stream_reasoning_engine': 'ready',
         }

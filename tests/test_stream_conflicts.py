@@ -101,7 +101,7 @@ def test_a_request_for_a_name_that_is_taken(nodes: StreamNodes) -> None:
     )
     assert refused.exit_status.code == ExitStatus.ALREADY_EXISTS
     assert not refused.stream_topic
-    nodes.wait_until_flowing('level')
+    nodes.until(lambda: bool(nodes.report.streams), 'the manager reports the stream of the engine')
     refused = nodes.call(
         MANAGER, srv.StreamCreateFromSpec, spec=StreamSpec(name='level', specification=REQUESTED)
     )

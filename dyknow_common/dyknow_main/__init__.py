@@ -8,6 +8,7 @@ the imports (`run` of nodes, `interruptible` of commands) replace the handlers t
 
 from __future__ import annotations
 
+import ctypes
 import os
 import signal
 import sys
@@ -60,5 +61,9 @@ def handle(numbers: Iterable[int], handler: Callable[[int, FrameType | None], No
 
 def ignore(numbers: Iterable[int]) -> None:
     """Ignore signals."""
+    libc = ctypes.CDLL(None)
     for number in numbers:
+        # Python prints an error for a signal that it has received before its handler was removed.
+        signal.signal(number, lambda *_: None)
+        libc.signal(number, ctypes.c_void_p(signal.SIG_IGN))
         signal.signal(number, signal.SIG_IGN)

@@ -77,7 +77,7 @@ def test_samples_that_wait_for_the_clock_are_the_reason(flow: Flow) -> None:
 
 
 def test_samples_of_the_future_are_the_reason(flow: Flow) -> None:
-    flow.create('"a" with max_delay = 1 s').push('a', 5000, 2, x=1)
+    flow.create('"a" with max_delay = 1 s, max_lead = 5 s').push('a', 5000, 2, x=1)
     assert reasons(flow) == ['samples of a are stamped later than the time of the clock, and wait']
 
 
@@ -94,7 +94,7 @@ def test_a_state_that_waits_for_a_max_delay_says_for_whose(flow: Flow) -> None:
 
 
 def test_an_input_that_lags_behind_the_others_is_named(flow: Flow) -> None:
-    flow.create('sync("a", "b")')
+    flow.create('sync(("a" with max_lead = 1 h), "b")')
     flow.push('a', 0, 1000, x=1)
     flow.push('b', 0, 1000, y=1)
     flow.take()

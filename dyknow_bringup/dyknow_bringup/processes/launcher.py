@@ -132,6 +132,12 @@ class Launcher:
         _signal_group(running, signal.SIGKILL)
         running.wait()
 
+    def stop(self, name: str, timeout_s: float = 10.0) -> int:
+        """Stop a process, by the name of its node, and return its exit code."""
+        running = self._running.pop(name)
+        _signal_group(running, signal.SIGTERM)
+        return _wait(running, timeout_s)
+
     def stop_all(self, timeout_s: float = 10.0) -> dict[str, int]:
         """Stop all processes and return their exit codes; kill those that exceed the timeout."""
         for running in self._running.values():

@@ -168,6 +168,7 @@ class SourceOperator(Operator):
         self.timed = self._receipt_time = receipt_time
         self.is_checked = False
         """True while a sample is pushed whose stamps another engine has checked."""
+        self._latest_receipt = BEGINNING
 
     def push(
         self,
@@ -179,9 +180,11 @@ class SourceOperator(Operator):
         """Pass a sample on, without a promise about the next one."""
         self.emitted_at = now
         self.is_checked = is_checked
-        if self._receipt_time and valid_time < now:
-            # The clock has made all earlier times certain, before this sample was processed.
-            valid_time = now
+        if self._receipt_time:
+            latest, self._latest_receipt = self._latest_receipt, valid_time
+            if latest <= valid_time < now:
+                # The clock has made all earlier times certain, before this sample was processed.
+                valid_time = now
         for consumer, port in self.consumers:
             consumer.receive(port, valid_time, fields, NO_PROMISE, now)
 
