@@ -64,6 +64,8 @@ def test_stamps_ahead_of_the_clock() -> None:
     topic = SourceReport('/t', 200, 1_000 * MS, -5_010 * MS)
     dropped = replace(FLOWING, flow=Flow(), sources=(SourceReport('/other'), topic))
     assert 'power flowing 120 0.0 Hz ahead 5.01 s 3 2' in shown(stream_table([dropped], []))
+    waiting = replace(dropped, state=StreamState.WAITING, message='all dropped')
+    assert 'power waiting ahead 5.01 s all dropped' in shown(stream_table([waiting], []))
     lines = shown(stream_details(dropped, 1_310 * MS))
     assert 'delay ahead 5.01 s' in lines
     assert '/t: 200 received, the latest 310 ms ago, stamped ahead 5.01 s' in lines

@@ -88,6 +88,7 @@ def _row(report: StreamReport, *, several_engines: bool) -> list[Cell]:
     elif report.state is StreamState.REGISTERED:
         remark = report.message or report.topic
     else:
+        figures[_FIGURES.index('delay')], _ = _delays(report)
         remark = report.message.partition('\n')[0]
     return [report.name, _state(report), *figures, remark]
 

@@ -211,18 +211,12 @@ class TopicSources:
 
 
 class _Arrival(NamedTuple):
-    """A sample as it is received.
-
-    Args:
-        time: of the receipt, nanoseconds.
-        checked_at: the available time by the clock of the engine that made it; 0 if none did.
-    """
+    """A message with its valid time and the time of its receipt, in nanoseconds."""
 
     source: _Source
-    time: int
+    message: Any
     valid_time: int
-    fields: Mapping[str, Value]
-    checked_at: int
+    time: int
 
 
 @dataclass(eq=False, slots=True)
@@ -283,24 +277,24 @@ class _Source:
                     f"topic '{self.topic}' leaves its stamps at zero: the time of receipt is used"
                 )
             valid_time = now
-        try:
-            fields = self.extract(message)
-        except StreamError as error:
-            self._reject(valid_time, now, str(error))
-            return
-        self.fault = ''
-        checked_at = time_to_nanoseconds(message.available_time) if self.is_sample else 0
-        arrival = _Arrival(self, now, valid_time, fields, checked_at)
+        arrival = _Arrival(self, message, valid_time, now)
         if not (valid_time - now > self.dataflow.max_lead and self.hold(arrival)):
             self.push(arrival, now)
 
     def push(self, arrival: _Arrival, now: int) -> None:
-        """Push a sample into the dataflow."""
-        self.delay = now - arrival.valid_time
-        sample = Sample(arrival.valid_time, now, arrival.fields)
-        # An engine whose clock is ahead of this one has not noticed stamps that are, too.
-        is_checked = 0 < arrival.checked_at <= now + self.dataflow.max_lead
-        self.dataflow.push(self.topic, sample, is_checked=is_checked)
+        """Push a sample into the dataflow, with the fields that it needs now."""
+        message, valid_time = arrival.message, arrival.valid_time
+        if self.extract is None or type(message) is not self.class_:
+            self._reject(valid_time, now, 'the type of the topic has changed')
+            return
+        self.delay = now - valid_time
+        try:
+            sample = Sample(valid_time, now, self.extract(message))
+        except StreamError as error:
+            self._reject(valid_time, now, str(error))
+            return
+        self.fault = ''
+        self.dataflow.push(self.topic, sample, is_checked=self._is_checked(message, now))
         self.schedule()
 
     def on_lost(self, count: int) -> None:
@@ -308,6 +302,13 @@ class _Source:
 
     def on_violation(self, violation: Violation) -> None:
         self.dataflow.report(self.topic, violation)
+
+    def _is_checked(self, message: Any, now: int) -> bool:
+        """Return True if an engine has made a sample, by a clock that is not ahead of this one."""
+        if not self.is_sample:
+            return False
+        available_time = time_to_nanoseconds(message.available_time)
+        return 0 < available_time <= now + self.dataflow.max_lead
 
     def _reject(self, valid_time: int, now: int, fault: str) -> None:
         text = f"stream '{self.topic}': a message cannot be used: {fault}"
