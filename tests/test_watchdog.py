@@ -107,6 +107,18 @@ def test_a_node_that_is_busy_for_less_than_the_limit_goes_on() -> None:
     assert (code, errors) == (0, '')
 
 
+def test_a_node_that_awaits_something_for_longer_goes_on() -> None:
+    """Though callbacks of the same group cannot run meanwhile."""
+    setting = f'async def work(self): await self.deadlines.after(4.0); {SAY}\nNode.work = work'
+    with node_that(
+        'pass', *HANG_LIMIT, environment=private_environment(), setting=setting
+    ) as process:
+        wait_for_work(process, times=2)
+        process.send_signal(signal.SIGTERM)
+        code, errors = end_of(process, LIMIT)
+    assert (code, errors) == (0, '')
+
+
 def test_without_a_limit_no_node_is_ended() -> None:
     with node_that(
         f'time.sleep(3.0); {SAY}', '-p', 'hang_limit:=0.0', environment=private_environment()
