@@ -16,6 +16,7 @@ from contextlib import suppress
 import rclpy
 from rclpy.exceptions import NameValidationException, ParameterException
 from rclpy.executors import ExternalShutdownException
+from rclpy.logging import get_logger
 from rclpy.signals import SignalHandlerOptions, install_signal_handlers
 
 from dyknow_common.errors import DyKnowError
@@ -34,9 +35,6 @@ _PR_SET_PDEATHSIG = 1
 
 HANG_TIMEOUT_S = 9.0
 """The time that the middleware may take to stop: seconds on a busy machine. Launchers wait 10 s."""
-
-HUNG = 70
-"""The exit code of a node that hangs while it runs (EX_SOFTWARE of sysexits.h)."""
 
 FREEZE_GRACE_S = 10.0
 """The time between the two signals that end a process in which no thread of Python can run."""
@@ -109,15 +107,13 @@ class Watchdog:
 
 
 def _end_hung(hung_s: float) -> None:
-    # The logger of the node uses the middleware.
+    # The loggers of nodes publish, and the middleware may hang.
+    get_logger('watchdog').fatal(
+        f'The executor or the middleware has hung for {hung_s:g} s, so the process ends.'
+    )
     with suppress(*WITHOUT_STDERR):
-        print(  # noqa: T201
-            f'The executor or the middleware has hung for {hung_s:g} s, so the process ends:',
-            file=sys.stderr,
-            flush=True,
-        )
         faulthandler.dump_traceback(all_threads=True)
-    os._exit(HUNG)
+    os._exit(FAULT)
 
 
 def _end_with_launcher() -> None:
