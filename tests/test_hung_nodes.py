@@ -89,7 +89,7 @@ def test_all_nodes_that_only_ground_stop(
 def test_a_hiccup_is_no_failure(
     system: System, batteries: Batteries, evaluations: Evaluations
 ) -> None:
-    """A node that is stopped for less than its lease and the grace loses nobody a verdict."""
+    """A node that is stopped for less than the time limit loses nobody a verdict."""
     future = system.ask(ALWAYS, timeout=60.0)
     (before,) = evaluations.wait_for_state()
     for executable in (REASONER, 'stream_reasoning_coordinator', 'stream_manager'):

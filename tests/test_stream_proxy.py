@@ -380,7 +380,7 @@ def test_violations_of_a_stream_reach_the_streams_made_from_it(client: Client) -
     assert recording.broken() == ['after']
     assert recording.violations[0].stream_name == 'far'
     client.node.destroy_publisher(violations)
-    client.spin_until(lambda: len(recording.violations) == 2, 'the end of the lease')
+    client.spin_until(lambda: len(recording.violations) == 2, 'the end of the publisher')
     assert recording.broken()[1] == 'source'
     assert 'gone' in recording.violations[1].message
 

@@ -11,10 +11,10 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+from dyknow_common.executables import FAULT
 from node_processes import end_of, node_that
 from system import LIMIT, private_environment
 
-HUNG = 70
 HANG_LIMIT = ('-p', 'hang_limit:=2.0')
 SAY = "print('works', flush=True)"
 MUTEX = 'mutex = ctypes.create_string_buffer(64); lock = ctypes.{}(None).pthread_mutex_lock; '
@@ -36,7 +36,7 @@ def test_a_node_that_is_stuck_in_a_callback_ends() -> None:
         'threading.Event().wait()', *HANG_LIMIT, environment=private_environment()
     ) as process:
         code, errors = end_of(process, LIMIT)
-    assert code == HUNG, errors
+    assert code == FAULT, errors
     assert 'has hung for' in errors
     assert 'in work' in errors
 
@@ -79,7 +79,7 @@ def test_a_node_whose_middleware_hangs_ends() -> None:
         assert process.stderr is not None
         with stopped_middleware(process):
             errors = process.stderr.read()
-        assert process.wait(LIMIT) == HUNG
+        assert process.wait(LIMIT) == FAULT
     assert 'has hung for' in errors
     assert 'in spin' in errors
 
@@ -106,6 +106,18 @@ def test_a_node_that_is_busy_for_less_than_the_limit_goes_on() -> None:
         code, errors = end_of(process, LIMIT)
     assert code == 0
     assert 'Traceback' not in errors
+
+
+def test_a_node_that_awaits_something_for_longer_goes_on() -> None:
+    """Though callbacks of the same group cannot run meanwhile."""
+    setting = f'async def work(self): await self.deadlines.after(4.0); {SAY}\nNode.work = work'
+    with node_that(
+        'pass', *HANG_LIMIT, environment=private_environment(), setting=setting
+    ) as process:
+        wait_for_work(process, times=2)
+        process.send_signal(signal.SIGTERM)
+        code, errors = end_of(process, LIMIT)
+    assert (code, errors) == (0, '')
 
 
 def test_without_a_limit_no_node_is_ended() -> None:

@@ -59,6 +59,13 @@ def test_faults_of_python_are_errors(log: Path) -> None:
     )
 
 
+def test_tracebacks_of_all_threads_are_one_error(log: Path) -> None:
+    reader = LogReader(log)
+    tracebacks = 'Thread 0x1 (most recent call first):\n  f\nCurrent thread 0x2 (most recent):\n  g'
+    write(log, f'[INFO] [1.5] [a]: started\n{tracebacks}\n')
+    assert reader.read() == (LogRecord('ERROR', tracebacks),)
+
+
 def test_what_a_log_contains_already_is_skipped(log: Path) -> None:
     write(log, '[ERROR] [1.5] [a]: old\n')
     assert LogReader(log).read() == ()

@@ -50,7 +50,11 @@ def test_types_of_columns(header: str, cells: list[str], expected: list[Value | 
         ('m', ['5', 'A'], "declare a column of strings as 'm: string'"),
         ('m: int', ['1', '1.5'], "line 3, column 'm': '1.5' is not of the type of the column, int"),
         ('m: boolean', ['1'], "'1' is not of the type of the column, boolean"),
-        ('m', ['9' * 5000], r"line 2, column 'm': '9{50}…9{50}' is an integer of more than 64 bits"),
+        (
+            'm',
+            ['9' * 5000],
+            r"line 2, column 'm': '9{50}…9{50}' is an integer of more than 64 bits",
+        ),
         ('m', [str(2**63)], 'more than 64 bits'),
         ('m', ['0.5', '9' * 30], 'more than 64 bits'),
         ('m', ['1e400'], "'1e400' is too large for a float"),

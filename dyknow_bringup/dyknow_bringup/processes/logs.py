@@ -22,7 +22,14 @@ MAX_RECORDS: Final = 20
 """Records of a node that are shown in a period."""
 
 _RECORD: Final = re.compile(r'\[(DEBUG|INFO|WARN|ERROR|FATAL)\] \[[\d.]+\] \[[^\]]*\]: (.*)')
-_FAULTS_OF_PYTHON: Final = ('Traceback ', 'Exception ignored ', 'Fatal Python error')
+_FAULTS_OF_PYTHON: Final = (
+    'Traceback ',
+    'Exception ignored ',
+    'Fatal Python error',
+    # The watchdog of a node that hangs prints the tracebacks of all threads.
+    'Thread 0x',
+    'Current thread 0x',
+)
 _SHOWN: Final = {'WARN', 'ERROR', 'FATAL'}
 _MAX_LAST_LINES: Final = 15
 

@@ -23,6 +23,7 @@ from datetime import UTC, datetime
 from typing import Any, Final
 
 from dyknow_interfaces.msg import Heartbeat
+from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.duration import Duration
 from rclpy.event_handler import PublisherEventCallbacks
 from rclpy.node import Node
@@ -67,6 +68,8 @@ class NodeHeartbeat:
             DyKnowError: ALREADY_EXISTS, if another node of this name is running.
         """
         self._check_name()
+        # A callback of another group may await something for long.
+        group = ReentrantCallbackGroup()
         self._publisher = self._node.create_publisher(
             Heartbeat,
             '~/heartbeat',
@@ -78,8 +81,11 @@ class NodeHeartbeat:
             event_callbacks=PublisherEventCallbacks(
                 deadline=self._on_progress, use_default_callbacks=False
             ),
+            callback_group=group,
         )
-        self._node.create_subscription(Heartbeat, '~/heartbeat', self._on_heartbeat, HEARTBEAT)
+        self._node.create_subscription(
+            Heartbeat, '~/heartbeat', self._on_heartbeat, HEARTBEAT, callback_group=group
+        )
         self.publish()
 
     def publish(self) -> float:

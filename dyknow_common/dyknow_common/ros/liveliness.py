@@ -1,7 +1,7 @@
 """Liveliness of other nodes, by their heartbeats.
 
-Every node of DyKnow publishes `~/heartbeat` each PERIOD_S. A reader counts the periods of its own
-timer since the last heartbeat. So time in which the reader itself cannot run does not count:
+Every node of DyKnow publishes `~/heartbeat` each HEARTBEAT_PERIOD_S. A reader counts the periods of
+its own timer since the last heartbeat. So time in which the reader cannot run does not count:
 
      0.0 s  the first heartbeat: the node is alive
      7.0 s  the reader is stopped (SIGSTOP)

@@ -6,10 +6,11 @@ import ctypes
 import faulthandler
 import os
 import signal
-import sys
 import threading
 from contextlib import suppress
 from typing import Final
+
+from rclpy.logging import get_logger
 
 from dyknow_common.executables import FAULT
 from dyknow_common.ros.node import HANG_LIMIT_S, DyKnowNode
@@ -86,12 +87,10 @@ class Watchdog:
 
 
 def _end_hung(hung_s: float) -> None:
-    # The logger of the node uses the middleware.
+    # The loggers of nodes publish, and the middleware may hang.
+    get_logger('watchdog').fatal(
+        f'The executor or the middleware has hung for {hung_s:g} s, so the process ends.'
+    )
     with suppress(*WITHOUT_STDERR):
-        print(  # noqa: T201
-            f'The executor or the middleware has hung for {hung_s:g} s, so the process ends:',
-            file=sys.stderr,
-            flush=True,
-        )
         faulthandler.dump_traceback(all_threads=True)
     os._exit(FAULT)
