@@ -12,11 +12,12 @@ from collections.abc import Set as AbstractSet
 from itertools import chain, count
 from typing import Any
 
-from dyknow_common import ExitCode, Symbol, SymbolKind, Verdict, round_time
+from dyknow_common import ExitCode, Symbol, SymbolKind, Verdict, round_time, shortened
 from dyknow_reasoning.errors import ReasoningError
 from dyknow_reasoning.execution import InstanceMonitor, Outcomes, Recording
 from dyknow_reasoning.explanation.explanation import explain
 from dyknow_reasoning.explanation.remainders import Remainders
+from dyknow_reasoning.language.formula import Formula
 from dyknow_reasoning.language.parsing import parse_formula
 from dyknow_reasoning.language.symbols import symbols_of
 from dyknow_reasoning.language.type_checking import check_types
@@ -44,7 +45,8 @@ class FormulaGroup:
     they need the domains before `begin`.
 
     Args:
-        node_limit: a formula that grows to more nodes by progression fails.
+        node_limit: a formula with more nodes for a choice of objects is refused; one that grows
+            to more nodes by progression fails.
     """
 
     def __init__(self, node_limit: int = DEFAULT_NODE_LIMIT) -> None:
@@ -80,12 +82,13 @@ class FormulaGroup:
 
         Raises:
             LanguageError: for a text that is not a formula or is badly typed, with the position.
-            ReasoningError: if the group has begun, for a sort without a domain.
+            ReasoningError: if the group has begun, for a sort without a domain, or a formula that
+                is too large for its domains.
         """
         formula = parse_formula(text)
         named = NamedFormula(name, formula, check_types(formula, text))
         self._limit_nodes()
-        instances = instances_of(formula, self._domains, self._store) if self._monitor else []
+        instances = self._instances_of(formula, self._domains) if self._monitor else []
         formula_id = next(self._ids)
         self._formulas[formula_id] = named
         if self._monitor:
@@ -117,12 +120,13 @@ class FormulaGroup:
         """Fix the objects of each sort.
 
         Raises:
-            ReasoningError: for a sort without a domain, or if the group has begun before.
+            ReasoningError: for a sort without a domain, for a formula that is too large for the
+                domains, or if the group has begun before.
         """
         if self._monitor:
             raise ReasoningError('the formula group has begun already', ExitCode.ALREADY_EXISTS)
         instances = {
-            formula_id: instances_of(each.formula, domains, self._store)
+            formula_id: self._instances_of(each.formula, domains)
             for formula_id, each in self._formulas.items()
         }
         self._domains = domains
@@ -242,6 +246,16 @@ class FormulaGroup:
                 f'the formula group has no formula {formula_id}', ExitCode.NOT_FOUND
             )
         return self._formulas[formula_id]
+
+    def _instances_of(self, formula: Formula, domains: Domains) -> list[Instance]:
+        instances = instances_of(formula, domains, self._store)
+        size = max((instance.node.size for instance in instances), default=0)
+        if size > self._node_limit:
+            raise ReasoningError(
+                f'the formula has {shortened(size)} nodes, more than {self._node_limit}; each '
+                f"'<->' doubles those of both sides"
+            )
+        return instances
 
     def _limit_nodes(self) -> None:
         """Drop the nodes of removed formulas if there are many."""
