@@ -32,7 +32,9 @@ def test_mutated_texts(languages: tuple[str, ...]) -> None:
         check=False,
     )
     found = json.loads(script.stdout)
-    assert {name: each['examples'] for name, each in found.items()} == dict.fromkeys(languages, {})
+    assert {name: each['examples'] for name, each in found.items()} == {
+        key: {} for key in languages
+    }
     assert script.returncode == 0
     assert all(each['inputs'] == INPUTS for each in found.values())
     # The mutations leave some texts correct.

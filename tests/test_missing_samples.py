@@ -246,11 +246,9 @@ def test_two_publishers_are_named_in_a_violation(nodes: StreamNodes) -> None:
     publishers = [
         each.create_publisher(Odometry, '/odom', 10) for each in (nodes.client.node, other)
     ]
-    now = nodes.client.node.get_clock().now().nanoseconds - 1000 * SECOND
 
     def publish() -> None:
-        nonlocal now
-        now += SECOND
+        now = nodes.client.node.get_clock().now().nanoseconds
         for number, publisher in enumerate(publishers):
             message = Odometry()
             message.header.stamp = time_of(now - 30 * SECOND * number)

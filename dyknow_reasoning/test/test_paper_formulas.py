@@ -1,5 +1,7 @@
 """The formulas that the paper prints, in its symbols."""
 
+# ruff: noqa: RUF001 - the symbols of the paper
+
 from __future__ import annotations
 
 import pytest
@@ -17,8 +19,10 @@ from dyknow_reasoning import FormulaGroup, ReasoningError, parse_formula, symbol
         ("F' ∪[0, 5000] F''", "F' until[0 s, 5 s] F''"),
         (
             '□ ∀uav: (power(uav) > M → power(uav) < f · M ∪[0,5000] □[0,3000] power(uav) ≤ M)',
-            'always forall uav: (power[uav] > M -> '
-            'power[uav] < f * M until[0 s, 5 s] always[0 s, 3 s] power[uav] <= M)',
+            (
+                'always forall uav: (power[uav] > M -> '
+                'power[uav] < f * M until[0 s, 5 s] always[0 s, 3 s] power[uav] <= M)'
+            ),
         ),
         # Section V.
         (

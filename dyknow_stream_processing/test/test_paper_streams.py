@@ -17,7 +17,10 @@ from dyknow_stream_processing import parse_specification
             'stream S2 = select A, D as F%C% from S1 where B = 2',
         ),
         ("select D as F' from S1 where B = 2", "sink select D as F' from S1 where B = 2"),
-        ("select F' as F'%C'% from S1 where C' ≥ 2", "sink select F' as F'%C'% from S1 where C' >= 2"),
+        (
+            "select F' as F'%C'% from S1 where C' ≥ 2",
+            "sink select F' as F'%C'% from S1 where C' >= 2",
+        ),
         # Figure 3.
         ('stream S3 = merge(S1, S2)', 'stream S3 = merge(S1, S2)'),
         # Figure 4, and a start time.
@@ -32,7 +35,10 @@ from dyknow_stream_processing import parse_specification
         # The constraints of the text.
         (
             'S1 with max_delay = 100, sample_period = 200, sample_period_deviation = 50',
-            'sink S1 with max_delay = 100 ms, sample_period = 200 ms, sample_period_deviation = 50 ms',
+            (
+                'sink S1 with max_delay = 100 ms, sample_period = 200 ms, '
+                'sample_period_deviation = 50 ms'
+            ),
         ),
         # Every rule of the grammar.
         (
@@ -40,16 +46,16 @@ from dyknow_stream_processing import parse_specification
             'source (A: int, B: float, C: string, D: boolean) T;\nsink T with max_delay = 1 ms',
         ),
         (
-            'compunit E: float unit(A: int, (B: float, C: string)); stream S = unit(S1, S2) with '
-            'end_time = 9000',
-            'compunit E: float unit(A: int, (B: float, C: string));\n'
-            'stream S = unit(S1, S2) with end_time = 9 s',
+            ('compunit E: float unit(A: int, (B: float, C: string)); stream S = unit(S1, S2) with '
+            'end_time = 9000'),
+            ('compunit E: float unit(A: int, (B: float, C: string));\n'
+            'stream S = unit(S1, S2) with end_time = 9 s'),
         ),
         (
-            'select A.B as %C.D%E%F% from S1 with max_delay = 1 where A = 1 and B = 2 with '
-            'end_time = 3',
-            'sink select A.B as %C.D%E%F% from (S1 with max_delay = 1 ms) where A = 1 and B = 2 '
-            'with end_time = 3 ms',
+            ('select A.B as %C.D%E%F% from S1 with max_delay = 1 where A = 1 and B = 2 with '
+            'end_time = 3'),
+            ('sink select A.B as %C.D%E%F% from (S1 with max_delay = 1 ms) where A = 1 and B = 2 '
+            'with end_time = 3 ms'),
         ),
     ],
 )  # fmt: skip
