@@ -240,7 +240,7 @@ def nested(opening: str, closing: str, depth: int) -> str:
     ('opening', 'closing'),
     [
         ('select x from ', ''),
-        ('select x from (', ' where x > 0)'),
+        ('select x from (', ') where x > 0'),
         ('select x from (', ' with max_delay = 1 s, end_time = 50000 s)'),
         ('merge(', ')'),
         ('sync(', ' with sample_period = 1 s, start_time = 0 s)'),
@@ -286,7 +286,8 @@ def test_choices_of_too_many_objects(quantifier: str) -> None:
 
 
 def test_other_texts() -> None:
-    for text in ('9' * LONG, '9' * LONG + ' s', ' ' * LONG, '5' + ' ' * LONG, '-' * LONG):
+    assert parse_duration('5' + ' ' * LONG) == parse_duration('5 ms')
+    for text in ('9' * LONG, '9' * LONG + ' s', ' ' * LONG, '-' * LONG):
         with pytest.raises(ValueError, match=r'^.{,300}$'):
             parse_duration(text)
     for text in ('a[' + '9' * LONG, 'a[' + '9' * LONG + ']', 'a[0]' * (LONG // 4), '.' * LONG):

@@ -215,7 +215,9 @@ def test_a_stream_of_another_specification_is_never_used(two_robots: Robots) -> 
     client.spin_until(lambda: len(reports[-1].engines) > 1, 'the other engine')
     running = two_robots.ask('robot1', 'eventually[0 s, 5 s] my_speed > 1.5')
     client.spin_until(
-        lambda: any(of == f'/{arm.name}' for of, _ in two_robots.topics('robot1').values()),
+        lambda: any(
+            each.engine == f'/{arm.name}' and each.samples > 0 for each in reports[-1].streams
+        ),
         'the states',
     )
     two_robots.replace_stream(engine, OTHER)

@@ -72,10 +72,13 @@ class ActionCall:
         # A multi-threaded executor may run two callbacks that end the call at once.
         self._lock = threading.Lock()
         self._deadline = node.wall_clock.now().nanoseconds + round(timeouts.server_s * SECOND_NS)
-        if self._is_server_ready():
-            self._send()
-        else:
+        executor = node.node.executor
+        if executor is None:
             self._poll_later()
+        else:
+            # rclpy discards the response to a goal that the executor receives while another thread
+            # still sends the goal.
+            executor.create_task(self._poll)
 
     def cancel(self) -> None:
         """Cancel the goal; the result is then that of the server, if it answers in time."""
