@@ -13,6 +13,7 @@ from collections.abc import Collection, Iterable, Iterator
 from typing import Final
 
 _INDEX = re.compile(r'\[(?P<first>\d+)(?P<more>\.\.(?P<last>\d*))?\]', re.ASCII)
+_MAX_INDEX_DIGITS: Final = 18
 _MAX_SUGGESTIONS: Final = 4
 
 
@@ -56,9 +57,14 @@ def _shape(path: str) -> str:
     return _INDEX.sub('[]', path)
 
 
-def _bounds(path: str) -> Iterator[tuple[int, float]]:
+def _number(index: str) -> float:
+    # No array is that long, and Python refuses to convert thousands of digits.
+    return int(index) if len(index) <= _MAX_INDEX_DIGITS else math.inf
+
+
+def _bounds(path: str) -> Iterator[tuple[float, float]]:
     for index in _INDEX.finditer(path):
-        first = int(index['first'])
+        first = _number(index['first'])
         last = float(index['last'] or math.inf) if index['more'] else first
         yield first, last
 
@@ -72,7 +78,7 @@ def _covers(listed: str, path: str) -> bool:
 
 def _beyond(listed: str, path: str) -> str | None:
     for index, (_, last) in zip(_INDEX.finditer(path), _bounds(listed), strict=True):
-        if int(index['first']) > last:
+        if _number(index['first']) > last:
             return f"the last element of '{path[: index.start()]}' is [{last:.0f}]"
     return None
 
