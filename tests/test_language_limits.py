@@ -292,6 +292,7 @@ def test_other_texts() -> None:
             parse_duration(text)
     for text in ('a[' + '9' * LONG, 'a[' + '9' * LONG + ']', 'a[0]' * (LONG // 4), '.' * LONG):
         assert listed_as(['a[0..35]', 'b[0..]'], text) is None
+        assert listed_as(['a[0..]'], text) is None
         absence('it', ['a[0..35]'], text)
     for text in ('m' * LONG, '(' * 90 + 'm' + ')' * 9, '1' * 99, 'm^99' * 20, 'km ' * 33):
         tried(check_unit, text)

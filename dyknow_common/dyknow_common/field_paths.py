@@ -73,7 +73,7 @@ def _covers(listed: str, path: str) -> bool:
     if '..' not in listed or _shape(listed) != _shape(path):
         return False
     pairs = zip(_bounds(listed), _bounds(path), strict=True)
-    return all(first <= index <= last for (first, last), (index, _) in pairs)
+    return all(first <= index <= last and index < math.inf for (first, last), (index, _) in pairs)
 
 
 def _beyond(listed: str, path: str) -> str | None:

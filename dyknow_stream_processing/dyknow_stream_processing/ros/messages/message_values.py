@@ -15,7 +15,7 @@ from dyknow_stream_processing.ros.messages.message_types import scalar_fields, t
 from dyknow_stream_processing.sample import PartialFields
 
 _MAX_FLOAT32: Final = (2 - 2**-23) * 2.0**127
-_INDEX: Final = re.compile(r'\[(\d+)\]', re.ASCII)
+_INDEX: Final = re.compile(r'\[(\d{1,18})\]', re.ASCII)
 _SURROGATE: Final = re.compile('[\ud800-\udfff]')
 
 
