@@ -176,7 +176,11 @@ def test_bad_bridges(path: Path) -> None:
 
 
 WORDS = st.from_regex(r'[A-Za-z_][A-Za-z0-9_]{0,6}', fullmatch=True)
-NAMES = WORDS | st.builds('{}:{}'.format, WORDS, WORDS) | st.text(max_size=8)
+NAMES = (
+    WORDS
+    | st.builds('{}:{}'.format, WORDS, WORDS)
+    | st.text(st.characters(exclude_characters='\0', codec='utf-8'), max_size=8)
+)
 RULES = st.builds(Bridge, NAMES, st.sampled_from(Relation), NAMES)
 
 

@@ -71,6 +71,11 @@ def test_an_unknown_name_in_an_empty_ontology() -> None:
         Names('instance', []).iri('x')
 
 
+def test_a_long_unknown_name_is_cut() -> None:
+    with pytest.raises(SemanticsError, match=r"^unknown instance 'a b .{,200}'; there is none$"):
+        Names('instance', []).iri('a b ' * 10_000)
+
+
 @pytest.mark.parametrize(
     ('iri', 'prefix', 'local'),
     [

@@ -7,7 +7,7 @@ from collections.abc import Iterable, Iterator, Mapping
 from difflib import get_close_matches
 from typing import Final
 
-from dyknow_common import ExitCode
+from dyknow_common import ExitCode, shortened
 from dyknow_semantics.errors import SemanticsError
 
 _MAX_LISTED: Final = 10
@@ -125,7 +125,8 @@ class Names:
         if not iris:
             known = {each: self.name(iri) for each, same in self._iris.items() for iri in same}
             hint = suggestion(name, known)
-            raise SemanticsError(f"unknown {self._kind} '{name}'{hint}", ExitCode.NOT_FOUND)
+            message = f"unknown {self._kind} '{shortened(name)}'{hint}"
+            raise SemanticsError(message, ExitCode.NOT_FOUND)
         return next(iter(iris))
 
     def name(self, iri: str) -> str:

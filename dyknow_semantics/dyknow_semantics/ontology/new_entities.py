@@ -15,6 +15,7 @@ from dyknow_common import (
     ExitCode,
     ValueType,
     check_unit,
+    shortened,
 )
 from dyknow_semantics.errors import SemanticsError
 from dyknow_semantics.ontology.features import StatedSignature
@@ -50,7 +51,7 @@ def new_iri(name: str, knowledge: Knowledge, namespaces: Iterable[str], default:
             namespace = knowledge.prefixes.namespace(prefix, namespaces)
     if not _INSTANCE.fullmatch(local):
         raise SemanticsError(
-            f"'{name}' is not a valid name; it must begin with an ASCII letter or _, "
+            f"'{shortened(name)}' is not a valid name; it must begin with an ASCII letter or _, "
             'followed by ASCII letters, digits, _ . or -'
         )
     if local in FORMULA_WORDS | SSL_WORDS | FUNCTIONS:
