@@ -7,8 +7,8 @@ PACKAGES := $(sort $(wildcard dyknow_*))
 BUILT_FROM := $(shell find $(PACKAGES) -type f -not -path '*/test/*' -not -path '*.egg-info/*' \
   -not -path '*/__pycache__/*' \( -not -name '*.py' -o -name setup.py \))
 IN_ENVIRONMENT := source env.sh &&
-# Processes that run tests. On two cores more of them delay each other's nodes.
-TEST_PROCESSES ?= 3
+# Processes that run tests. On two cores, more of them delay each other's nodes.
+TEST_PROCESSES ?= 2
 
 .DEFAULT_GOAL := help
 .PHONY: help setup build demo test test-packages check clean

@@ -119,6 +119,8 @@ def far(system: System, tmp_path: Path) -> Iterator[Launcher]:
     """Another engine, in a namespace of its own, which will make the streams of states."""
     # That of a former one may be known still.
     namespace = f'far_{next(_numbers)}'
+    # Otherwise it would make streams of the fleet, and the other engine would make the states.
+    system.wait_for_streams()
     with Launcher(tmp_path, namespace=namespace, environment=system.environment) as launcher:
         launcher.start(Process('dyknow_stream_processing', ENGINE))
         system.client.spin_until(

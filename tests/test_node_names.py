@@ -68,8 +68,9 @@ def test_a_second_node_of_a_name_does_not_start(
         assert 'Traceback' not in errors
         assert remote.alive
         assert remote.status['born'] == started
-    # Those who use the first one have not noticed.
-    assert events == ['found']
+    # On a busy machine, the second one may not have discovered the first one when it starts. Those
+    # who use the first one then lose it until the second one ends.
+    assert events in (['found'], ['found', 'lost', 'found'])
 
 
 def test_of_two_that_start_at_once_one_goes_on(
