@@ -357,3 +357,12 @@ def test_memory_stays_flat(jitter: int) -> None:
         assert run_for(4_000) < 1.3 * before + 1_000_000
     finally:
         tracemalloc.stop()
+
+
+def test_an_object_is_compared_with_a_field() -> None:
+    group = FormulaGroup()
+    group.add_formula('formula', 'forall x in UAV: always x != leader.name')
+    group.begin({'UAV': ['uav1', 'uav2']})
+    assert not group.progress(0, {'leader.name': 'uav3'})
+    (result,) = group.progress(1, {'leader.name': 'uav2'})
+    assert result.verdict is Verdict.FALSE

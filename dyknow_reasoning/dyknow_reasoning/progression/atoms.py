@@ -17,6 +17,7 @@ from dyknow_reasoning.language.formula import (
     FieldReference,
     Formula,
     Number,
+    Object,
     Term,
     TextLiteral,
     Truth,
@@ -80,6 +81,8 @@ def evaluate(term: Term, values: Values) -> Value:
         case Arithmetic(symbol, left, right):
             result: Value = CALCULATE[symbol](evaluate(left, values), evaluate(right, values))
             return result
+        case Object():
+            return str(term)
         case _:
             return values[str(term)]
 
@@ -139,8 +142,9 @@ def _reader(term: Term, kinds: Kinds) -> _Reader:
             return _calculation(term, kinds)
         case Feature() | FieldReference():
             return _field(term, kind_of(term, kinds))
-        case _:  # pragma: no cover - atoms compare values
-            raise AssertionError(term)
+        case _:
+            name = str(term)  # Of an object, as a field holds it.
+            return lambda _: name
 
 
 def _calculation(term: Arithmetic, kinds: Kinds) -> _Reader:
