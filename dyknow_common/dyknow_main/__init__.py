@@ -8,6 +8,7 @@ the imports (`run` of nodes, `interruptible` of commands) replace the handlers t
 
 from __future__ import annotations
 
+import atexit
 import ctypes
 import os
 import signal
@@ -63,7 +64,9 @@ def ignore(numbers: Iterable[int]) -> None:
     """Ignore signals."""
     libc = ctypes.CDLL(None)
     for number in numbers:
-        # Python prints an error for a signal that it has received before its handler was removed.
+        # Python prints an error for a signal that is ignored and that it has received before, as
+        # another thread may have without having told it yet. Python is told at its end alone, when
+        # it would else set the default action.
         signal.signal(number, lambda *_: None)
         libc.signal(number, ctypes.c_void_p(signal.SIG_IGN))
-        signal.signal(number, signal.SIG_IGN)
+        atexit.register(signal.signal, number, signal.SIG_IGN)

@@ -1,0 +1,40 @@
+"""Signals in an executable whose work is done."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+
+import pytest
+
+LATE_SIGNAL = """
+import ctypes, signal
+from dyknow_main import handle, ignore
+
+handle([signal.{name}], lambda *_: None)
+libc = ctypes.CDLL(None)
+libc.signal.restype = ctypes.c_void_p
+handler = ctypes.CFUNCTYPE(None, ctypes.c_int)(libc.signal(signal.{name}, None))
+ignore([signal.{name}])
+handler(signal.{name})  # A thread got the signal before, and only runs its handler now.
+print('clean')
+"""
+
+SIGNALS_AT_THE_END = """
+import atexit, os, signal
+from dyknow_main import handle, ignore
+
+atexit.register(os.kill, os.getpid(), signal.{name})
+handle([signal.{name}], lambda *_: None)
+ignore([signal.{name}])
+os.kill(os.getpid(), signal.{name})
+print('clean')
+"""
+
+
+@pytest.mark.parametrize('name', ['SIGINT', 'SIGTERM', 'SIGHUP'])
+@pytest.mark.parametrize('program', [LATE_SIGNAL, SIGNALS_AT_THE_END])
+def test_ignored_signals_say_nothing(program: str, name: str) -> None:
+    command = [sys.executable, '-c', program.format(name=name)]
+    ended = subprocess.run(command, capture_output=True, text=True, check=False, timeout=60)
+    assert (ended.returncode, ended.stdout, ended.stderr) == (0, 'clean\n', '')
