@@ -85,7 +85,8 @@ def stopped_at(
     ids=['engine', 'ontology_manager', 'up', 'evaluate', 'streams'],
 )
 def test_a_process_stops_at_any_moment(line: list[str], code: int) -> None:
-    environment = private_environment()
+    # Two systems, one for each processor: a second node of a name does not start in one.
+    environments = (private_environment(), private_environment())
     kinds = (
         [signal.SIGINT],
         [signal.SIGTERM],
@@ -93,13 +94,18 @@ def test_a_process_stops_at_any_moment(line: list[str], code: int) -> None:
         [signal.SIGTERM, signal.SIGINT],
     )
     cases = [(delay, kinds[number % 4]) for number, delay in enumerate(MOMENTS)]
+
+    def ends_in(system: int) -> list[tuple[int, str]]:
+        return [stopped_at(line, environments[system], at, *sent) for at, sent in cases[system::2]]
+
     with ThreadPoolExecutor(2) as pool:
-        ends = list(pool.map(lambda case: stopped_at(line, environment, case[0], *case[1]), cases))
-    for case, (returned, output) in zip(cases, ends, strict=True):
+        ends = [end for system in pool.map(ends_in, range(2)) for end in system]
+    for case, (returned, output) in zip(cases[::2] + cases[1::2], ends, strict=True):
         assert returned == code, (case, output)
         assert 'Traceback' not in output, (case, output)
         assert 'ignored' not in output, (case, output)
-    wait_for(lambda: not members(environment['ROS_DOMAIN_ID']), 'the end of all processes')
+    domains = [environment['ROS_DOMAIN_ID'] for environment in environments]
+    wait_for(lambda: not any(map(members, domains)), 'the end of all processes')
 
 
 @pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
