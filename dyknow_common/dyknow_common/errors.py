@@ -9,7 +9,7 @@ from typing import Final
 _MAX_QUOTED: Final = 100
 """The number of characters of a name or a text that a message quotes."""
 
-_LONG_WORD: Final = re.compile(r'\S{300,}')
+_LONG_QUOTATION: Final = re.compile(r"""(?<!\w)"[^"\n]{201,}"|(?<!\w)'[^'\n]{201,}'|\S{300,}""")
 _UNSENDABLE: Final = re.compile('[\x00\ud800-\udfff]')
 
 
@@ -37,7 +37,7 @@ def shortened(text: object) -> str:
 class DyKnowError(Exception):
     """An error that DyKnow raises on purpose.
 
-    Its message can be sent by ROS: long words in it are shortened.
+    Its message can be sent by ROS: long words and quotations in it are shortened.
 
     Args:
         message: names the thing at fault and the remedy.
@@ -45,8 +45,8 @@ class DyKnowError(Exception):
     """
 
     def __init__(self, message: str, code: ExitCode = ExitCode.INVALID_ARGUMENT) -> None:
-        words = _LONG_WORD.sub(lambda word: shortened(word[0]), message)
-        super().__init__(_UNSENDABLE.sub('\ufffd', words))
+        brief = _LONG_QUOTATION.sub(lambda quotation: shortened(quotation[0]), message)
+        super().__init__(_UNSENDABLE.sub('\ufffd', brief))
         self.code = code
 
     @property
