@@ -9,7 +9,7 @@ from launch.actions import DeclareLaunchArgument, OpaqueFunction
 from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 
-from dyknow_bringup.processes.processes import Process, join_namespaces
+from dyknow_bringup.processes.processes import Process, enclave, join_namespaces
 from dyknow_bringup.processes.supervision import RESTART_DELAY_NS
 from dyknow_common import SECOND_NS
 from launch import LaunchDescription
@@ -60,7 +60,10 @@ def _node(process: Process, values: Mapping[str, str]) -> Any:
         namespace=join_namespaces(values['namespace'], process.namespace),
         output='screen',
         parameters=[{**process.parameters, 'use_sim_time': is_true(values['use_sim_time'])}],
-        ros_arguments=['--log-level', values['log_level']],
+        ros_arguments=[
+            *('--log-level', values['log_level']),
+            *('--enclave', enclave(process, values['namespace'])),
+        ],
         respawn=is_true(values['use_respawn']),
         respawn_delay=RESTART_DELAY_NS / SECOND_NS,
         respawn_max_retries=MAX_RESTARTS,

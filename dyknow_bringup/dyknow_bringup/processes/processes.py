@@ -172,10 +172,16 @@ def ros_arguments(
     node_namespace = join_namespaces(namespace, process.namespace)
     if node_namespace:
         arguments += ['-r', f'__ns:={node_namespace}']
+    arguments += ['--enclave', enclave(process, namespace)]
     for name, value in parameters.items():
         # rclpy reads the values of parameters as YAML, and JSON is YAML.
         arguments += ['-p', f'{name}:={json.dumps(value)}']
     return arguments
+
+
+def enclave(process: Process, namespace: str) -> str:
+    """Return the enclave of a process, which has effect where ROS security is enabled."""
+    return join_namespaces(namespace, process.name)
 
 
 def join_namespaces(*namespaces: str) -> str:

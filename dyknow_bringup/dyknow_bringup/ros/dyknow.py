@@ -1,4 +1,4 @@
-"""Start DyKnow for a robot, or evaluate a formula with it."""
+"""Start DyKnow for a robot, evaluate a formula with it, or print its SROS2 policy."""
 
 from __future__ import annotations
 
@@ -16,6 +16,7 @@ from rclpy.signals import SignalHandlerOptions
 from rclpy.utilities import remove_ros_args
 
 from dyknow_bringup.errors import BringupError
+from dyknow_bringup.ros.policy import add_policy_options
 from dyknow_bringup.ros.up import add_up_options
 from dyknow_common import SECOND_NS, ExitCode, Verdict, round_time
 from dyknow_common.executables import ERROR, FALSE, SUCCESS
@@ -123,6 +124,7 @@ def options(arguments: Sequence[str]) -> argparse.Namespace:
             'evaluate', help='evaluate a formula; exit code 0: true, 1: false, 2: no verdict'
         )
     )
+    add_policy_options(commands.add_parser('policy', help='print the SROS2 policy of a system'))
     return parser.parse_args(arguments)
 
 

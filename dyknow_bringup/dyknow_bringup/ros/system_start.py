@@ -14,6 +14,8 @@ from rclpy.signals import SignalHandlerOptions
 
 from dyknow_common.ros import STATUS
 
+_NAME = 'dyknow_up'
+
 
 class SystemStart:
     """The statuses of the nodes of a system that starts, received in a `with` block.
@@ -29,8 +31,12 @@ class SystemStart:
         self._values: dict[str, dict[str, str]] = {}
 
     def __enter__(self) -> Self:
-        rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
-        self._node = Node('dyknow_up', start_parameter_services=False)
+        enclave = f'{self._namespace.rstrip("/")}/{_NAME}'
+        rclpy.init(
+            args=['--ros-args', '--enclave', enclave],
+            signal_handler_options=SignalHandlerOptions.NO,
+        )
+        self._node = Node(_NAME, start_parameter_services=False)
         for name in self._nodes:
             self._node.create_subscription(
                 DiagnosticStatus,

@@ -1,0 +1,1 @@
+"""The permissions of the nodes in a secured ROS domain."""

@@ -1,0 +1,245 @@
+"""Interfaces of the nodes: the topics, services and actions that each of them uses."""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from dataclasses import dataclass, fields
+from typing import Final
+
+ENGINE: Final = 'stream_processing_engine'
+COORDINATOR: Final = 'stream_reasoning_coordinator'
+
+SERVICES: Final = {
+    ENGINE: ('list_streams', 'stream_create_from_spec', 'stream_destroy'),
+    'stream_manager': (
+        'list_streams',
+        'stream_create_from_spec',
+        'stream_destroy',
+        'stream_get_topic',
+        'stream_register',
+    ),
+    'ontology_manager': (
+        'concept_create',
+        'concept_destroy',
+        'concept_get_instances',
+        'instance_create',
+        'instance_destroy',
+        'instance_get_concepts',
+        'ontology_load',
+        'ontology_query',
+    ),
+    'stream_semantics_manager': (
+        'add_semantic_specification',
+        'list_semantic_specifications',
+        'remove_semantic_specification',
+    ),
+    'semantic_matching_engine': ('find_all_matching_streams',),
+    'stream_reasoning_engine': (
+        'formula_group_add_formula',
+        'formula_group_create',
+        'formula_group_destroy',
+        'formula_group_evaluate',
+        'formula_group_extract_symbols',
+        'formula_group_remove_formula',
+    ),
+    COORDINATOR: ('evaluate_formula', 'report_plan_action'),
+}
+"""The private services of the seven nodes."""
+
+ACTIONS: Final = ('monitor_formula', 'monitor_plan')
+"""The private actions of the coordinator."""
+
+PARAMETER_SERVICES: Final = (
+    'describe_parameters',
+    'get_parameter_types',
+    'get_parameters',
+    'list_parameters',
+    'set_parameters',
+    'set_parameters_atomically',
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Interfaces:
+    """Names of topics, services and actions, in which `*` stands for any text.
+
+    Private names begin with `~/`; relative names are in the namespace of the system.
+
+    Args:
+        publishes: topics.
+        subscribes: topics.
+        serves: services.
+        requests: services.
+        executes: actions.
+        calls: actions.
+    """
+
+    publishes: frozenset[str] = frozenset()
+    subscribes: frozenset[str] = frozenset()
+    serves: frozenset[str] = frozenset()
+    requests: frozenset[str] = frozenset()
+    executes: frozenset[str] = frozenset()
+    calls: frozenset[str] = frozenset()
+
+    def __or__(self, other: Interfaces) -> Interfaces:
+        return Interfaces(
+            *(getattr(self, each.name) | getattr(other, each.name) for each in fields(self))
+        )
+
+    def absolute(self, namespace: str, node: str) -> Interfaces:
+        """Return the interfaces with absolute names.
+
+        Args:
+            namespace: of the system; empty for the root.
+            node: the absolute name of the node that uses them.
+        """
+        return Interfaces(
+            *(
+                frozenset(absolute_name(name, namespace, node) for name in getattr(self, each.name))
+                for each in fields(self)
+            )
+        )
+
+
+def absolute_name(name: str, namespace: str, node: str = '') -> str:
+    """Return the absolute name for a private, a relative or an absolute one."""
+    if name.startswith('~'):
+        return f'{node}{name[1:]}'
+    return name if name.startswith('/') else f'{namespace}/{name}'
+
+
+def _services(node: str, *names: str) -> frozenset[str]:
+    return frozenset(f'{node}/{name}' for name in names)
+
+
+def _watched(*nodes: str) -> frozenset[str]:
+    """Return the topics by which a node is known to be alive."""
+    return frozenset(f'{node}/{topic}' for node in nodes for topic in ('heartbeat', 'status'))
+
+
+PLAIN_NODE: Final = Interfaces(
+    publishes=frozenset({'/parameter_events', '/rosout'}),
+    subscribes=frozenset({'/clock'}),
+    serves=frozenset({'~/get_type_description'}),
+)
+"""A node without the services of parameters, as commands have them."""
+
+ROS_NODE: Final = PLAIN_NODE | Interfaces(serves=_services('~', *PARAMETER_SERVICES))
+"""A node as rclpy makes it by default."""
+
+DYKNOW_NODE: Final = ROS_NODE | Interfaces(
+    publishes=_watched('~'), subscribes=frozenset({'~/heartbeat'})
+)
+"""Any node with the base class `DyKnowNode`."""
+
+START: Final = PLAIN_NODE | Interfaces(subscribes=frozenset(f'{node}/status' for node in SERVICES))
+"""`dyknow up`, which shows how the seven nodes have started."""
+
+CLIENT: Final = Interfaces(
+    subscribes=_watched(COORDINATOR),
+    requests=_services(COORDINATOR, *SERVICES[COORDINATOR]),
+    calls=_services(COORDINATOR, *ACTIONS),
+)
+"""`FormulaClient`: asks for verdicts, and changes nothing."""
+
+REPORTS: Final = Interfaces(
+    subscribes=frozenset({f'{COORDINATOR}/evaluations', 'stream_manager/streams'}),
+    requests=frozenset(
+        {
+            'ontology_manager/ontology_query',
+            'stream_semantics_manager/list_semantic_specifications',
+        }
+    ),
+)
+"""The commands `evaluations`, `streams` and `semantics`."""
+
+
+def engine_interfaces(engine: str, engines: Collection[str], topics: Collection[str]) -> Interfaces:
+    """Return the interfaces of a stream processing engine.
+
+    Args:
+        engine: its absolute name.
+        engines: those of all engines of the system.
+        topics: that streams are made from.
+    """
+    others = [each for each in engines if each != engine]
+    return DYKNOW_NODE | Interfaces(
+        publishes=frozenset({'~/streams', streams_of(engine)}),
+        subscribes=frozenset(topics)
+        | frozenset(map(streams_of, others))
+        | frozenset(f'{each}/heartbeat' for each in others),
+        serves=_services('~', *SERVICES[ENGINE]),
+    )
+
+
+def streams_of(engine: str) -> str:
+    """Return the topics of the streams of an engine, and those of their violations."""
+    return f'{engine.rpartition("/")[0]}/dyknow/streams/*'
+
+
+def node_interfaces(engines: Collection[str]) -> dict[str, Interfaces]:
+    """Return the interfaces of the nodes of a system but its engines, by name of the node.
+
+    Args:
+        engines: the absolute names of the engines.
+    """
+    streams = frozenset(map(streams_of, engines))
+    used = {
+        'stream_manager': Interfaces(
+            publishes=frozenset({'~/streams'}),
+            subscribes=_watched(*engines) | frozenset(f'{each}/streams' for each in engines),
+            requests=frozenset().union(
+                *(_services(each, *SERVICES[ENGINE]) for each in engines)
+            ),
+        ),
+        'ontology_manager': Interfaces(publishes=frozenset({'~/version'})),
+        'stream_semantics_manager': Interfaces(
+            publishes=frozenset({'~/version'}),
+            subscribes=_watched('ontology_manager', 'stream_manager') | {'stream_manager/streams'},
+            requests=frozenset({'ontology_manager/ontology_query', 'stream_manager/stream_get_topic'}),
+        ),
+        'semantic_matching_engine': Interfaces(
+            subscribes=_watched('ontology_manager', 'stream_semantics_manager'),
+            requests=REPORTS.requests,
+        ),
+        'stream_reasoning_engine': Interfaces(
+            publishes=frozenset({'~/progress', f'{COORDINATOR}/results_*'}), subscribes=streams
+        ),
+        COORDINATOR: _coordinator(engines, streams),
+    }
+    return {
+        node: DYKNOW_NODE | Interfaces(serves=_services('~', *SERVICES[node])) | each
+        for node, each in used.items()
+    }
+
+
+def _coordinator(engines: Collection[str], streams: Collection[str]) -> Interfaces:
+    others = SERVICES.keys() - {ENGINE, COORDINATOR}
+    return Interfaces(
+        publishes=frozenset({'~/evaluations', '/diagnostics'}),
+        subscribes=_watched(*others, *engines)
+        | {f'{each}/violations' for each in streams}
+        | {
+            '~/results_*',
+            'ontology_manager/version',
+            'stream_semantics_manager/version',
+            'stream_manager/streams',
+            'stream_reasoning_engine/progress',
+        },
+        requests=_services('ontology_manager', 'concept_get_instances', 'ontology_query')
+        | _services('semantic_matching_engine', *SERVICES['semantic_matching_engine'])
+        | _services('stream_reasoning_engine', *SERVICES['stream_reasoning_engine'])
+        | _services('stream_manager', 'stream_create_from_spec', 'stream_destroy', 'stream_get_topic'),
+        executes=_services('~', *ACTIONS),
+    )
+
+
+def administration(engines: Collection[str]) -> Interfaces:
+    """Return what changes a running system: all services of its nodes, with their parameters."""
+    nodes = {node: services for node, services in SERVICES.items() if node != ENGINE}
+    nodes.update(dict.fromkeys(engines, SERVICES[ENGINE]))
+    return Interfaces(
+        requests=frozenset().union(
+            *(_services(node, *names, *PARAMETER_SERVICES) for node, names in nodes.items())
+        )
+    )
