@@ -45,7 +45,7 @@ ROSDEP_KEYS = {
 UNIMPORTED = {'python3-pytest-timeout', 'ros2launch'}
 """Dependencies that are used without an import."""
 
-OPTIONAL = {'mypy', 'sentil'}
+OPTIONAL = {'mypy', 'sentil', 'sros2'}
 """Imports of tests that are skipped where the package is missing."""
 
 

@@ -46,7 +46,7 @@ def evaluate(chosen: argparse.Namespace) -> int:
 
 def _ask(chosen: argparse.Namespace) -> Answer:
     rclpy.init(args=sys.argv, signal_handler_options=SignalHandlerOptions.NO)
-    node = Node('dyknow_evaluate')
+    node = Node('dyknow_evaluate', start_parameter_services=False)
     executor = SingleThreadedExecutor()
     executor.add_node(node)
     try:

@@ -135,14 +135,17 @@ DYKNOW_NODE: Final = ROS_NODE | Interfaces(
 START: Final = PLAIN_NODE | Interfaces(subscribes=frozenset(f'{node}/status' for node in SERVICES))
 """`dyknow up`, which shows how the seven nodes have started."""
 
-CLIENT: Final = Interfaces(
-    subscribes=_watched(COORDINATOR),
-    requests=_services(COORDINATOR, *SERVICES[COORDINATOR]),
-    calls=_services(COORDINATOR, *ACTIONS),
+MONITOR: Final = Interfaces(
+    subscribes=_watched(COORDINATOR), calls=_services(COORDINATOR, 'monitor_formula')
+)
+"""`FormulaClient.monitor`."""
+
+CLIENT: Final = MONITOR | Interfaces(
+    requests=_services(COORDINATOR, *SERVICES[COORDINATOR]), calls=_services(COORDINATOR, *ACTIONS)
 )
 """`FormulaClient`: asks for verdicts, and changes nothing."""
 
-REPORTS: Final = Interfaces(
+COMMANDS: Final = MONITOR | Interfaces(
     subscribes=frozenset({f'{COORDINATOR}/evaluations', 'stream_manager/streams'}),
     requests=frozenset(
         {
@@ -151,7 +154,7 @@ REPORTS: Final = Interfaces(
         }
     ),
 )
-"""The commands `evaluations`, `streams` and `semantics`."""
+"""The commands `dyknow evaluate`, `evaluations`, `streams` and `semantics`."""
 
 
 def engine_interfaces(engine: str, engines: Collection[str], topics: Collection[str]) -> Interfaces:
@@ -200,7 +203,7 @@ def node_interfaces(engines: Collection[str]) -> dict[str, Interfaces]:
         ),
         'semantic_matching_engine': Interfaces(
             subscribes=_watched('ontology_manager', 'stream_semantics_manager'),
-            requests=REPORTS.requests,
+            requests=COMMANDS.requests,
         ),
         'stream_reasoning_engine': Interfaces(
             publishes=frozenset({'~/progress', f'{COORDINATOR}/results_*'}), subscribes=streams

@@ -43,7 +43,8 @@ def test_parameters_are_written_as_yaml() -> None:
     process = Process('p', 'e', {'files': ['/a b', "/c'd"], 'n': 3, 'x': 0.5})
     arguments = ros_arguments(process, '/fleet', 'debug', use_sim_time=True)
     assert arguments[:5] == ['--ros-args', '--log-level', 'debug', '-r', '__ns:=/fleet']
-    written = dict(each.split(':=', 1) for each in arguments[6::2])
+    assert arguments[5:7] == ['--enclave', '/fleet/e']
+    written = dict(each.split(':=', 1) for each in arguments[8::2])
     assert {name: yaml.safe_load(text) for name, text in written.items()} == {
         'files': ['/a b', "/c'd"],
         'n': 3,

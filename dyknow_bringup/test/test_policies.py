@@ -1,0 +1,156 @@
+"""SROS2 policies: their schema, what they permit, and that the shipped ones are up to date."""
+
+from __future__ import annotations
+
+import xml.etree.ElementTree as ET
+from pathlib import Path
+
+import pytest
+
+from dyknow_bringup.security.interfaces import ACTIONS, COORDINATOR, SERVICES
+from dyknow_bringup.security.policy import Enclave, policy_text
+from dyknow_bringup.security.systems import SecuredSystem, shipped_policies, topics_of
+from dyknow_common import LanguageError
+
+FOLDER = Path(__file__).parent.parent / 'security'
+NAMES = sorted(shipped_policies())
+
+CHILDREN = {
+    'policy': {'enclaves'},
+    'enclaves': {'enclave'},
+    'enclave': {'profiles'},
+    'profiles': {'profile'},
+    'profile': {'topics', 'services', 'actions'},
+    'topics': {'topic'},
+    'services': {'service'},
+    'actions': {'action'},
+}
+ATTRIBUTES = {
+    'policy': {'version'},
+    'enclave': {'path'},
+    'profile': {'ns', 'node'},
+}
+PERMISSIONS = {
+    'topics': {'publish', 'subscribe'},
+    'services': {'reply', 'request'},
+    'actions': {'call', 'execute'},
+}
+
+
+def check_schema(element: ET.Element) -> None:
+    """Check an element of a policy of version 0.2.0, and the elements in it."""
+    tag = element.tag
+    if tag in PERMISSIONS:
+        assert set(element.attrib.values()) == {'ALLOW'}
+        assert set(element.attrib) <= PERMISSIONS[tag]
+    else:
+        assert set(element.attrib) == ATTRIBUTES.get(tag, set())
+    assert {child.tag for child in element} <= CHILDREN.get(tag, set())
+    assert bool(len(element)) == (tag in CHILDREN), f'{tag} must not be empty'
+    for child in element:
+        check_schema(child)
+
+
+def enclaves(text: str) -> dict[str, ET.Element]:
+    """The enclaves of a policy, by path."""
+    found = list(ET.fromstring(text).iter('enclave'))  # noqa: S314 - our own text
+    by_path = {each.attrib['path']: each for each in found}
+    assert len(by_path) == len(found), 'one enclave for each path'
+    return by_path
+
+
+def permitted(enclave: ET.Element, permission: str) -> set[str]:
+    """The names for which an enclave has a permission."""
+    return {name.text or '' for each in enclave.findall(f'.//*[@{permission}]') for name in each}
+
+
+@pytest.mark.parametrize('name', NAMES)
+def test_shipped_policies_are_up_to_date(name: str) -> None:
+    shipped = (FOLDER / f'{name}.policy.xml').read_text(encoding='utf-8')
+    assert shipped == shipped_policies()[name], 'run: python tools/make_policies.py'
+
+
+def test_no_other_policy_is_shipped() -> None:
+    assert sorted(path.name for path in FOLDER.iterdir()) == [f'{name}.policy.xml' for name in NAMES]
+
+
+@pytest.mark.parametrize('name', NAMES)
+def test_policies_have_the_schema_of_sros2(name: str) -> None:
+    policy = ET.fromstring(shipped_policies()[name])  # noqa: S314 - our own text
+    assert (policy.tag, policy.attrib) == ('policy', {'version': '0.2.0'})
+    check_schema(policy)
+
+
+@pytest.mark.parametrize('name', NAMES)
+def test_sros2_reads_the_policies(name: str) -> None:
+    sros2 = pytest.importorskip('sros2.policy', reason='sros2 is not installed')
+    sros2.load_policy(FOLDER / f'{name}.policy.xml')
+
+
+def test_each_robot_has_enclaves_of_its_own() -> None:
+    found = enclaves(shipped_policies()['robots'])
+    for path, enclave in found.items():
+        robot = path.split('/')[1]
+        names = {
+            name
+            for permission in set().union(*PERMISSIONS.values())
+            for name in permitted(enclave, permission)
+        }
+        common = {'/clock', '/diagnostics', '/parameter_events', '/rosout'}
+        assert {name for name in names - common if not name.startswith(f'/{robot}/')} == set()
+
+
+def test_only_the_engine_publishes_streams_and_only_the_reasoning_engine_results() -> None:
+    found = enclaves(shipped_policies()['dyknow'])
+
+    def publishers(start: str) -> set[str]:
+        return {
+            path
+            for path, each in found.items()
+            if any(name.startswith(start) for name in permitted(each, 'publish'))
+        }
+
+    assert publishers('/dyknow/streams') == {'/stream_processing_engine'}
+    assert publishers(f'/{COORDINATOR}/results') == {'/stream_reasoning_engine'}
+    assert all(
+        '*' not in name.removesuffix('*')
+        for each in found.values()
+        for name in permitted(each, 'publish')
+    )
+
+
+def test_clients_ask_the_coordinator_alone_and_change_nothing() -> None:
+    own = enclaves(policy_text(SecuredSystem(clients=('/arm/pilot',)).enclaves(), ''))['/arm/pilot']
+    assert permitted(own, 'request') == {f'/{COORDINATOR}/{name}' for name in SERVICES[COORDINATOR]}
+    assert permitted(own, 'call') == {f'/{COORDINATOR}/{name}' for name in ACTIONS}
+    assert permitted(own, 'publish') == {'/parameter_events', '/rosout'}
+
+
+def test_engines_in_other_namespaces_read_the_streams_of_each_other() -> None:
+    system = SecuredSystem('robot1', frozenset({'odom', '/map'}), ('engine', 'arm/engine'))
+    found = enclaves(policy_text(system.enclaves(), ''))
+    base, arm = found['/robot1/engine'], found['/robot1/arm/engine']
+    assert '/robot1/arm/dyknow/streams/*' in permitted(base, 'subscribe') & permitted(arm, 'publish')
+    assert {'/robot1/odom', '/map'} <= permitted(arm, 'subscribe')
+    assert '/robot1/dyknow/streams/*' in permitted(arm, 'subscribe') - permitted(arm, 'publish')
+    manager = found['/robot1/stream_manager']
+    assert '/robot1/arm/engine/stream_destroy' in permitted(manager, 'request')
+
+
+def test_topics_are_those_that_a_text_does_not_make() -> None:
+    text = """
+        source (x: float) scan;
+        stream a = select x from scan;
+        stream b = sync(a, "/odom", elsewhere);
+        sink b
+    """
+    assert topics_of(text) == {'scan', '/odom'}
+    with pytest.raises(LanguageError):
+        topics_of('stream')
+
+
+def test_names_are_escaped() -> None:
+    used = SecuredSystem(topics=frozenset({'<a>&b'})).enclaves()[0].nodes
+    (enclave,) = enclaves(policy_text([Enclave('/"<', used)], 'c')).values()
+    assert enclave.attrib['path'] == '/"<'
+    assert '/<a>&b' in permitted(enclave, 'subscribe')

@@ -1,0 +1,94 @@
+"""SROS2 policies, and what the nodes of a running system use, in the same terms."""
+
+from __future__ import annotations
+
+import xml.etree.ElementTree as ET
+from collections import defaultdict
+from collections.abc import Iterator
+from dataclasses import dataclass
+from fnmatch import fnmatchcase
+
+from rclpy.node import Node
+
+ACTION_SERVICES = ('cancel_goal', 'get_result', 'send_goal')
+ACTION_TOPICS = ('feedback', 'status')
+
+OF_ACTIONS = {'execute': ('reply', 'publish'), 'call': ('request', 'subscribe')}
+"""What an action's server and client do with its services, and with its topics."""
+
+
+@dataclass(frozen=True, order=True)
+class Use:
+    """One use of a topic or service by the nodes of an enclave; in a policy, a pattern of names."""
+
+    enclave: str
+    permission: str
+    name: str
+
+    def permits(self, use: Use) -> bool:
+        """Whether a rule permits a use, as DDS matches names: `*` stands for any text."""
+        same = (self.enclave, self.permission) == (use.enclave, use.permission)
+        return same and fnmatchcase(use.name, self.name)
+
+
+def rules(policy: str) -> set[Use]:
+    """What a policy permits."""
+    return {
+        rule
+        for enclave in ET.fromstring(policy).iter('enclave')  # noqa: S314 - our own file
+        for names in enclave.findall('profiles/profile/*')
+        for permission, qualifier in names.attrib.items()
+        if qualifier == 'ALLOW'
+        for name in names
+        for rule in _expanded(enclave.attrib['path'], permission, name.text or '')
+    }
+
+
+def _expanded(enclave: str, permission: str, name: str) -> Iterator[Use]:
+    if permission not in OF_ACTIONS:
+        yield Use(enclave, permission, name)
+        return
+    of_services, of_topics = OF_ACTIONS[permission]
+    for each in ACTION_SERVICES:
+        yield Use(enclave, of_services, f'{name}/_action/{each}')
+    for each in ACTION_TOPICS:
+        yield Use(enclave, of_topics, f'{name}/_action/{each}')
+
+
+class GraphRecorder:
+    """Everything that nodes are seen to use, by their enclaves.
+
+    Args:
+        node: that looks at the ROS graph; what it uses itself is left out.
+    """
+
+    def __init__(self, node: Node) -> None:
+        self._node = node
+        self.uses: set[Use] = set()
+        self.names: defaultdict[str, set[str]] = defaultdict(set)
+        """The names of the nodes in each enclave."""
+
+    def look(self) -> None:
+        """Note what is on the graph now."""
+        own = self._node.get_name()
+        for name, namespace, enclave in self._node.get_node_names_and_namespaces_with_enclaves():
+            if name != own:
+                self.names[enclave].add(f'{namespace.rstrip("/")}/{name}')
+                self.uses.update(self._uses(name, namespace, enclave))
+
+    def _uses(self, name: str, namespace: str, enclave: str) -> Iterator[Use]:
+        for permission, names_and_types in (
+            ('publish', self._node.get_publisher_names_and_types_by_node),
+            ('subscribe', self._node.get_subscriber_names_and_types_by_node),
+            ('reply', self._node.get_service_names_and_types_by_node),
+            ('request', self._node.get_client_names_and_types_by_node),
+        ):
+            try:
+                found = names_and_types(name, namespace)
+            except RuntimeError:
+                continue  # The node has just left the graph.
+            for used, _ in found:
+                yield Use(enclave, permission, used)
+
+
+__all__ = ['GraphRecorder', 'Use', 'rules']

@@ -1,0 +1,231 @@
+"""The shipped SROS2 policy permits what the nodes of a running system use, and nothing else."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import threading
+import time
+from collections.abc import Collection, Iterator
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import ExitStack, closing, contextmanager
+from functools import partial
+from pathlib import Path
+from typing import Self
+
+import rclpy
+from dyknow_interfaces.srv import AddSemanticSpecification
+from rclpy.context import Context
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+from visualization_msgs.msg import MarkerArray
+
+from commands import command, running
+from dyknow_bringup.processes.launcher import Launcher
+from dyknow_bringup.processes.processes import (
+    formula_markers,
+    formula_monitor,
+    uav_simulation,
+    write_fleet_configuration,
+)
+from dyknow_bringup.resources import (
+    executable_path,
+    formulas_path,
+    plan_path,
+    scenario_path,
+    share,
+    uav_ontology_path,
+)
+from dyknow_bringup.security.policy import policy_text
+from dyknow_bringup.security.systems import SecuredSystem
+from dyknow_bringup.simulation.fleet import vehicle_names
+from dyknow_bringup.simulation.missions import load_mission
+from dyknow_common import Verdict
+from dyknow_coordinator.ros import FormulaClient
+from policies import GraphRecorder, Use, rules
+from system import LIMIT, POLL, Client, private_environment
+
+VEHICLES = 3
+FORMULA = 'forall u in UAV: always[0 s, 2 s] Altitude[u] < 1000'
+
+NOT_USED_HERE = {'/clock'}
+"""Permitted for simulated time, which the system of the test does without."""
+
+NEVER_USED = {'/dyknow_admin'}
+"""The enclave for people, who may do more than they do."""
+
+
+@contextmanager
+def fleet(environment: dict[str, str], folder: Path) -> Iterator[None]:
+    """Run what `uav_monitoring.launch.py` starts, the first seven nodes by `dyknow up`."""
+    configuration = write_fleet_configuration(vehicle_names(VEHICLES), uav_ontology_path(), folder)
+    line = command(
+        'dyknow', 'up',
+        '--ontology', *map(str, configuration.ontologies),
+        '--annotations', *map(str, configuration.annotations),
+        '--streams', *map(str, configuration.streams),
+        '--logs', str(folder),
+    )  # fmt: skip
+    with running(line, environment), Launcher(folder, environment=environment) as launcher:
+        launcher.start_all(
+            [
+                uav_simulation(scenario_path('nominal'), VEHICLES),
+                formula_monitor(formulas_path()),
+                formula_markers(),
+            ]
+        )
+        yield
+
+
+@contextmanager
+def node_in(enclave: str, domain: int, name: str) -> Iterator[Node]:
+    """A node in an enclave, whose callbacks a thread runs."""
+    context = Context()
+    rclpy.init(context=context, domain_id=domain, args=['--ros-args', '--enclave', enclave])
+    node = Node(name, context=context)
+    executor = SingleThreadedExecutor(context=context)
+    executor.add_node(node)
+    thread = threading.Thread(target=executor.spin, daemon=True)
+    thread.start()
+    try:
+        yield node
+    finally:
+        executor.shutdown()
+        thread.join()
+        node.destroy_node()
+        context.try_shutdown()
+
+
+class Commands:
+    """The commands that ask a running system, in the enclave for clients."""
+
+    LINES = (
+        ('dyknow_bringup', 'dyknow', 'evaluate', FORMULA),
+        ('dyknow_coordinator', 'evaluations', '--watch'),
+        ('dyknow_stream_processing', 'streams', '--watch'),
+        ('dyknow_semantics', 'semantics'),
+    )
+
+    def __init__(self, environment: dict[str, str]) -> None:
+        self._environment = {**os.environ, **environment}
+        self._running: dict[tuple[str, ...], subprocess.Popen[bytes]] = {}
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        for process in self._running.values():
+            process.terminate()
+            process.wait(30)
+
+    def keep_running(self) -> None:
+        """Start those that do not run: their nodes may be on the graph for a moment only."""
+        for line in self.LINES:
+            process = self._running.get(line)
+            if process is None or process.poll() is not None:
+                assert process is None or process.returncode == 0, line
+                package, executable, *arguments = line
+                enclave = ['--ros-args', '--enclave', '/dyknow_client']
+                self._running[line] = subprocess.Popen(
+                    [str(executable_path(package, executable)), *arguments, *enclave],
+                    env=self._environment,
+                    stdout=subprocess.DEVNULL,
+                )
+
+
+@contextmanager
+def asking(enclave: str, domain: int) -> Iterator[None]:
+    """A node that uses the whole client, and has the answers at the end."""
+    plan = load_mission(plan_path('delivery')).plan
+    with node_in(enclave, domain, 'my_client') as node, FormulaClient(node) as client:
+        assert node.executor is not None
+        monitor = client.monitor_plan(plan, wait=LIMIT)
+        reported = node.executor.create_task(monitor.started, plan.actions[0].name)
+        answered = node.executor.create_task(partial(client.evaluate, FORMULA, wait=LIMIT))
+        monitored = client.monitor(FORMULA, wait=LIMIT).outcome
+        with ThreadPoolExecutor() as threads:
+            waited = threads.submit(client.evaluate_blocking, FORMULA, wait=LIMIT)
+            yield
+        end = time.monotonic() + LIMIT
+        while not (reported.done() and answered.done() and monitored.done()):
+            assert time.monotonic() < end, 'the report of an action, and two verdicts'
+            time.sleep(POLL)
+        reported.result()
+        for answer in (waited.result(), answered.result(), monitored.result()):
+            assert answer.verdict is Verdict.TRUE, answer
+
+
+def assert_permitted(recorder: GraphRecorder, permitted: set[Use]) -> None:
+    """Everything that the nodes use is permitted."""
+    forbidden = sorted(
+        use for use in recorder.uses if not any(rule.permits(use) for rule in permitted)
+    )
+    assert not forbidden, (
+        'nodes use what their policy does not permit: complete dyknow_bringup/security/'
+        f'interfaces.py and run tools/make_policies.py: {forbidden}'
+    )
+
+
+def test_nodes_use_what_their_policy_permits_and_nothing_is_permitted_that_none_uses(
+    tmp_path: Path,
+) -> None:
+    environment = private_environment()
+    domain = int(environment['ROS_DOMAIN_ID'])
+    shipped = (share() / 'security' / 'uav_monitoring.policy.xml').read_text(encoding='utf-8')
+    own = SecuredSystem(clients=('my_client',)).enclaves()[-1:]
+    permitted = rules(shipped) | rules(policy_text(own, 'a client'))
+    with ExitStack() as stack:
+        client = stack.enter_context(closing(Client(environment)))
+        recorder = GraphRecorder(client.node)
+        client.node.create_subscription(MarkerArray, 'formula_markers/markers', id, 10)
+
+        def unused(enclaves: Collection[str]) -> list[Use]:
+            recorder.look()
+            return sorted(
+                rule
+                for rule in permitted
+                if rule.enclave in enclaves and rule.name not in NOT_USED_HERE
+                and not any(rule.permits(use) for use in recorder.uses)
+            )  # fmt: skip
+
+        stack.enter_context(fleet(environment, tmp_path))
+        client.spin_until(lambda: not unused({'/dyknow_up'}), 'dyknow up was seen', pause=POLL)
+        client.wait_for_coordinator()
+        run_commands = stack.enter_context(Commands(environment)).keep_running
+        stack.enter_context(asking('/my_client', domain))
+        # Its type is unknown, so the stream manager is asked for it.
+        client.call(
+            AddSemanticSpecification,
+            'stream_semantics_manager/add_semantic_specification',
+            ssl_statement='stream unknown contains Power[uav1] = power',
+        )
+        everything = {rule.enclave for rule in permitted} - NEVER_USED
+
+        def is_everything_used() -> bool:
+            run_commands()
+            return not unused(everything)
+
+        client.spin_until(
+            is_everything_used,
+            'everything is used that is permitted',
+            instead=lambda: f'not used: {unused(everything)}',
+            pause=POLL,
+        )
+    assert_permitted(recorder, permitted)
+    assert set(recorder.names) == everything, recorder.names
+
+
+def test_administrators_may_request_all_that_the_nodes_serve() -> None:
+    permitted = rules((share() / 'security' / 'dyknow.policy.xml').read_text(encoding='utf-8'))
+    plain = 'get_type_description'
+    served = {
+        rule.name
+        for rule in permitted
+        if rule.permission == 'reply' and not rule.name.endswith(plain) and '/_' not in rule.name
+    }
+    requested = {
+        rule.name
+        for rule in permitted
+        if rule.permission == 'request' and rule.enclave == '/dyknow_admin'
+    }
+    assert requested == served
