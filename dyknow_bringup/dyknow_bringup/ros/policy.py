@@ -44,6 +44,4 @@ def add_policy_options(parser: argparse.ArgumentParser) -> None:
         ('engine', f'names of the stream processing engines (default: {ENGINE})'),
         ('client', 'names of nodes that evaluate formulas'),
     ):
-        parser.add_argument(
-            f'--{name}', nargs='*', default=[], metavar='NAME', help=description
-        )
+        parser.add_argument(f'--{name}', nargs='*', default=[], metavar='NAME', help=description)

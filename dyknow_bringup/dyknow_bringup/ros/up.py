@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import argparse
+import os
 import tempfile
 import threading
 import time
+from collections.abc import Mapping
 from pathlib import Path
 
 from rclpy.exceptions import InvalidNamespaceException
@@ -28,6 +30,11 @@ PERIOD_S = 0.2
 
 START_LIMIT_S = 30.0
 """The time after which the nodes that have not started are reported."""
+
+UNENFORCED = (
+    'ROS security is enabled but not enforced: nodes without keys run unsecured; set '
+    'ROS_SECURITY_STRATEGY=Enforce'
+)
 
 _STYLES = {'WARN': 'yellow', 'ERROR': 'red', 'FATAL': 'red'}
 
@@ -66,8 +73,7 @@ def up(chosen: argparse.Namespace) -> int:
     handle(TERMINAL_SIGNALS, lambda *_: stop.set())
     namespace = _absolute(chosen.namespace)
     processes = dyknow_processes(_configuration(chosen))
-    logs = chosen.logs or Path(tempfile.mkdtemp(prefix='dyknow_'))
-    logs.mkdir(parents=True, exist_ok=True)
+    logs = _log_folder(chosen.logs)
     with Launcher(
         logs,
         namespace=namespace,
@@ -82,6 +88,9 @@ def up(chosen: argparse.Namespace) -> int:
             lambda text: monitor.show('WARN', text),
             restarts=not chosen.no_respawn,
         )
+
+        if is_unenforced(os.environ):
+            monitor.show('WARN', UNENFORCED)
 
         def update() -> None:
             now = time.monotonic_ns()
@@ -98,6 +107,18 @@ def up(chosen: argparse.Namespace) -> int:
         while not stop.wait(PERIOD_S):
             update()
     return SUCCESS
+
+
+def _log_folder(chosen: Path | None) -> Path:
+    logs = chosen or Path(tempfile.mkdtemp(prefix='dyknow_'))
+    logs.mkdir(parents=True, exist_ok=True)
+    return logs
+
+
+def is_unenforced(environment: Mapping[str, str]) -> bool:
+    """Return True if ROS security is enabled, and nodes that have no keys run all the same."""
+    is_enabled = environment.get('ROS_SECURITY_ENABLE') == 'true'
+    return is_enabled and environment.get('ROS_SECURITY_STRATEGY') != 'Enforce'
 
 
 def _absolute(namespace: str) -> str:

@@ -191,15 +191,15 @@ def node_interfaces(engines: Collection[str]) -> dict[str, Interfaces]:
         'stream_manager': Interfaces(
             publishes=frozenset({'~/streams'}),
             subscribes=_watched(*engines) | frozenset(f'{each}/streams' for each in engines),
-            requests=frozenset().union(
-                *(_services(each, *SERVICES[ENGINE]) for each in engines)
-            ),
+            requests=frozenset().union(*(_services(each, *SERVICES[ENGINE]) for each in engines)),
         ),
         'ontology_manager': Interfaces(publishes=frozenset({'~/version'})),
         'stream_semantics_manager': Interfaces(
             publishes=frozenset({'~/version'}),
             subscribes=_watched('ontology_manager', 'stream_manager') | {'stream_manager/streams'},
-            requests=frozenset({'ontology_manager/ontology_query', 'stream_manager/stream_get_topic'}),
+            requests=frozenset(
+                {'ontology_manager/ontology_query', 'stream_manager/stream_get_topic'}
+            ),
         ),
         'semantic_matching_engine': Interfaces(
             subscribes=_watched('ontology_manager', 'stream_semantics_manager'),
@@ -217,6 +217,7 @@ def node_interfaces(engines: Collection[str]) -> dict[str, Interfaces]:
 
 
 def _coordinator(engines: Collection[str], streams: Collection[str]) -> Interfaces:
+    of_streams = ('stream_create_from_spec', 'stream_destroy', 'stream_get_topic')
     others = SERVICES.keys() - {ENGINE, COORDINATOR}
     return Interfaces(
         publishes=frozenset({'~/evaluations', '/diagnostics'}),
@@ -232,7 +233,7 @@ def _coordinator(engines: Collection[str], streams: Collection[str]) -> Interfac
         requests=_services('ontology_manager', 'concept_get_instances', 'ontology_query')
         | _services('semantic_matching_engine', *SERVICES['semantic_matching_engine'])
         | _services('stream_reasoning_engine', *SERVICES['stream_reasoning_engine'])
-        | _services('stream_manager', 'stream_create_from_spec', 'stream_destroy', 'stream_get_topic'),
+        | _services('stream_manager', *of_streams),
         executes=_services('~', *ACTIONS),
     )
 

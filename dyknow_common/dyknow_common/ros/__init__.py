@@ -2,6 +2,7 @@
 
 from dyknow_common.ros.commands import (
     CommandNode,
+    RCLError,
     duration,
     interruptible,
     run_command,
@@ -60,6 +61,7 @@ __all__ = [
     'NodeAdapter',
     'NodeExecutor',
     'PublisherWatch',
+    'RCLError',
     'RemoteNode',
     'ReportCommand',
     'Throttle',

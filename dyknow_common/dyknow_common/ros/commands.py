@@ -25,9 +25,12 @@ from dyknow_main import TERMINAL_SIGNALS, handle, ignore
 TICK_PERIOD_S = 0.1
 """The period in which a waiting command checks its deadline."""
 
+RCLError = rclpy_implementation.RCLError
+"""An error of the middleware: also what its security plugins do not permit."""
+
 ROS_ERRORS = (
     NameValidationException,
-    rclpy_implementation.RCLError,
+    RCLError,
     rclpy_implementation.UnknownROSArgsError,
 )
 """Errors of rclpy about what the user has written on the command line."""

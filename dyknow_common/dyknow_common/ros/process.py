@@ -20,7 +20,7 @@ from rclpy.signals import SignalHandlerOptions, install_signal_handlers
 
 from dyknow_common.errors import DyKnowError
 from dyknow_common.executables import CANNOT_START, FAULT, LAUNCHER
-from dyknow_common.ros.commands import ROS_ERRORS
+from dyknow_common.ros.commands import ROS_ERRORS, RCLError
 from dyknow_common.ros.deadlines import TICK_PERIOD_S
 from dyknow_common.ros.executor import node_executor
 from dyknow_common.ros.node import DyKnowNode
@@ -132,6 +132,10 @@ def _report(error: Exception, failure: int, *, has_started: bool) -> int:
     """Print an error that ends a node, as there is no node to log with; return the exit code."""
     if isinstance(error, DyKnowError | NameValidationException | ParameterException):
         print(error, file=sys.stderr)  # noqa: T201
+        return failure
+    if isinstance(error, RCLError) and not has_started:
+        # Such as: the middleware cannot secure its topics, or refuses one.
+        print(' '.join(str(error).split()), file=sys.stderr)  # noqa: T201
         return failure
     traceback.print_exception(error)
     return FAULT if has_started else failure

@@ -30,7 +30,7 @@ from rclpy.node import Node
 from rclpy.qos import QoSProfile
 
 from dyknow_common import NANOSECONDS, SECOND_NS
-from dyknow_common.ros import NO_SUBSCRIPTION_EVENTS, Heartbeats
+from dyknow_common.ros import NO_SUBSCRIPTION_EVENTS, Heartbeats, RCLError
 from dyknow_stream_processing.errors import StreamError
 from dyknow_stream_processing.ros.messages.message_types import (
     is_sample,
@@ -227,6 +227,7 @@ class _Feed:
     relay: ViolationRelay | None = None
     gaps: SequenceGaps = field(init=False)
     fault: str = ''
+    refusal: str = ''
     latest_receipt: int = 0
 
     def __post_init__(self) -> None:
@@ -253,10 +254,10 @@ class _Feed:
         except StreamError as error:
             self._set_fault(str(error))
             return None
-        if self.quality_of_service is None:
-            self._set_fault('')
+        requested = self.quality_of_service
+        if self.refusal or requested is None:
+            self._set_fault(self.refusal)
         else:
-            requested = self.quality_of_service
             self._set_fault(incompatible_publisher(self.node, self.topic, requested))
         self._inform(class_)
         held, self.request = self.request, request
@@ -314,6 +315,20 @@ class _Feed:
     def _subscribe(self, class_: Any, request: Publication) -> None:
         # The middleware refuses two types on one topic: the old subscription goes first.
         self.destroy()
+        try:
+            self._create_subscriptions(class_, request)
+            self.refusal = ''
+        except RCLError as error:
+            # It is tried again at the next refresh. Other topics must not suffer from this one.
+            self.destroy()
+            reason = ' '.join(str(error).split())
+            self.refusal = (
+                f"topic '{self.topic}' cannot be subscribed to: {reason}; where ROS security is "
+                'enabled, the policy of this node must permit it'
+            )
+            self._set_fault(self.refusal)
+
+    def _create_subscriptions(self, class_: Any, request: Publication) -> None:
         group = self.topics.group
         if is_sample(class_):
             self.relay = ViolationRelay(

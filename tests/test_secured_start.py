@@ -1,0 +1,112 @@
+"""Nodes where ROS security is enabled: they run in their enclave, or do not run."""
+
+from __future__ import annotations
+
+import subprocess
+from pathlib import Path
+from typing import Any
+
+import pytest
+from std_msgs.msg import Float64
+
+from commands import command, output_of
+from dyknow_bringup.resources import executable_path
+from dyknow_common.executables import CANNOT_START
+from dyknow_common.ros import RCLError
+from dyknow_stream_processing.ros import StreamProxy
+from system import Client, private_environment
+
+
+def secured(keystore: Path) -> dict[str, str]:
+    """Variables with which processes run in their enclaves of a keystore only."""
+    (keystore / 'enclaves').mkdir(exist_ok=True)
+    return {
+        **private_environment(),
+        'ROS_SECURITY_ENABLE': 'true',
+        'ROS_SECURITY_STRATEGY': 'Enforce',
+        'ROS_SECURITY_KEYSTORE': str(keystore),
+    }
+
+
+def start(environment: dict[str, str]) -> subprocess.CompletedProcess[str]:
+    """Run a stream manager until it ends."""
+    manager = executable_path('dyknow_stream_processing', 'stream_manager')
+    line = [str(manager), '--ros-args', '--enclave', '/stream_manager']
+    return output_of(line, environment, 60.0)
+
+
+def test_a_node_without_an_enclave_does_not_run(tmp_path: Path) -> None:
+    ended = start(secured(tmp_path))
+    assert ended.returncode == CANNOT_START
+    assert f"'{tmp_path}/enclaves/stream_manager' does not exist" in ended.stderr
+
+
+def test_a_node_that_cannot_be_secured_does_not_run(tmp_path: Path) -> None:
+    """Its enclave has no keys; and the middleware from PyPI has no security plugins."""
+    environment = secured(tmp_path)
+    (tmp_path / 'enclaves' / 'stream_manager').mkdir()
+    ended = start(environment)
+    assert ended.returncode == CANNOT_START
+    assert 'Traceback' not in ended.stderr
+    assert 'error creating node' in ended.stderr
+
+
+def test_dyknow_up_runs_in_an_enclave_of_its_own(tmp_path: Path) -> None:
+    environment = secured(tmp_path)
+    ended = output_of(command('dyknow', 'up', '--namespace', 'robot1'), environment)
+    assert ended.returncode == 2
+    assert f"'{tmp_path}/enclaves/robot1/dyknow_up' does not exist" in ended.stderr
+
+
+def test_commands_run_in_the_enclave_that_is_named(tmp_path: Path) -> None:
+    environment = secured(tmp_path)
+    line = command('dyknow', 'evaluate', 'true', '--ros-args', '--enclave', '/dyknow_client')
+    ended = output_of(line, environment)
+    assert ended.returncode == 2
+    assert f"'{tmp_path}/enclaves/dyknow_client' does not exist" in ended.stderr
+
+
+def test_a_topic_that_may_not_be_read_harms_no_other(
+    client: Client, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The middleware refuses a subscription that the policy of the node does not permit."""
+    refusals: list[str] = []
+    logged: list[str] = []
+    create = client.node.create_subscription
+
+    def create_permitted(class_: Any, topic: str, *arguments: Any, **options: Any) -> Any:
+        if topic == '/secret' and len(refusals) < 3:
+            refusals.append(topic)
+            raise RCLError('could not create\n subscription')
+        return create(class_, topic, *arguments, **options)
+
+    monkeypatch.setattr(client.node, 'create_subscription', create_permitted)
+    monkeypatch.setattr(client.node.get_logger(), 'error', logged.append)
+    publishers = {
+        topic: client.node.create_publisher(Float64, topic, 10) for topic in ('/secret', '/open')
+    }
+    samples: dict[str, list[Any]] = {topic: [] for topic in publishers}
+    proxies = [
+        StreamProxy(client.node, topic, on_sample=samples[topic].append, message_type=Float64)
+        for topic in publishers
+    ]
+
+    def publish_until(topic: str) -> None:
+        def is_received() -> bool:
+            for publisher in publishers.values():
+                publisher.publish(Float64())
+            return bool(samples[topic])
+
+        client.spin_until(is_received, f'a sample of {topic}', pause=0.05)
+
+    publish_until('/open')
+    assert refusals
+    publish_until('/secret')
+    assert len(refusals) == 3
+    (text,) = [each for each in logged if '/secret' in each]
+    assert text == (
+        "topic '/secret' cannot be subscribed to: could not create subscription; where ROS "
+        'security is enabled, the policy of this node must permit it'
+    )
+    for proxy in proxies:
+        proxy.destroy()
