@@ -42,6 +42,7 @@ SCHEDULE = (
     ('test_stopping',),
     ('test_rover',),
     ('test_up',),
+    ('test_policies_in_use',),
     ('test_many_engines',),
     ('test_stream_conflicts',),
     ('test_replay_command',),

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import re
 import xml.etree.ElementTree as ET
 from pathlib import Path
 
 import pytest
 
-from dyknow_bringup.security.interfaces import ACTIONS, COORDINATOR, SERVICES
+from dyknow_bringup.errors import BringupError
+from dyknow_bringup.security.interfaces import ACTIONS, COORDINATOR, SERVICES, Interfaces
 from dyknow_bringup.security.policy import Enclave, policy_text
 from dyknow_bringup.security.systems import SecuredSystem, shipped_policies, topics_of
 from dyknow_common import LanguageError
@@ -154,8 +156,16 @@ def test_topics_are_those_that_a_text_does_not_make() -> None:
         topics_of('stream')
 
 
+@pytest.mark.parametrize('name', ['/*', 'a b', '/a[0-9]', 'a/?', '/a//b', '<a>', 'ü'])
+def test_a_name_does_not_permit_others(name: str) -> None:
+    for field in ('namespace', 'topics', 'engines', 'clients'):
+        value = name if field == 'namespace' else [name]
+        with pytest.raises(BringupError, match=f"'{re.escape(name)}' is no name"):
+            SecuredSystem(**{field: value})  # type: ignore[arg-type]
+
+
 def test_names_are_escaped() -> None:
-    used = SecuredSystem(topics=frozenset({'<a>&b'})).enclaves()[0].nodes
-    (enclave,) = enclaves(policy_text([Enclave('/"<', used)], 'c')).values()
+    used = Interfaces(subscribes=frozenset({'/<a>&b'}))
+    (enclave,) = enclaves(policy_text([Enclave('/"<', {'/n': used})], 'c')).values()
     assert enclave.attrib['path'] == '/"<'
-    assert '/<a>&b' in permitted(enclave, 'subscribe')
+    assert permitted(enclave, 'subscribe') == {'/<a>&b'}

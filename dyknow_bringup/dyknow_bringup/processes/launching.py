@@ -61,8 +61,10 @@ def _node(process: Process, values: Mapping[str, str]) -> Any:
         output='screen',
         parameters=[{**process.parameters, 'use_sim_time': is_true(values['use_sim_time'])}],
         ros_arguments=[
-            *('--log-level', values['log_level']),
-            *('--enclave', enclave(process, values['namespace'])),
+            '--log-level',
+            values['log_level'],
+            '--enclave',
+            enclave(process, values['namespace']),
         ],
         respawn=is_true(values['use_respawn']),
         respawn_delay=RESTART_DELAY_NS / SECOND_NS,

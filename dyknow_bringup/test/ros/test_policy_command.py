@@ -1,4 +1,4 @@
-"""The command `dyknow policy`, and the warning that `dyknow up` gives where security is not enforced."""
+"""The command `dyknow policy`, and the warning of `dyknow up` about security without effect."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def test_the_policy_of_a_system_is_printed(
 
 def test_a_wrong_file_is_named(tmp_path: Path) -> None:
     chosen = options(['policy', '--streams', str(tmp_path / 'none')])
-    with pytest.raises(BringupError, match='cannot read the streams in .*none'):
+    with pytest.raises(BringupError, match=r'cannot read the streams in .*none'):
         chosen.command(chosen)
 
 
