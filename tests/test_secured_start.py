@@ -7,13 +7,15 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from dyknow_interfaces.msg import ConstraintViolation, Sample
 from std_msgs.msg import Float64
 
 from commands import command, output_of
 from dyknow_bringup.resources import executable_path
 from dyknow_common.executables import CANNOT_START
-from dyknow_common.ros import RCLError
+from dyknow_common.ros import STREAM, VIOLATIONS, RCLError
 from dyknow_stream_processing.ros import StreamProxy
+from dyknow_stream_processing.ros.topics.node_topics import NodeTopics
 from system import Client, private_environment
 
 
@@ -110,3 +112,31 @@ def test_a_topic_that_may_not_be_read_harms_no_other(
     )
     for proxy in proxies:
         proxy.destroy()
+
+
+def test_violations_that_may_not_be_read_harm_no_other(
+    client: Client, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A stream whose violations are unknown is not used."""
+    refusals: list[str] = []
+    create = client.node.create_subscription
+
+    def create_permitted(class_: Any, topic: str, *arguments: Any, **options: Any) -> Any:
+        if topic == '/s/violations' and len(refusals) < 3:
+            refusals.append(topic)
+            raise RCLError('could not create subscription')
+        return create(class_, topic, *arguments, **options)
+
+    monkeypatch.setattr(client.node, 'create_subscription', create_permitted)
+    publisher = client.node.create_publisher(Sample, '/s', STREAM)
+    samples: list[Any] = []
+    specification = 'source (x: int) "/s"; stream a = select x from "/s"; sink a'
+    proxy = StreamProxy(client.node, specification, on_sample=samples.append)
+    client.spin_until(lambda: publisher.get_subscription_count() > 0, 'the proxy subscribes')
+    client.node.create_publisher(ConstraintViolation, '/s/violations', VIOLATIONS)
+    client.spin_until(lambda: len(refusals) == 3, 'violations are refused')
+    client.spin_until(
+        lambda: NodeTopics.of(client.node).fault('/s') == '', 'the topic is subscribed to'
+    )
+    assert not samples
+    proxy.destroy()

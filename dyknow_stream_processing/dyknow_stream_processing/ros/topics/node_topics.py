@@ -261,8 +261,11 @@ class _Feed:
             self._set_fault(incompatible_publisher(self.node, self.topic, requested))
         self._inform(class_)
         held, self.request = self.request, request
-        if self.relay is not None:
-            self.relay.refresh()
+        try:
+            if self.relay is not None:
+                self.relay.refresh()
+        except RCLError as error:
+            self._refuse(error)
         if self.subscription is not None and held is not None and request.suits(held):
             return None
         return lambda: self._subscribe(class_, request)
@@ -319,14 +322,17 @@ class _Feed:
             self._create_subscriptions(class_, request)
             self.refusal = ''
         except RCLError as error:
-            # It is tried again at the next refresh. Other topics must not suffer from this one.
-            self.destroy()
-            reason = ' '.join(str(error).split())
-            self.refusal = (
-                f"topic '{self.topic}' cannot be subscribed to: {reason}; where ROS security is "
-                'enabled, the policy of this node must permit it'
-            )
-            self._set_fault(self.refusal)
+            self._refuse(error)
+
+    def _refuse(self, error: Exception) -> None:
+        # It is tried again at the next refresh. Other topics must not suffer from this one.
+        self.destroy()
+        reason = ' '.join(str(error).split())
+        self.refusal = (
+            f"topic '{self.topic}' cannot be subscribed to: {reason}; where ROS security is "
+            'enabled, the policy of this node must permit it'
+        )
+        self._set_fault(self.refusal)
 
     def _create_subscriptions(self, class_: Any, request: Publication) -> None:
         group = self.topics.group
