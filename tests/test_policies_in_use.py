@@ -215,6 +215,30 @@ def test_nodes_use_what_their_policy_permits_and_nothing_is_permitted_that_none_
     assert set(recorder.names) == everything, recorder.names
 
 
+def test_two_robots_use_what_their_policy_permits(tmp_path: Path) -> None:
+    environment = private_environment()
+    shipped = (share() / 'security' / 'robots.policy.xml').read_text(encoding='utf-8')
+    with ExitStack() as stack:
+        client = stack.enter_context(closing(Client(environment)))
+        recorder = GraphRecorder(client.node)
+        for robot in ('robot1', 'robot2'):
+            line = command('dyknow', 'up', '--namespace', robot, '--logs', str(tmp_path / robot))
+            stack.enter_context(running(line, environment))
+        engines = {f'/{robot}/stream_processing_engine' for robot in ('robot1', 'robot2')}
+
+        def engines_are_watched() -> bool:
+            recorder.look()
+            return all(
+                Use(f'{engine.rpartition("/")[0]}/{node}', 'subscribe', f'{engine}/heartbeat')
+                in recorder.uses
+                for engine in engines
+                for node in ('stream_manager', 'stream_reasoning_coordinator')
+            )
+
+        client.spin_until(engines_are_watched, 'the engines are watched', pause=POLL)
+    assert_permitted(recorder, rules(shipped))
+
+
 def test_administrators_may_request_all_that_the_nodes_serve() -> None:
     permitted = rules((share() / 'security' / 'dyknow.policy.xml').read_text(encoding='utf-8'))
     plain = 'get_type_description'

@@ -36,7 +36,7 @@ class SystemStart:
             args=['--ros-args', '--enclave', enclave],
             signal_handler_options=SignalHandlerOptions.NO,
         )
-        self._node = Node(_NAME, start_parameter_services=False)
+        self._node = Node(_NAME, namespace=self._namespace, start_parameter_services=False)
         for name in self._nodes:
             self._node.create_subscription(
                 DiagnosticStatus,
