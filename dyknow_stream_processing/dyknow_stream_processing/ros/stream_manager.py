@@ -14,10 +14,15 @@ from dyknow_interfaces.srv import (
     StreamGetTopic,
     StreamRegister,
 )
-from rclpy.exceptions import InvalidTopicNameException
-from rclpy.validate_topic_name import validate_topic_name
 
-from dyknow_common.ros import RUNNING, DyKnowNode, Throttle, constraints_from_message, run
+from dyknow_common.ros import (
+    RUNNING,
+    DyKnowNode,
+    Throttle,
+    absolute_topic,
+    constraints_from_message,
+    run,
+)
 from dyknow_stream_processing.errors import StreamError
 from dyknow_stream_processing.language.parsing import parse_specification
 from dyknow_stream_processing.management.namespaces import Namespaces
@@ -32,6 +37,7 @@ from dyknow_stream_processing.ros.management.placement import Placement
 from dyknow_stream_processing.ros.messages.message_types import message_class
 from dyknow_stream_processing.ros.messages.stream_report_messages import StreamReportPublisher
 from dyknow_stream_processing.ros.topics.publications import find_publication
+from dyknow_stream_processing.ros.topics.violation_relay import VIOLATIONS_SUFFIX
 
 ERROR_PERIOD_S = 10.0
 """The least time between two log messages about a memory file that cannot be written."""
@@ -121,11 +127,7 @@ class StreamManager(DyKnowNode):
                 raise StreamError(f'{name} is empty; a stream needs a name, a topic and its type')
         check_name(request.stream_name)
         message_class(request.message_type)
-        try:
-            validate_topic_name(request.topic_name)
-        except InvalidTopicNameException as error:
-            raise StreamError(str(error)) from None
-        topic = self.resolve_topic_name(request.topic_name)
+        topic = absolute_topic(self, request.topic_name, 'topic_name', VIOLATIONS_SUFFIX)
         self._registry.add(RegisteredStream(request.stream_name, topic, request.message_type))
         self._placement.reconcile_soon()
         self._on_change()

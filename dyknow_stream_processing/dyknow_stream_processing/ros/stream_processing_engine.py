@@ -8,8 +8,6 @@ from typing import Any, Final
 
 from dyknow_interfaces.msg import ConstraintViolation, Sample
 from dyknow_interfaces.srv import ListStreams, StreamCreateFromSpec, StreamDestroy
-from rclpy.exceptions import InvalidTopicNameException
-from rclpy.validate_topic_name import validate_topic_name
 
 from dyknow_common import SECOND_NS, StreamConstraints
 from dyknow_common.ros import (
@@ -18,6 +16,7 @@ from dyknow_common.ros import (
     VIOLATIONS,
     DyKnowNode,
     Throttle,
+    absolute_topic,
     constraints_from_message,
     nanoseconds_to_duration,
     nanoseconds_to_time,
@@ -25,7 +24,6 @@ from dyknow_common.ros import (
 )
 from dyknow_stream_processing.dataflow.computational_units import load_units
 from dyknow_stream_processing.dataflow.dataflow import DEFAULT_MAX_LEAD, Dataflow
-from dyknow_stream_processing.errors import StreamError
 from dyknow_stream_processing.language.parsing import parse_specification
 from dyknow_stream_processing.management.naming import check_name
 from dyknow_stream_processing.reporting.stream_report import (
@@ -39,7 +37,7 @@ from dyknow_stream_processing.ros.messages.sample_messages import SampleWriter
 from dyknow_stream_processing.ros.messages.stream_report_messages import StreamReportPublisher
 from dyknow_stream_processing.ros.topics.publications import publishers_remark
 from dyknow_stream_processing.ros.topics.topic_sources import TopicSources, source_type
-from dyknow_stream_processing.ros.topics.violation_relay import violations_topic
+from dyknow_stream_processing.ros.topics.violation_relay import VIOLATIONS_SUFFIX, violations_topic
 from dyknow_stream_processing.ros.topics.waiting_streams import WaitingStreams
 from dyknow_stream_processing.sample import Sample as DataSample
 from dyknow_stream_processing.violation import Violation
@@ -72,10 +70,7 @@ class StreamProcessingEngine(DyKnowNode):
         self._prefix = self.parameter(
             'stream_prefix', 'dyknow/streams', 'Topics of streams are named <stream_prefix>/<name>.'
         )
-        try:
-            validate_topic_name(f'{self._prefix}/name')
-        except InvalidTopicNameException as error:
-            raise StreamError(f"stream_prefix '{self._prefix}' cannot be used: {error}") from None
+        self._topic('name', 'stream_prefix:')
         max_lead = self.parameter(
             'default_max_lead',
             DEFAULT_MAX_LEAD / SECOND_NS,
@@ -107,6 +102,7 @@ class StreamProcessingEngine(DyKnowNode):
     def _create(self, request: Any, response: Any) -> None:
         spec = request.spec
         check_name(spec.name)
+        topic = self._topic(spec.name)
         specification = parse_specification(spec.specification)
         constraints = constraints_from_message(spec.constraints)
         self._dataflow.create(
@@ -116,7 +112,6 @@ class StreamProcessingEngine(DyKnowNode):
             lambda sample: self._publish_sample(spec.name, sample),
             lambda violation: self._publish_violation(spec.name, violation),
         )
-        topic = self.resolve_topic_name(f'{self._prefix}/{spec.name}')
         violations = violations_topic(topic)
         self._outputs[spec.name] = _Output(
             topic=topic,
@@ -130,6 +125,10 @@ class StreamProcessingEngine(DyKnowNode):
         self._report_publisher.publish_soon()
         response.stream_topic = topic
         response.stream_constraint_violation_topic = violations
+
+    def _topic(self, name: str, role: str = 'the topic of the stream') -> str:
+        """Return the topic of a stream, given its name."""
+        return absolute_topic(self, f'{self._prefix}/{name}', role, VIOLATIONS_SUFFIX)
 
     def _destroy(self, request: Any, _response: Any) -> None:
         self._dataflow.destroy(request.stream_name)
