@@ -25,7 +25,7 @@ from dyknow_common.ros.heartbeat import NodeHeartbeat
 from dyknow_common.ros.liveliness import Heartbeats
 from dyknow_common.ros.qos import NO_PUBLISHER_EVENTS, NO_SUBSCRIPTION_EVENTS, SERVICE, STATUS
 from dyknow_common.ros.throttle import Throttle
-from dyknow_common.ros.topics.guards import Guard, Refusal
+from dyknow_common.ros.topics.guards import Guard, NodeEndError, Refusal
 
 RUNNING = 'running'
 """The message in the status of a node that has everything it needs."""
@@ -74,7 +74,7 @@ class DyKnowNode(Node):
         self._loaded: dict[str, int] = {}
         self._dropped = 0
         self._reported_drops = 0
-        self._last_drop = ''
+        self._last_drop = ('', '')
         self.add_on_set_parameters_callback(self._check_parameters)
         self.set_status(RUNNING)
 
@@ -118,6 +118,8 @@ class DyKnowNode(Node):
         def guarded() -> None:
             try:
                 callback()
+            except NodeEndError:
+                raise
             except Exception as error:  # noqa: BLE001 - it would end the executor
                 if throttle.is_due():
                     self.log_fault(getattr(callback, '__qualname__', repr(callback)), error)
@@ -127,7 +129,7 @@ class DyKnowNode(Node):
     def reject(self, topic: str, reason: str) -> None:
         """Count a message that was dropped; the log and the status report it soon."""
         self._dropped += 1
-        self._last_drop = f'of {topic}: {reason}'
+        self._last_drop = topic, reason
         if self._dropped == self._reported_drops + 1:
             due = self.deadlines.after(REPORT_PERIOD_S)
             due.add_done_callback(lambda _: self._report_drops())
@@ -172,7 +174,8 @@ class DyKnowNode(Node):
         if self._status is not None:
             status, drops = self._last_status, self._dropped
             if drops:
-                values = {DROPPED: str(drops), 'last dropped': shortened(self._last_drop)}
+                last = ': '.join(map(shortened, self._last_drop))
+                values = {DROPPED: str(drops), 'last dropped': last}
                 held = [each for each in status.values if each.key not in values]
                 added = [KeyValue(key=key, value=value) for key, value in values.items()]
                 status.values = [*held, *added]
@@ -181,7 +184,8 @@ class DyKnowNode(Node):
     def _report_drops(self) -> None:
         new, self._reported_drops = self._dropped - self._reported_drops, self._dropped
         counted = 'a message was' if new == 1 else f'{new} messages were'
-        self.get_logger().warning(f'{counted} dropped, the last one {self._last_drop}')
+        topic, reason = self._last_drop
+        self.get_logger().warning(f'{counted} dropped, the last one of {topic}: {reason}')
         self._publish_status()
 
     def _check_parameters(self, parameters: list[Any]) -> SetParametersResult:

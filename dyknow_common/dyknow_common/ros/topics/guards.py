@@ -104,20 +104,16 @@ class Guard:
 
     def __call__(self, message: Any, info: Any) -> None:
         """Pass a message on, hold it, or drop it."""
-        try:
-            if self._refusal is None or GID not in info:
-                self._callback(message, info)
-            elif self._held or not self._pass_on(message, info):
-                self._hold(message, info)
-        except NodeEndError:
-            raise
-        except Exception as error:  # noqa: BLE001 - a message must not end the node
-            self.reject(error)
+        if self._held:
+            self._retry()
+        if not self._pass_on(message, info):
+            self._hold(message, info)
 
     def reject(self, error: Exception) -> None:
         """Report a message that was dropped because of an error."""
         if isinstance(error, DyKnowError | ValueError | OverflowError):
-            self._reject(self._topic, str(error))
+            # It may quote the message.
+            self._reject(self._topic, DyKnowError(str(error)).message)
         else:
             self._reject(self._topic, ''.join(traceback.format_exception(error)))
 
@@ -134,14 +130,19 @@ class Guard:
 
     def _pass_on(self, message: Any, info: Any) -> bool:
         """Pass a message on or drop it; return False if its sender is not known yet."""
-        sender = self._senders.name(info[GID])
-        if not sender:
-            return False
-        reason = self._refusal(self._topic, sender) if self._refusal else ''
-        if reason:
-            self._reject(self._topic, reason)
-        else:
+        try:
+            if self._refusal is not None and GID in info:
+                sender = self._senders.name(info[GID])
+                if not sender:
+                    return False
+                if reason := self._refusal(self._topic, sender):
+                    self._reject(self._topic, reason)
+                    return True
             self._callback(message, info)
+        except NodeEndError:
+            raise
+        except Exception as error:  # noqa: BLE001 - a message must not end the node
+            self.reject(error)
         return True
 
     def _hold(self, message: Any, info: Any) -> None:
@@ -158,21 +159,23 @@ class Guard:
             )
 
     def _retry(self) -> None:
-        """Pass on the messages whose senders are known now, in the order of their arrival."""
-        while self._held:
-            message, info, limit = self._held[0]
-            try:
-                if not self._pass_on(message, info):
-                    if time.monotonic_ns() < limit:
-                        return
-                    self._reject(self._topic, 'the node that has sent it is not known')
-            except NodeEndError:
-                raise
-            except Exception as error:  # noqa: BLE001 - as in `__call__`
-                self.reject(error)
-            del self._held[0]
-        self._node.destroy_timer(self._timer)
-        self._timer = None
+        """Pass on the messages whose senders are known now; those of each sender keep their order.
+
+        Messages of senders that stay unknown delay no others.
+        """
+        held, self._held = self._held, []
+        unknown: set[bytes] = set()
+        for message, info, limit in held:
+            if info[GID] not in unknown and self._pass_on(message, info):
+                continue
+            unknown.add(info[GID])
+            if time.monotonic_ns() < limit:
+                self._held.append((message, info, limit))
+            else:
+                self._reject(self._topic, 'the node that has sent it is not known')
+        if not self._held and self._timer is not None:
+            self._node.destroy_timer(self._timer)
+            self._timer = None
 
 
 def _takes_info(callback: Callable[..., Any]) -> bool:
