@@ -23,6 +23,7 @@ from dyknow_interfaces.msg import (
     StreamStatusArray,
 )
 from rclpy.node import Node
+from rclpy.serialization import serialize_message
 
 from dyknow_common.ros import (
     HEARTBEAT,
@@ -185,6 +186,18 @@ def test_forged_states_and_violations(
         drops.wait_for(COORDINATOR, 'it was sent by /forger', forge_violation)
         system.client.spin_until(answer.done, 'the answer')
     assert answer.result().verdict == FormulaResult.TRUE, answer.result()
+    assert batteries.power['uav1'] == 100.0
+
+
+def test_a_result_that_cannot_be_decoded(system: System, batteries: Batteries) -> None:
+    drops = Drops(system, COORDINATOR)
+    with node_named(system, REASONER) as namesake:
+        publisher = namesake.create_publisher(FormulaResult, results_topic(system), LATCHED_HISTORY)
+        # Most bytes are missing.
+        message = serialize_message(FormulaResult(explanation='calm'))[:12]
+        drops.wait_for(COORDINATOR, 'it cannot be decoded', lambda: publisher.publish(message))
+    answer = system.evaluate('always[0 s, 500 ms] Power[uav1] < 150')
+    assert answer.verdict == FormulaResult.TRUE, answer
     assert batteries.power['uav1'] == 100.0
 
 

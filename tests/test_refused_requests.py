@@ -22,6 +22,8 @@ NODES = ('stream_processing_engine', 'stream_manager', 'stream_reasoning_engine'
 @pytest.fixture(scope='module')
 def nodes(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Nodes]:
     started: dict[str, Any] = {name: {} for name in NODES}
+    started['stream_processing_engine'] = {'max_streams': 2}
+    started['stream_manager'] = {'max_specification': 1000}
     with Nodes(tmp_path_factory.mktemp('refused'), **started) as nodes:
         yield nodes
 
@@ -89,3 +91,29 @@ def test_the_clock_of_a_running_node_stays(nodes: Nodes, node: str) -> None:
     assert not refused.successful
     assert 'restart the node' in refused.reason
     assert set_to(False).successful
+
+
+def test_the_streams_of_an_engine_are_bounded(nodes: Nodes) -> None:
+    engine = 'stream_processing_engine'
+
+    def create(name: str, node: str = engine, text: str = '"/a"') -> Any:
+        spec = StreamSpec(name=name, specification=text)
+        return nodes.call(node, srv.StreamCreateFromSpec, spec=spec).exit_status
+
+    assert [create(name).code for name in ('a', 'b')] == [ExitStatus.SUCCESS] * 2
+    for node in (engine, 'stream_manager'):
+        assert_refused(create('c', node), ExitStatus.UNAVAILABLE, 'max_streams allows 2')
+    for name in ('a', 'b'):
+        nodes.obtain(engine, srv.StreamDestroy, stream_name=name)
+    assert create('c').code == ExitStatus.SUCCESS
+    nodes.obtain(engine, srv.StreamDestroy, stream_name='c')
+    long = create('d', 'stream_manager', f'select {"a" * 1000} from b')
+    assert_refused(long, INVALID, 'max_specification', '1000')
+
+
+def test_merges_that_double(nodes: Nodes) -> None:
+    merges = ''.join(f'stream a{each} = merge(a{each - 1}, a{each - 1});' for each in range(1, 26))
+    spec = StreamSpec(name='doubled', specification=f'stream a0 = "/a"; {merges} sink a25')
+    answer = nodes.call('stream_processing_engine', srv.StreamCreateFromSpec, spec=spec)
+    assert_refused(answer.exit_status, INVALID, 'repeat each sample', '^')
+    assert not nodes.obtain('stream_processing_engine', srv.ListStreams).stream_names

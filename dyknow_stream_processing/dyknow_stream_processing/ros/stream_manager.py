@@ -36,11 +36,16 @@ from dyknow_stream_processing.ros.management.persistence_files import Persistenc
 from dyknow_stream_processing.ros.management.placement import Placement
 from dyknow_stream_processing.ros.messages.message_types import message_class
 from dyknow_stream_processing.ros.messages.stream_report_messages import StreamReportPublisher
+from dyknow_stream_processing.ros.stream_limits import StreamLimits
 from dyknow_stream_processing.ros.topics.publications import find_publication
 from dyknow_stream_processing.ros.topics.violation_relay import VIOLATIONS_SUFFIX
 
 ERROR_PERIOD_S = 10.0
 """The least time between two log messages about a memory file that cannot be written."""
+
+
+MAX_STREAMS = 5000
+"""The default number of streams that were created or registered."""
 
 
 class StreamManager(DyKnowNode):
@@ -54,6 +59,7 @@ class StreamManager(DyKnowNode):
         discovery_period_s = self.parameter(
             'discovery_period', 0.25, 'Seconds between two searches for new engines.', (0.01, 60.0)
         )
+        self._limits = StreamLimits(self, MAX_STREAMS)
         self._registry = self._new_registry()
         self._memory = PersistenceFile(memory, self.get_fully_qualified_name())
         self._memory_error = Throttle(ERROR_PERIOD_S)
@@ -106,6 +112,7 @@ class StreamManager(DyKnowNode):
     async def _create(self, request: Any, response: Any) -> None:
         spec = request.spec
         check_name(spec.name)
+        self._limits.check(len(self._registry.streams()), spec)
         parse_specification(spec.specification)
         constraints = constraints_from_message(spec.constraints)
         created = await self._placement.create(
@@ -126,6 +133,7 @@ class StreamManager(DyKnowNode):
             if not getattr(request, name):
                 raise StreamError(f'{name} is empty; a stream needs a name, a topic and its type')
         check_name(request.stream_name)
+        self._limits.check(len(self._registry.streams()))
         message_class(request.message_type)
         topic = absolute_topic(self, request.topic_name, 'topic_name', VIOLATIONS_SUFFIX)
         self._registry.add(RegisteredStream(request.stream_name, topic, request.message_type))

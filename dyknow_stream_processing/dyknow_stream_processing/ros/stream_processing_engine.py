@@ -35,6 +35,7 @@ from dyknow_stream_processing.reporting.stream_report import (
 )
 from dyknow_stream_processing.ros.messages.sample_messages import SampleWriter
 from dyknow_stream_processing.ros.messages.stream_report_messages import StreamReportPublisher
+from dyknow_stream_processing.ros.stream_limits import StreamLimits
 from dyknow_stream_processing.ros.topics.publications import publishers_remark
 from dyknow_stream_processing.ros.topics.topic_sources import TopicSources, source_type
 from dyknow_stream_processing.ros.topics.violation_relay import VIOLATIONS_SUFFIX, violations_topic
@@ -44,6 +45,10 @@ from dyknow_stream_processing.violation import Violation
 
 WARNING_PERIOD_S: Final = 1.0
 """Minimum time between two violations in the log; all are published."""
+
+
+MAX_STREAMS: Final = 2000
+"""The default number of streams that an engine makes at once."""
 
 
 @dataclass(slots=True)
@@ -77,6 +82,7 @@ class StreamProcessingEngine(DyKnowNode):
             'Seconds by which stamps may be ahead of the clock where a stream gives no max_lead.',
             (0.0, 3600.0),
         )
+        self._limits = StreamLimits(self, MAX_STREAMS)
         units = load_units()
         self.set_loaded({'computational units': len(units)})
         self.set_status(RUNNING)
@@ -102,6 +108,7 @@ class StreamProcessingEngine(DyKnowNode):
     def _create(self, request: Any, response: Any) -> None:
         spec = request.spec
         check_name(spec.name)
+        self._limits.check(len(self._outputs), spec)
         topic = self._topic(spec.name)
         specification = parse_specification(spec.specification)
         constraints = constraints_from_message(spec.constraints)
