@@ -42,7 +42,7 @@ from system import Batteries, System
 COORDINATOR = 'stream_reasoning_coordinator'
 REASONER = 'stream_reasoning_engine'
 ENGINE = 'stream_processing_engine'
-CALM = 'always[0 s, 6 s] Power[uav1] < 150'
+STAYS_CALM = 'always[0 s, 6 s] Power[uav1] < 150'
 
 
 @contextmanager
@@ -106,10 +106,10 @@ def result(evaluation: Any, verdict: int = FormulaResult.FALSE, code: int = 0) -
 
 
 def test_a_forged_result_is_no_answer(
-    system: System, batteries: Batteries, evaluations: Evaluations
+    system: System, calm: Batteries, evaluations: Evaluations
 ) -> None:
     drops = Drops(system, COORDINATOR)
-    answer = system.ask(CALM)
+    answer = system.ask(STAYS_CALM)
     evaluation = evaluations.wait_for_state()[0]
     with node_named(system, 'forger') as forger:
         topic = results_topic(system)
@@ -124,7 +124,7 @@ def test_a_forged_result_is_no_answer(
         drops.wait_for(COORDINATOR, 'it was sent by /forger', forge)
         system.client.spin_until(answer.done, 'the answer')
     assert answer.result().verdict == FormulaResult.TRUE, answer.result()
-    assert batteries.power['uav1'] == 100.0
+    assert calm.power['uav1'] == 100.0
 
 
 @pytest.mark.parametrize(
@@ -138,7 +138,7 @@ def test_a_forged_result_is_no_answer(
 )
 def test_a_result_that_makes_no_sense(
     system: System,
-    batteries: Batteries,
+    calm: Batteries,
     evaluations: Evaluations,
     verdict: int,
     code: int,
@@ -146,7 +146,7 @@ def test_a_result_that_makes_no_sense(
 ) -> None:
     """Sent under the name of the reasoning engine."""
     drops = Drops(system, COORDINATOR)
-    answer = system.ask(CALM)
+    answer = system.ask(STAYS_CALM)
     evaluation = evaluations.wait_for_state()[0]
     with node_named(system, REASONER) as namesake:
         publisher = namesake.create_publisher(FormulaResult, results_topic(system), LATCHED_HISTORY)
@@ -154,15 +154,15 @@ def test_a_result_that_makes_no_sense(
         drops.wait_for(COORDINATOR, reason, lambda: publisher.publish(message))
     system.client.spin_until(answer.done, 'the answer')
     assert answer.result().verdict == FormulaResult.TRUE, answer.result()
-    assert batteries.power['uav1'] == 100.0
+    assert calm.power['uav1'] == 100.0
 
 
 def test_forged_states_and_violations(
-    system: System, batteries: Batteries, evaluations: Evaluations
+    system: System, calm: Batteries, evaluations: Evaluations
 ) -> None:
     """They would make the formula false, or end it."""
     drops = Drops(system, COORDINATOR, REASONER)
-    answer = system.ask(CALM)
+    answer = system.ask(STAYS_CALM)
     topic = evaluations.wait_for_state()[0].state_stream
     with node_named(system, 'forger') as forger:
         states = forger.create_publisher(Sample, topic, STREAM)
@@ -186,19 +186,19 @@ def test_forged_states_and_violations(
         drops.wait_for(COORDINATOR, 'it was sent by /forger', forge_violation)
         system.client.spin_until(answer.done, 'the answer')
     assert answer.result().verdict == FormulaResult.TRUE, answer.result()
-    assert batteries.power['uav1'] == 100.0
+    assert calm.power['uav1'] == 100.0
 
 
-def test_a_result_that_cannot_be_decoded(system: System, batteries: Batteries) -> None:
+def test_a_result_that_cannot_be_decoded(system: System, calm: Batteries) -> None:
     drops = Drops(system, COORDINATOR)
     with node_named(system, REASONER) as namesake:
         publisher = namesake.create_publisher(FormulaResult, results_topic(system), LATCHED_HISTORY)
         # Most bytes are missing.
-        message = serialize_message(FormulaResult(explanation='calm'))[:12]
+        message = serialize_message(FormulaResult(explanation='why'))[:12]
         drops.wait_for(COORDINATOR, 'it cannot be decoded', lambda: publisher.publish(message))
     answer = system.evaluate('always[0 s, 500 ms] Power[uav1] < 150')
     assert answer.verdict == FormulaResult.TRUE, answer
-    assert batteries.power['uav1'] == 100.0
+    assert calm.power['uav1'] == 100.0
 
 
 @pytest.mark.parametrize(
@@ -210,7 +210,7 @@ def test_a_result_that_cannot_be_decoded(system: System, batteries: Batteries) -
     ],
 )
 def test_reports_of_an_engine(
-    system: System, batteries: Batteries, sender: str, changes: dict[str, Any], reason: str
+    system: System, calm: Batteries, sender: str, changes: dict[str, Any], reason: str
 ) -> None:
     drops = Drops(system, 'stream_manager')
     with node_named(system, sender) as node:
@@ -219,15 +219,15 @@ def test_reports_of_an_engine(
         drops.wait_for('stream_manager', reason, lambda: publisher.publish(report))
     assert 'forged' not in system.streams()
     system.wait_for_streams()
-    assert batteries.power['uav1'] == 100.0
+    assert calm.power['uav1'] == 100.0
 
 
 def test_a_forged_start_is_no_restart(
-    system: System, batteries: Batteries, evaluations: Evaluations
+    system: System, calm: Batteries, evaluations: Evaluations
 ) -> None:
     """A restart of the engine would end the evaluation."""
     drops = Drops(system, COORDINATOR)
-    answer = system.ask(CALM)
+    answer = system.ask(STAYS_CALM)
     evaluations.wait_for_state()
     with node_named(system, 'forger') as forger:
         heartbeats = forger.create_publisher(Heartbeat, f'/{REASONER}/heartbeat', HEARTBEAT)
@@ -247,4 +247,4 @@ def test_a_forged_start_is_no_restart(
         drops.wait_for(COORDINATOR, 'it was sent by /forger', forge)
         system.client.spin_until(answer.done, 'the answer')
     assert answer.result().verdict == FormulaResult.TRUE, answer.result()
-    assert batteries.power['uav1'] == 100.0
+    assert calm.power['uav1'] == 100.0
