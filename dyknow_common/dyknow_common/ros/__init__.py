@@ -40,7 +40,7 @@ from dyknow_common.ros.time_messages import (
     time_to_nanoseconds,
 )
 from dyknow_common.ros.topics.guards import (
-    Guard,
+    MessageGuard,
     Refusal,
     only_from,
     only_owner,
@@ -66,9 +66,9 @@ __all__ = [
     'VIOLATIONS',
     'CommandNode',
     'DyKnowNode',
-    'Guard',
     'Heartbeats',
     'LogOnce',
+    'MessageGuard',
     'NodeAdapter',
     'NodeExecutor',
     'PublisherWatch',

@@ -24,7 +24,7 @@ from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.task import Task
 from rclpy.waitable import NumberOfEntities
 
-from dyknow_common.ros.topics.guards import Guard
+from dyknow_common.ros.topics.guards import MessageGuard
 
 Take = Callable[[Any], Any]
 """A function that takes the data of an entity; it returns a coroutine function, or None."""
@@ -147,7 +147,7 @@ class NodeExecutor(SingleThreadedExecutor):
             return None
 
     def _take_subscription(self, sub: Any) -> Any:
-        if not (isinstance(sub.callback, Guard) and sub.callback.needs_sender):
+        if not (isinstance(sub.callback, MessageGuard) and sub.callback.needs_sender):
             return super()._take_subscription(sub)
         try:
             with sub.handle:

@@ -34,7 +34,7 @@ from dyknow_common.errors import ExitCode
 from dyknow_common.ros.qos import HEARTBEAT, HEARTBEAT_PERIOD_S
 from dyknow_common.ros.throttle import Throttle
 from dyknow_common.ros.time_messages import nanoseconds_to_time, time_to_nanoseconds
-from dyknow_common.ros.topics.guards import Guard, NodeEndError, only_owner
+from dyknow_common.ros.topics.guards import MessageGuard, NodeEndError, only_owner
 from dyknow_common.ros.topics.senders import full_name
 
 SETTLING_HEARTBEATS: Final = 20
@@ -86,7 +86,7 @@ class NodeHeartbeat:
             ),
             callback_group=group,
         )
-        guard: Any = Guard(self._node, topic, self._on_heartbeat, only_owner)
+        guard: Any = MessageGuard(self._node, topic, self._on_heartbeat, only_owner)
         self._node.create_subscription(
             Heartbeat,
             topic,

@@ -25,7 +25,7 @@ from dyknow_common.ros.heartbeat import NodeHeartbeat
 from dyknow_common.ros.liveliness import Heartbeats
 from dyknow_common.ros.qos import NO_PUBLISHER_EVENTS, NO_SUBSCRIPTION_EVENTS, SERVICE, STATUS
 from dyknow_common.ros.throttle import Throttle
-from dyknow_common.ros.topics.guards import Guard, NodeEndError, Refusal
+from dyknow_common.ros.topics.guards import MessageGuard, NodeEndError, Refusal
 
 RUNNING = 'running'
 """The message in the status of a node that has everything it needs."""
@@ -94,7 +94,7 @@ class DyKnowNode(Node):
         refusal: Refusal | None = None,
         **options: Any,
     ) -> Any:
-        """Create a subscription with a `Guard`, by default without event handlers.
+        """Create a subscription with a `MessageGuard`, by default without event handlers.
 
         Args:
             msg_type: the message class.
@@ -104,8 +104,8 @@ class DyKnowNode(Node):
             refusal: decides whose messages are taken; None: all.
             options: of rclpy.
         """
-        if not isinstance(callback, Guard):
-            callback = Guard(self, self.resolve_topic_name(topic), callback, refusal)
+        if not isinstance(callback, MessageGuard):
+            callback = MessageGuard(self, self.resolve_topic_name(topic), callback, refusal)
         options = {'event_callbacks': NO_SUBSCRIPTION_EVENTS, **options}
         return super().create_subscription(msg_type, topic, callback, qos_profile, **options)
 

@@ -30,7 +30,7 @@ from dyknow_common.ros.deadlines import Deadlines
 from dyknow_common.ros.liveliness import Heartbeats
 from dyknow_common.ros.node import RUNNING, STARTED_AT, DyKnowNode, snake_case
 from dyknow_common.ros.qos import NO_SUBSCRIPTION_EVENTS, SERVICE, STATUS
-from dyknow_common.ros.topics.guards import Guard, Refusal, only_owner
+from dyknow_common.ros.topics.guards import MessageGuard, Refusal, only_owner
 
 POLL_PERIOD_S = 0.02
 """The period of checks for a service that discovery has not found yet."""
@@ -66,8 +66,8 @@ class NodeAdapter:
         refusal: Refusal | None = None,
         **options: Any,
     ) -> Any:
-        """Create a subscription with a `Guard`."""
-        guard: Any = Guard(self.node, self.node.resolve_topic_name(topic), callback, refusal)
+        """Create a subscription with a `MessageGuard`."""
+        guard: Any = MessageGuard(self.node, self.node.resolve_topic_name(topic), callback, refusal)
         return self.node.create_subscription(msg_type, topic, guard, qos_profile, **options)
 
     def close(self) -> None:

@@ -9,7 +9,7 @@ import pytest
 
 from dyknow_common.errors import DyKnowError
 from dyknow_common.ros.topics import guards
-from dyknow_common.ros.topics.guards import Guard, NodeEndError, only_from, only_owner
+from dyknow_common.ros.topics.guards import MessageGuard, NodeEndError, only_from, only_owner
 from dyknow_common.ros.topics.senders import GID
 
 TOPIC = '/engine/streams'
@@ -52,7 +52,7 @@ class Reader:
     def __init__(self, refusal: Any = only_owner) -> None:
         self.node = Graph()
         self.taken: list[int] = []
-        self.guard = Guard(self.node, TOPIC, self._read, refusal)  # type: ignore[arg-type]
+        self.guard = MessageGuard(self.node, TOPIC, self._read, refusal)  # type: ignore[arg-type]
 
     def _read(self, number: int) -> None:
         if number == 13:
@@ -136,7 +136,7 @@ def test_reasons_quote_little_of_a_message() -> None:
     def refuse(_number: int) -> None:
         raise DyKnowError(f"'{'x' * 10**6}' is no name")
 
-    guard = Guard(reader.node, TOPIC, refuse)  # type: ignore[arg-type]
+    guard = MessageGuard(reader.node, TOPIC, refuse)  # type: ignore[arg-type]
     guard(1, {})
     guard.reject(ValueError(f"invalid literal for int() with base 10: '{'7' * 10**6}'"))
     assert all(len(each) < 200 for each in reader.node.rejected)

@@ -68,7 +68,7 @@ class NodeEndError(DyKnowError):
     """An error that ends the node."""
 
 
-class Guard:
+class MessageGuard:
     """The callback of a subscription, which calls another one for the messages to be used.
 
     Args:

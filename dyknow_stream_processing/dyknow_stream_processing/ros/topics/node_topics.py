@@ -30,7 +30,7 @@ from rclpy.node import Node
 from rclpy.qos import QoSProfile
 
 from dyknow_common import NANOSECONDS, SECOND_NS
-from dyknow_common.ros import NO_SUBSCRIPTION_EVENTS, Guard, Heartbeats
+from dyknow_common.ros import NO_SUBSCRIPTION_EVENTS, Heartbeats, MessageGuard
 from dyknow_stream_processing.errors import StreamError
 from dyknow_stream_processing.ros.messages.message_types import (
     is_sample,
@@ -292,7 +292,7 @@ class _Feed:
                 listener.on_message(message.message, message.receipt_time)
         except Exception as error:
             guard = self.subscription and self.subscription.callback
-            if not isinstance(guard, Guard):
+            if not isinstance(guard, MessageGuard):
                 raise  # In a node of a user, who sees the errors of the own callbacks.
             guard.reject(error)
 

@@ -19,8 +19,8 @@ from rclpy.node import Node
 from dyknow_common.ros import (
     NO_SUBSCRIPTION_EVENTS,
     VIOLATIONS,
-    Guard,
     Heartbeats,
+    MessageGuard,
     PublisherWatch,
     only_publishers_of,
     time_to_nanoseconds,
@@ -69,7 +69,7 @@ class ViolationRelay:
         topic = violations_topic(self._topic)
         if self._watch is None and self._node.count_publishers(topic):
             self._watch = PublisherWatch(self._heartbeats, topic, self._report_loss)
-            self._guard = Guard(
+            self._guard = MessageGuard(
                 self._node, topic, self._on_message, only_publishers_of(self._node, self._topic)
             )
             self._subscription = self._node.create_subscription(
