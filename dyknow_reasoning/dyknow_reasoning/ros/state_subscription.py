@@ -80,7 +80,7 @@ class StateSubscription:
         self._owner = TopicOwner(node.heartbeats, node.resolve_topic_name(topic))
         # If both have messages, the subscription that is created first is served first. So no state
         # after a violation is processed before the violation.
-        self._violations = node.create_subscription(
+        self._violations: Any = node.create_subscription(
             ConstraintViolation,
             f'{topic}{VIOLATIONS_SUFFIX}',
             self._on_violation,
@@ -107,6 +107,7 @@ class StateSubscription:
         if valid_time < 0:
             # The next state reveals by its sequence number that this one is missing.
             raise ReasoningError('its valid time is before 1970')
+        self._violations.callback.retry()
         self._loss = ''
         self._sequence.note(info.get('publication_sequence_number'))
         self._on_state(self, State(valid_time, message, self._loss))

@@ -104,10 +104,14 @@ class MessageGuard:
 
     def __call__(self, message: Any, info: Any) -> None:
         """Pass a message on, hold it, or drop it."""
-        if self._held:
-            self._retry()
+        self.retry()
         if not self._pass_on(message, info):
             self._hold(message, info)
+
+    def retry(self) -> None:
+        """Pass on the messages that are held and whose senders are known now."""
+        if self._held:
+            self._retry()
 
     def reject(self, error: Exception) -> None:
         """Report a message that was dropped because of an error."""
