@@ -115,9 +115,11 @@ class DyKnowNode(Node):
         """Create a timer; the exceptions of its callback are logged, and it continues."""
         throttle = Throttle(REPORT_PERIOD_S)
 
-        def guarded() -> None:
+        async def guarded() -> None:
             try:
-                callback()
+                outcome = callback()
+                if isawaitable(outcome):
+                    await outcome
             except NodeEndError:
                 raise
             except Exception as error:  # noqa: BLE001 - it would end the executor

@@ -21,9 +21,11 @@ from dyknow_common.ros import (
     nanoseconds_to_duration,
     nanoseconds_to_time,
     run,
+    topic_fault,
 )
 from dyknow_stream_processing.dataflow.computational_units import load_units
 from dyknow_stream_processing.dataflow.dataflow import DEFAULT_MAX_LEAD, Dataflow
+from dyknow_stream_processing.errors import StreamError
 from dyknow_stream_processing.language.parsing import parse_specification
 from dyknow_stream_processing.management.naming import check_name
 from dyknow_stream_processing.reporting.stream_report import (
@@ -75,7 +77,8 @@ class StreamProcessingEngine(DyKnowNode):
         self._prefix = self.parameter(
             'stream_prefix', 'dyknow/streams', 'Topics of streams are named <stream_prefix>/<name>.'
         )
-        self._topic('name', 'stream_prefix:')
+        if fault := topic_fault(self, f'{self._prefix}/name', VIOLATIONS_SUFFIX):
+            raise StreamError(f"stream_prefix '{self._prefix}' cannot be used: {fault}")
         max_lead = self.parameter(
             'default_max_lead',
             DEFAULT_MAX_LEAD / SECOND_NS,
@@ -109,7 +112,8 @@ class StreamProcessingEngine(DyKnowNode):
         spec = request.spec
         check_name(spec.name)
         self._limits.check(len(self._outputs), spec)
-        topic = self._topic(spec.name)
+        topic = f'{self._prefix}/{spec.name}'
+        topic = absolute_topic(self, topic, 'the topic of the stream', VIOLATIONS_SUFFIX)
         specification = parse_specification(spec.specification)
         constraints = constraints_from_message(spec.constraints)
         self._dataflow.create(
@@ -132,10 +136,6 @@ class StreamProcessingEngine(DyKnowNode):
         self._report_publisher.publish_soon()
         response.stream_topic = topic
         response.stream_constraint_violation_topic = violations
-
-    def _topic(self, name: str, role: str = 'the topic of the stream') -> str:
-        """Return the topic of a stream, given its name."""
-        return absolute_topic(self, f'{self._prefix}/{name}', role, VIOLATIONS_SUFFIX)
 
     def _destroy(self, request: Any, _response: Any) -> None:
         self._dataflow.destroy(request.stream_name)
