@@ -36,6 +36,7 @@ SCHEDULE = (
     ('test_hung_nodes', 'test_failures'),
     ('test_stand_ins', 'test_change'),
     ('test_callers',),
+    ('test_forged_messages',),
     ('test_demonstration',),
     ('test_two_robots',),
     ('test_sim_time_jumps',),

@@ -266,7 +266,7 @@ def test_the_longest_chain_of_streams(reverse: bool) -> None:  # noqa: FBT001
 
 def test_a_stream_that_doubles() -> None:
     doubled = ';'.join(f'stream a{each} = merge(a{each - 1}, a{each - 1})' for each in range(1, 90))
-    with pytest.raises(LanguageError, match='have more than 200000 parts'):
+    with pytest.raises(LanguageError, match='repeat each sample of a stream more than 100 times'):
         dataflow(f'stream a0 = "/t"; {doubled}')
 
 

@@ -9,6 +9,7 @@ from typing import Any
 import pytest
 from diagnostic_msgs.msg import DiagnosticStatus
 from dyknow_interfaces.msg import Heartbeat
+from rclpy.node import Node
 
 from dyknow_bringup.resources import executable_path
 from dyknow_common.ros import HEARTBEAT, LATCHED, NodeAdapter, RemoteNode
@@ -127,7 +128,8 @@ def test_a_node_that_meets_another_one(
     """Within its first ten seconds."""
     heartbeat = Heartbeat(sequence_number=sequence_number)
     heartbeat.started_at.sec = start
-    publisher = client.node.create_publisher(Heartbeat, '/node/heartbeat', HEARTBEAT)
+    namesake = Node('node', context=client.context)
+    publisher = namesake.create_publisher(Heartbeat, '/node/heartbeat', HEARTBEAT)
     own: list[Any] = []
     client.node.create_subscription(Heartbeat, '/node/heartbeat', own.append, HEARTBEAT)
     statuses: list[Any] = []

@@ -27,6 +27,14 @@ class ExitCode(IntEnum):
     INTERNAL_ERROR = 8
 
 
+def exit_code(number: int) -> ExitCode:
+    """Return the exit code of a number in a message; INTERNAL_ERROR if there is none."""
+    try:
+        return ExitCode(number)
+    except ValueError:
+        return ExitCode.INTERNAL_ERROR
+
+
 def shortened(text: object) -> str:
     """Return a text for a message: its beginning and end, if it is long."""
     found = str(text)

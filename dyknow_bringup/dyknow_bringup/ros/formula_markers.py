@@ -23,6 +23,7 @@ from dyknow_common.ros import (
     LATCHED,
     DyKnowNode,
     Throttle,
+    only_owner,
     run,
 )
 from dyknow_coordinator import EvaluationStatus
@@ -67,7 +68,11 @@ class FormulaMarkers(DyKnowNode):
         self._frame = ''
         self._frame_warning = Throttle(WARNING_PERIOD_S)
         self.create_subscription(
-            EvaluationStatusArray, f'{coordinator}/evaluations', self._on_evaluations, LATCHED
+            EvaluationStatusArray,
+            f'{coordinator}/evaluations',
+            self._on_evaluations,
+            LATCHED,
+            refusal=only_owner,
         )
         self._markers = self.create_publisher(MarkerArray, '~/markers', MARKERS)
         self.create_timer(PERIOD_S, self._publish_markers, clock=self.wall_clock)

@@ -10,7 +10,7 @@ from dyknow_common.ros.commands import (
 )
 from dyknow_common.ros.deadlines import TICK_PERIOD_S
 from dyknow_common.ros.executor import NodeExecutor, supports_node_executor
-from dyknow_common.ros.liveliness import Heartbeats, PublisherWatch
+from dyknow_common.ros.liveliness import Heartbeats, PublisherWatch, TopicOwner
 from dyknow_common.ros.node import (
     NODE_TYPE,
     RUNNING,
@@ -40,11 +40,22 @@ from dyknow_common.ros.time_messages import (
     nanoseconds_to_time,
     time_to_nanoseconds,
 )
+from dyknow_common.ros.topics.guards import (
+    MessageGuard,
+    Refusal,
+    only_from,
+    only_owner,
+    only_publishers_of,
+)
+from dyknow_common.ros.topics.names import MAX_TOPIC_LENGTH, absolute_topic, topic_fault
+from dyknow_common.ros.topics.senders import GID, full_name
 
 __all__ = [
+    'GID',
     'HEARTBEAT',
     'LATCHED',
     'LATCHED_HISTORY',
+    'MAX_TOPIC_LENGTH',
     'NODE_TYPE',
     'NO_SUBSCRIPTION_EVENTS',
     'RUNNING',
@@ -58,25 +69,34 @@ __all__ = [
     'DyKnowNode',
     'Heartbeats',
     'LogOnce',
+    'MessageGuard',
     'NodeAdapter',
     'NodeExecutor',
     'PublisherWatch',
     'RCLError',
+    'Refusal',
     'RemoteNode',
     'ReportCommand',
     'Throttle',
+    'TopicOwner',
+    'absolute_topic',
     'add_report_options',
     'constraints_from_message',
     'constraints_to_message',
     'duration',
     'fill_exit_status',
+    'full_name',
     'interruptible',
     'nanoseconds_to_duration',
     'nanoseconds_to_time',
+    'only_from',
+    'only_owner',
+    'only_publishers_of',
     'run',
     'run_command',
     'run_ros_main',
     'snake_case',
     'supports_node_executor',
     'time_to_nanoseconds',
+    'topic_fault',
 ]

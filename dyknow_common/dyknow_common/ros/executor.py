@@ -24,6 +24,8 @@ from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.task import Task
 from rclpy.waitable import NumberOfEntities
 
+from dyknow_common.ros.topics.guards import MessageGuard
+
 Take = Callable[[Any], Any]
 """A function that takes the data of an entity; it returns a coroutine function, or None."""
 
@@ -143,6 +145,22 @@ class NodeExecutor(SingleThreadedExecutor):
                 return super()._take_timer(tmr) if tmr.handle.is_timer_ready() else None
         except InvalidHandle:
             return None
+
+    def _take_subscription(self, sub: Any) -> Any:
+        if not (isinstance(sub.callback, MessageGuard) and sub.callback.needs_sender):
+            return super()._take_subscription(sub)
+        try:
+            with sub.handle:
+                taken = sub.callback.take(sub)
+        except InvalidHandle:
+            return None  # Another callback has destroyed it.
+        if taken is None:
+            return None
+
+        async def execute() -> None:
+            sub.callback(*taken)
+
+        return execute
 
     def _take_waitable(self, waitable: Any) -> Any:
         try:

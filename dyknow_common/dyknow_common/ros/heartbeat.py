@@ -30,10 +30,12 @@ from rclpy.node import Node
 from rclpy.qos import QoSProfile
 from rclpy.wait_for_message import wait_for_message
 
-from dyknow_common.errors import DyKnowError, ExitCode
+from dyknow_common.errors import ExitCode
 from dyknow_common.ros.qos import HEARTBEAT, HEARTBEAT_PERIOD_S
 from dyknow_common.ros.throttle import Throttle
 from dyknow_common.ros.time_messages import nanoseconds_to_time, time_to_nanoseconds
+from dyknow_common.ros.topics.guards import MessageGuard, NodeEndError, only_owner
+from dyknow_common.ros.topics.senders import full_name
 
 SETTLING_HEARTBEATS: Final = 20
 """The number of heartbeats after which a node does not give way to another one of its name."""
@@ -65,9 +67,10 @@ class NodeHeartbeat:
         """Start to publish, if this is the only node of its name.
 
         Raises:
-            DyKnowError: ALREADY_EXISTS, if another node of this name is running.
+            NodeEndError: ALREADY_EXISTS, if another node of this name is running.
         """
-        self._check_name()
+        topic = self._node.resolve_topic_name('~/heartbeat')
+        self._check_name(topic)
         # A callback of another group may await something for long.
         group = ReentrantCallbackGroup()
         self._publisher = self._node.create_publisher(
@@ -83,8 +86,13 @@ class NodeHeartbeat:
             ),
             callback_group=group,
         )
+        guard: Any = MessageGuard(self._node, topic, self._on_heartbeat, only_owner)
         self._node.create_subscription(
-            Heartbeat, '~/heartbeat', self._on_heartbeat, HEARTBEAT, callback_group=group
+            Heartbeat,
+            topic,
+            guard,
+            HEARTBEAT,
+            callback_group=group,
         )
         self.publish()
 
@@ -98,13 +106,15 @@ class NodeHeartbeat:
     def _on_progress(self, _missed_deadline: Any) -> None:
         self._periods_without_progress = 0
 
-    def _check_name(self) -> None:
+    def _check_name(self, topic: str) -> None:
         """Wait for the heartbeat of a node of this name, if there seems to be one.
 
         A node that was killed stays on the ROS graph for another 20 s.
         """
-        topic = self._node.resolve_topic_name('~/heartbeat')
-        if not self._node.count_publishers(topic):
+        owner = self._node.get_fully_qualified_name()
+        infos = self._node.get_publishers_info_by_topic(topic)
+        # The name of a node that was just discovered may be unknown.
+        if all(name.startswith('/') and name != owner for name in map(full_name, infos)):
             return
         is_running, heartbeat = wait_for_message(
             Heartbeat,
@@ -130,8 +140,8 @@ class NodeHeartbeat:
                 'one of them'
             )
 
-    def _refusal(self, heartbeat: Any) -> DyKnowError:
-        return DyKnowError(
+    def _refusal(self, heartbeat: Any) -> NodeEndError:
+        return NodeEndError(
             f'{self._described(heartbeat)}: stop it, or start this system in another namespace '
             '(--namespace)',
             ExitCode.ALREADY_EXISTS,

@@ -28,6 +28,8 @@ from rclpy.node import Node
 
 from dyknow_common.ros.qos import HEARTBEAT, HEARTBEAT_PERIOD_S, NO_SUBSCRIPTION_EVENTS
 from dyknow_common.ros.time_messages import time_to_nanoseconds
+from dyknow_common.ros.topics.guards import MessageGuard, only_owner
+from dyknow_common.ros.topics.senders import full_name
 
 MISSED_LIMIT: Final = 5
 """The number of periods without a heartbeat after which a node counts as dead."""
@@ -84,11 +86,13 @@ class Heartbeats:
         topic = self.node.resolve_topic_name(f'{name}/heartbeat')
         if topic not in self._nodes:
             self._nodes[topic] = NodeLiveliness()
+            note = partial(_on_heartbeat, self._nodes[topic])
+            guard: Any = MessageGuard(self.node, topic, note, only_owner)
             self._subscriptions.append(
                 self.node.create_subscription(
                     Heartbeat,
                     topic,
-                    partial(_on_heartbeat, self._nodes[topic]),
+                    guard,
                     HEARTBEAT,
                     callback_group=self.group,
                     event_callbacks=NO_SUBSCRIPTION_EVENTS,
@@ -126,7 +130,63 @@ class Heartbeats:
             listener()
 
 
-class PublisherWatch:
+class _Publishers:
+    """The nodes that publish a topic, and whether they are alive."""
+
+    def __init__(self, heartbeats: Heartbeats, topic: str) -> None:
+        self._heartbeats = heartbeats
+        self._topic = topic
+
+    def _publishers(self) -> list[str]:
+        infos = self._heartbeats.node.get_publishers_info_by_topic(self._topic)
+        # The name of a node that was just discovered may be unknown.
+        return [name for name in set(map(full_name, infos)) if name.startswith('/')]
+
+    def _silence(self, name: str) -> int:
+        liveliness = self._heartbeats.liveliness(name)
+        has_heartbeat = self._heartbeats.node.count_publishers(f'{name}/heartbeat') > 0
+        return liveliness.silence if liveliness.started_at or has_heartbeat else 0
+
+
+class TopicOwner(_Publishers):
+    """The node that publishes a topic: the first one, as long as it is alive and publishes it.
+
+    Args:
+        heartbeats: that the node receives which reads the topic.
+        topic: absolute.
+    """
+
+    def __init__(self, heartbeats: Heartbeats, topic: str) -> None:
+        super().__init__(heartbeats, topic)
+        self.name = ''
+        """The full name of the node; empty before its first message."""
+        heartbeats.listen(self._end_period)
+
+    def refusal(self, _topic: str, sender: str) -> str:
+        """Return why a message of a node is refused; empty if the node is the owner, or becomes it.
+
+        It may be a message on another topic of the owner.
+        """
+        if sender == self.name:
+            return ''
+        publishers = self._publishers()
+        if self.name in publishers and self._silence(self.name) < MISSED_LIMIT:
+            return f'it was sent by {sender}, and {self._topic} is published by {self.name}'
+        if sender not in publishers:
+            return f'it was sent by {sender}, which does not publish {self._topic}'
+        self.name = sender
+        self._heartbeats.liveliness(sender)  # From now on its periods are counted.
+        return ''
+
+    def stop(self) -> None:
+        """End the count of the periods without heartbeats."""
+        self._heartbeats.remove(self._end_period)
+
+    def _end_period(self) -> None:
+        """Keep the heartbeats up to date: they are while there is a listener."""
+
+
+class PublisherWatch(_Publishers):
     """Notices that the node that publishes a topic is dead or was restarted.
 
     A publisher that is no node of DyKnow has no heartbeat; it counts as alive while it is on the
@@ -139,8 +199,7 @@ class PublisherWatch:
     """
 
     def __init__(self, heartbeats: Heartbeats, topic: str, on_lost: Callable[[], None]) -> None:
-        self._heartbeats = heartbeats
-        self._topic = topic
+        super().__init__(heartbeats, topic)
         self._on_lost = on_lost
         self._starts: dict[str, int] = {}
         self._absence = 0
@@ -161,17 +220,6 @@ class PublisherWatch:
         self._starts.update(starts)
         if (self._is_lost or is_restarted) and not was_lost:
             self._on_lost()
-
-    def _publishers(self) -> list[str]:
-        infos = self._heartbeats.node.get_publishers_info_by_topic(self._topic)
-        names = {f'{info.node_namespace.rstrip("/")}/{info.node_name}' for info in infos}
-        # The name of a node that was just discovered may be unknown.
-        return [name for name in names if name.startswith('/')]
-
-    def _silence(self, name: str) -> int:
-        liveliness = self._heartbeats.liveliness(name)
-        has_heartbeat = self._heartbeats.node.count_publishers(f'{name}/heartbeat') > 0
-        return liveliness.silence if liveliness.started_at or has_heartbeat else 0
 
 
 def _on_heartbeat(liveliness: NodeLiveliness, message: Any) -> None:

@@ -9,16 +9,23 @@ from inspect import isawaitable
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
-from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
+from rcl_interfaces.msg import (
+    FloatingPointRange,
+    IntegerRange,
+    ParameterDescriptor,
+    SetParametersResult,
+)
 from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 
-from dyknow_common.errors import DyKnowError, ExitCode
+from dyknow_common.errors import DyKnowError, ExitCode, shortened
 from dyknow_common.ros.deadlines import Deadlines
 from dyknow_common.ros.heartbeat import NodeHeartbeat
 from dyknow_common.ros.liveliness import Heartbeats
 from dyknow_common.ros.qos import NO_PUBLISHER_EVENTS, NO_SUBSCRIPTION_EVENTS, SERVICE, STATUS
+from dyknow_common.ros.throttle import Throttle
+from dyknow_common.ros.topics.guards import MessageGuard, NodeEndError, Refusal
 
 RUNNING = 'running'
 """The message in the status of a node that has everything it needs."""
@@ -26,12 +33,20 @@ RUNNING = 'running'
 STARTED_AT = 'born'
 """The key of the time of start in a node's status; it distinguishes a restarted node."""
 
+DROPPED = 'dropped messages'
+"""The key of the number of messages that could not be used, in a node's status."""
+
 NODE_TYPE = 'type'
 """The key of the kind of node in its status, such as `stream_processing_engine`."""
 
 HANG_LIMIT_S = 20.0
 """The default of the time without progress after which a node hangs."""
+
+REPORT_PERIOD_S = 1.0
+"""The time between two reports of dropped messages."""
+
 _FILES = 'files'
+_USE_SIM_TIME = 'use_sim_time'
 
 
 class DyKnowNode(Node):
@@ -57,6 +72,10 @@ class DyKnowNode(Node):
         self._status: Any = None
         self._last_status: Any = None
         self._loaded: dict[str, int] = {}
+        self._dropped = 0
+        self._reported_drops = 0
+        self._last_drop = ('', '')
+        self.add_on_set_parameters_callback(self._check_parameters)
         self.set_status(RUNNING)
 
     def create_publisher(self, *arguments: Any, **options: Any) -> Any:
@@ -65,11 +84,57 @@ class DyKnowNode(Node):
             *arguments, **{'event_callbacks': NO_PUBLISHER_EVENTS, **options}
         )
 
-    def create_subscription(self, *arguments: Any, **options: Any) -> Any:
-        """Create a subscription, by default without event handlers."""
-        return super().create_subscription(
-            *arguments, **{'event_callbacks': NO_SUBSCRIPTION_EVENTS, **options}
-        )
+    def create_subscription(
+        self,
+        msg_type: Any,
+        topic: str,
+        callback: Any,
+        qos_profile: Any,
+        *,
+        refusal: Refusal | None = None,
+        **options: Any,
+    ) -> Any:
+        """Create a subscription with a `MessageGuard`, by default without event handlers.
+
+        Args:
+            msg_type: the message class.
+            topic: its name.
+            callback: receives each message, with its info if it takes two arguments.
+            qos_profile: the quality of service.
+            refusal: decides whose messages are taken; None: all.
+            options: of rclpy.
+        """
+        if not isinstance(callback, MessageGuard):
+            callback = MessageGuard(self, self.resolve_topic_name(topic), callback, refusal)
+        options = {'event_callbacks': NO_SUBSCRIPTION_EVENTS, **options}
+        return super().create_subscription(msg_type, topic, callback, qos_profile, **options)
+
+    def create_timer(
+        self, timer_period_sec: float, callback: Callable[[], Any], *arguments: Any, **options: Any
+    ) -> Any:
+        """Create a timer; the exceptions of its callback are logged, and it continues."""
+        throttle = Throttle(REPORT_PERIOD_S)
+
+        async def guarded() -> None:
+            try:
+                outcome = callback()
+                if isawaitable(outcome):
+                    await outcome
+            except NodeEndError:
+                raise
+            except Exception as error:  # noqa: BLE001 - it would end the executor
+                if throttle.is_due():
+                    self.log_fault(getattr(callback, '__qualname__', repr(callback)), error)
+
+        return super().create_timer(timer_period_sec, guarded, *arguments, **options)
+
+    def reject(self, topic: str, reason: str) -> None:
+        """Count a message that was dropped; the log and the status report it soon."""
+        self._dropped += 1
+        self._last_drop = topic, reason
+        if self._dropped == self._reported_drops + 1:
+            due = self.deadlines.after(REPORT_PERIOD_S)
+            due.add_done_callback(lambda _: self._report_drops())
 
     def announce(self) -> None:
         """Start the heartbeats and publish the status, as all services exist and may be called.
@@ -109,7 +174,31 @@ class DyKnowNode(Node):
 
     def _publish_status(self) -> None:
         if self._status is not None:
-            self._status.publish(self._last_status)
+            status, drops = self._last_status, self._dropped
+            if drops:
+                last = ': '.join(map(shortened, self._last_drop))
+                values = {DROPPED: str(drops), 'last dropped': last}
+                held = [each for each in status.values if each.key not in values]
+                added = [KeyValue(key=key, value=value) for key, value in values.items()]
+                status.values = [*held, *added]
+            self._status.publish(status)
+
+    def _report_drops(self) -> None:
+        new, self._reported_drops = self._dropped - self._reported_drops, self._dropped
+        counted = 'a message was' if new == 1 else f'{new} messages were'
+        topic, reason = self._last_drop
+        self.get_logger().warning(f'{counted} dropped, the last one of {topic}: {reason}')
+        self._publish_status()
+
+    def _check_parameters(self, parameters: list[Any]) -> SetParametersResult:
+        """Refuse changes that a running node cannot take over."""
+        for each in parameters:
+            if each.name == _USE_SIM_TIME and each.value != self.get_parameter(each.name).value:
+                reason = f'{_USE_SIM_TIME} is read at the start, as all streams depend on the clock'
+                return SetParametersResult(
+                    successful=False, reason=f'{reason}; restart the node to change it'
+                )
+        return SetParametersResult(successful=True)
 
     def parameter(
         self,

@@ -25,11 +25,12 @@ from rclpy.node import Node
 from rclpy.task import Future
 
 from dyknow_common.durations import SECOND_NS
-from dyknow_common.errors import DyKnowError, ExitCode
+from dyknow_common.errors import DyKnowError, ExitCode, exit_code
 from dyknow_common.ros.deadlines import Deadlines
 from dyknow_common.ros.liveliness import Heartbeats
 from dyknow_common.ros.node import RUNNING, STARTED_AT, DyKnowNode, snake_case
 from dyknow_common.ros.qos import NO_SUBSCRIPTION_EVENTS, SERVICE, STATUS
+from dyknow_common.ros.topics.guards import MessageGuard, Refusal, only_owner
 
 POLL_PERIOD_S = 0.02
 """The period of checks for a service that discovery has not found yet."""
@@ -50,12 +51,24 @@ class NodeAdapter:
         self.reentrant = ReentrantCallbackGroup()
         self.wall_clock = Clock(clock_type=ClockType.STEADY_TIME)
         self.create_timer = node.create_timer
-        self.create_subscription = node.create_subscription
         self.destroy_subscription = node.destroy_subscription
         self.create_client = node.create_client
         self.destroy_client = node.destroy_client
         self.deadlines = Deadlines(node, self.wall_clock)
         self.heartbeats = Heartbeats.of(node)
+
+    def create_subscription(
+        self,
+        msg_type: Any,
+        topic: str,
+        callback: Callable[..., Any],
+        qos_profile: Any,
+        refusal: Refusal | None = None,
+        **options: Any,
+    ) -> Any:
+        """Create a subscription with a `MessageGuard`."""
+        guard: Any = MessageGuard(self.node, self.node.resolve_topic_name(topic), callback, refusal)
+        return self.node.create_subscription(msg_type, topic, guard, qos_profile, **options)
 
     def close(self) -> None:
         """End all waits at once, and destroy the timer."""
@@ -94,6 +107,7 @@ class RemoteNode:
         self._run = 0
         self._is_released = False
         self._status: dict[str, str] = {}
+        self._status_run = 0
         self._message = ''
         self.latest: Any = None
         """The last message on its status topic; None before the first."""
@@ -108,6 +122,7 @@ class RemoteNode:
             STATUS,
             callback_group=node.heartbeats.group,
             event_callbacks=NO_SUBSCRIPTION_EVENTS,
+            refusal=only_owner,
         )
 
     @property
@@ -135,7 +150,7 @@ class RemoteNode:
         response = await self.request(service_type, request, self._patience_s, self._timeout_s)
         status = response.exit_status
         if status.code != ExitCode.SUCCESS:
-            raise DyKnowError(status.message, ExitCode(status.code))
+            raise DyKnowError(status.message, exit_code(status.code))
         return response
 
     async def request(
@@ -203,14 +218,13 @@ class RemoteNode:
             await self._node.deadlines.after(POLL_PERIOD_S)
 
     def _on_status(self, message: Any) -> None:
-        self._status = {value.key: value.value for value in message.values}
+        status = {value.key: value.value for value in message.values}
+        started_at = int(status.get(STARTED_AT, 0))
+        self._status, self._status_run = status, started_at
         self._message = message.message
         self.latest = message
-        self._liveliness.note(self._status_run())
+        self._liveliness.note(started_at)
         self._refresh()
-
-    def _status_run(self) -> int:
-        return int(self._status.get(STARTED_AT, 0))
 
     def _refresh(self) -> None:
         """Report the end of the run that callers know, and the next run once it has a status."""
@@ -220,7 +234,7 @@ class RemoteNode:
             self._fail_calls(self.unavailable('has died'))
             _notify(self.on_lost)
         # If the node was only out of reach, its last status still holds.
-        if run and not self._run and run == self._status_run():
+        if run and not self._run and run == self._status_run:
             self._run = run
             _notify(self.on_found)
 

@@ -2,11 +2,20 @@
 
 from __future__ import annotations
 
+import secrets
 from typing import Any, Final, Protocol
 
 from dyknow_interfaces.msg import FormulaProgress, FormulaResult
 
-from dyknow_common.ros import LATCHED_HISTORY, DyKnowNode
+from dyknow_common import ExitCode, Verdict
+from dyknow_common.ros import (
+    LATCHED_HISTORY,
+    DyKnowNode,
+    only_from,
+    only_owner,
+    time_to_nanoseconds,
+)
+from dyknow_coordinator.errors import CoordinationError
 
 _MAX_UNCLAIMED: Final = 1000
 _PROGRESS_DEPTH: Final = 1000
@@ -26,22 +35,30 @@ class Results:
     """Passes results and progress reports to the listeners of their formulas.
 
     Args:
-        progress_topic: of the reasoning engine.
+        engine: the name of the reasoning engine, whose messages alone are taken.
     """
 
-    def __init__(self, node: DyKnowNode, progress_topic: str) -> None:
+    def __init__(self, node: DyKnowNode, engine: str) -> None:
+        progress_topic = node.resolve_topic_name(f'{engine}/progress')
+        only_engine = only_from(progress_topic.removesuffix('/progress'))
         # Each run of the coordinator has its own topic: results of former runs are obsolete.
-        self.topic = f'{node.get_fully_qualified_name()}/results_{node.started_at:x}'
+        run = f'{node.started_at:x}_{secrets.token_hex(8)}'
+        self.topic = f'{node.get_fully_qualified_name()}/results_{run}'
         self._listeners: dict[tuple[int, int], ResultListener] = {}
         # A result may arrive before the response that contains the id of its formula.
         self._unclaimed: dict[tuple[int, int], Any] = {}
         subscriptions = (
-            (FormulaResult, self.topic, self._on_result, LATCHED_HISTORY),
-            (FormulaProgress, progress_topic, self._on_progress, _PROGRESS_DEPTH),
+            (FormulaResult, self.topic, self._on_result, LATCHED_HISTORY, only_engine),
+            (FormulaProgress, progress_topic, self._on_progress, _PROGRESS_DEPTH, only_owner),
         )
-        for message_type, topic, callback, quality_of_service in subscriptions:
+        for message_type, topic, callback, quality_of_service, refusal in subscriptions:
             node.create_subscription(
-                message_type, topic, callback, quality_of_service, callback_group=node.reentrant
+                message_type,
+                topic,
+                callback,
+                quality_of_service,
+                callback_group=node.reentrant,
+                refusal=refusal,
             )
 
     def register(self, group_id: int, formula_id: int, listener: ResultListener) -> None:
@@ -56,6 +73,7 @@ class Results:
         self._listeners.pop((group_id, formula_id), None)
 
     def _on_result(self, result: Any) -> None:
+        _check(result)
         key = result.formula_group_id, result.formula_id
         if key in self._listeners:
             self._listeners[key].receive_result(result)
@@ -68,3 +86,17 @@ class Results:
         listener = self._listeners.get((progress.formula_group_id, progress.formula_id))
         if listener is not None:
             listener.receive_progress(progress)
+
+
+def _check(result: Any) -> None:
+    """Check that a FormulaResult is one that a reasoning engine makes.
+
+    Raises:
+        ValueError: for a verdict or an exit code that does not exist.
+        CoordinationError: for a result that says nothing, or a time before 1970.
+    """
+    verdict, code = Verdict(result.verdict), ExitCode(result.exit_status.code)
+    if (verdict is Verdict.UNDECIDED) == (code is ExitCode.SUCCESS):
+        raise CoordinationError(f'it has the verdict {verdict.name} and the exit code {code.name}')
+    if time_to_nanoseconds(result.decided_at) < 0:
+        raise CoordinationError('it was decided before 1970')

@@ -67,7 +67,6 @@ class ServiceClients:
         self.needed_nodes = (*self.nodes, semantics_manager)
         """These nodes, and those that they need in turn; without the engines."""
         self.streams_topic = f'{names["stream_manager"]}/streams'
-        self.progress_topic = f'{names["stream_reasoning_engine"]}/progress'
         self.version_topics = tuple(
             f'{names[role]}/version' for role in ('ontology_manager', 'stream_semantics_manager')
         )

@@ -102,7 +102,7 @@ class StreamReasoningCoordinator(DyKnowNode):
             streams=StreamsMirror(
                 self, clients.streams_topic, clients.streams_namespace, self._on_streams_changed
             ),
-            results=Results(self, clients.progress_topic),
+            results=Results(self, clients.stream_reasoning_engine.name),
             cleanup=Cleanup(self, clients),
             # Unique in the system, also across restarts of this node.
             names=(f'{self._prefix}{self.started_at:x}_{number}' for number in count(1)),

@@ -13,6 +13,7 @@ from dyknow_common.ros import (
     LATCHED,
     DyKnowNode,
     constraints_from_message,
+    only_owner,
     time_to_nanoseconds,
 )
 from dyknow_coordinator.errors import CoordinationError
@@ -49,7 +50,12 @@ class StreamsMirror:
         """The stream processing engines that run."""
         self._on_change = on_change
         node.create_subscription(
-            StreamStatusArray, topic, self._on_report, LATCHED, callback_group=node.reentrant
+            StreamStatusArray,
+            topic,
+            self._on_report,
+            LATCHED,
+            callback_group=node.reentrant,
+            refusal=only_owner,
         )
 
     async def wait_for(self, name: str) -> None:

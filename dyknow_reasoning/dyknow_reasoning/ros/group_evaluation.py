@@ -14,6 +14,7 @@ from dyknow_common import SECOND_NS, DyKnowError, ExitCode
 from dyknow_common.ros import (
     LATCHED_HISTORY,
     DyKnowNode,
+    absolute_topic,
     fill_exit_status,
     nanoseconds_to_time,
 )
@@ -21,7 +22,12 @@ from dyknow_reasoning.errors import ReasoningError
 from dyknow_reasoning.formula_group import FormulaGroup
 from dyknow_reasoning.progression.gaps import Gap
 from dyknow_reasoning.results import FormulaResult
-from dyknow_reasoning.ros.state_subscription import Breach, State, StateSubscription, check_topic
+from dyknow_reasoning.ros.state_subscription import (
+    VIOLATIONS_SUFFIX,
+    Breach,
+    State,
+    StateSubscription,
+)
 from dyknow_stream_processing.ros import sample_fields
 
 _MAX_QUEUED_STATES = 1000
@@ -96,8 +102,8 @@ class GroupEvaluation:
         Raises:
             ReasoningError: for an invalid topic name, or a sort without a domain.
         """
-        check_topic('state_stream', state_stream)
-        check_topic('result_topic', result_topic)
+        absolute_topic(self._node, state_stream, 'state_stream', VIOLATIONS_SUFFIX)
+        absolute_topic(self._node, result_topic, 'result_topic')
         self.group.begin(domains)
         self._domains, self._result_topic = domains, result_topic
         self._results = self._node.create_publisher(
@@ -125,7 +131,7 @@ class GroupEvaluation:
         Raises:
             ReasoningError: for an invalid topic name, or other domains or another result topic.
         """
-        check_topic('state_stream', state_stream)
+        absolute_topic(self._node, state_stream, 'state_stream', VIOLATIONS_SUFFIX)
         self._check_same(domains, result_topic)
         if self._next:
             self._next.destroy()

@@ -4,20 +4,22 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Any, cast
+from typing import Any, Final, cast
 
 from dyknow_interfaces.msg import ConstraintViolation, Sample
-from rclpy.exceptions import InvalidTopicNameException
-from rclpy.validate_topic_name import validate_topic_name
 
 from dyknow_common.ros import (
     STREAM,
     VIOLATIONS,
     DyKnowNode,
+    TopicOwner,
     time_to_nanoseconds,
 )
 from dyknow_reasoning.errors import ReasoningError
 from dyknow_stream_processing.ros import SequenceGaps, publishers_of
+
+VIOLATIONS_SUFFIX: Final = '/violations'
+"""The end of the topic of the violations of a stream, after the topic of its samples."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,10 +77,15 @@ class StateSubscription:
         self._start_time = node.now()
         self._sequence = SequenceGaps(lambda: publishers_of(node, topic), self._on_loss)
         self._loss = ''
+        self._owner = TopicOwner(node.heartbeats, node.resolve_topic_name(topic))
         # If both have messages, the subscription that is created first is served first. So no state
         # after a violation is processed before the violation.
-        self._violations = node.create_subscription(
-            ConstraintViolation, f'{topic}/violations', self._on_violation, VIOLATIONS
+        self._violations: Any = node.create_subscription(
+            ConstraintViolation,
+            f'{topic}{VIOLATIONS_SUFFIX}',
+            self._on_violation,
+            VIOLATIONS,
+            refusal=self._owner.refusal,
         )
         self._states = node.create_subscription(
             Sample,
@@ -86,17 +93,24 @@ class StateSubscription:
             # The types of rclpy do not know callbacks with message info.
             cast('Any', self._on_sample),
             STREAM,
+            refusal=self._owner.refusal,
         )
 
     def destroy(self) -> None:
         """End both subscriptions."""
+        self._owner.stop()
         self._node.destroy_subscription(self._states)
         self._node.destroy_subscription(self._violations)
 
     def _on_sample(self, message: Any, info: Mapping[str, int | None]) -> None:
+        valid_time = time_to_nanoseconds(message.valid_time)
+        if valid_time < 0:
+            # The next state reveals by its sequence number that this one is missing.
+            raise ReasoningError('its valid time is before 1970')
+        self._violations.callback.retry()
         self._loss = ''
         self._sequence.note(info.get('publication_sequence_number'))
-        self._on_state(self, State(time_to_nanoseconds(message.valid_time), message, self._loss))
+        self._on_state(self, State(valid_time, message, self._loss))
 
     def _on_loss(self, count: int) -> None:
         self._loss = f'{count} states were lost' if count else 'the state stream was recreated'
@@ -106,19 +120,3 @@ class StateSubscription:
         if time_to_nanoseconds(message.available_time) >= self._start_time:
             self.breach = Breach(time_to_nanoseconds(message.valid_time), message.message)
             self._on_breach(self, self.breach)
-
-
-def check_topic(field: str, topic: str) -> None:
-    """Check the name of a topic.
-
-    Args:
-        field: the field of the request that holds the name.
-        topic: the name.
-
-    Raises:
-        ReasoningError: for an invalid name.
-    """
-    try:
-        validate_topic_name(topic)
-    except InvalidTopicNameException as error:
-        raise ReasoningError(f'{field}: {error}') from None

@@ -11,7 +11,7 @@ from dyknow_interfaces.srv import StreamGetTopic
 from rclpy.exceptions import InvalidTopicNameException
 
 from dyknow_common import DyKnowError
-from dyknow_common.ros import LATCHED, DyKnowNode, RemoteNode
+from dyknow_common.ros import LATCHED, DyKnowNode, RemoteNode, only_owner
 from dyknow_semantics.annotations.annotation import Annotation
 from dyknow_semantics.annotations.rechecking import Fields
 from dyknow_stream_processing.ros import message_class, scalar_fields
@@ -35,6 +35,7 @@ class StreamFields:
             self._on_report,
             LATCHED,
             callback_group=node.reentrant,
+            refusal=only_owner,
         )
 
     def type_of(self, annotation: Annotation) -> str:

@@ -28,6 +28,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from heapq import heappop, heappush
 from itertools import count
+from typing import Final
 
 from dyknow_common import (
     StreamConstraints,
@@ -108,6 +109,10 @@ class OrderOperator(LeadOperator):
             self._emit(valid_time, fields, valid_time, now)
 
 
+MAX_HELD: Final = 10_000
+"""The number of samples of a stream that may wait to be put in order."""
+
+
 class ReorderOperator(Operator):
     """Buffer that holds each sample until no earlier one can arrive.
 
@@ -146,6 +151,12 @@ class ReorderOperator(Operator):
             self._reject(Fault(kind, valid_time, message, delay, self._max_delay))
         elif valid_time < self._released:
             self._reject(_out_of_order(valid_time, self._released))
+        elif len(self._held) >= MAX_HELD:
+            message = (
+                f'{MAX_HELD} samples of {self.inputs[0].label} wait to be put in order, and the '
+                f'one valid at {round_time(valid_time)} is dropped; give a shorter max_delay'
+            )
+            self._reject(Fault(ViolationKind.BUFFER, valid_time, message))
         else:
             entry = (valid_time, next(self._serial), fields)
             heappush(self._held, entry)

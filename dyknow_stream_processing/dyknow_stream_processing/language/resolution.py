@@ -19,7 +19,7 @@ from dyknow_common import (
 )
 from dyknow_stream_processing.language import specification as syntax
 from dyknow_stream_processing.language.specification import Specification, Term
-from dyknow_stream_processing.language.term_sizes import TermSizes
+from dyknow_stream_processing.language.term_sizes import MAX_FIELDS, TermSizes
 from dyknow_stream_processing.language.type_rules import (
     Unit,
     collision_text,
@@ -155,6 +155,9 @@ class _Resolver:
         """Return the stream that the specification makes, resolved, and its fields."""
         resolved, fields = self.term(term)
         self._check_size(resolved, term.position)
+        if fields is not None and len(fields) > MAX_FIELDS:
+            message = f'the stream has {len(fields)} fields; at most {MAX_FIELDS} are possible'
+            raise self._error(message, term.position)
         return resolved, fields
 
     def term(self, term: Term) -> _TypedTerm:

@@ -14,10 +14,15 @@ from dyknow_interfaces.srv import (
     StreamGetTopic,
     StreamRegister,
 )
-from rclpy.exceptions import InvalidTopicNameException
-from rclpy.validate_topic_name import validate_topic_name
 
-from dyknow_common.ros import RUNNING, DyKnowNode, Throttle, constraints_from_message, run
+from dyknow_common.ros import (
+    RUNNING,
+    DyKnowNode,
+    Throttle,
+    absolute_topic,
+    constraints_from_message,
+    run,
+)
 from dyknow_stream_processing.errors import StreamError
 from dyknow_stream_processing.language.parsing import parse_specification
 from dyknow_stream_processing.management.namespaces import Namespaces
@@ -31,10 +36,16 @@ from dyknow_stream_processing.ros.management.persistence_files import Persistenc
 from dyknow_stream_processing.ros.management.placement import Placement
 from dyknow_stream_processing.ros.messages.message_types import message_class
 from dyknow_stream_processing.ros.messages.stream_report_messages import StreamReportPublisher
+from dyknow_stream_processing.ros.stream_limits import StreamLimits
 from dyknow_stream_processing.ros.topics.publications import find_publication
+from dyknow_stream_processing.ros.topics.violation_relay import VIOLATIONS_SUFFIX
 
 ERROR_PERIOD_S = 10.0
 """The least time between two log messages about a memory file that cannot be written."""
+
+
+MAX_STREAMS = 5000
+"""The default number of streams that were created or registered."""
 
 
 class StreamManager(DyKnowNode):
@@ -48,6 +59,7 @@ class StreamManager(DyKnowNode):
         discovery_period_s = self.parameter(
             'discovery_period', 0.25, 'Seconds between two searches for new engines.', (0.01, 60.0)
         )
+        self._limits = StreamLimits(self, MAX_STREAMS)
         self._registry = self._new_registry()
         self._memory = PersistenceFile(memory, self.get_fully_qualified_name())
         self._memory_error = Throttle(ERROR_PERIOD_S)
@@ -100,6 +112,7 @@ class StreamManager(DyKnowNode):
     async def _create(self, request: Any, response: Any) -> None:
         spec = request.spec
         check_name(spec.name)
+        self._limits.check(len(self._registry.streams()), spec)
         parse_specification(spec.specification)
         constraints = constraints_from_message(spec.constraints)
         created = await self._placement.create(
@@ -120,12 +133,9 @@ class StreamManager(DyKnowNode):
             if not getattr(request, name):
                 raise StreamError(f'{name} is empty; a stream needs a name, a topic and its type')
         check_name(request.stream_name)
+        self._limits.check(len(self._registry.streams()))
         message_class(request.message_type)
-        try:
-            validate_topic_name(request.topic_name)
-        except InvalidTopicNameException as error:
-            raise StreamError(str(error)) from None
-        topic = self.resolve_topic_name(request.topic_name)
+        topic = absolute_topic(self, request.topic_name, 'topic_name', VIOLATIONS_SUFFIX)
         self._registry.add(RegisteredStream(request.stream_name, topic, request.message_type))
         self._placement.reconcile_soon()
         self._on_change()

@@ -8,8 +8,6 @@ from typing import Any, Final
 
 from dyknow_interfaces.msg import ConstraintViolation, Sample
 from dyknow_interfaces.srv import ListStreams, StreamCreateFromSpec, StreamDestroy
-from rclpy.exceptions import InvalidTopicNameException
-from rclpy.validate_topic_name import validate_topic_name
 
 from dyknow_common import SECOND_NS, StreamConstraints
 from dyknow_common.ros import (
@@ -18,10 +16,12 @@ from dyknow_common.ros import (
     VIOLATIONS,
     DyKnowNode,
     Throttle,
+    absolute_topic,
     constraints_from_message,
     nanoseconds_to_duration,
     nanoseconds_to_time,
     run,
+    topic_fault,
 )
 from dyknow_stream_processing.dataflow.computational_units import load_units
 from dyknow_stream_processing.dataflow.dataflow import DEFAULT_MAX_LEAD, Dataflow
@@ -37,15 +37,20 @@ from dyknow_stream_processing.reporting.stream_report import (
 )
 from dyknow_stream_processing.ros.messages.sample_messages import SampleWriter
 from dyknow_stream_processing.ros.messages.stream_report_messages import StreamReportPublisher
+from dyknow_stream_processing.ros.stream_limits import StreamLimits
 from dyknow_stream_processing.ros.topics.publications import publishers_remark
 from dyknow_stream_processing.ros.topics.topic_sources import TopicSources, source_type
-from dyknow_stream_processing.ros.topics.violation_relay import violations_topic
+from dyknow_stream_processing.ros.topics.violation_relay import VIOLATIONS_SUFFIX, violations_topic
 from dyknow_stream_processing.ros.topics.waiting_streams import WaitingStreams
 from dyknow_stream_processing.sample import Sample as DataSample
 from dyknow_stream_processing.violation import Violation
 
 WARNING_PERIOD_S: Final = 1.0
 """Minimum time between two violations in the log; all are published."""
+
+
+MAX_STREAMS: Final = 2000
+"""The default number of streams that an engine makes at once."""
 
 
 @dataclass(slots=True)
@@ -72,16 +77,15 @@ class StreamProcessingEngine(DyKnowNode):
         self._prefix = self.parameter(
             'stream_prefix', 'dyknow/streams', 'Topics of streams are named <stream_prefix>/<name>.'
         )
-        try:
-            validate_topic_name(f'{self._prefix}/name')
-        except InvalidTopicNameException as error:
-            raise StreamError(f"stream_prefix '{self._prefix}' cannot be used: {error}") from None
+        if fault := topic_fault(self, f'{self._prefix}/name', VIOLATIONS_SUFFIX):
+            raise StreamError(f"stream_prefix '{self._prefix}' cannot be used: {fault}")
         max_lead = self.parameter(
             'default_max_lead',
             DEFAULT_MAX_LEAD / SECOND_NS,
             'Seconds by which stamps may be ahead of the clock where a stream gives no max_lead.',
             (0.0, 3600.0),
         )
+        self._limits = StreamLimits(self, MAX_STREAMS)
         units = load_units()
         self.set_loaded({'computational units': len(units)})
         self.set_status(RUNNING)
@@ -107,6 +111,9 @@ class StreamProcessingEngine(DyKnowNode):
     def _create(self, request: Any, response: Any) -> None:
         spec = request.spec
         check_name(spec.name)
+        self._limits.check(len(self._outputs), spec)
+        topic = f'{self._prefix}/{spec.name}'
+        topic = absolute_topic(self, topic, 'the topic of the stream', VIOLATIONS_SUFFIX)
         specification = parse_specification(spec.specification)
         constraints = constraints_from_message(spec.constraints)
         self._dataflow.create(
@@ -116,7 +123,6 @@ class StreamProcessingEngine(DyKnowNode):
             lambda sample: self._publish_sample(spec.name, sample),
             lambda violation: self._publish_violation(spec.name, violation),
         )
-        topic = self.resolve_topic_name(f'{self._prefix}/{spec.name}')
         violations = violations_topic(topic)
         self._outputs[spec.name] = _Output(
             topic=topic,

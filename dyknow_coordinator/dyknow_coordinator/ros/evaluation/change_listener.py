@@ -7,7 +7,7 @@ from typing import Any, Final
 
 from dyknow_interfaces.msg import SemanticsVersion
 
-from dyknow_common.ros import LATCHED, DyKnowNode
+from dyknow_common.ros import LATCHED, DyKnowNode, only_owner
 
 DELAYS_S: Final = (0.3, 2.0)
 """Times of reactions to a change: soon, and when every node must have received it."""
@@ -29,7 +29,12 @@ class ChangeListener:
         self._pending: set[float] = set()
         for topic in topics:
             node.create_subscription(
-                SemanticsVersion, topic, self._on_version, LATCHED, callback_group=node.reentrant
+                SemanticsVersion,
+                topic,
+                self._on_version,
+                LATCHED,
+                callback_group=node.reentrant,
+                refusal=only_owner,
             )
 
     def _on_version(self, _version: Any) -> None:

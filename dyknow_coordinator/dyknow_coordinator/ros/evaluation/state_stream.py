@@ -8,7 +8,7 @@ from typing import Any
 from dyknow_interfaces.msg import ConstraintViolation
 
 from dyknow_common import StreamConstraints
-from dyknow_common.ros import VIOLATIONS, PublisherWatch
+from dyknow_common.ros import VIOLATIONS, PublisherWatch, only_from, only_publishers_of
 from dyknow_coordinator.ros.context import CoordinatorContext
 
 
@@ -71,7 +71,15 @@ class StateStream:
             lambda violation: self._on_violation(self, violation),
             VIOLATIONS,
             callback_group=self._context.node.reentrant,
+            refusal=self._refusal,
         )
         self._watch = PublisherWatch(
             self._context.node.heartbeats, violations, lambda: self._on_lost(self)
         )
+
+    def _refusal(self, topic: str, sender: str) -> str:
+        """Refuse violations that are not of the engine which makes the stream."""
+        known = self._context.streams.known.get(self.name)
+        if known is not None and known.engine:
+            return only_from(known.engine)(topic, sender)
+        return only_publishers_of(self._context.node, self.topic)(topic, sender)

@@ -18,7 +18,7 @@ from dyknow_interfaces.msg import StreamStatusArray
 from dyknow_interfaces.srv import ListStreams, StreamCreateFromSpec, StreamDestroy
 
 from dyknow_common import SECOND_NS, DyKnowError
-from dyknow_common.ros import LATCHED, NODE_TYPE, DyKnowNode, RemoteNode
+from dyknow_common.ros import LATCHED, NODE_TYPE, DyKnowNode, RemoteNode, only_owner
 from dyknow_stream_processing.management.namespaces import Namespaces
 from dyknow_stream_processing.reporting.stream_report import StreamReport
 from dyknow_stream_processing.ros.messages.stream_report_messages import report_from_message
@@ -142,6 +142,7 @@ class Engines:
                 partial(self._on_message, name),
                 LATCHED,
                 callback_group=self._node.reentrant,
+                refusal=only_owner,
             )
         elif name in self._reports:
             self._on_report(name)

@@ -12,6 +12,9 @@ from dyknow_common import SECOND_NS, Value, ValueType
 from dyknow_stream_processing.errors import StreamError
 from dyknow_stream_processing.sample import Sample
 
+MAX_DIGITS: Final = 100
+"""The number of characters of an integer: a longer one may be too large for a float."""
+
 _FORMATS: Final[Mapping[type, tuple[str, Callable[[Any], str]]]] = {
     float: (ValueType.FLOAT.value, repr),
     int: (ValueType.INT.value, repr),
@@ -19,9 +22,16 @@ _FORMATS: Final[Mapping[type, tuple[str, Callable[[Any], str]]]] = {
     bool: (ValueType.BOOLEAN.value, {True: 'true', False: 'false'}.__getitem__),
 }
 
+
+def _integer(text: str) -> int:
+    if len(text) > MAX_DIGITS:
+        raise ValueError
+    return int(text)
+
+
 _PARSERS: Final[Mapping[str, Callable[[str], Value]]] = {
     ValueType.FLOAT.value: float,
-    ValueType.INT.value: int,
+    ValueType.INT.value: _integer,
     ValueType.STRING.value: str,
     ValueType.BOOLEAN.value: {'true': True, 'false': False}.__getitem__,
 }

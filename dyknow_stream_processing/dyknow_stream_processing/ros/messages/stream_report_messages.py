@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
+from math import isfinite
 from typing import Any, Final
 
 from dyknow_interfaces.msg import StreamDrop, StreamSource, StreamStatus, StreamStatusArray
@@ -108,7 +109,14 @@ def report_to_message(report: StreamReport) -> Any:
 
 
 def report_from_message(message: Any) -> StreamReport:
-    """Return the report in a StreamStatus message."""
+    """Return the report in a StreamStatus message.
+
+    Raises:
+        ValueError: for a state that does not exist, or a rate that is no number.
+        DyKnowError: for constraints that contradict each other.
+    """
+    if not isfinite(message.rate):
+        raise ValueError(f'its rate is {message.rate}')
     return StreamReport(
         **{name: getattr(message, name) for name in _COMMON_FIELDS},
         state=StreamState(message.state),

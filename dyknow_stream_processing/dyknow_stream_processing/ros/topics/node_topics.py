@@ -30,7 +30,7 @@ from rclpy.node import Node
 from rclpy.qos import QoSProfile
 
 from dyknow_common import NANOSECONDS, SECOND_NS
-from dyknow_common.ros import NO_SUBSCRIPTION_EVENTS, Heartbeats, RCLError
+from dyknow_common.ros import NO_SUBSCRIPTION_EVENTS, Heartbeats, MessageGuard, RCLError
 from dyknow_stream_processing.errors import StreamError
 from dyknow_stream_processing.ros.messages.message_types import (
     is_sample,
@@ -286,10 +286,19 @@ class _Feed:
                 yield self._received(message, info, now)
 
     def process(self, message: _Message) -> None:
-        """Pass a message on to the listeners."""
-        self.gaps.note(message.number)
-        for listener in self.listeners:
-            listener.on_message(message.message, message.receipt_time)
+        """Pass a message on to the listeners.
+
+        Messages that wait are not processed by the guard of the subscription.
+        """
+        try:
+            self.gaps.note(message.number)
+            for listener in self.listeners:
+                listener.on_message(message.message, message.receipt_time)
+        except Exception as error:
+            guard = self.subscription and self.subscription.callback
+            if not isinstance(guard, MessageGuard):
+                raise  # In a node of a user, who sees the errors of the own callbacks.
+            guard.reject(error)
 
     def _set_fault(self, fault: str) -> None:
         # The graph is read periodically; a fault is logged once.

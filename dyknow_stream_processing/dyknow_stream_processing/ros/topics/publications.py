@@ -17,7 +17,8 @@ from rclpy.qos import (
     qos_check_compatible,
 )
 
-from dyknow_common import SECOND_NS
+from dyknow_common import SECOND_NS, shortened
+from dyknow_common.ros import topic_fault
 from dyknow_stream_processing.errors import StreamError
 from dyknow_stream_processing.reporting.silence import nearest_topics, several_publishers
 
@@ -80,8 +81,9 @@ def find_publication(node: Node, topic: str) -> Publication | None:
     """
     try:
         infos = node.get_publishers_info_by_topic(topic)
-    except (ValueError, InvalidTopicNameException) as error:
-        raise StreamError(f"'{topic}' cannot be the name of a topic: {error}") from None
+    except (ValueError, InvalidTopicNameException):
+        text = f"'{shortened(topic)}' cannot be the name of a topic: {topic_fault(node, topic)}"
+        raise StreamError(text) from None
     types = {info.topic_type for info in infos}
     if len(types) > 1:
         raise StreamError(

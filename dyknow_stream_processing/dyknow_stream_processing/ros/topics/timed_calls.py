@@ -57,10 +57,13 @@ class TimedCalls:
         self._timer.cancel()
         self._next_ns = None
         now = self._node.get_clock().now().nanoseconds
-        self._before_calls(now)
-        for function in [each for each, time_ns in self._times_ns.items() if time_ns <= now]:
-            # A function may cancel others.
-            if self._times_ns.pop(function, None) is not None:
-                function(now)
-        if self._times_ns:
-            self._start(min(self._times_ns.values()))
+        try:
+            self._before_calls(now)
+            for function in [each for each, time_ns in self._times_ns.items() if time_ns <= now]:
+                # A function may cancel others.
+                if self._times_ns.pop(function, None) is not None:
+                    function(now)
+        finally:
+            # The other calls are made, even if one fails.
+            if self._times_ns:
+                self._start(min(self._times_ns.values()))

@@ -10,7 +10,7 @@ For example, an engine makes `level`, and this node makes `half` from it. `half`
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
+from typing import Any, Final
 
 from dyknow_interfaces.msg import ConstraintViolation
 from rclpy.callback_groups import CallbackGroup
@@ -20,17 +20,21 @@ from dyknow_common.ros import (
     NO_SUBSCRIPTION_EVENTS,
     VIOLATIONS,
     Heartbeats,
+    MessageGuard,
     PublisherWatch,
+    only_publishers_of,
     time_to_nanoseconds,
 )
 from dyknow_stream_processing.ros.topics.publications import publishers_remark
 from dyknow_stream_processing.ros.topics.waiting_messages import take_waiting
 from dyknow_stream_processing.violation import Violation, ViolationKind
 
+VIOLATIONS_SUFFIX: Final = '/violations'
+
 
 def violations_topic(topic: str) -> str:
     """Return the topic of the violations of a stream, given the topic of its samples."""
-    return f'{topic}/violations'
+    return f'{topic}{VIOLATIONS_SUFFIX}'
 
 
 class ViolationRelay:
@@ -56,6 +60,7 @@ class ViolationRelay:
         self._heartbeats = heartbeats
         self._on_violation = on_violation
         self._start = node.get_clock().now().nanoseconds
+        self._guard: Any = None
         self._subscription: Any = None
         self._watch: PublisherWatch | None = None
 
@@ -64,10 +69,13 @@ class ViolationRelay:
         topic = violations_topic(self._topic)
         if self._watch is None and self._node.count_publishers(topic):
             self._watch = PublisherWatch(self._heartbeats, topic, self._report_loss)
+            self._guard = MessageGuard(
+                self._node, topic, self._on_message, only_publishers_of(self._node, self._topic)
+            )
             self._subscription = self._node.create_subscription(
                 ConstraintViolation,
                 topic,
-                self._on_message,
+                self._guard,
                 VIOLATIONS,
                 callback_group=self._group,
                 event_callbacks=NO_SUBSCRIPTION_EVENTS,
@@ -76,8 +84,8 @@ class ViolationRelay:
     def catch_up(self) -> None:
         """Report the violations that wait."""
         if self._subscription is not None:
-            for message, _ in take_waiting(self._subscription):
-                self._on_message(message)
+            for message, info in take_waiting(self._subscription):
+                self._guard(message, info)
 
     def destroy(self) -> None:
         """Destroy the subscription."""

@@ -1,0 +1,52 @@
+"""Limits of the streams of a node, as parameters; checked before a request costs anything."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from dyknow_common import ExitCode
+from dyknow_common.ros import DyKnowNode
+from dyknow_stream_processing.errors import StreamError
+
+
+class StreamLimits:
+    """The parameters `max_streams` and `max_specification` of a node.
+
+    Args:
+        max_streams: the default.
+    """
+
+    def __init__(self, node: DyKnowNode, max_streams: int) -> None:
+        self._name = node.get_fully_qualified_name()
+        self._streams = node.parameter(
+            'max_streams', max_streams, 'Number of streams at once.', (1, 1_000_000)
+        )
+        self._characters = node.parameter(
+            'max_specification',
+            200_000,
+            'Number of characters of the specification in a request.',
+            (100, 1_000_000),
+        )
+
+    def check(self, count: int, spec: Any = None) -> None:
+        """Check that another stream is possible.
+
+        Args:
+            count: the number of streams that the node has.
+            spec: the StreamSpec message, if there is one.
+
+        Raises:
+            StreamError: UNAVAILABLE with too many streams, INVALID_ARGUMENT for a long text.
+        """
+        if count >= self._streams:
+            raise StreamError(
+                f'{self._name} has {count} streams, and its parameter max_streams allows '
+                f'{self._streams}; destroy unused ones first',
+                ExitCode.UNAVAILABLE,
+            )
+        length = 0 if spec is None else len(spec.specification)
+        if length > self._characters:
+            raise StreamError(
+                f'the specification has {length} characters, and the parameter max_specification '
+                f'of {self._name} allows {self._characters}; make the stream of several streams'
+            )
