@@ -263,8 +263,15 @@ class Background:
         self._wake = node.create_guard_condition(self._resume, ReentrantCallbackGroup())
         Thread(target=self._run, daemon=True).start()
 
-    async def run(self, function: Callable[[], Result]) -> Result:
-        """Run a function in the thread; return its result or raise its error."""
+    async def run(self, function: Callable[[], Result], *, is_long: bool = True) -> Result:
+        """Return the result of a function or raise its error.
+
+        Args:
+            function: the computation.
+            is_long: False to run it at once, as the thread would take longer.
+        """
+        if not is_long:
+            return function()
         finished: Future = Future()
         self._requested.put((finished, function))
         result: Result = await finished

@@ -51,7 +51,7 @@ class GroupWork:
             await turn
         self.is_busy = True
         try:
-            return await self._background.run(function) if is_heavy() else function()
+            return await self._background.run(function, is_long=is_heavy())
         finally:
             self._next()
 
