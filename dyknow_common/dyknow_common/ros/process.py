@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ctypes
 import faulthandler
+import gc
 import os
 import signal
 import sys
@@ -132,6 +133,7 @@ def _run(
             return _report(error, failure, has_started=has_started)
     finally:
         left.set()
+        gc.freeze()  # At its end, Python would search a million objects for garbage.
         ignore(STOP_SIGNALS)
         watchdog.stop()
         _exit_without_threads()
