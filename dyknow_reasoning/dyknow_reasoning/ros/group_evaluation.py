@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections import deque
+from collections import Counter, deque
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
@@ -90,8 +90,8 @@ class GroupEvaluation:
         # True until the current stream delivers a state later than those of the former one.
         self._catches_up = False
         self._skipped = 0
-        # States that were dropped since the latest one that was accepted.
-        self._dropped = 0
+        # For each stream, the states that were dropped since the latest one that was accepted.
+        self._dropped: Counter[StateSubscription] = Counter()
         self._requested_at = self._wall_time()
 
     @property
@@ -291,14 +291,13 @@ class GroupEvaluation:
 
     def _on_state(self, stream: StateSubscription, state: State) -> None:
         """Receive a state; if too many wait, drop it, and note the loss with the next one."""
-        if self._dropped:
-            loss = f'{self._dropped} states were dropped, as the progression is too slow'
+        if self._work.waiting_states >= MAX_QUEUED_STATES:
+            self._dropped[stream] += 1
+            return
+        if dropped := self._dropped.pop(stream, 0):
+            loss = f'{dropped} states were dropped, as the progression is too slow'
             state = replace(state, loss=loss)
-        if self._work.waiting_states < MAX_QUEUED_STATES:
-            self._dropped = 0
-            self._work.receive(lambda: self._handle(stream, state))
-        else:
-            self._dropped += 1
+        self._work.receive(lambda: self._handle(stream, state))
 
     def _handle(self, stream: StateSubscription, state: State) -> None:
         if stream is self._current:
