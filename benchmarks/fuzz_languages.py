@@ -42,7 +42,7 @@ from dyknow_common import (
 )
 from dyknow_coordinator.grounding.feature_sources import referenced_source
 from dyknow_coordinator.grounding.sorts import with_sorts
-from dyknow_reasoning import FormulaGroup, parse_formula
+from dyknow_reasoning import FormulaGroup, FormulaLimits, parse_formula
 from dyknow_reasoning.trace import read_trace
 from dyknow_semantics import (
     Annotation,
@@ -215,7 +215,7 @@ def use_formula(text: str) -> None:
     formula = parse_formula(text)
     assert parse_formula(str(formula)) == formula
     assert with_sorts(str(formula), {}) == str(formula)
-    group = FormulaGroup(node_limit=1000)
+    group = FormulaGroup(FormulaLimits(node_limit=1000))
     formula_id = group.add_formula('formula', text)
     for symbol in group.symbols():
         if symbol.is_reference:

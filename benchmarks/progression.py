@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from dyknow_reasoning import FormulaGroup
+from dyknow_reasoning import FormulaGroup, FormulaLimits
 
 PERIOD_NS = 100_000_000
 REPETITIONS = 5
@@ -40,7 +40,7 @@ STREAMS = {
 def group_of(text: str, objects: int, *, separate: bool = False) -> FormulaGroup:
     """Return a group of one quantified formula, or of a separate formula for each object."""
     names = [f'o{index}' for index in range(objects)]
-    group = FormulaGroup(node_limit=NO_LIMIT)
+    group = FormulaGroup(FormulaLimits(node_limit=NO_LIMIT, part_limit=NO_LIMIT))
     for name in names if separate else ():
         group.add_formula(name, text.replace('[x]', f'[{name}]'))
     if not separate:

@@ -228,7 +228,7 @@ def test_a_formula_that_doubles() -> None:
     formula_group(' <-> '.join(['p', 'q'] * 6))
     group = FormulaGroup()
     group.add_formula('formula', ' <-> '.join(['p', 'q'] * 49))
-    with pytest.raises(ReasoningError, match="nodes, more than 100000; each '<->' doubles"):
+    with pytest.raises(ReasoningError, match=r"nodes, more than 100000 .*; each '<->' doubles"):
         group.begin({})
 
 
@@ -281,7 +281,7 @@ def test_choices_of_too_many_objects(quantifier: str) -> None:
     group = FormulaGroup()
     bound = ''.join(f'{quantifier} u{each} in UAV: ' for each in range(40))
     group.add_formula('formula', f'{bound} P[u0]')
-    with pytest.raises(ReasoningError, match='more than 1000000 parts for these objects'):
+    with pytest.raises(ReasoningError, match=r'parts for each choice|instances for these'):
         group.begin({'UAV': ['uav1', 'uav2']})
 
 

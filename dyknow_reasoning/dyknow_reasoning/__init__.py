@@ -2,7 +2,7 @@
 
 from dyknow_reasoning.check import CheckResult, check_trace
 from dyknow_reasoning.errors import ReasoningError
-from dyknow_reasoning.formula_group import DEFAULT_NODE_LIMIT, FormulaGroup
+from dyknow_reasoning.formula_group import FormulaGroup
 from dyknow_reasoning.language.formula import (
     Always,
     And,
@@ -16,11 +16,11 @@ from dyknow_reasoning.language.formula import (
 from dyknow_reasoning.language.parsing import parse_formula
 from dyknow_reasoning.language.symbols import symbols_of
 from dyknow_reasoning.language.type_checking import Kind, check_types
+from dyknow_reasoning.progression.sizes import FormulaLimits
 from dyknow_reasoning.results import FormulaResult
 from dyknow_reasoning.trace import RecordedState, read_trace
 
 __all__ = [
-    'DEFAULT_NODE_LIMIT',
     'Always',
     'And',
     'CheckResult',
@@ -29,6 +29,7 @@ __all__ = [
     'Forall',
     'Formula',
     'FormulaGroup',
+    'FormulaLimits',
     'FormulaResult',
     'Interval',
     'Kind',

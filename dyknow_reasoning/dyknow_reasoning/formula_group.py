@@ -12,7 +12,7 @@ from collections.abc import Set as AbstractSet
 from itertools import chain, count
 from typing import Any
 
-from dyknow_common import ExitCode, Symbol, SymbolKind, Verdict, round_time, shortened
+from dyknow_common import ExitCode, Symbol, SymbolKind, Verdict, round_time
 from dyknow_reasoning.errors import ReasoningError
 from dyknow_reasoning.execution import InstanceMonitor, Outcomes, Recording
 from dyknow_reasoning.explanation.explanation import explain
@@ -31,10 +31,19 @@ from dyknow_reasoning.progression.instances import (
 )
 from dyknow_reasoning.progression.node_store import NodeStore
 from dyknow_reasoning.progression.nodes import FALSE, Constant
+from dyknow_reasoning.progression.sizes import (
+    Counts,
+    FormulaLimits,
+    amount,
+    check_size,
+    formula_size,
+    object_counts,
+)
 from dyknow_reasoning.results import FormulaResult, NamedFormula
 
-DEFAULT_NODE_LIMIT = 100_000
 _MAX_NODES = 10_000
+
+DEFAULT_LIMITS = FormulaLimits()
 
 
 class FormulaGroup:
@@ -45,12 +54,15 @@ class FormulaGroup:
     they need the domains before `begin`.
 
     Args:
-        node_limit: a formula with more nodes for a choice of objects is refused; one that grows
-            to more nodes by progression fails.
+        limits: a formula that exceeds one is refused before any work is done, but for
+            `node_limit`: a formula with more nodes for a choice of objects is refused after its
+            simplification, and one that grows to more by progression fails.
     """
 
-    def __init__(self, node_limit: int = DEFAULT_NODE_LIMIT) -> None:
-        self._node_limit = node_limit
+    def __init__(self, limits: FormulaLimits = DEFAULT_LIMITS) -> None:
+        self._limits = limits
+        # For each formula, the number of its parts: in its text, and for all objects after `begin`.
+        self._sizes: dict[int, int] = {}
         self._ids = count(1)
         self._formulas: dict[int, NamedFormula] = {}
         self._instances: dict[int, list[Instance]] = {}
@@ -62,6 +74,7 @@ class FormulaGroup:
         self._store = NodeStore(Chronology())
         self._max_nodes = _MAX_NODES
         self._domains: Domains = {}
+        self._counts: Counts = {}
         self._monitor: InstanceMonitor | None = None
         self._remainders: Remainders | None = None
 
@@ -69,6 +82,11 @@ class FormulaGroup:
     def formulas(self) -> Mapping[int, NamedFormula]:
         """The formulas by their ids."""
         return self._formulas
+
+    @property
+    def parts(self) -> int:
+        """The parts of all formulas: of their texts; after `begin` also those for all objects."""
+        return sum(tuple(self._sizes.values()))
 
     @property
     def undecided(self) -> AbstractSet[int]:
@@ -88,9 +106,14 @@ class FormulaGroup:
         formula = parse_formula(text)
         named = NamedFormula(name, formula, check_types(formula, text))
         self._limit_nodes()
-        instances = self._instances_of(formula, self._domains) if self._monitor else []
+        instances: list[Instance] = []
+        size = formula_size(formula, self._counts)
+        if self._monitor:
+            check_size(size, self._limits, others=self.parts)
+            instances = self._instances_of(formula, self._domains)
         formula_id = next(self._ids)
         self._formulas[formula_id] = named
+        self._sizes[formula_id] = size.parts
         if self._monitor:
             self._begin_formula(formula_id, instances, self._monitor)
         return formula_id
@@ -101,7 +124,7 @@ class FormulaGroup:
         if self._monitor and formula_id in self._undecided:
             self._monitor.remove([formula_id])
         self._undecided.discard(formula_id)
-        for each in (self._formulas, self._instances, self._known, self._ends):
+        for each in (self._formulas, self._sizes, self._instances, self._known, self._ends):
             each.pop(formula_id, None)
 
     def symbols(self) -> list[Symbol]:
@@ -116,6 +139,20 @@ class FormulaGroup:
         found = (symbol for each in self._formulas.values() for symbol in symbols_of(each.formula))
         return list(dict.fromkeys(found))
 
+    def parts_for(self, domains: Domains) -> int:
+        """Return the number of parts that all formulas have for the objects of each sort.
+
+        Raises:
+            ReasoningError: for too many objects, or a formula that is too large for them.
+        """
+        counts = object_counts(domains, self._limits)
+        total = 0
+        for each in tuple(self._formulas.values()):
+            size = formula_size(each.formula, counts)
+            check_size(size, self._limits, others=total)
+            total += size.parts
+        return total
+
     def begin(self, domains: Domains) -> None:
         """Fix the objects of each sort.
 
@@ -125,12 +162,16 @@ class FormulaGroup:
         """
         if self._monitor:
             raise ReasoningError('the formula group has begun already', ExitCode.ALREADY_EXISTS)
+        self.parts_for(domains)
         instances = {
             formula_id: self._instances_of(each.formula, domains)
             for formula_id, each in self._formulas.items()
         }
         self._domains = domains
-        self._monitor = InstanceMonitor(self._node_limit)
+        self._counts = object_counts(domains, self._limits)
+        for formula_id, each in self._formulas.items():
+            self._sizes[formula_id] = formula_size(each.formula, self._counts).parts
+        self._monitor = InstanceMonitor(self._limits.node_limit)
         self._remainders = Remainders(self._monitor)
         for formula_id, found in instances.items():
             self._begin_formula(formula_id, found, self._monitor)
@@ -212,7 +253,8 @@ class FormulaGroup:
     def residual(self, formula_id: int) -> str:
         """Return the canonical text of what remains of a formula, for the states to come.
 
-        After a state, its intervals count from that state.
+        After a state, its intervals count from that state. Of a very large formula, only the first
+        instances are shown.
         """
         formula = self._find(formula_id)
         if formula_id in self._ends:
@@ -250,10 +292,10 @@ class FormulaGroup:
     def _instances_of(self, formula: Formula, domains: Domains) -> list[Instance]:
         instances = instances_of(formula, domains, self._store)
         size = max((instance.node.size for instance in instances), default=0)
-        if size > self._node_limit:
+        if size > self._limits.node_limit:
             raise ReasoningError(
-                f'the formula has {shortened(size)} nodes, more than {self._node_limit}; each '
-                f"'<->' doubles those of both sides"
+                f'the formula has {amount(size)} nodes, more than {self._limits.node_limit} (the '
+                "limit 'node_limit'); each '<->' doubles those of both sides"
             )
         return instances
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from dyknow_common import ExitCode, LanguageError, Symbol, SymbolKind, Value, Verdict
-from dyknow_reasoning import FormulaGroup, FormulaResult, ReasoningError
+from dyknow_reasoning import FormulaGroup, FormulaLimits, FormulaResult, ReasoningError
 
 MS = 1_000_000
 FLEET = {'UAV': ['uav1', 'uav2']}
@@ -24,7 +24,7 @@ RESPONSE = 'always not p -> eventually[0,1000] always[0,999] p'
 
 
 def started(*texts: str, node_limit: int = 100_000) -> FormulaGroup:
-    group = FormulaGroup(node_limit)
+    group = FormulaGroup(FormulaLimits(node_limit=node_limit))
     for text in texts:
         group.add_formula(text, text)
     group.begin(FLEET)

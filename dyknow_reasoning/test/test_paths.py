@@ -15,7 +15,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from reasoning_reference import formulas
 
-from dyknow_reasoning import FormulaGroup, FormulaResult
+from dyknow_reasoning import FormulaGroup, FormulaLimits, FormulaResult
 from dyknow_reasoning.execution import fast_path, instance_pool
 from dyknow_reasoning.execution.automata import automaton, configurations
 from dyknow_reasoning.language.formula import Formula
@@ -220,7 +220,7 @@ def test_what_remains_is_the_same_in_a_batch(
 @pytest.mark.parametrize('batch', [1, 1000])
 def test_the_node_limit_counts_all_instances(batch: int, monkeypatch: pytest.MonkeyPatch) -> None:
     set_limits(monkeypatch, batch, 1 << 14, 1 << 16)
-    group = FormulaGroup(node_limit=60)
+    group = FormulaGroup(FormulaLimits(node_limit=60))
     group.add_formula('all', 'forall x in S: always (P[x] -> eventually[5 ms, 9 ms] not P[x])')
     group.add_formula('one', 'always P[a]')
     group.begin({'S': OBJECTS})

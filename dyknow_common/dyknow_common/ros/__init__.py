@@ -9,7 +9,7 @@ from dyknow_common.ros.commands import (
     run_ros_main,
 )
 from dyknow_common.ros.deadlines import TICK_PERIOD_S
-from dyknow_common.ros.executor import NodeExecutor, supports_node_executor
+from dyknow_common.ros.executor import Background, NodeExecutor, supports_node_executor
 from dyknow_common.ros.liveliness import Heartbeats, PublisherWatch, TopicOwner
 from dyknow_common.ros.node import (
     NODE_TYPE,
@@ -65,6 +65,7 @@ __all__ = [
     'STREAM',
     'TICK_PERIOD_S',
     'VIOLATIONS',
+    'Background',
     'CommandNode',
     'DyKnowNode',
     'Heartbeats',

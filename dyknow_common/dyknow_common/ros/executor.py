@@ -14,14 +14,20 @@ set only when entities come or go, or when the callbacks of a group become able 
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from typing import Any, Final, NamedTuple
+from functools import partial
+from queue import SimpleQueue
+from threading import Thread
+from typing import Any, Final, NamedTuple, TypeVar
 
+from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.context import Context
 from rclpy.exceptions import InvalidHandle
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.impl.implementation_singleton import rclpy_implementation
-from rclpy.task import Task
+from rclpy.node import Node
+from rclpy.task import Future, Task
 from rclpy.waitable import NumberOfEntities
 
 from dyknow_common.ros.topics.guards import MessageGuard
@@ -31,6 +37,12 @@ Take = Callable[[Any], Any]
 
 MAX_IDLE_PASSES: Final = 2
 """A task may complete the future of another one that was resumed before it in the same pass."""
+
+
+SWITCH_INTERVAL_S: Final = 0.0005
+"""The time for which a thread computes before another one that waits for Python may go on."""
+
+Result = TypeVar('Result')
 
 
 # The undocumented parts of rclpy's executor that `NodeExecutor` uses.
@@ -252,3 +264,54 @@ def _wait_set(counts: dict[str, int], waitables: Iterable[Any], context: Context
         number.num_events,
         context.handle,
     )
+
+
+class Background:
+    """A thread for long computations, between whose steps the executor runs callbacks.
+
+    Python interrupts a computation within SWITCH_INTERVAL_S when the executor has something to do,
+    also in libraries that cannot be sliced. Computations run one after the other, must end by
+    themselves, and must not use rclpy. A process that stops does not wait for them.
+    """
+
+    def __init__(self, node: Node) -> None:
+        sys.setswitchinterval(SWITCH_INTERVAL_S)
+        self._requested: SimpleQueue[tuple[Future, Callable[[], Any]]] = SimpleQueue()
+        self._finished: SimpleQueue[Callable[[], None]] = SimpleQueue()
+        self._wake = node.create_guard_condition(self._resume, ReentrantCallbackGroup())
+        Thread(target=self._run, daemon=True).start()
+
+    async def run(self, function: Callable[[], Result], *, is_long: bool = True) -> Result:
+        """Return the result of a function or raise its error.
+
+        Args:
+            function: the computation.
+            is_long: False to run it at once, as the thread would take longer.
+        """
+        if not is_long:
+            return function()
+        finished: Future = Future()
+        self._requested.put((finished, function))
+        result: Result = await finished
+        return result
+
+    def _run(self) -> None:
+        while True:
+            finished, function = self._requested.get()
+            try:
+                result = function()
+            except Exception as error:  # noqa: BLE001 - the coroutine that waits raises it
+                self._finished.put(partial(finished.set_exception, error))
+            else:
+                self._finished.put(partial(finished.set_result, result))
+            # Otherwise, they would live until the next computation.
+            del finished, function
+            try:
+                self._wake.trigger()
+            except InvalidHandle:
+                return  # The node is destroyed.
+
+    def _resume(self) -> None:
+        """Resume the waiting coroutines; futures of rclpy belong to the thread of the executor."""
+        while not self._finished.empty():
+            self._finished.get()()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ctypes
 import faulthandler
+import gc
 import os
 import signal
 import sys
@@ -27,6 +28,9 @@ from dyknow_common.ros.node import DyKnowNode
 from dyknow_common.ros.watchdog import WITHOUT_STDERR, Watchdog
 from dyknow_main import STOP_SIGNALS, handle, ignore
 
+CALLBACK_TIMEOUT_S = 1.5
+"""The time that the callback that runs when a node is stopped may take."""
+
 SHUTDOWN_TIMEOUT_S = 5.0
 """The time that a node may take to stop."""
 
@@ -48,16 +52,21 @@ def _end_with_launcher() -> None:
             os.kill(os.getpid(), signal.SIGTERM)  # It had ended before.
 
 
-def _exit_after_stop(stopped: threading.Event) -> None:
+def _exit_after_stop(stopped: threading.Event, left: threading.Event) -> None:
     """End the process some time after its stop or the shutdown of its context, even if it hangs.
 
     The middleware may wait for ever for a lock in shared memory that a killed process held.
+
+    Args:
+        stopped: set by a signal.
+        left: set when no callback runs any more.
     """
 
     def watch() -> None:
         while rclpy.ok() and not stopped.is_set():
             time.sleep(TICK_PERIOD_S)
-        time.sleep(SHUTDOWN_TIMEOUT_S)
+        if left.wait(CALLBACK_TIMEOUT_S):
+            time.sleep(SHUTDOWN_TIMEOUT_S - CALLBACK_TIMEOUT_S)
         os._exit(0)
 
     threading.Thread(target=watch, daemon=True).start()
@@ -83,7 +92,7 @@ def run(
         The exit code: 0 after a clean stop, `failure` when the node cannot run, or FAULT.
     """
     # Otherwise, Python would raise KeyboardInterrupt anywhere.
-    stopped = threading.Event()
+    stopped, left = threading.Event(), threading.Event()
     handle(STOP_SIGNALS, lambda *_: stopped.set())
     _end_with_launcher()
     arguments = None if arguments is None else list(arguments)
@@ -92,11 +101,16 @@ def run(
     except ROS_ERRORS as error:
         print(' '.join(str(error).split()), file=sys.stderr)  # noqa: T201
         return failure
-    _exit_after_stop(stopped)
-    return _run(make_node, failure, stopped)
+    _exit_after_stop(stopped, left)
+    return _run(make_node, failure, stopped, left)
 
 
-def _run(make_node: Callable[[], DyKnowNode], failure: int, stopped: threading.Event) -> int:
+def _run(
+    make_node: Callable[[], DyKnowNode],
+    failure: int,
+    stopped: threading.Event,
+    left: threading.Event,
+) -> int:
     """Run a node within an initialised context; return the exit code."""
     watchdog = Watchdog()
     node: DyKnowNode | None = None
@@ -118,6 +132,8 @@ def _run(make_node: Callable[[], DyKnowNode], failure: int, stopped: threading.E
         if rclpy.ok() and not stopped.is_set():
             return _report(error, failure, has_started=has_started)
     finally:
+        left.set()
+        gc.freeze()  # At its end, Python would search a million objects for garbage.
         ignore(STOP_SIGNALS)
         watchdog.stop()
         _exit_without_threads()

@@ -12,8 +12,9 @@ import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import IntEnum
+from functools import cached_property
 
-from dyknow_common import ExitCode, Symbol
+from dyknow_common import ExitCode, Symbol, listed
 from dyknow_coordinator.errors import CoordinationError
 from dyknow_stream_processing import Select, StreamDeclaration, UnitDeclaration, parse_specification
 
@@ -77,9 +78,16 @@ class Candidates:
     found: tuple[FeatureSource, ...]
     nearest: Mapping[str, str] = field(default_factory=dict)
 
+    @cached_property
+    def _by_feature(self) -> Mapping[str, tuple[FeatureSource, ...]]:
+        found: dict[str, list[FeatureSource]] = {}
+        for source in self.found:
+            found.setdefault(source.feature, []).append(source)
+        return {feature: tuple(sources) for feature, sources in found.items()}
+
     def of(self, feature: str) -> tuple[FeatureSource, ...]:
         """Return the sources of a ground feature, best first."""
-        return tuple(source for source in self.found if source.feature == feature)
+        return self._by_feature.get(feature, ())
 
     def choose(
         self, features: Iterable[str], *preferences: Callable[[FeatureSource], bool]
@@ -120,9 +128,9 @@ class Candidates:
         names = {_feature_name(feature) for feature in missing}
         found = dict.fromkeys(source.feature for source in self.found)
         similar = sorted(feature for feature in found if _feature_name(feature) in names)
-        others = f' (there are streams for {", ".join(similar)})' if similar else ''
+        others = f' (there are streams for {listed(similar)})' if similar else ''
         reasons = [text for symbol, text in self.nearest.items() if _feature_name(symbol) in names]
-        text = f'no stream carries {", ".join(missing)}{others}; annotate one that does'
+        text = f'no stream carries {listed(missing)}{others}; annotate one that does'
         return CoordinationError('\n'.join([text, *reasons]), ExitCode.NOT_FOUND)
 
 

@@ -66,6 +66,11 @@ class KnownStreams:
         self._is_published = is_published
         self._absolute = absolute
 
+    @staticmethod
+    def parse(source: FeatureSource) -> None:
+        """Parse the specification of a source: other methods use the result, which is cached."""
+        _source_names(source)
+
     def get(self, name: str) -> KnownStream | None:
         """Return a stream by its name; None if there is none."""
         return self._streams.get(name)

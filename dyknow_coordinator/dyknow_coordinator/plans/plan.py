@@ -21,7 +21,7 @@ from dataclasses import dataclass
 from enum import Enum, IntEnum
 from typing import Final
 
-from dyknow_common import DyKnowError, ExitCode, Verdict
+from dyknow_common import DyKnowError, ExitCode, Verdict, listed
 from dyknow_coordinator.errors import CoordinationError
 
 
@@ -259,7 +259,7 @@ class PlanExecution:
         if action not in self._actions:
             raise CoordinationError(
                 f"plan '{self.plan.name}' has no action '{action}' "
-                f'(it has: {", ".join(self._actions)})',
+                f'(it has: {listed(self._actions)})',
                 ExitCode.NOT_FOUND,
             )
         following = _TRANSITIONS.get((self._actions[action], event))

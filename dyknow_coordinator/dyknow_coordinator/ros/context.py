@@ -6,9 +6,10 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 from dyknow_common import SECOND_NS
-from dyknow_common.ros import DyKnowNode
+from dyknow_common.ros import Background, DyKnowNode
 from dyknow_coordinator.grounding.known_streams import stream_topic
 from dyknow_coordinator.ros.cleanup import Cleanup
+from dyknow_coordinator.ros.coordinator_limits import CoordinatorLimits
 from dyknow_coordinator.ros.results import Results
 from dyknow_coordinator.ros.service_clients import ServiceClients
 from dyknow_coordinator.ros.streams_mirror import StreamsMirror
@@ -23,6 +24,8 @@ class CoordinatorContext:
         streams: all streams of the system.
         results: of the reasoning engine.
         cleanup: destroys unused streams and formula groups.
+        background: runs long computations.
+        limits: of all evaluations, and of each one.
         names: of formula groups and state streams; unique in the system.
     """
 
@@ -31,6 +34,8 @@ class CoordinatorContext:
     streams: StreamsMirror
     results: Results
     cleanup: Cleanup
+    background: Background
+    limits: CoordinatorLimits
     names: Iterator[str]
 
     def wall_time_s(self) -> float:

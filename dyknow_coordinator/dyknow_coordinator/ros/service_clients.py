@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from functools import partial
 from typing import Any, Final
 
 from dyknow_interfaces.msg import Domain, StreamSpec
@@ -22,7 +23,7 @@ from dyknow_interfaces.srv import (
 )
 
 from dyknow_common import DyKnowError, ExitCode, StreamConstraints, Symbol, SymbolKind
-from dyknow_common.ros import DyKnowNode, RemoteNode, constraints_to_message
+from dyknow_common.ros import Background, DyKnowNode, RemoteNode, constraints_to_message
 from dyknow_coordinator.errors import CoordinationError
 from dyknow_stream_processing import in_namespace
 
@@ -41,10 +42,15 @@ _SERVICES: Final = {
 }
 
 
+_LONG_TEXT: Final = 5000
+"""The characters of a specification that takes tens of milliseconds to parse."""
+
+
 class ServiceClients:
     """Clients of the nodes that the coordinator orchestrates."""
 
-    def __init__(self, node: DyKnowNode) -> None:
+    def __init__(self, node: DyKnowNode, background: Background) -> None:
+        self._background = background
         names = {
             role: node.parameter(role, role, f'Name of the {role.replace("_", " ")} node.')
             for role in (*_SERVICES, 'stream_semantics_manager')
@@ -138,11 +144,14 @@ class ServiceClients:
 
         Its relative topics are in the namespace of the coordinator, whatever the manager's is.
         """
+        move = partial(in_namespace, specification, self._namespace, self.streams_namespace)
         response = await self.stream_manager.call(
             StreamCreateFromSpec,
             spec=StreamSpec(
                 name=name,
-                specification=in_namespace(specification, self._namespace, self.streams_namespace),
+                specification=await self._background.run(
+                    move, is_long=len(specification) > _LONG_TEXT
+                ),
                 constraints=constraints_to_message(constraints),
             ),
         )

@@ -12,8 +12,8 @@ from diagnostic_msgs.msg import DiagnosticStatus
 from dyknow_interfaces.action import MonitorFormula
 from dyknow_interfaces.srv import EvaluateFormula
 
-from dyknow_common import DyKnowError
-from dyknow_common.ros import RUNNING, DyKnowNode, run
+from dyknow_common import DyKnowError, ExitCode
+from dyknow_common.ros import RUNNING, Background, DyKnowNode, run
 from dyknow_coordinator.evaluation.answer import Answer
 from dyknow_coordinator.evaluation.request import EvaluationRequest
 from dyknow_coordinator.reporting.evaluation_status import (
@@ -27,6 +27,7 @@ from dyknow_coordinator.ros.answers import fill_answer, request_from_message
 from dyknow_coordinator.ros.cleanup import Cleanup
 from dyknow_coordinator.ros.client_watch import ClientWatch
 from dyknow_coordinator.ros.context import CoordinatorContext
+from dyknow_coordinator.ros.coordinator_limits import CoordinatorLimits, check_name
 from dyknow_coordinator.ros.evaluation.change_listener import ChangeListener
 from dyknow_coordinator.ros.evaluation.evaluation_group import EvaluationGroups
 from dyknow_coordinator.ros.evaluation.formula_evaluation import FormulaEvaluation
@@ -95,7 +96,8 @@ class StreamReasoningCoordinator(DyKnowNode):
         super().__init__('stream_reasoning_coordinator')
         self._settings = _Settings.declare(self)
         self._prefix = f'states_{zlib.crc32(self.get_fully_qualified_name().encode()):08x}_'
-        clients = ServiceClients(self)
+        limits, background = CoordinatorLimits.declare(self), Background(self)
+        clients = ServiceClients(self, background)
         self._shared = CoordinatorContext(
             node=self,
             clients=clients,
@@ -104,6 +106,8 @@ class StreamReasoningCoordinator(DyKnowNode):
             ),
             results=Results(self, clients.stream_reasoning_engine.name),
             cleanup=Cleanup(self, clients),
+            background=background,
+            limits=limits,
             # Unique in the system, also across restarts of this node.
             names=(f'{self._prefix}{self.started_at:x}_{number}' for number in count(1)),
         )
@@ -123,7 +127,7 @@ class StreamReasoningCoordinator(DyKnowNode):
         self._update_status()
         self.serve(EvaluateFormula, self._evaluate)
         self._monitoring = CancellingActionServer(self, MonitorFormula, self._monitor)
-        self._plan_monitoring = PlanMonitoring(self, self.start)
+        self._plan_monitoring = PlanMonitoring(self, self.start, limits)
         service = f'{self.get_fully_qualified_name()}/evaluate_formula'
         ClientWatch(self, service, self._on_clients_gone)
 
@@ -134,7 +138,18 @@ class StreamReasoningCoordinator(DyKnowNode):
         super().destroy_node()
 
     def start(self, request: EvaluationRequest) -> FormulaEvaluation:
-        """Start to evaluate a formula; its `outcome` will be done in any case."""
+        """Start to evaluate a formula; its `outcome` will be done in any case.
+
+        Raises:
+            DyKnowError: if the name is too long, or too many formulas are evaluated.
+        """
+        check_name(request.name)
+        self._shared.limits.check(
+            'evaluation_limit',
+            1 + sum(not each.has_ended for each in self._evaluations),
+            'formulas that are evaluated at once',
+            ExitCode.UNAVAILABLE,
+        )
         evaluation = FormulaEvaluation(
             self._shared, self._groups, request, self._report.publish_soon
         )
@@ -146,6 +161,9 @@ class StreamReasoningCoordinator(DyKnowNode):
     async def _run(self, evaluation: FormulaEvaluation) -> None:
         await evaluation.run()
         self._log_alarm(evaluation)
+        ended = [each for each in self._evaluations if each.has_ended]
+        for oldest in ended[: -self._shared.limits.ended_limit]:
+            self._forget(oldest)
         expiry = self.deadlines.after(self._settings.keep_ended_s)
         expiry.add_done_callback(lambda _: self._forget(evaluation))
 
@@ -158,8 +176,9 @@ class StreamReasoningCoordinator(DyKnowNode):
             (logger.error if level is Level.ERROR else logger.warning)(text)
 
     def _forget(self, evaluation: FormulaEvaluation) -> None:
-        self._evaluations.remove(evaluation)
-        self._report.publish_soon()
+        if evaluation in self._evaluations:
+            self._evaluations.remove(evaluation)
+            self._report.publish_soon()
 
     async def _evaluate(self, request: Any, response: Any) -> None:
         evaluation = self.start(self._read_request(request))

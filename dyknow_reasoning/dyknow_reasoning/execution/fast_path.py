@@ -12,11 +12,13 @@ from typing import Any, TypeAlias
 
 from dyknow_reasoning.errors import ReasoningError
 from dyknow_reasoning.execution.automata.configurations import Row
-from dyknow_reasoning.execution.automata.readers import Reader, ReaderCode
+from dyknow_reasoning.execution.automata.readers import MAX_GENERATED, Reader, ReaderCode
 from dyknow_reasoning.execution.single_instance import SingleInstance
 from dyknow_reasoning.progression.atoms import Values
 
 _MAX_INSTANCES = 256
+_MAX_ATOMS = 2048
+"""The most atoms of all instances: code for many takes long to compile."""
 _MIN_STATES = 4
 """States without more than look-ups before code is generated."""
 
@@ -52,6 +54,9 @@ class FastPath:
         is_same = instances is self._instances and elapsed == self._elapsed
         if not (is_same and self._readers == [each.read for each in instances]):
             if self._states < _MIN_STATES or len(instances) > _MAX_INSTANCES:
+                return
+            atoms = [each.mask.bit_count() for each in instances]
+            if max(atoms) > MAX_GENERATED or sum(atoms) > _MAX_ATOMS:
                 return
             self._generate(instances, elapsed)
         configurations = (each.configuration for each in instances)

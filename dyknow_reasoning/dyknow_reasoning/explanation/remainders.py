@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from functools import reduce
 
 from dyknow_reasoning.execution import InstanceMonitor, InstanceState
 from dyknow_reasoning.explanation.residual import holds_at_the_end, remaining_text
 from dyknow_reasoning.progression.gaps import Half
+
+_MAX_NODES = 1000
+"""The nodes after which a text shows no more instances: operators receive it each second."""
 
 
 class Remainders:
@@ -24,15 +27,20 @@ class Remainders:
         self._latest: int | None = None
 
     def text(self, formula_id: int) -> str | None:
-        """Return the text that remains of an undecided formula; None if it has seen no state."""
+        """Return the text that remains of an undecided formula; None if it has seen no state.
+
+        Of a very large one, it shows the first instances and the number of the others.
+        """
         states = self._of(formula_id)
         latest = self._monitor.latest
         if latest is None or any(state.is_fresh for state in states):
             return None
+        shown = list(_first(states))
         texts = [
-            remaining_text(state.node, state.times, latest, state.instance.atoms)
-            for state in states
+            remaining_text(state.node, state.times, latest, state.instance.atoms) for state in shown
         ]
+        if more := len(states) - len(shown):
+            texts.append(f'... {more} more')
         return reduce(lambda left, right: f'({left}) and ({right})', texts)
 
     def holds_at_the_end(self, formula_id: int) -> bool:
@@ -55,3 +63,13 @@ class Remainders:
             formula_id: [by_order[order] for order in sorted(by_order)]
             for formula_id, by_order in found.items()
         }
+
+
+def _first(states: Iterable[InstanceState]) -> Iterator[InstanceState]:
+    """Yield the first states, at least one, until they have _MAX_NODES nodes together."""
+    nodes = 0
+    for state in states:
+        yield state
+        nodes += state.node.size
+        if nodes > _MAX_NODES:
+            return

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 from functools import partial
 from typing import TypeAlias, cast
 
-from dyknow_common import MAX_FORMULA_PARTS, Symbol
+from dyknow_common import Symbol, listed
 from dyknow_reasoning.errors import ReasoningError
 from dyknow_reasoning.language.formula import (
     Always,
@@ -67,12 +67,11 @@ def instances_of(formula: Formula, domains: Domains, store: NodeStore) -> list[I
     """Return the instances that must all hold for the formula to hold, without duplicates.
 
     Raises:
-        ReasoningError: for a sort without a domain, or for too many choices of objects.
+        ReasoningError: for a sort without a domain.
     """
-    size = _Size()
     instances: dict[tuple[Node, tuple[Atom, ...]], Instance] = {}
-    for binding, body in _instances(formula, domains, {}, size):
-        translator = _Translator(store, domains, size)
+    for binding, body in _instances(formula, domains, {}):
+        translator = _Translator(store, domains)
         node = translator.node(body, binding)
         atoms = tuple(translator.slots)
         instances.setdefault((node, atoms), Instance(binding, atoms, node))
@@ -87,34 +86,17 @@ def required_features(instances: Iterable[Instance]) -> list[Symbol]:
     )
 
 
-class _Size:
-    """Bounds the parts of all instances, which grow with the product of the domains."""
-
-    def __init__(self) -> None:
-        self._parts = 0
-
-    def add_part(self) -> None:
-        """Count a part of the formula for one choice of objects."""
-        self._parts += 1
-        if self._parts > MAX_FORMULA_PARTS:
-            raise ReasoningError(
-                f'the formula has more than {MAX_FORMULA_PARTS} parts for these objects; '
-                'quantify over fewer variables or objects'
-            )
-
-
 def _instances(
-    formula: Formula, domains: Domains, binding: Binding, size: _Size
+    formula: Formula, domains: Domains, binding: Binding
 ) -> Iterator[tuple[Binding, Formula]]:
-    size.add_part()
     match formula:
         case Forall(variable, sort, body):
             for name in _objects(sort, domains):
-                yield from _instances(body, domains, {**binding, variable: name}, size)
+                yield from _instances(body, domains, {**binding, variable: name})
         case Always(body=Forall() as inner):
             # `always` and `forall` commute; separate instances are cheaper than a junction.
             outer = replace(inner, body=replace(formula, body=inner.body))
-            yield from _instances(outer, domains, binding, size)
+            yield from _instances(outer, domains, binding)
         case _:
             yield binding, formula
 
@@ -122,15 +104,13 @@ def _instances(
 class _Translator:
     """Translates a formula to nodes, and numbers its atoms."""
 
-    def __init__(self, store: NodeStore, domains: Domains, size: _Size) -> None:
+    def __init__(self, store: NodeStore, domains: Domains) -> None:
         self.slots: dict[Atom, int] = {}
         self._store = store
         self._domains = domains
-        self._size = size
 
     def node(self, formula: Formula, binding: Binding) -> Node:
         """Return the node of a formula whose free variables are bound."""
-        self._size.add_part()
         match formula:
             case Truth(value):
                 return constant(value=value)
@@ -227,7 +207,7 @@ def _objects(sort: str, domains: Domains) -> list[str]:
                 f"the variable '{variable}' has no sort; write {variable} in SORT after forall or "
                 'exists'
             )
-        known = ', '.join(sorted(domains)) or 'none'
+        known = listed(sorted(domains)) or 'none'
         raise ReasoningError(
             f"the sort '{sort}' has no domain (there are: {known}); give its objects"
         )

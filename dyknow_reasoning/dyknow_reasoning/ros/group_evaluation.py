@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
-from collections import deque
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from collections import Counter, deque
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from time import perf_counter
 from typing import Any
 
 from dyknow_interfaces.msg import FormulaProgress
 from dyknow_interfaces.msg import FormulaResult as FormulaResultMessage
+from dyknow_interfaces.msg import Symbol as SymbolMessage
 
-from dyknow_common import SECOND_NS, DyKnowError, ExitCode
+from dyknow_common import SECOND_NS, DyKnowError, ExitCode, listed
 from dyknow_common.ros import (
     LATCHED_HISTORY,
+    Background,
     DyKnowNode,
     absolute_topic,
     fill_exit_status,
@@ -22,6 +26,7 @@ from dyknow_reasoning.errors import ReasoningError
 from dyknow_reasoning.formula_group import FormulaGroup
 from dyknow_reasoning.progression.gaps import Gap
 from dyknow_reasoning.results import FormulaResult
+from dyknow_reasoning.ros.group_work import HEAVY_PARTS, MAX_QUEUED_STATES, GroupWork
 from dyknow_reasoning.ros.state_subscription import (
     VIOLATIONS_SUFFIX,
     Breach,
@@ -30,8 +35,12 @@ from dyknow_reasoning.ros.state_subscription import (
 )
 from dyknow_stream_processing.ros import sample_fields
 
-_MAX_QUEUED_STATES = 1000
 _MAX_EVENTS = 20
+_HEAVY_TEXT = 1000
+"""The characters of a formula from which on it takes tens of milliseconds to parse it."""
+
+_HEAVY_STEP_S = 0.02
+"""The time of the latest step from which on the next one happens in the background."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,13 +61,26 @@ class GroupEvaluation:
 
     To change to another stream without a gap, the states of the new stream are queued until the
     old stream has delivered a state as late as the first of them.
+
+    Work that takes long, of requests, states and reports, happens in the background.
     """
 
-    def __init__(self, node: DyKnowNode, group_id: int, name: str, group: FormulaGroup) -> None:
+    def __init__(
+        self,
+        node: DyKnowNode,
+        group_id: int,
+        name: str,
+        group: FormulaGroup,
+        background: Background,
+    ) -> None:
         self.group = group
         self.name = name
         self._node = node
         self._id = group_id
+        self._work = GroupWork(node, background)
+        self._is_destroyed = False
+        self._reserved_parts = 0
+        self._step_s = 0.0
         self._states = 0
         # For each formula, the number of states before it was added.
         self._states_before: dict[int, int] = {}
@@ -74,6 +96,8 @@ class GroupEvaluation:
         # True until the current stream delivers a state later than those of the former one.
         self._catches_up = False
         self._skipped = 0
+        # For each stream, the states that were dropped since the latest one that was accepted.
+        self._dropped: Counter[StateSubscription] = Counter()
         self._requested_at = self._wall_time()
 
     @property
@@ -81,30 +105,60 @@ class GroupEvaluation:
         """True if the evaluation has begun."""
         return self._current is not None
 
-    def add_formula(self, name: str, text: str) -> int:
+    @property
+    def parts(self) -> int:
+        """The parts of all formulas, also of those that are being prepared."""
+        return max(self.group.parts, self._reserved_parts)
+
+    @property
+    def idle_s(self) -> float:
+        """The time since the latest request, in seconds."""
+        return (self._wall_time() - self._requested_at) / SECOND_NS
+
+    async def add_formula(self, name: str, text: str) -> int:
         """Add a formula and return its id; raise the errors of `FormulaGroup.add_formula`."""
-        formula_id = self.group.add_formula(name, text)
+        formula_id = await self._work.run(
+            lambda: self.group.add_formula(name, text),
+            lambda: len(text) > _HEAVY_TEXT or (self.has_begun and self._is_large()),
+        )
         self._states_before[formula_id] = self._states
         if self.has_begun:
             self.publish(self.group.decided_at_once())
         return formula_id
 
-    def remove_formula(self, formula_id: int) -> None:
+    async def remove_formula(self, formula_id: int) -> None:
         """Remove a formula; raise ReasoningError for an unknown one."""
-        self.group.remove_formula(formula_id)
-        del self._states_before[formula_id]
+        await self._work.run(lambda: self.group.remove_formula(formula_id), self._is_large)
+        self._states_before.pop(formula_id, None)
 
-    def begin(
+    async def symbols(self) -> list[SymbolMessage]:
+        """Return the symbols of the formulas."""
+        return await self._work.run(
+            lambda: [
+                SymbolMessage(kind=int(each.kind), name=each.name, arguments=list(each.arguments))
+                for each in self.group.symbols()
+            ],
+            self._is_large,
+        )
+
+    async def begin(
         self, domains: Mapping[str, Sequence[str]], state_stream: str, result_topic: str
     ) -> None:
         """Fix the domains and subscribe to the states.
 
         Raises:
-            ReasoningError: for an invalid topic name, or a sort without a domain.
+            ReasoningError: for an invalid topic name, a sort without a domain, or a formula that
+                is too large for the domains.
         """
         absolute_topic(self._node, state_stream, 'state_stream', VIOLATIONS_SUFFIX)
         absolute_topic(self._node, result_topic, 'result_topic')
-        self.group.begin(domains)
+        self._reserved_parts = self.group.parts_for(domains)
+        try:
+            await self._work.run(lambda: self.group.begin(domains), self._is_large)
+        finally:
+            self._reserved_parts = 0
+        if self._is_destroyed:
+            raise ReasoningError('the formula group was destroyed meanwhile', ExitCode.NOT_FOUND)
         self._domains, self._result_topic = domains, result_topic
         self._results = self._node.create_publisher(
             FormulaResultMessage, result_topic, LATCHED_HISTORY
@@ -112,7 +166,7 @@ class GroupEvaluation:
         self.publish(self.group.decided_at_once())
         self._current = self._subscribe(state_stream)
 
-    def change_stream(
+    async def change_stream(
         self,
         domains: Mapping[str, Sequence[str]],
         state_stream: str,
@@ -133,6 +187,11 @@ class GroupEvaluation:
         """
         absolute_topic(self._node, state_stream, 'state_stream', VIOLATIONS_SUFFIX)
         self._check_same(domains, result_topic)
+        await self._work.run(lambda: self._change_stream(state_stream, gap=gap))
+
+    def _change_stream(self, state_stream: str, *, gap: bool) -> None:
+        if self._is_destroyed:
+            return
         if self._next:
             self._next.destroy()
         self._next, self._queue = None, []
@@ -145,6 +204,7 @@ class GroupEvaluation:
 
     def destroy(self) -> None:
         """Destroy the subscriptions and the publisher."""
+        self._is_destroyed = True
         for stream in (self._current, self._next):
             if stream:
                 stream.destroy()
@@ -159,17 +219,25 @@ class GroupEvaluation:
         """Return True if there was no request and no subscriber to the results for some time."""
         if self._results is not None and self._results.get_subscription_count() > 0:
             self.note_request()
-        return self._wall_time() - self._requested_at > limit_s * SECOND_NS
+        return self.idle_s > limit_s and not self._work.is_busy
 
     def fail_after_pause(self, limit_s: float) -> None:
         """Fail all formulas if the group has been paused for longer than the limit."""
-        pause = self._pause
+        pause = None if self._work.is_busy else self._pause
         if pause and self.group.undecided and self._wall_time() - pause.since > limit_s * SECOND_NS:
             error = ReasoningError(pause.breach.message, ExitCode.CONSTRAINT_VIOLATION)
             self.publish(self.group.fail(error, pause.breach.valid_time))
 
-    def progress_reports(self) -> Iterable[Any]:
-        """Return a report on each undecided formula, with the events since the last reports."""
+    async def progress_reports(self) -> Sequence[FormulaProgress]:
+        """Return a report on each undecided formula, with the events since the last reports.
+
+        Return none if the group is busy.
+        """
+        if self._work.is_busy:
+            return ()
+        return await self._work.run(lambda: list(self._progress_reports()), self._is_large)
+
+    def _progress_reports(self) -> Iterator[FormulaProgress]:
         events = list(self._events)
         self._events.clear()
         for formula_id in sorted(self.group.undecided):
@@ -187,6 +255,8 @@ class GroupEvaluation:
 
     def publish(self, results: Iterable[FormulaResult]) -> None:
         """Publish the results of formulas."""
+        if self._is_destroyed:
+            return
         for result in results:
             message = FormulaResultMessage(
                 formula_group_id=self._id,
@@ -211,7 +281,7 @@ class GroupEvaluation:
     def _check_same(self, domains: Mapping[str, Sequence[str]], result_topic: str) -> None:
         for sort, objects in domains.items():
             if objects != self._domains.get(sort):
-                was = ', '.join(self._domains.get(sort, ())) or 'none'
+                was = listed(self._domains.get(sort, ())) or 'none'
                 raise ReasoningError(
                     f"domains: the objects of the sort '{sort}' are fixed while the group is "
                     f'evaluated ({was}); make a new group for others'
@@ -222,7 +292,20 @@ class GroupEvaluation:
                 f"as it is evaluated, not on '{result_topic}'"
             )
 
+    def _is_large(self) -> bool:
+        return self._step_s > _HEAVY_STEP_S or self.parts > HEAVY_PARTS
+
     def _on_state(self, stream: StateSubscription, state: State) -> None:
+        """Receive a state; if too many wait, drop it, and note the loss with the next one."""
+        if self._work.waiting_states >= MAX_QUEUED_STATES:
+            self._dropped[stream] += 1
+            return
+        if dropped := self._dropped.pop(stream, 0):
+            loss = f'{dropped} states were dropped, as the progression is too slow'
+            state = replace(state, loss=loss)
+        self._work.receive(lambda: self._handle(stream, state))
+
+    def _handle(self, stream: StateSubscription, state: State) -> None:
         if stream is self._current:
             self._receive(state)
         elif stream is self._next:
@@ -232,7 +315,7 @@ class GroupEvaluation:
             return
         if latest is not None and self._queue and self._queue[0].valid_time <= latest:
             self._switch(gap=False)
-        elif len(self._queue) >= _MAX_QUEUED_STATES:
+        elif len(self._queue) >= MAX_QUEUED_STATES and not self._work.is_busy:
             self._node.get_logger().warning(
                 f"the group '{self.name}' changes to '{self._next.topic}' with a gap: the former "
                 f'stream has no state as late as the {len(self._queue)} queued ones'
@@ -253,10 +336,14 @@ class GroupEvaluation:
         if breach:
             self._pause_after(breach)
         for state in queue:
-            self._receive(state)
+            self._work.receive(partial(self._receive, state))
 
     def _on_breach(self, stream: StateSubscription, breach: Breach) -> None:
         """Change to the next stream, or pause: a verdict over these states would be unsound."""
+        # The states before the violation may still wait.
+        self._work.receive(lambda: self._handle_breach(stream, breach))
+
+    def _handle_breach(self, stream: StateSubscription, breach: Breach) -> None:
         if stream is not self._current or self._pause:
             return
         if self._next:
@@ -292,10 +379,19 @@ class GroupEvaluation:
 
     def _progress(self, state: State) -> None:
         self._states += 1
+        if self._is_large() or self._work.waiting_states:
+            self._work.start(lambda: self._progressed(state), self.publish)
+        else:
+            self.publish(self._progressed(state))
+
+    def _progressed(self, state: State) -> Sequence[FormulaResult]:
+        """Progress the group over a state; return the new results."""
+        begun = perf_counter()
         try:
             fields = sample_fields(state.message)
         except DyKnowError as error:
             failure = ReasoningError(error.message, error.code)
-            self.publish(self.group.fail(failure, state.valid_time))
-            return
-        self.publish(self.group.progress(state.valid_time, fields))
+            return self.group.fail(failure, state.valid_time)
+        results = self.group.progress(state.valid_time, fields)
+        self._step_s = perf_counter() - begun
+        return results

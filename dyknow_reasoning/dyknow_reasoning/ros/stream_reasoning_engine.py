@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from itertools import count
+from time import perf_counter
 from typing import Any
 
-from dyknow_interfaces.msg import FormulaProgress, Symbol
+from dyknow_interfaces.msg import FormulaProgress
 from dyknow_interfaces.srv import (
     FormulaGroupAddFormula,
     FormulaGroupCreate,
@@ -15,13 +16,20 @@ from dyknow_interfaces.srv import (
     FormulaGroupRemoveFormula,
 )
 
-from dyknow_common import SECOND_NS, ExitCode
-from dyknow_common.ros import DyKnowNode, run
+from dyknow_common import SECOND_NS, ExitCode, listed, shortened
+from dyknow_common.ros import Background, DyKnowNode, run
 from dyknow_reasoning.errors import ReasoningError
 from dyknow_reasoning.formula_group import FormulaGroup
+from dyknow_reasoning.ros.engine_limits import EngineLimits, check_name
 from dyknow_reasoning.ros.group_evaluation import GroupEvaluation
 
 _SUPERVISION_PERIOD_S = 0.2
+
+_REPORTING_S = 0.02
+"""The time of reports after which the node does other work."""
+
+_IDLE_S = 1.0
+"""The time without a request after which a group that nobody evaluates may be destroyed."""
 
 
 class StreamReasoningEngine(DyKnowNode):
@@ -29,12 +37,7 @@ class StreamReasoningEngine(DyKnowNode):
 
     def __init__(self) -> None:
         super().__init__('stream_reasoning_engine')
-        self._node_limit = self.parameter(
-            'node_limit',
-            100_000,
-            'Maximum number of nodes that a formula may grow to by progression before it fails.',
-            (100, 100_000_000),
-        )
+        self._limits = EngineLimits.declare(self)
         period = self.parameter(
             'progress_period',
             1.0,
@@ -55,6 +58,8 @@ class StreamReasoningEngine(DyKnowNode):
             (0.0, 86_400.0),
         )
         self._groups: dict[int, GroupEvaluation] = {}
+        self._background = Background(self)
+        self._is_reporting = False
         self._ids = count(_first_id(self.started_at))
         self._progress = self.create_publisher(FormulaProgress, '~/progress', 100)
         self.create_timer(period, self._report_progress, clock=self.wall_clock)
@@ -67,34 +72,62 @@ class StreamReasoningEngine(DyKnowNode):
         self.serve(FormulaGroupDestroy, self._destroy)
 
     def _create(self, request: Any, response: Any) -> None:
+        check_name('formula_group_name', request.formula_group_name)
+        self._make_room()
         group_id = next(self._ids)
-        group = FormulaGroup(node_limit=self._node_limit)
-        self._groups[group_id] = GroupEvaluation(self, group_id, request.formula_group_name, group)
+        self._groups[group_id] = GroupEvaluation(
+            self,
+            group_id,
+            request.formula_group_name,
+            FormulaGroup(self._limits.of_group),
+            self._background,
+        )
         response.formula_group_id = group_id
 
-    def _add_formula(self, request: Any, response: Any) -> None:
+    def _make_room(self) -> None:
+        """Destroy the group that has waited for its evaluation for longest if there are too many.
+
+        Raises:
+            ReasoningError: if there are too many other groups.
+        """
+        idle = {number: each for number, each in self._groups.items() if not each.has_begun}
+        if len(idle) >= self._limits.idle_group_limit:
+            oldest = max(idle, key=lambda number: idle[number].idle_s)
+            if idle[oldest].idle_s < _IDLE_S:
+                self._limits.check(
+                    'idle_group_limit', len(idle) + 1, 'groups that nobody evaluates'
+                )
+            self._abandon(oldest, 'nobody evaluates it, and there are too many such groups')
+        self._limits.check('group_limit', len(self._groups) + 1, 'formula groups')
+
+    async def _add_formula(self, request: Any, response: Any) -> None:
         evaluation = self._find(request.formula_group_id)
-        response.formula_id = evaluation.add_formula(request.formula_name, request.formula)
+        check_name('formula_name', request.formula_name)
+        formulas = sum(len(each.group.formulas) for each in self._groups.values())
+        self._limits.check('formula_limit', formulas + 1, 'formulas')
+        self._check_parts(1)
+        response.formula_id = await evaluation.add_formula(request.formula_name, request.formula)
         response.canonical_formula = str(evaluation.group.formulas[response.formula_id])
 
-    def _remove_formula(self, request: Any, _response: Any) -> None:
-        self._find(request.formula_group_id).remove_formula(request.formula_id)
+    async def _remove_formula(self, request: Any, _response: Any) -> None:
+        await self._find(request.formula_group_id).remove_formula(request.formula_id)
 
-    def _extract_symbols(self, request: Any, response: Any) -> None:
-        symbols = self._find(request.formula_group_id).group.symbols()
-        response.symbols = [
-            Symbol(kind=int(symbol.kind), name=symbol.name, arguments=list(symbol.arguments))
-            for symbol in symbols
-        ]
+    async def _extract_symbols(self, request: Any, response: Any) -> None:
+        response.symbols = await self._find(request.formula_group_id).symbols()
 
-    def _evaluate(self, request: Any, _response: Any) -> None:
+    async def _evaluate(self, request: Any, _response: Any) -> None:
         evaluation = self._find(request.formula_group_id)
-        domains = {domain.sort: list(domain.objects) for domain in request.domains}
+        domains = {domain.sort: domain.objects for domain in request.domains}
         arguments = domains, request.state_stream, request.result_topic
         if evaluation.has_begun:
-            evaluation.change_stream(*arguments, gap=request.gap)
+            await evaluation.change_stream(*arguments, gap=request.gap)
         else:
-            evaluation.begin(*arguments)
+            self._check_parts(evaluation.group.parts_for(domains))
+            await evaluation.begin(*arguments)
+
+    def _check_parts(self, more: int) -> None:
+        parts = sum(each.parts for each in self._groups.values()) + more
+        self._limits.check('total_part_limit', parts, 'parts of formulas in all groups')
 
     def _destroy(self, request: Any, _response: Any) -> None:
         self._find(request.formula_group_id).destroy()
@@ -102,7 +135,7 @@ class StreamReasoningEngine(DyKnowNode):
 
     def _find(self, group_id: int) -> GroupEvaluation:
         if group_id not in self._groups:
-            known = ', '.join(str(known) for known in self._groups) or 'none'
+            known = listed(self._groups) or 'none'
             raise ReasoningError(
                 f'there is no formula group {group_id} (there are: {known})', ExitCode.NOT_FOUND
             )
@@ -114,18 +147,34 @@ class StreamReasoningEngine(DyKnowNode):
         for group_id, evaluation in list(self._groups.items()):
             evaluation.fail_after_pause(self._violation_patience)
             if self._orphan_limit and evaluation.is_orphan(self._orphan_limit):
-                self.get_logger().warning(
-                    f"the formula group {group_id}, '{evaluation.name}', is destroyed: it had no "
-                    f'request and no subscriber to its results for {self._orphan_limit:g} s'
+                reason = (
+                    'it had no request and no subscriber to its results for '
+                    f'{self._orphan_limit:g} s'
                 )
-                evaluation.destroy()
-                del self._groups[group_id]
+                self._abandon(group_id, reason)
+
+    def _abandon(self, group_id: int, reason: str) -> None:
+        evaluation = self._groups.pop(group_id)
+        evaluation.destroy()
+        name = shortened(evaluation.name)
+        self.get_logger().warning(f"the formula group {group_id}, '{name}', is destroyed: {reason}")
 
     def _report_progress(self) -> None:
-        if self._progress.get_subscription_count() > 0:
-            for evaluation in self._groups.values():
-                for report in evaluation.progress_reports():
+        if self._progress.get_subscription_count() > 0 and not self._is_reporting:
+            self._is_reporting = True
+            self.spawn(self._report_all)
+
+    async def _report_all(self) -> None:
+        begun = perf_counter()
+        try:
+            for evaluation in list(self._groups.values()):
+                for report in await evaluation.progress_reports():
                     self._progress.publish(report)
+                if perf_counter() - begun > _REPORTING_S:
+                    await self.deadlines.after(0.0)
+                    begun = perf_counter()
+        finally:
+            self._is_reporting = False
 
 
 def _first_id(started_at: int) -> int:

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import partial
+from typing import Final
 
 from dyknow_common import DyKnowError, ExitCode, Symbol
 from dyknow_coordinator.grounding.feature_sources import (
@@ -13,8 +15,12 @@ from dyknow_coordinator.grounding.feature_sources import (
     referenced_source,
     single_field_source,
 )
+from dyknow_coordinator.grounding.known_streams import KnownStreams
 from dyknow_coordinator.grounding.symbols import concept_query, feature_symbols, sort_names
 from dyknow_coordinator.ros.context import CoordinatorContext
+
+_MANY: Final = 50
+"""Specifications that take tens of milliseconds to parse."""
 
 
 async def find_candidates(
@@ -36,7 +42,9 @@ async def find_candidates(
                 found.append(await _named_source(context, symbol))
             else:
                 query = concept_query(symbol, sorts)
-                found += parse_sources(await context.clients.matching_streams(query))
+                texts = await context.clients.matching_streams(query)
+                is_long = len(texts) > _MANY
+                found += await context.background.run(partial(_parsed, texts), is_long=is_long)
         except DyKnowError as error:
             if error.code is not ExitCode.NOT_FOUND:
                 raise
@@ -46,6 +54,13 @@ async def find_candidates(
             else:
                 nearest[str(symbol)] = error.message
     return Candidates(tuple(found), nearest)
+
+
+def _parsed(texts: Sequence[str]) -> tuple[FeatureSource, ...]:
+    sources = parse_sources(texts)
+    for source in sources:
+        KnownStreams.parse(source)
+    return sources
 
 
 async def _fallback(context: CoordinatorContext, symbol: Symbol) -> FeatureSource | None:

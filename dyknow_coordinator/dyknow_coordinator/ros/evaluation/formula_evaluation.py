@@ -10,12 +10,12 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, Final
 
 from dyknow_interfaces.msg import FormulaProgress
 from rclpy.task import Future
 
-from dyknow_common import DyKnowError, ExitCode, Symbol, Verdict
+from dyknow_common import DyKnowError, ExitCode, Symbol, Verdict, listed
 from dyknow_common.ros import time_to_nanoseconds
 from dyknow_coordinator.errors import CoordinationError
 from dyknow_coordinator.evaluation.answer import Answer
@@ -31,6 +31,9 @@ from dyknow_coordinator.ros.context import CoordinatorContext
 from dyknow_coordinator.ros.evaluation.candidates import find_candidates
 from dyknow_coordinator.ros.evaluation.evaluation_group import EvaluationGroup, EvaluationGroups
 from dyknow_coordinator.ros.evaluation.sort_inference import infer_sorts
+
+_MAX_SHOWN: Final = 100
+"""The most groundings in the status of an evaluation, which is published each second."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -95,6 +98,14 @@ class FormulaEvaluation(Evaluation):
         return states.inputs.candidates.symbol_groundings(states.chosen)
 
     @property
+    def _shown_groundings(self) -> tuple[SymbolGrounding, ...]:
+        """The first groundings, for operators."""
+        if self._group is None:
+            return self._last_groundings[:_MAX_SHOWN]
+        states = self._group.states
+        return states.inputs.candidates.symbol_groundings(states.chosen[:_MAX_SHOWN])
+
+    @property
     def title(self) -> str:
         """The name that operators see."""
         return self.request.name or self.canonical_formula or self.request.formula
@@ -143,8 +154,7 @@ class FormulaEvaluation(Evaluation):
             return
         self._leave()
         objects = '; '.join(
-            f'{sort}: {", ".join(found) or "none"}'
-            for sort, found in prepared.inputs.domains.items()
+            f'{sort}: {listed(found) or "none"}' for sort, found in prepared.inputs.domains.items()
         )
         self.add_event(f'restarted with {objects}')
         self.progress = FormulaProgress()
@@ -198,7 +208,7 @@ class FormulaEvaluation(Evaluation):
             action=request.action,
             formula_group_id=group.group_id if group else 0,
             state_stream=group.states.stream.topic if group else '',
-            groundings=self.groundings,
+            groundings=self._shown_groundings,
             events=self.history.latest,
             states_progressed=progress.states_progressed,
             latest_valid_time=time_to_nanoseconds(progress.latest_valid_time) or None,
@@ -229,6 +239,7 @@ class FormulaEvaluation(Evaluation):
             formula_id, symbols = await self._add_formula(group_id, name)
             # Step 4: the domain of each sort.
             domains = {sort: await clients.instances(sort) for sort in sort_names(symbols)}
+            self._context.limits.check_domains(symbols, domains)
             # Step 5: the streams that match each feature.
             candidates = await find_candidates(self._context, symbols, request.grounding)
             # Step 7: the reasoning engine subscribes before the first state is published. Given

@@ -10,7 +10,7 @@ from dyknow_interfaces.action import MonitorPlan
 from dyknow_interfaces.srv import ReportPlanAction
 from rclpy.task import Future
 
-from dyknow_common import DyKnowError, ExitCode, StreamConstraints, Verdict
+from dyknow_common import DyKnowError, ExitCode, StreamConstraints, Verdict, listed
 from dyknow_common.ros import DyKnowNode, constraints_from_message, fill_exit_status
 from dyknow_coordinator.errors import CoordinationError
 from dyknow_coordinator.evaluation.answer import Answer
@@ -27,6 +27,7 @@ from dyknow_coordinator.plans.plan import (
 )
 from dyknow_coordinator.ros.actions import CancellingActionServer, finish_goal
 from dyknow_coordinator.ros.answers import requested_grounding
+from dyknow_coordinator.ros.coordinator_limits import CoordinatorLimits, check_name
 from dyknow_coordinator.ros.evaluation.formula_evaluation import FormulaEvaluation
 from dyknow_coordinator.ros.plans.plan_messages import plan_from_goal, verdict_to_message
 
@@ -97,7 +98,10 @@ class MonitoredPlan:
 
     def _take(self, step: Step) -> None:
         for position in step.withdraw:
-            evaluation = self._evaluations.pop(position)
+            evaluation = self._evaluations.pop(position, None)
+            if evaluation is None:  # It was about to start.
+                self._update(position, phase=PlanPhase.WITHDRAWN)
+                continue
             self._update(
                 position,
                 formula=evaluation.canonical_formula or self._verdicts[position].formula,
@@ -106,7 +110,9 @@ class MonitoredPlan:
             )
             evaluation.cancel()
         for position in step.start:
-            self._evaluate(position)
+            # A formula that cannot be started may end the plan before the next one.
+            if self._execution.phase(position) is PlanPhase.RUNNING:
+                self._evaluate(position)
         if self._execution.has_ended and not self.ended.done():
             self.ended.set_result(None)
 
@@ -120,14 +126,19 @@ class MonitoredPlan:
             action=position.action,
             is_monitored=True,
         )
-        evaluation = self._evaluations[position] = self._start(request)
+        try:
+            evaluation = self._start(request)
+        except DyKnowError as error:
+            self._conclude(position, Answer(error=error))
+            return
+        self._evaluations[position] = evaluation
         self._update(position, phase=PlanPhase.RUNNING)
         evaluation.outcome.add_done_callback(lambda done: self._conclude(position, done.result()))
 
     def _conclude(self, position: FormulaPosition, answer: Answer) -> None:
         if self._execution.phase(position) is not PlanPhase.RUNNING:
             return  # The formula was withdrawn.
-        del self._evaluations[position]
+        self._evaluations.pop(position, None)
         step = self._execution.conclude(
             position,
             failed=answer.error is not None,
@@ -154,10 +165,12 @@ class PlanMonitoring:
 
     Args:
         start: starts evaluations.
+        limits: of plans.
     """
 
-    def __init__(self, node: DyKnowNode, start: Start) -> None:
+    def __init__(self, node: DyKnowNode, start: Start, limits: CoordinatorLimits) -> None:
         self._start = start
+        self._limits = limits
         self._plans: dict[str, MonitoredPlan] = {}
         node.serve(ReportPlanAction, self._report)
         self.server = CancellingActionServer(node, MonitorPlan, self._execute)
@@ -183,6 +196,12 @@ class PlanMonitoring:
 
     def _monitored_plan(self, goal: Any) -> MonitoredPlan:
         request = goal.request
+        check_name(request.name)
+        parts = len(request.formulas) + sum(1 + len(each.formulas) for each in request.actions)
+        self._limits.check('plan_part_limit', parts, 'actions and formulas of the plan')
+        self._limits.check(
+            'plan_limit', len(self._plans) + 1, 'monitored plans', ExitCode.UNAVAILABLE
+        )
         if request.name in self._plans:
             raise CoordinationError(
                 f"a plan '{request.name}' is monitored already; give this one another name",
@@ -202,7 +221,7 @@ class PlanMonitoring:
 
     def _report(self, request: Any, _: Any) -> None:
         if request.plan not in self._plans:
-            known = f'these are: {", ".join(self._plans)}' if self._plans else 'there is none'
+            known = f'these are: {listed(self._plans)}' if self._plans else 'there is none'
             raise CoordinationError(
                 f"no plan '{request.plan}' is monitored ({known})", ExitCode.NOT_FOUND
             )

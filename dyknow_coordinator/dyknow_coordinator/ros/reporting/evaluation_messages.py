@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Final
+from typing import Any, Final
 
 from dyknow_interfaces.msg import EvaluationStatus as StatusMessage
 from dyknow_interfaces.msg import ExitStatus
@@ -30,11 +30,14 @@ _COMMON_FIELDS: Final = (
 )
 """The fields that a status and its message have in common."""
 
+_MAX_TEXT: Final = 10_000
+"""The most characters of a text in a status."""
+
 
 def status_to_message(status: EvaluationStatus) -> StatusMessage:
     """Return an EvaluationStatus message; unknown times are zero."""
     message = StatusMessage(
-        **{name: getattr(status, name) for name in _COMMON_FIELDS},
+        **{name: _brief(getattr(status, name)) for name in _COMMON_FIELDS},
         phase=int(status.phase),
         started=nanoseconds_to_time(status.started),
         groundings=[symbol_grounding_to_message(each) for each in status.groundings],
@@ -46,6 +49,12 @@ def status_to_message(status: EvaluationStatus) -> StatusMessage:
     if status.error is not None:
         fill_exit_status(message.exit_status, status.error)
     return message
+
+
+def _brief(value: Any) -> Any:
+    """Return the beginning of a very long text: reports are sent each second."""
+    is_long = isinstance(value, str) and len(value) > _MAX_TEXT
+    return f'{value[:_MAX_TEXT]}...' if is_long else value
 
 
 def status_from_message(message: StatusMessage) -> EvaluationStatus:

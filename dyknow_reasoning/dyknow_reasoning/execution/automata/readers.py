@@ -29,6 +29,8 @@ _UNUSUAL: Mapping[Kind, str] = {
     Kind.BOOLEAN: '{0} is not True and {0} is not False',
     Kind.STRING: 'type({0}) is not str',
 }
+MAX_GENERATED = 256
+"""The most atoms of an instance for which code is generated, as Python compiles it recursively."""
 _OPERATORS = {'=': '==', '<': '<', '<=': '<='}
 
 
@@ -57,6 +59,8 @@ def quick_reader(
         predicates: the predicates of the slots to read.
     """
     careful = careful_reader(predicates)
+    if len(predicates) > MAX_GENERATED:
+        return careful
     source = ReaderCode()
     symbol = source.symbol(atoms, kinds, predicates)
     if not source.reads_fields:
