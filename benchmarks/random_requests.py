@@ -160,10 +160,12 @@ class RandomRequests:
         return [each for each in self.asked if each.ended is None]
 
     def send(self) -> None:
-        """Send a request, unless many are open."""
-        if len(self.open) >= self.max_open:
-            return
-        name = self.chance.choice(list(KINDS))
+        """Send a random request, unless many are open."""
+        if len(self.open) < self.max_open:
+            self.ask(self.chance.choice(list(KINDS)))
+
+    def ask(self, name: str) -> None:
+        """Send a request of a kind."""
         vehicle = self.chance.choice(self.vehicles)
         formula = KINDS[name].formula.format(vehicle)
         vehicles = [vehicle] if '{}' in KINDS[name].formula else self.vehicles

@@ -25,7 +25,7 @@ from processes import (
 )
 from rclpy.task import Future
 
-from dyknow_bringup.processes.launcher import Launcher
+from dyknow_bringup.processes.launcher import EndedProcess, Launcher
 from dyknow_bringup.processes.processes import Process, SystemConfiguration, dyknow_processes
 from dyknow_bringup.resources import uav_ontology_path
 from dyknow_bringup.simulation.fleet import fleet_ontology, vehicle_names
@@ -147,6 +147,10 @@ class RunningSystem:
     def kill(self, node: str) -> None:
         """Kill a node."""
         self._launchers[node].kill(self._processes[node].executable)
+
+    def ended(self) -> tuple[EndedProcess, ...]:
+        """Return the nodes of the robot's own namespace that have ended by themselves."""
+        return self._launchers[COORDINATOR].ended()
 
     def stop(self) -> dict[str, int]:
         """Stop all nodes and return their exit codes."""

@@ -1,0 +1,168 @@
+"""A hostile client: requests and messages that harm the nodes if these have no limits.
+
+python benchmarks/hostile_client.py SEED SECONDS ROW...
+
+It performs the rows at random, and prints a line of JSON before and after each.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import random
+import sys
+import time
+import traceback
+from collections import Counter
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+import rclpy
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.task import Future
+
+PROGRAM = Path(__file__)
+
+ANSWER_TIMEOUT_S = 10.0
+"""Time after which a request counts as unanswered."""
+
+MATCH_TIMEOUT_S = 1.0
+
+DISCOVERY_S = 1.0
+PAUSE_S = 0.3
+
+REQUESTS = QoSProfile(depth=10_000)
+"""Its own queue loses no request."""
+
+ANY_SUBSCRIBER = QoSProfile(
+    depth=1000,
+    reliability=ReliabilityPolicy.RELIABLE,
+    durability=DurabilityPolicy.TRANSIENT_LOCAL,
+)
+"""Quality of service that matches every subscriber."""
+
+NODES = (
+    'stream_processing_engine', 'stream_manager', 'ontology_manager', 'stream_semantics_manager',
+    'semantic_matching_engine', 'stream_reasoning_engine', 'stream_reasoning_coordinator',
+)  # fmt: skip
+
+
+class HostileClient:
+    """A node for hostile requests, which counts the answers."""
+
+    def __init__(self, seed: int) -> None:
+        rclpy.init()
+        self.node = rclpy.create_node(f'hostile_{os.getpid()}')
+        self.chance = random.Random(seed)  # noqa: S311
+        self.answers: Counter[str] = Counter()
+        self.slowest = 0.0
+        self._executor = SingleThreadedExecutor()
+        self._executor.add_node(self.node)
+        self._clients: dict[str, Any] = {}
+        self._open: set[Future] = set()
+
+    def ask(self, kind: Any, service: str, request: Any = None, **fields: Any) -> Future | None:
+        """Send a request and return the future of its answer, or None if there is no service."""
+        client = self._clients.get(service)
+        if client is None:
+            client = self.node.create_client(kind, service, qos_profile=REQUESTS)
+            self._clients[service] = client
+        if not self.spin_until(client.service_is_ready, MATCH_TIMEOUT_S):
+            self.answers['no service'] += 1
+            return None
+        future = client.call_async(request if request is not None else kind.Request(**fields))
+        self.watch(future)
+        return future
+
+    def watch(self, future: Future) -> None:
+        """Count the answer of a future when it is done."""
+        begun = time.monotonic()
+        self._open.add(future)
+
+        def end(done: Future) -> None:
+            if done not in self._open:
+                return  # It counts as unanswered already.
+            self._open.discard(done)
+            self.slowest = max(self.slowest, time.monotonic() - begun)
+            status = getattr(done.result(), 'exit_status', None)
+            self.answers['answered' if status is None else f'code {status.code}'] += 1
+
+        future.add_done_callback(end)
+
+    def call(self, kind: Any, service: str, **fields: Any) -> Any:
+        """Send a request and return its answer, None if there is none in time."""
+        future = self.ask(kind, service, **fields)
+        if future is None or not self.spin_until(future.done, ANSWER_TIMEOUT_S):
+            return None
+        return future.result()
+
+    def spin_until(self, condition: Callable[[], bool], limit: float) -> bool:
+        """Run callbacks until a condition holds, and return True if it does in time."""
+        end = time.monotonic() + limit
+        while not condition():
+            if time.monotonic() > end:
+                return False
+            self._executor.spin_once(timeout_sec=0.02)
+        return True
+
+    def wait(self, seconds: float) -> None:
+        """Run callbacks for a time."""
+        self.spin_until(lambda: False, seconds)
+
+    def wait_for_answers(self) -> None:
+        """Wait for the answers of all requests, and count those that do not come in time."""
+        self.spin_until(lambda: not self._open, ANSWER_TIMEOUT_S)
+        if self._open:
+            self.answers['unanswered'] += len(self._open)
+            self._open.clear()
+
+    def publish(self, kind: Any, topic: str, messages: Sequence[Any], pause: float = 0.0) -> None:
+        """Publish messages, or bytes as messages, to all subscribers of a topic."""
+        publisher = self.node.create_publisher(kind, topic, ANY_SUBSCRIBER)
+        self.spin_until(lambda: publisher.get_subscription_count() > 0, MATCH_TIMEOUT_S)
+        for message in messages:
+            publisher.publish(message)
+            self.answers['published'] += 1
+            self.wait(pause)
+        self.wait(0.1)
+        self.node.destroy_publisher(publisher)
+
+    def perform(self, row: Callable[[HostileClient], None]) -> dict[str, Any]:
+        """Perform a row, wait for its answers, and return their counts."""
+        self.answers.clear()
+        self.slowest = 0.0
+        fault = ''
+        try:
+            row(self)
+        except Exception:  # noqa: BLE001 - a fault of this program is reported, not hidden
+            fault = traceback.format_exc()
+        self.wait_for_answers()
+        return {
+            'answers': dict(self.answers),
+            'slowest_s': round(self.slowest, 2),
+            **({'fault': fault} if fault else {}),
+        }
+
+
+def main() -> None:
+    """Perform rows at random."""
+    from hostile_rows import ROWS  # noqa: PLC0415 - it imports this module
+
+    seed, seconds, *names = sys.argv[1:]
+    os.nice(10)  # The nodes are to be judged, not the share of the machine that this client takes.
+    client = HostileClient(int(seed))
+    client.wait(DISCOVERY_S)
+    end = time.monotonic() + float(seconds)
+    while time.monotonic() < end:
+        name = client.chance.choice(names)
+        print(json.dumps({'row': name}), flush=True)
+        print(json.dumps({'row': name, **client.perform(ROWS[name])}), flush=True)
+        client.wait(client.chance.uniform(0.0, PAUSE_S))
+    # The middleware may wait forever for a node that does not answer.
+    os._exit(0)
+
+
+if __name__ == '__main__':
+    main()
