@@ -28,9 +28,9 @@ from dyknow_interfaces.srv import (
     ListStreams,
     StreamCreateFromSpec,
 )
-from hostile_client import ANSWER_TIMEOUT_S, NODES, HostileClient
+from hostile_client import ANSWER_TIMEOUT_S, NODES, REQUESTS, HostileClient
 from random_messages import interface, random_bytes, random_message
-from rcl_interfaces.msg import Parameter, ParameterValue
+from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
 from rcl_interfaces.srv import ListParameters, SetParameters
 from rclpy.action import ActionClient
 from sensor_msgs.msg import BatteryState
@@ -82,7 +82,14 @@ def cancelled_goals(client: HostileClient) -> None:
 
 
 def _send_goals(client: HostileClient, kind: Any, name: str, goals: list[Any]) -> None:
-    actions = ActionClient(client.node, kind, f'{COORDINATOR}/{name}')
+    actions = ActionClient(
+        client.node,
+        kind,
+        f'{COORDINATOR}/{name}',
+        goal_service_qos_profile=REQUESTS,
+        result_service_qos_profile=REQUESTS,
+        cancel_service_qos_profile=REQUESTS,
+    )
     client.spin_until(actions.server_is_ready, 2.0)
     sent = [actions.send_goal_async(each) for each in goals]
     client.spin_until(lambda: all(each.done() for each in sent), ANSWER_TIMEOUT_S)
@@ -143,8 +150,9 @@ def parameters(client: HostileClient) -> None:
         names = {*(listed.result.names if listed else ()), 'use_sim_time', 'hostile', ''}
         for name in sorted(names):
             value = random_message(ParameterValue, client.chance, 2)
+            value.type = client.chance.randrange(ParameterType.PARAMETER_STRING_ARRAY + 1)
             if name == 'use_sim_time':
-                value = ParameterValue(type=1, bool_value=True)
+                value = ParameterValue(type=ParameterType.PARAMETER_BOOL, bool_value=True)
             parameter = Parameter(name=name, value=value)
             client.ask(SetParameters, f'{node}/set_parameters', parameters=[parameter])
 

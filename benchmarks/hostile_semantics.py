@@ -188,14 +188,14 @@ def long_annotations(client: HostileClient) -> None:
 
 
 def many_annotations(client: HostileClient) -> None:
-    """Annotate hundreds of streams, and create hundreds of objects, that nobody uses."""
+    """Create dozens of objects, and annotate hundreds of streams, that nobody uses."""
     first = client.chance.randrange(10**9)
-    for number in range(first, first + 200):
-        text = f'stream hostile_{number} contains Altitude[hostile_{number}] = x'
-        client.ask(AddSemanticSpecification, ANNOTATE, ssl_statement=text)
     for number in range(first, first + 50):
         fields = {'instance_name': f'hostile_{number}', 'concept_names': ['Vehicle']}
         client.ask(InstanceCreate, 'ontology_manager/instance_create', **fields)
+    for number in range(first, first + 200):
+        text = f'stream hostile_{number} contains Altitude[uav1] = x'
+        client.ask(AddSemanticSpecification, ANNOTATE, ssl_statement=text)
 
 
 ROWS = (

@@ -27,18 +27,14 @@ from dyknow_interfaces.srv import (
 from parts import measure
 from processes import MANAGER, percentile, use_private_domain, wait_for_line, worker
 from rclpy.task import Future
-from running_system import REASONER, RunningSystem, timed
+from running_system import AT_ONCE, REASONER, RunningSystem, timed
 from stream_counts import StreamCounts
 
-from dyknow_common import SECOND_NS
 from dyknow_common.ros import time_to_nanoseconds
 
 RATE = 10.0
 VEHICLES = 3
 HIGH = 500.0
-AT_ONCE = 'forall u in UAV: Power[u] > 0'
-"""A formula that the first state decides, asked by another client."""
-
 PROBE_PERIOD_S = 0.25
 MAX_P99_MS = 500.0
 MAX_SHARE = 0.9
@@ -53,6 +49,7 @@ def evaluations(*, quick: bool) -> Any:
     """Grow the evaluations that the coordinator runs at once; then a high level decides them."""
     sizes = (20, 50) if quick else (50, 100, 200, 400, 800, 1600, 3200)
     with RunningSystem(VEHICLES, RATE) as system:
+        system.warm_up()
         futures: list[Future] = []
 
         def grow(number: int) -> dict[str, Any]:
@@ -68,7 +65,10 @@ def evaluations(*, quick: bool) -> Any:
                 system,
                 lambda: len(system.progress.keys() - known) >= sum(not f.done() for f in new),
             )
-            return {'to_first_states_s': round(time.monotonic() - begun, 2)}
+            return {
+                'to_first_states_s': round(time.monotonic() - begun, 2),
+                'answers': _outcomes(each for each in new if each.done()),
+            }
 
         rows = _grown(system, sizes, grow, quick=quick)
         system.command('set', 'uav1', 10_000.0)
@@ -83,6 +83,7 @@ def formulas(*, quick: bool) -> Any:
     """Grow a formula group of the reasoning engine, over the states of the fleet."""
     sizes = (200, 500) if quick else (1000, 3000, 10_000, 30_000, 100_000)
     with RunningSystem(VEHICLES, RATE) as system:
+        system.warm_up()
         group = _make_group(system)
         lags: list[int] = []
         system.client.node.create_subscription(
@@ -151,6 +152,7 @@ def streams(*, quick: bool) -> Any:
     """Grow the streams of an engine, all of which have a subscriber."""
     sizes = (20, 50) if quick else (100, 200, 400, 800, 1600, 3200)
     with RunningSystem(VEHICLES, RATE) as system, ExitStack() as stack:
+        system.warm_up()
         counts = StreamCounts(system.client)
         names = (f's{number}' for number in range(max(sizes)))
         created = 0
@@ -184,9 +186,11 @@ def vehicles(*, quick: bool) -> Any:
     rows: list[dict[str, Any]] = []
     for number in (5, 10) if quick else (50, 100, 200, 400):
         with RunningSystem(number, RATE) as system:
+            system.warm_up()
+            known = set(system.progress)
             future = system.ask(f'forall u in UAV: always Power[u] < {HIGH}')
             begun = time.monotonic()
-            _wait(system, lambda: bool(system.progress) or future.done())  # noqa: B023
+            _wait(system, lambda: bool(system.progress.keys() - known) or future.done())  # noqa: B023
             found = {'to_first_states_s': round(time.monotonic() - begun, 2)}
             rows += _grown(system, (number,), lambda _: found, quick=quick)  # noqa: B023
             begun = time.monotonic()
@@ -203,6 +207,7 @@ def annotations(*, quick: bool) -> Any:
     """Grow the annotations of streams; the answers for one feature must not get slower."""
     sizes = (200, 500) if quick else (1000, 3000, 10_000, 30_000, 100_000)
     with RunningSystem(VEHICLES, RATE) as system:
+        system.warm_up()
         count = 0
 
         def grow(number: int) -> dict[str, Any]:
@@ -210,7 +215,7 @@ def annotations(*, quick: bool) -> Any:
             fields = [
                 {
                     'ssl_statement': ''.join(
-                        f'stream knee{each} contains Altitude[knee{each}] = x;\n'
+                        f'stream knee{each} contains Altitude[uav1] = x;\n'
                         for each in range(first, first + ANNOTATIONS_OF_A_TEXT)
                     )
                 }
@@ -325,7 +330,7 @@ def _wait(system: RunningSystem, condition: Callable[[], bool]) -> None:
     """Wait for a condition, but not for ever: what is missing then is counted as lost."""
     end = time.monotonic() + ANSWER_LIMIT_S
     system.client.spin_until(
-        lambda: condition() or time.monotonic() > end, 'time', ANSWER_LIMIT_S + SECOND_NS
+        lambda: condition() or time.monotonic() > end, 'time', ANSWER_LIMIT_S + 1.0
     )
 
 

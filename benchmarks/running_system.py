@@ -38,6 +38,11 @@ FAR_NAMESPACE = 'far'
 FAR_ENGINE = f'{FAR_NAMESPACE}/{ENGINE}'
 EVALUATE = f'{COORDINATOR}/evaluate_formula'
 
+AT_ONCE = 'forall u in UAV: Power[u] > 0'
+"""A formula that the first state decides."""
+
+WARM_UP_LIMIT_S = 60.0
+
 
 def configure(
     sources: Mapping[str, Sequence[str]], folder: Path, constraints: str
@@ -175,6 +180,19 @@ class RunningSystem:
     def ask(self, formula: str, timeout: float = 600.0) -> Future:
         """Send a formula to the coordinator and return the future of the answer."""
         return ask(self.client, EVALUATE, formula, timeout)
+
+    def warm_up(self) -> None:
+        """Ask for a verdict until there is one: nodes that discover each other lose requests."""
+        futures: list[Future] = []
+
+        def is_warm() -> bool:
+            if not futures or futures[-1].done():
+                if futures and futures[-1].result().verdict:
+                    return True
+                futures.append(self.ask(AT_ONCE, 10.0))
+            return False
+
+        self.client.spin_until(is_warm, 'the first verdict', WARM_UP_LIMIT_S)
 
     def streams(self) -> set[str]:
         """Return the names of the streams that the manager knows."""

@@ -193,6 +193,7 @@ def soak(arguments: argparse.Namespace, rows: Sequence[str], logs: Path) -> dict
     """Run all clients for a time and return the results."""
     chance = random.Random(arguments.seed)  # noqa: S311
     with RunningSystem(VEHICLES, RATE, 1, CONSTRAINTS, logs=logs) as system:
+        system.warm_up()
         nodes, normal = Nodes(system, logs), NormalClients(system, chance)
         surges = Faults(system, chance, (), topics=False)
         hostile = HostileClients(arguments.clients, rows, chance)
