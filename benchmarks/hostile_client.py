@@ -2,7 +2,7 @@
 
 python benchmarks/hostile_client.py SEED SECONDS ROW...
 
-It performs the rows at random, and prints a line of JSON before and after each.
+It performs the rows at random, and prints a line of JSON for each outcome.
 """
 
 from __future__ import annotations
@@ -13,14 +13,13 @@ import random
 import sys
 import time
 import traceback
-from collections import Counter
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
 import rclpy
-from rclpy._rclpy_pybind11 import RCLError
 from rclpy.executors import SingleThreadedExecutor
+from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.task import Future
 
@@ -57,8 +56,7 @@ class HostileClient:
         rclpy.init()
         self.node = rclpy.create_node(f'hostile_{os.getpid()}')
         self.chance = random.Random(seed)  # noqa: S311
-        self.answers: Counter[str] = Counter()
-        self.slowest = 0.0
+        self._row = ''
         self._executor = SingleThreadedExecutor()
         self._executor.add_node(self.node)
         self._clients: dict[str, Any] = {}
@@ -71,7 +69,7 @@ class HostileClient:
             client = self.node.create_client(kind, service, qos_profile=REQUESTS)
             self._clients[service] = client
         if not self.spin_until(client.service_is_ready, MATCH_TIMEOUT_S):
-            self.answers['no service'] += 1
+            self.count('no service')
             return None
         future = client.call_async(request if request is not None else kind.Request(**fields))
         self.watch(future)
@@ -86,16 +84,20 @@ class HostileClient:
             if done not in self._open:
                 return  # It counts as unanswered already.
             self._open.discard(done)
-            self.slowest = max(self.slowest, time.monotonic() - begun)
             status = getattr(done.result(), 'exit_status', None)
-            self.answers['answered' if status is None else f'code {status.code}'] += 1
+            outcome = 'answered' if status is None else f'code {status.code}'
+            self.count(outcome, seconds=time.monotonic() - begun)
 
         future.add_done_callback(end)
 
     def call(self, kind: Any, service: str, **fields: Any) -> Any:
         """Send a request and return its answer, None if there is none in time."""
         future = self.ask(kind, service, **fields)
-        if future is None or not self.spin_until(future.done, ANSWER_TIMEOUT_S):
+        if future is None:
+            return None
+        if not self.spin_until(future.done, ANSWER_TIMEOUT_S):
+            self._open.discard(future)
+            self.count('unanswered')
             return None
         return future.result()
 
@@ -116,38 +118,43 @@ class HostileClient:
         """Wait for the answers of all requests, and count those that do not come in time."""
         self.spin_until(lambda: not self._open, ANSWER_TIMEOUT_S)
         if self._open:
-            self.answers['unanswered'] += len(self._open)
+            self.count('unanswered', len(self._open))
             self._open.clear()
+
+    def count(self, outcome: str, number: int = 1, **more: Any) -> None:
+        """Report outcomes of the row, at once: this client may be killed at any moment."""
+        print(
+            json.dumps({'row': self._row, 'outcome': outcome, 'number': number, **more}), flush=True
+        )
 
     def publish(self, kind: Any, topic: str, messages: Sequence[Any], pause: float = 0.0) -> None:
         """Publish messages, or bytes as messages, to all subscribers of a topic."""
         publisher = self.node.create_publisher(kind, topic, ANY_SUBSCRIBER)
         self.spin_until(lambda: publisher.get_subscription_count() > 0, MATCH_TIMEOUT_S)
+        published = 0
         for message in messages:
             try:
                 publisher.publish(message)
-                self.answers['published'] += 1
-            except RCLError:  # The middleware of the client refuses some bytes itself.
-                self.answers['not published'] += 1
+                published += 1
+            except (
+                rclpy_implementation.RCLError
+            ):  # The middleware of the client refuses some bytes itself.
+                self.count('not published')
             self.wait(pause)
+        self.count('published', published)
         self.wait(0.1)
         self.node.destroy_publisher(publisher)
 
-    def perform(self, row: Callable[[HostileClient], None]) -> dict[str, Any]:
-        """Perform a row, wait for its answers, and return their counts."""
-        self.answers.clear()
-        self.slowest = 0.0
-        fault = ''
+    def perform(self, row: Callable[[HostileClient], None]) -> None:
+        """Perform a row, and wait for its answers."""
+        self._row = row.__name__
+        self.count('begun')
         try:
             row(self)
         except Exception:  # noqa: BLE001 - a fault of this program is reported, not hidden
-            fault = traceback.format_exc()
+            self.count('fault', text=traceback.format_exc())
         self.wait_for_answers()
-        return {
-            'answers': dict(self.answers),
-            'slowest_s': round(self.slowest, 2),
-            **({'fault': fault} if fault else {}),
-        }
+        self.count('completed')
 
 
 def main() -> None:
@@ -160,9 +167,7 @@ def main() -> None:
     client.wait(DISCOVERY_S)
     end = time.monotonic() + float(seconds)
     while time.monotonic() < end:
-        name = client.chance.choice(names)
-        print(json.dumps({'row': name}), flush=True)
-        print(json.dumps({'row': name, **client.perform(ROWS[name])}), flush=True)
+        client.perform(ROWS[client.chance.choice(names)])
         client.wait(client.chance.uniform(0.0, PAUSE_S))
     # The middleware may wait forever for a node that does not answer.
     os._exit(0)

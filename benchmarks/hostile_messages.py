@@ -93,7 +93,8 @@ def _send_goals(client: HostileClient, kind: Any, name: str, goals: list[Any]) -
     client.spin_until(actions.server_is_ready, 2.0)
     sent = [actions.send_goal_async(each) for each in goals]
     client.spin_until(lambda: all(each.done() for each in sent), ANSWER_TIMEOUT_S)
-    client.answers['unanswered'] += sum(not each.done() for each in sent)
+    if missing := sum(not each.done() for each in sent):
+        client.count('unanswered', missing)
     accepted = [each.result() for each in sent if each.done() and each.result().accepted]
     for goal in accepted:
         client.watch(goal.get_result_async())

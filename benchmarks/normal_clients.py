@@ -35,6 +35,9 @@ PROBE_PERIOD_S = 0.5
 AT_ONCE = 'true at once'
 """The kind of formula that is timed: the first state decides it."""
 
+DISCOVERY_S = 1.0
+"""Time for the nodes to discover the clients, too."""
+
 SLACK_S = 5.0
 """Time between a high level and the timeout of a formula that leaves enough for its verdict."""
 
@@ -84,6 +87,11 @@ class NormalClients:
             self._clients[service] = self.system.client.node.create_client(
                 kind, service, qos_profile=SERVICE
             )
+        clients = self._clients.values()
+        self.system.client.spin_until(
+            lambda: all(each.service_is_ready() for each in clients), 'all services'
+        )
+        self.system.wait(DISCOVERY_S)
 
     def step(self) -> None:
         """Send the requests that are due."""

@@ -153,6 +153,8 @@ class RandomRequests:
         self._monitor = ActionClient(
             self.client.node, MonitorFormula, f'{COORDINATOR}/monitor_formula'
         )
+        # A goal that is sent before is lost.
+        self.client.spin_until(self._monitor.server_is_ready, 'the action')
 
     @property
     def open(self) -> list[Request]:

@@ -67,7 +67,7 @@ class HostileClients:
         self.killed = 0
         self._rows = rows
         self._chance = chance
-        self._answers: defaultdict[str, Counter[str]] = defaultdict(Counter)
+        self._outcomes: defaultdict[str, Counter[str]] = defaultdict(Counter)
         self._slowest: Counter[str] = Counter()
         self._running = [self._start() for _ in range(number)]
         self._next_kill = time.monotonic() + KILL_PERIOD_S
@@ -92,10 +92,10 @@ class HostileClients:
             each.wait()
 
     def report(self) -> dict[str, dict[str, Any]]:
-        """Return the answers of each row, and the slowest one in seconds."""
+        """Return the outcomes of each row, and the time of its slowest answer in seconds."""
         return {
-            name: {**self._answers[name], 'slowest_s': self._slowest[name]}
-            for name in sorted(self._answers)
+            name: {**self._outcomes[name], 'slowest_s': self._slowest[name]}
+            for name in sorted(self._outcomes)
         }
 
     def _start(self) -> subprocess.Popen[str]:
@@ -116,13 +116,10 @@ class HostileClients:
 
     def _note(self, found: dict[str, Any]) -> None:
         name = found['row']
-        if 'answers' not in found:
-            self._answers[name]['performed'] += 1
-            return
-        self._answers[name].update(found['answers'])
-        self._slowest[name] = max(self._slowest[name], found['slowest_s'])
-        if 'fault' in found:
-            self.faults[f'{name}: {found["fault"]}'] += 1
+        self._outcomes[name][found['outcome']] += found['number']
+        self._slowest[name] = max(self._slowest[name], round(found.get('seconds', 0.0), 2))
+        if 'text' in found:
+            self.faults[f'{name}: {found["text"]}'] += 1
 
 
 @dataclass

@@ -6,8 +6,8 @@ from collections.abc import Awaitable, Callable, Iterator
 from contextlib import contextmanager
 from typing import Any
 
-from rclpy._rclpy_pybind11 import RCLError
 from rclpy.action import ActionServer, CancelResponse
+from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.qos import QoSProfile
 
 from dyknow_common import DyKnowError, ExitCode
@@ -58,7 +58,8 @@ class CancellingActionServer:
                 goal.canceled()
             else:
                 goal.abort()
-        except RCLError:  # A node that stops cannot publish the state, which is set all the same.
+        except rclpy_implementation.RCLError:
+            # A node that stops cannot publish the state, which is set all the same.
             if self._context.ok():
                 raise
 
