@@ -28,7 +28,11 @@ PROGRAM = Path(__file__)
 ANSWER_TIMEOUT_S = 10.0
 """Time after which a request counts as unanswered."""
 
+SERVICE_TIMEOUT_S = 5.0
+"""Time to find a service."""
+
 MATCH_TIMEOUT_S = 1.0
+"""Time to find the subscribers of a topic, which may have none."""
 
 DISCOVERY_S = 1.0
 PAUSE_S = 0.3
@@ -68,7 +72,7 @@ class HostileClient:
         if client is None:
             client = self.node.create_client(kind, service, qos_profile=REQUESTS)
             self._clients[service] = client
-        if not self.spin_until(client.service_is_ready, MATCH_TIMEOUT_S):
+        if not self.spin_until(client.service_is_ready, SERVICE_TIMEOUT_S):
             self.count('no service')
             return None
         future = client.call_async(request if request is not None else kind.Request(**fields))

@@ -41,6 +41,9 @@ DISCOVERY_S = 1.0
 SLACK_S = 5.0
 """Time between a high level and the timeout of a formula that leaves enough for its verdict."""
 
+DEFECTS = ('wrong', 'missing', 'lost', 'failed')
+"""Kinds of defects of answers: a wrong or missing verdict, no answer, an error that is not due."""
+
 _LIMIT = re.compile(r'\bat most\b|\blimit\b|\bparameter\b')
 _LOOKS: tuple[tuple[Any, str, dict[str, Any], Callable[[Any, set[str], set[str]], bool]], ...] = (
     (ListStreams, f'{MANAGER}/list_streams', {}, lambda found, streams, _: streams
@@ -136,7 +139,7 @@ class NormalClients:
         return {
             'asked': len(self.requests.asked) + len(self._looks),
             'outcomes': dict(sorted(outcomes.items())),
-            **{kind: defects[kind] for kind in ('wrong', 'lost', 'failed', 'refused')},
+            **{kind: defects[kind] for kind in (*DEFECTS, 'refused')},
             'latency_ms': self._latencies(),
         }
 
@@ -180,7 +183,7 @@ def _defect(request: Request, high: Mapping[str, Sequence[int]]) -> tuple[str, s
     if status.code == ExitStatus.UNAVAILABLE and _LIMIT.search(status.message):
         return 'refused', status.message[:300]
     if status.code == ExitStatus.TIMEOUT and due == _VERDICT and kind.watches:
-        return 'wrong', f'no verdict, although a level was high: {status.message[:300]}'
+        return 'missing', f'no verdict, although a level was high: {status.message[:300]}'
     return 'failed', f'error {status.code}: {status.message[:300]}'
 
 

@@ -78,6 +78,8 @@ def configure(
 class RunningSystem:
     """The nodes, a fleet and a client; a context manager that stops them.
 
+    Its `folder` has the files of the configuration.
+
     Args:
         batteries: the number for each vehicle.
         constraints: of the streams of the fleet, such as `with max_delay = 1 s`.
@@ -104,6 +106,7 @@ class RunningSystem:
         self.progress: dict[tuple[int, int], list[tuple[int, int]]] = {}
         self.fleet: Any = None
         self.pids: dict[str, int] = {}
+        self.folder = Path()
         self._rate = rate
         self._constraints = constraints
         self._progress_period = progress_period
@@ -112,7 +115,7 @@ class RunningSystem:
         self._stack = ExitStack()
 
     def __enter__(self) -> Self:
-        folder = Path(self._stack.enter_context(tempfile.TemporaryDirectory()))
+        folder = self.folder = Path(self._stack.enter_context(tempfile.TemporaryDirectory()))
         self.client = Client()
         self._stack.callback(self.client.close)
         self.fleet = self._stack.enter_context(

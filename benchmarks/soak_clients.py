@@ -1,18 +1,19 @@
 """Hostile, buggy and normal clients together: all answers of the normal ones are judged.
 
 python benchmarks/soak_clients.py [--minutes 20] [--seed 1] [--clients 2] [--rows ROW ...] [--each]
-    [--logs FOLDER] [--domain N] [--list] [--json]
+    [--p99 SECONDS] [--logs FOLDER] [--domain N] [--list] [--json]
 
 Hostile clients perform rows of harmful requests and messages at random, and are killed in the
 middle. With --each, each row is performed alone, by a system of its own, for --minutes. The exit
-code is 1 if a verdict was wrong, a normal request was lost or failed, or a node died or logged a
-fault.
+code is 1 if a verdict was wrong or missing, a normal request was lost or failed, or a node died or
+logged a fault.
 """
 
 from __future__ import annotations
 
 import argparse
 import json
+import math
 import os
 import random
 import re
@@ -31,7 +32,7 @@ from typing import Any
 import hostile_client
 from faults import Faults
 from hostile_rows import ROWS
-from normal_clients import NormalClients
+from normal_clients import DEFECTS, NormalClients
 from processes import growth_per_minute, memory_of_group, open_files, use_private_domain
 from random_requests import KINDS, MAX_DELAY_S
 from running_system import RunningSystem
@@ -60,9 +61,19 @@ _FAULT = re.compile(
 
 
 class HostileClients:
-    """Processes of hostile clients, which are killed and started again."""
+    """Processes of hostile clients, which are killed and started again.
 
-    def __init__(self, number: int, rows: Sequence[str], chance: random.Random) -> None:
+    Args:
+        number: of processes.
+        rows: the names of the rows.
+        chance: decides who is killed, and when.
+        folder: for their files; the nodes may read it.
+    """
+
+    def __init__(
+        self, number: int, rows: Sequence[str], chance: random.Random, folder: Path
+    ) -> None:
+        self._environment = {**os.environ, 'TMPDIR': str(folder)}
         self.faults: Counter[str] = Counter()
         self.killed = 0
         self._rows = rows
@@ -105,6 +116,7 @@ class HostileClients:
             stdout=subprocess.PIPE,
             text=True,
             start_new_session=True,
+            env=self._environment,
         )
         threading.Thread(target=self._read, args=(started,), daemon=True).start()
         return started
@@ -193,7 +205,7 @@ def soak(arguments: argparse.Namespace, rows: Sequence[str], logs: Path) -> dict
         system.warm_up()
         nodes, normal = Nodes(system, logs), NormalClients(system, chance)
         surges = Faults(system, chance, (), topics=False)
-        hostile = HostileClients(arguments.clients, rows, chance)
+        hostile = HostileClients(arguments.clients, rows, chance, system.folder)
         try:
             _run(system, arguments.minutes * 60, nodes, normal, surges, hostile)
             high = json.loads(system.command('high'))
@@ -240,11 +252,18 @@ def _run(
         system.wait(STEP_S)
 
 
-def defects(found: Mapping[str, Any]) -> list[str]:
-    """Return the names of the requirements that a run did not meet."""
+def defects(found: Mapping[str, Any], max_p99_s: float) -> list[str]:
+    """Return the names of the requirements that a run did not meet.
+
+    Args:
+        found: the results.
+        max_p99_s: of the latency of the formulas that the first state decides.
+    """
     normal = found['normal']
+    p99_s = normal['latency_ms']['evaluate_formula']['p99'] / 1e3
     checks = {
-        **{f'normal requests: {kind}': normal[kind] for kind in ('wrong', 'lost', 'failed')},
+        **{f'normal requests: {kind}': normal[kind] for kind in DEFECTS},
+        f'p99 of EvaluateFormula: {p99_s} s': p99_s > max_p99_s,
         'deaths of nodes': found['deaths'],
         'exit codes': any(found['exit_codes'].values()),
         'faults in logs': found['logged_faults'],
@@ -259,7 +278,7 @@ def _run_rows(
 ) -> dict[str, Any]:
     with tempfile.TemporaryDirectory() as folder:
         found = soak(arguments, rows, logs or Path(folder))
-        return {**found, 'defects': defects(found)}
+        return {**found, 'defects': defects(found, arguments.p99)}
 
 
 def main() -> None:
@@ -293,6 +312,13 @@ def _arguments() -> argparse.Namespace:
     parser.add_argument('--seed', type=int, default=1, help='of the requests')
     parser.add_argument('--clients', type=int, default=2, help='the number of hostile clients')
     parser.add_argument('--rows', nargs='+', choices=ROWS, default=list(ROWS), metavar='ROW')
+    parser.add_argument(
+        '--p99',
+        type=float,
+        default=math.inf,
+        metavar='SECONDS',
+        help='fail if the 99th percentile of the latency of a formula is higher',
+    )
     parser.add_argument('--each', action='store_true', help='one row after the other, alone')
     parser.add_argument('--list', action='store_true', help='list the rows')
     parser.add_argument('--logs', type=Path, help='an existing folder for the logs of the nodes')
