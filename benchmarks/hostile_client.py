@@ -18,6 +18,7 @@ from pathlib import Path
 from typing import Any
 
 import rclpy
+from dyknow_interfaces.msg import ExitStatus
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
@@ -89,8 +90,13 @@ class HostileClient:
                 return  # It counts as unanswered already.
             self._open.discard(done)
             status = getattr(done.result(), 'exit_status', None)
-            outcome = 'answered' if status is None else f'code {status.code}'
-            self.count(outcome, seconds=time.monotonic() - begun)
+            seconds = time.monotonic() - begun
+            if status is None:
+                self.count('answered', seconds=seconds)
+            elif status.code == ExitStatus.INTERNAL_ERROR:
+                self.count('internal error', seconds=seconds, message=status.message[:300])
+            else:
+                self.count(f'code {status.code}', seconds=seconds)
 
         future.add_done_callback(end)
 
@@ -156,7 +162,7 @@ class HostileClient:
         try:
             row(self)
         except Exception:  # noqa: BLE001 - a fault of this program is reported, not hidden
-            self.count('fault', text=traceback.format_exc())
+            self.count('fault', fault=traceback.format_exc())
         self.wait_for_answers()
         self.count('completed')
 

@@ -44,7 +44,7 @@ SLACK_S = 5.0
 DEFECTS = ('wrong', 'missing', 'lost', 'failed')
 """Kinds of defects of answers: a wrong or missing verdict, no answer, an error that is not due."""
 
-_LIMIT = re.compile(r'\bat most\b|\blimit\b|\bparameter\b')
+_LIMIT = re.compile(r'\bat most \d|\blimit\b')
 _LOOKS: tuple[tuple[Any, str, dict[str, Any], Callable[[Any, set[str], set[str]], bool]], ...] = (
     (ListStreams, f'{MANAGER}/list_streams', {}, lambda found, streams, _: streams
      <= set(found.stream_names)),

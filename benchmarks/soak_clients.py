@@ -75,6 +75,7 @@ class HostileClients:
     ) -> None:
         self._environment = {**os.environ, 'TMPDIR': str(folder)}
         self.faults: Counter[str] = Counter()
+        self.internal_errors: Counter[str] = Counter()
         self.killed = 0
         self._rows = rows
         self._chance = chance
@@ -130,8 +131,10 @@ class HostileClients:
         name = found['row']
         self._outcomes[name][found['outcome']] += found['number']
         self._slowest[name] = max(self._slowest[name], round(found.get('seconds', 0.0), 2))
-        if 'text' in found:
-            self.faults[f'{name}: {found["text"]}'] += 1
+        if 'fault' in found:
+            self.faults[f'{name}: {found["fault"]}'] += 1
+        if 'message' in found:
+            self.internal_errors[f'{name}: {found["message"]}'] += 1
 
 
 @dataclass
@@ -225,6 +228,7 @@ def soak(arguments: argparse.Namespace, rows: Sequence[str], logs: Path) -> dict
             'logged_faults': nodes.faults(),
             'log_mb': round(log_mb, 1),
             'surges': dict(surges.injected),
+            'internal_errors': dict(hostile.internal_errors),
             'hostile_faults': dict(hostile.faults),
             'hostile_killed': hostile.killed,
             'hostile': hostile.report(),
@@ -268,7 +272,7 @@ def defects(found: Mapping[str, Any], max_p99_s: float) -> list[str]:
         'exit codes': any(found['exit_codes'].values()),
         'faults in logs': found['logged_faults'],
         'faults of hostile clients': found['hostile_faults'],
-        'answers INTERNAL_ERROR': any('code 8' in each for each in found['hostile'].values()),
+        'answers INTERNAL_ERROR': found['internal_errors'],
     }
     return [name for name, broken in checks.items() if broken]
 

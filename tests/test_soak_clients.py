@@ -33,7 +33,7 @@ def test_normal_clients_get_their_verdicts_beside_hostile_ones(tmp_path: Path) -
     )
     assert script.stdout, script.stderr
     found = json.loads(script.stdout)
-    assert found['defects'] == [], found
+    assert found['defects'] == [], json.dumps(found, indent=1)
     assert script.returncode == 0
     # Both sides did something.
     assert any('true at once: true' in each for each in found['normal']['outcomes'])

@@ -155,7 +155,11 @@ class StreamReasoningCoordinator(DyKnowNode):
         if level is not Level.OK:
             logger = self.get_logger()
             text = f'{status.name}: {diagnosis_of_ended(status).text}'
-            (logger.error if level is Level.ERROR else logger.warning)(text)
+            # A logger of rclpy has one severity for each call in the code.
+            if level is Level.ERROR:
+                logger.error(text)
+            else:
+                logger.warning(text)
 
     def _forget(self, evaluation: FormulaEvaluation) -> None:
         self._evaluations.remove(evaluation)
