@@ -40,6 +40,16 @@ def use_private_domain(domain: int | None = None) -> None:
     os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
 
 
+def avoid_shared_memory() -> None:
+    """Let processes use UDP only: one that is killed may leave locks for which the others wait.
+
+    With the discovery range LOCALHOST, rmw_fastrtps always adds shared memory, whatever
+    FASTDDS_BUILTIN_TRANSPORTS says.
+    """
+    os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'SYSTEM_DEFAULT'
+    os.environ['FASTRTPS_DEFAULT_PROFILES_FILE'] = str(Path(__file__).with_name('loopback.xml'))
+
+
 @contextmanager
 def worker(*arguments: object, program: Path = WORKERS) -> Iterator[subprocess.Popen[str]]:
     """Run a process of workers.py, or of another program, until the end of the block."""

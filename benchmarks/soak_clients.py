@@ -33,7 +33,13 @@ import hostile_client
 from faults import Faults
 from hostile_rows import ROWS
 from normal_clients import DEFECTS, NormalClients
-from processes import growth_per_minute, memory_of_group, open_files, use_private_domain
+from processes import (
+    avoid_shared_memory,
+    growth_per_minute,
+    memory_of_group,
+    open_files,
+    use_private_domain,
+)
 from random_requests import KINDS, MAX_DELAY_S
 from running_system import RunningSystem
 
@@ -292,9 +298,8 @@ def main() -> None:
         for name, row in ROWS.items():
             print(f'{name}: {(row.__doc__ or "").splitlines()[0]}')
         return
-    # A client that is killed may leave locks in shared memory, for which others wait.
-    os.environ['FASTDDS_BUILTIN_TRANSPORTS'] = 'UDPv4'
     use_private_domain(arguments.domain)
+    avoid_shared_memory()
     if not arguments.each:
         found = _run_rows(arguments, arguments.rows, arguments.logs)
         _print(found, as_json=arguments.json)

@@ -13,12 +13,11 @@ SCRIPT = Path(__file__).parent.parent / 'benchmarks' / 'soak_clients.py'
 MINUTES = 0.3
 
 ROWS = (
+    'random_requests',
     'random_goals',
     'cancelled_goals',
     'killed_client',
     'malformed_source',
-    'many_annotations',
-    'unused_streams',
 )
 """The rows that take turns."""
 

@@ -298,7 +298,7 @@ class Placement:
                 text = f"stream '{name}' is not made: {error}"
                 # A logger of rclpy has one severity for each call in the code.
                 if failed:
-                    logger.error(text)
+                    logger.error(text)  # noqa: TRY400 - no fault of DyKnow
                 else:
                     logger.info(text)
             self._registry.release(name, error.message, failed=failed)
