@@ -144,15 +144,17 @@ def query_products(client: HostileClient) -> None:
 
 def query_expressions(client: HostileClient) -> None:
     """Query with regular expressions that backtrack."""
-    for pattern in ('^(a+)+$', '^(a|aa)+$', '(.*a){30}'):
-        text = 'a' * 40 + 'b'
-        sparql = f'SELECT ?a WHERE {{ ?a ?b ?c FILTER(REGEX("{text}", "{pattern}")) }}'
+    comment = '<http://www.w3.org/2000/01/rdf-schema#comment>'
+    for pattern in ('^(([A-Za-z ]+)+)+#$', '^([a-z]|[a-z ]|[A-Z ,.:;])+#$', '(.*e){30}#'):
+        sparql = f'SELECT ?a WHERE {{ ?a {comment} ?text FILTER(REGEX(?text, "{pattern}", "i")) }}'
         client.call(OntologyQuery, QUERY, sparql=sparql)
 
 
 def query_paths(client: HostileClient) -> None:
     """Query property paths."""
-    for path in ('(!<x:y>)*', '(!<x:y>|^!<x:y>)+', '((!<x:y>)*/(!<x:y>)*)*'):
+    below = '<http://www.w3.org/2000/01/rdf-schema#subClassOf>'
+    kind = '<http://www.w3.org/1999/02/22-rdf-syntax-ns#type>'
+    for path in (f'({below})*', f'({below}|^{below})*', f'({below}|{kind}|^{below}|^{kind})*'):
         sparql = f'SELECT * WHERE {{ ?a {path} ?b . ?b {path} ?c . ?c {path} ?d }}'
         client.call(OntologyQuery, QUERY, sparql=sparql)
 

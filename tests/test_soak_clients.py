@@ -23,7 +23,12 @@ ROWS = (
 
 
 def test_normal_clients_get_their_verdicts_beside_hostile_ones(tmp_path: Path) -> None:
-    options = (f'--minutes={MINUTES}', f'--domain={reserve_domain()}', f'--logs={tmp_path}')
+    options = (
+        '--clients=1',
+        f'--minutes={MINUTES}',
+        f'--domain={reserve_domain()}',
+        f'--logs={tmp_path}',
+    )
     script = subprocess.run(
         [sys.executable, SCRIPT, '--json', *options, '--rows', *ROWS],
         capture_output=True,
