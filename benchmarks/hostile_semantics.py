@@ -155,7 +155,10 @@ def query_paths(client: HostileClient) -> None:
     below = '<http://www.w3.org/2000/01/rdf-schema#subClassOf>'
     kind = '<http://www.w3.org/1999/02/22-rdf-syntax-ns#type>'
     for path in (f'({below})*', f'({below}|^{below})*', f'({below}|{kind}|^{below}|^{kind})*'):
-        sparql = f'SELECT * WHERE {{ ?a {path} ?b . ?b {path} ?c . ?c {path} ?d }}'
+        # The store follows paths between bound variables only.
+        things = ' . '.join(f'?{name} {kind} ?kind_{name}' for name in 'abcd')
+        paths = f'?a {path} ?b . ?b {path} ?c . ?c {path} ?d'
+        sparql = f'SELECT ?a ?d WHERE {{ {things} . {paths} }}'
         client.call(OntologyQuery, QUERY, sparql=sparql)
 
 
