@@ -17,7 +17,7 @@ import robots
 from dyknow_interfaces.msg import FormulaResult
 from parts import measure
 from processes import Client, summary, use_private_domain, wait_for_line, worker
-from running_system import RunningSystem, ask, timed
+from running_system import AT_ONCE, RunningSystem, ask, timed
 
 from dyknow_common import SECOND_NS
 from dyknow_common.ros import time_to_nanoseconds
@@ -26,9 +26,6 @@ UNSTAMPED = 'always "/robot/level".data < 5'
 STAMPED = 'always "/uav1/battery".current < 5'
 HIGH = 9.0
 """A level that makes these formulas false."""
-
-AT_ONCE = 'forall u in UAV: Power[u] > 0'
-"""A formula that the first state decides."""
 
 chance = random.Random(1)  # noqa: S311
 

@@ -28,11 +28,13 @@ class Faults:
 
     Args:
         nodes: the nodes to kill and to stop.
+        topics: False if no topic fails; then levels become high, and nodes fail.
     """
 
     system: RunningSystem
     chance: random.Random
     nodes: Sequence[str]
+    topics: bool = True
     injected: Counter[str] = field(default_factory=Counter)
     _due: list[tuple[float, Callable[[], None]]] = field(default_factory=list)
     _next: float = 0.0
@@ -46,7 +48,7 @@ class Faults:
             each[1]()
         if now >= self._next:
             self._next = now + self.chance.uniform(0.5, 2.5)
-            topics = (self._pause, self._delay, self._confuse)
+            topics = (self._pause, self._delay, self._confuse) if self.topics else ()
             nodes = (self._stop, self._kill)
             fault = self.chance.choice((*topics, *nodes, self._raise, self._raise))
             fault()

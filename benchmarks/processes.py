@@ -10,7 +10,7 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
@@ -30,10 +30,24 @@ TIMEOUT_S = 30.0
 """Time after which a wait has failed."""
 
 
-def use_private_domain() -> None:
-    """Isolate this process and its children from other ROS processes."""
-    os.environ['ROS_DOMAIN_ID'] = str(1 + os.getpid() % 100)
+def use_private_domain(domain: int | None = None) -> None:
+    """Isolate this process and its children from other ROS processes.
+
+    Args:
+        domain: a domain that nobody else uses; None: one that follows from the process id.
+    """
+    os.environ['ROS_DOMAIN_ID'] = str(1 + os.getpid() % 100 if domain is None else domain)
     os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
+
+
+def avoid_shared_memory() -> None:
+    """Let processes use UDP only: one that is killed may leave locks for which the others wait.
+
+    With the discovery range LOCALHOST, rmw_fastrtps always adds shared memory, whatever
+    FASTDDS_BUILTIN_TRANSPORTS says.
+    """
+    os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'SYSTEM_DEFAULT'
+    os.environ['FASTRTPS_DEFAULT_PROFILES_FILE'] = str(Path(__file__).with_name('loopback.xml'))
 
 
 @contextmanager
@@ -144,6 +158,22 @@ def resident_memory(process: int) -> float:
     """Return the resident memory of a process, MB."""
     pages = int(Path(f'/proc/{process}/statm').read_text(encoding='ascii').split()[1])
     return pages * os.sysconf('SC_PAGE_SIZE') / 1e6
+
+
+def memory_of_group(group: int) -> float:
+    """Return the resident memory of all processes of a process group, MB."""
+    found = 0.0
+    for each in Path('/proc').glob('[0-9]*'):
+        with suppress(OSError):
+            fields = (each / 'stat').read_text(encoding='ascii').rpartition(')')[2].split()
+            if int(fields[2]) == group:
+                found += resident_memory(int(each.name))
+    return found
+
+
+def open_files(process: int) -> int:
+    """Return the number of open files of a process."""
+    return sum(1 for _ in Path(f'/proc/{process}/fd').iterdir())
 
 
 def growth_per_minute(found: Sequence[tuple[float, float]], warm_up: float) -> float:

@@ -153,6 +153,8 @@ class RandomRequests:
         self._monitor = ActionClient(
             self.client.node, MonitorFormula, f'{COORDINATOR}/monitor_formula'
         )
+        # A goal that is sent before is lost.
+        self.client.spin_until(self._monitor.server_is_ready, 'the action')
 
     @property
     def open(self) -> list[Request]:
@@ -160,10 +162,12 @@ class RandomRequests:
         return [each for each in self.asked if each.ended is None]
 
     def send(self) -> None:
-        """Send a request, unless many are open."""
-        if len(self.open) >= self.max_open:
-            return
-        name = self.chance.choice(list(KINDS))
+        """Send a random request, unless many are open."""
+        if len(self.open) < self.max_open:
+            self.ask(self.chance.choice(list(KINDS)))
+
+    def ask(self, name: str) -> None:
+        """Send a request of a kind."""
         vehicle = self.chance.choice(self.vehicles)
         formula = KINDS[name].formula.format(vehicle)
         vehicles = [vehicle] if '{}' in KINDS[name].formula else self.vehicles

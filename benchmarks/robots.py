@@ -156,7 +156,10 @@ def command(fleet: subprocess.Popen[str], *words: object) -> str:
         raise RuntimeError('the fleet has no pipes')
     fleet.stdin.write(' '.join(map(str, words)) + '\n')
     fleet.stdin.flush()
-    return fleet.stdout.readline().strip()
+    answer = fleet.stdout.readline()
+    if not answer:
+        raise RuntimeError(f'the fleet has ended, with exit code {fleet.wait(STOP_TIMEOUT_S)}')
+    return answer.strip()
 
 
 def stop(fleet: subprocess.Popen[str]) -> None:

@@ -25,7 +25,7 @@ from processes import (
 )
 from rclpy.task import Future
 
-from dyknow_bringup.processes.launcher import Launcher
+from dyknow_bringup.processes.launcher import EndedProcess, Launcher
 from dyknow_bringup.processes.processes import Process, SystemConfiguration, dyknow_processes
 from dyknow_bringup.resources import uav_ontology_path
 from dyknow_bringup.simulation.fleet import fleet_ontology, vehicle_names
@@ -37,6 +37,11 @@ REASONER = 'stream_reasoning_engine'
 FAR_NAMESPACE = 'far'
 FAR_ENGINE = f'{FAR_NAMESPACE}/{ENGINE}'
 EVALUATE = f'{COORDINATOR}/evaluate_formula'
+
+AT_ONCE = 'forall u in UAV: Power[u] > 0'
+"""A formula that the first state decides."""
+
+WARM_UP_LIMIT_S = 60.0
 
 
 def configure(
@@ -73,6 +78,8 @@ def configure(
 class RunningSystem:
     """The nodes, a fleet and a client; a context manager that stops them.
 
+    Its `folder` has the files of the configuration.
+
     Args:
         batteries: the number for each vehicle.
         constraints: of the streams of the fleet, such as `with max_delay = 1 s`.
@@ -99,6 +106,7 @@ class RunningSystem:
         self.progress: dict[tuple[int, int], list[tuple[int, int]]] = {}
         self.fleet: Any = None
         self.pids: dict[str, int] = {}
+        self.folder = Path()
         self._rate = rate
         self._constraints = constraints
         self._progress_period = progress_period
@@ -107,7 +115,7 @@ class RunningSystem:
         self._stack = ExitStack()
 
     def __enter__(self) -> Self:
-        folder = Path(self._stack.enter_context(tempfile.TemporaryDirectory()))
+        folder = self.folder = Path(self._stack.enter_context(tempfile.TemporaryDirectory()))
         self.client = Client()
         self._stack.callback(self.client.close)
         self.fleet = self._stack.enter_context(
@@ -148,6 +156,10 @@ class RunningSystem:
         """Kill a node."""
         self._launchers[node].kill(self._processes[node].executable)
 
+    def ended(self) -> tuple[EndedProcess, ...]:
+        """Return the nodes of the robot's own namespace that have ended by themselves."""
+        return self._launchers[COORDINATOR].ended()
+
     def stop(self) -> dict[str, int]:
         """Stop all nodes and return their exit codes."""
         codes = self._launchers[COORDINATOR].stop_all()
@@ -171,6 +183,19 @@ class RunningSystem:
     def ask(self, formula: str, timeout: float = 600.0) -> Future:
         """Send a formula to the coordinator and return the future of the answer."""
         return ask(self.client, EVALUATE, formula, timeout)
+
+    def warm_up(self) -> None:
+        """Ask for a verdict until there is one: nodes that discover each other lose requests."""
+        futures: list[Future] = []
+
+        def is_warm() -> bool:
+            if not futures or futures[-1].done():
+                if futures and futures[-1].result().verdict:
+                    return True
+                futures.append(self.ask(AT_ONCE, 10.0))
+            return False
+
+        self.client.spin_until(is_warm, 'the first verdict', WARM_UP_LIMIT_S)
 
     def streams(self) -> set[str]:
         """Return the names of the streams that the manager knows."""

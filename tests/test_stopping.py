@@ -12,10 +12,13 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import pytest
+from dyknow_interfaces.action import MonitorFormula
+from rclpy.action import ActionClient
 
 from commands import command
 from dyknow_bringup.processes.processes import PACKAGES
 from dyknow_bringup.resources import executable_path
+from dyknow_common.ros import SERVICE
 from system import LIMIT, System, private_environment
 
 MOMENTS = [each * 0.15 for each in range(11)]
@@ -111,9 +114,18 @@ def test_a_process_stops_at_any_moment(line: list[str], code: int) -> None:
 @pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
 def test_nodes_stop_while_formulas_are_grounded(tmp_path: Path, number: signal.Signals) -> None:
     with System(tmp_path) as system:
+        actions = ActionClient(
+            system.client.node,
+            MonitorFormula,
+            'stream_reasoning_coordinator/monitor_formula',
+            goal_service_qos_profile=SERVICE,
+        )
+        system.client.spin_until(actions.server_is_ready, 'the action')
+        goals = []
         for _ in range(20):
             system.ask(ALWAYS, timeout=60.0)
-        system.client.executor.spin_once(timeout_sec=0.05)
+            goals.append(actions.send_goal_async(MonitorFormula.Goal(formula=ALWAYS)))
+        system.client.spin_until(lambda: any(goal.done() for goal in goals), 'a goal is accepted')
         for _ in range(2):
             for process in system.running.values():
                 process.send_signal(number)
@@ -122,6 +134,7 @@ def test_nodes_stop_while_formulas_are_grounded(tmp_path: Path, number: signal.S
     for log in tmp_path.glob('*.log'):
         text = log.read_text(encoding='utf-8')
         assert 'Traceback' not in text, text
+        assert 'fault in DyKnow' not in text, text
 
 
 @pytest.mark.parametrize('number', [signal.SIGHUP, signal.SIGKILL, signal.SIGTERM])

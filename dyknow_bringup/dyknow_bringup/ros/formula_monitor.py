@@ -103,10 +103,15 @@ class FormulaMonitor(DyKnowNode):
         logger = self.get_logger()
         # A formula that is not violated in its time ends with TIMEOUT.
         is_alarm = monitored.outcome not in {'true', ExitCode.TIMEOUT.name}
-        (logger.warning if is_alarm else logger.info)(
+        text = (
             f'{monitored.formula.name}: {monitored.outcome} '
             f'at {round_time(monitored.known_at or 0)}: {monitored.explanation}'
         )
+        # A logger of rclpy has one severity for each call in the code.
+        if is_alarm:
+            logger.warning(text)
+        else:
+            logger.info(text)
 
 
 def main() -> int:

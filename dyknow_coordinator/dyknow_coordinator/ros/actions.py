@@ -7,6 +7,7 @@ from contextlib import contextmanager
 from typing import Any
 
 from rclpy.action import ActionServer, CancelResponse
+from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.qos import QoSProfile
 
 from dyknow_common import DyKnowError, ExitCode
@@ -25,6 +26,7 @@ class CancellingActionServer:
     def __init__(
         self, node: DyKnowNode, action_type: Any, execute: Callable[[Any], Awaitable[Any]]
     ) -> None:
+        self._context = node.context
         self._name = snake_case(action_type.__name__)
         self._running: dict[bytes, Callable[..., None]] = {}
         self._server = ActionServer(
@@ -46,6 +48,20 @@ class CancellingActionServer:
     def destroy(self) -> None:
         """Destroy the action server."""
         self._server.destroy()
+
+    def finish(self, goal: Any, error: DyKnowError | None) -> None:
+        """Set the final state of a goal."""
+        try:
+            if error is None:
+                goal.succeed()
+            elif error.code is ExitCode.CANCELLED and goal.is_cancel_requested:
+                goal.canceled()
+            else:
+                goal.abort()
+        except rclpy_implementation.RCLError:
+            # A node that stops cannot publish the state, which is set all the same.
+            if self._context.ok():
+                raise
 
     @contextmanager
     def running(self, goal: Any, cancel: Callable[..., None]) -> Iterator[None]:
@@ -73,13 +89,3 @@ class CancellingActionServer:
     def _on_clients_gone(self) -> None:
         for cancel in list(self._running.values()):
             cancel(f'no client of ~/{self._name} is left')
-
-
-def finish_goal(goal: Any, error: DyKnowError | None) -> None:
-    """Set the final state of a goal."""
-    if error is None:
-        goal.succeed()
-    elif error.code is ExitCode.CANCELLED and goal.is_cancel_requested:
-        goal.canceled()
-    else:
-        goal.abort()

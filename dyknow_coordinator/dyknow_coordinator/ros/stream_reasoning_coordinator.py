@@ -22,7 +22,7 @@ from dyknow_coordinator.reporting.evaluation_status import (
     alarm_level,
     diagnosis_of_ended,
 )
-from dyknow_coordinator.ros.actions import CancellingActionServer, finish_goal
+from dyknow_coordinator.ros.actions import CancellingActionServer
 from dyknow_coordinator.ros.answers import fill_answer, request_from_message
 from dyknow_coordinator.ros.cleanup import Cleanup
 from dyknow_coordinator.ros.client_watch import ClientWatch
@@ -173,7 +173,11 @@ class StreamReasoningCoordinator(DyKnowNode):
         if level is not Level.OK:
             logger = self.get_logger()
             text = f'{status.name}: {diagnosis_of_ended(status).text}'
-            (logger.error if level is Level.ERROR else logger.warning)(text)
+            # A logger of rclpy has one severity for each call in the code.
+            if level is Level.ERROR:
+                logger.error(text)
+            else:
+                logger.warning(text)
 
     def _forget(self, evaluation: FormulaEvaluation) -> None:
         if evaluation in self._evaluations:
@@ -199,7 +203,7 @@ class StreamReasoningCoordinator(DyKnowNode):
                 answer = await evaluation.outcome
         result = MonitorFormula.Result()
         fill_answer(result, answer)
-        finish_goal(goal, answer.error)
+        self._monitoring.finish(goal, answer.error)
         return result
 
     def _read_request(self, message: Any) -> EvaluationRequest:

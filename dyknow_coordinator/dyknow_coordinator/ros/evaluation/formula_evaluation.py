@@ -128,9 +128,14 @@ class FormulaEvaluation(Evaluation):
             self.fail(error)
         except Exception as error:  # noqa: BLE001 - the client must get an answer
             self._context.node.log_fault(self.name, error)
-            self.fail(CoordinationError(f'fault in DyKnow: {error!r}', ExitCode.INTERNAL_ERROR))
+            self.fail(self._fault(error))
         expiry.cancel()
         self._leave()
+
+    def _fault(self, error: Exception) -> CoordinationError:
+        if not self._context.node.context.ok():  # Nothing can be requested any more.
+            return CoordinationError('the coordinator is stopped', ExitCode.UNAVAILABLE)
+        return CoordinationError(f'fault in DyKnow: {error!r}', ExitCode.INTERNAL_ERROR)
 
     async def update_domains(self) -> None:
         """Restart if a sort in the formula has other objects now."""

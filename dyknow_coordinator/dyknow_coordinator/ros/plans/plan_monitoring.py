@@ -25,7 +25,7 @@ from dyknow_coordinator.plans.plan import (
     PlanVerdict,
     Step,
 )
-from dyknow_coordinator.ros.actions import CancellingActionServer, finish_goal
+from dyknow_coordinator.ros.actions import CancellingActionServer
 from dyknow_coordinator.ros.answers import requested_grounding
 from dyknow_coordinator.ros.coordinator_limits import CoordinatorLimits, check_name
 from dyknow_coordinator.ros.evaluation.formula_evaluation import FormulaEvaluation
@@ -182,7 +182,7 @@ class PlanMonitoring:
             plan = self._plans[name] = self._monitored_plan(goal)
         except DyKnowError as error:
             fill_exit_status(result.exit_status, error)
-            finish_goal(goal, error)
+            self.server.finish(goal, error)
             return result
         plan.begin()
         with self.server.running(goal, plan.cancel):
@@ -191,7 +191,7 @@ class PlanMonitoring:
         result.verdicts = [verdict_to_message(verdict) for verdict in plan.verdicts]
         if plan.error is not None:
             fill_exit_status(result.exit_status, plan.error)
-        finish_goal(goal, plan.error)
+        self.server.finish(goal, plan.error)
         return result
 
     def _monitored_plan(self, goal: Any) -> MonitoredPlan:

@@ -295,7 +295,12 @@ class Placement:
             failed = error.code not in _NO_RESPONSE
             if (error.message, failed) != (stream.message, stream.failed):
                 logger = self._node.get_logger()
-                (logger.error if failed else logger.info)(f"stream '{name}' is not made: {error}")
+                text = f"stream '{name}' is not made: {error}"
+                # A logger of rclpy has one severity for each call in the code.
+                if failed:
+                    logger.error(text)  # noqa: TRY400 - no fault of DyKnow
+                else:
+                    logger.info(text)
             self._registry.release(name, error.message, failed=failed)
             return False
         return True

@@ -1,0 +1,344 @@
+"""The knee of each resource: the number beyond which DyKnow gets slow, refuses or loses.
+
+python benchmarks/knees.py [--json] [--quick]
+    [--only evaluations|formulas|streams|vehicles|annotations]
+
+Each resource grows until one of these does not hold any more, in the last row: another client gets
+the verdict of a first state within half a second, with 99 % of its requests; no node takes more
+than 0.9 of a core; and all requests are answered, without a refusal.
+"""
+
+from __future__ import annotations
+
+import time
+from collections import Counter
+from collections.abc import Callable, Iterable
+from contextlib import ExitStack
+from typing import Any
+
+from dyknow_interfaces.msg import Domain, ExitStatus, FormulaProgress, FormulaResult
+from dyknow_interfaces.srv import (
+    AddSemanticSpecification,
+    FindAllMatchingStreams,
+    FormulaGroupAddFormula,
+    FormulaGroupCreate,
+    FormulaGroupEvaluate,
+)
+from parts import measure
+from processes import MANAGER, percentile, use_private_domain, wait_for_line, worker
+from rclpy.task import Future
+from running_system import AT_ONCE, REASONER, RunningSystem, timed
+from stream_counts import StreamCounts
+
+from dyknow_common.ros import time_to_nanoseconds
+
+RATE = 10.0
+VEHICLES = 3
+HIGH = 500.0
+PROBE_PERIOD_S = 0.25
+MAX_P99_MS = 500.0
+MAX_SHARE = 0.9
+ANSWER_LIMIT_S = 60.0
+AT_ONCE_REQUESTS = 200
+"""Requests that wait for an answer at once, where one follows the other."""
+
+ANNOTATIONS_OF_A_TEXT = 100
+
+
+def evaluations(*, quick: bool) -> Any:
+    """Grow the evaluations that the coordinator runs at once; then a high level decides them."""
+    sizes = (20, 50) if quick else (50, 100, 200, 400, 800, 1600, 3200)
+    with RunningSystem(VEHICLES, RATE) as system:
+        system.warm_up()
+        futures: list[Future] = []
+
+        def grow(number: int) -> dict[str, Any]:
+            known = set(system.progress)
+            more = number - len(futures)
+            futures.extend(
+                system.ask(f'forall u in UAV: always Power[u] < {100 + len(futures) + each}')
+                for each in range(more)
+            )
+            begun = time.monotonic()
+            new = futures[-more:]
+            _wait(
+                system,
+                lambda: len(system.progress.keys() - known) >= sum(not f.done() for f in new),
+            )
+            return {
+                'to_first_states_s': round(time.monotonic() - begun, 2),
+                'answers': _outcomes(each for each in new if each.done()),
+            }
+
+        rows = _grown(system, sizes, grow, quick=quick)
+        system.command('set', 'uav1', 10_000.0)
+        begun = time.monotonic()
+        _wait(system, lambda: all(each.done() for each in futures))
+        rows[-1]['decided_s'] = round(time.monotonic() - begun, 2)
+        rows[-1]['all_answers'] = _outcomes(futures)
+        return rows
+
+
+def formulas(*, quick: bool) -> Any:
+    """Grow a formula group of the reasoning engine, over the states of the fleet."""
+    sizes = (200, 500) if quick else (1000, 3000, 10_000, 30_000, 100_000)
+    with RunningSystem(VEHICLES, RATE) as system:
+        system.warm_up()
+        group = _make_group(system)
+        lags: list[int] = []
+        system.client.node.create_subscription(
+            FormulaProgress,
+            f'{REASONER}/progress',
+            lambda found: (
+                found.formula_group_id == group
+                and lags.append(time.time_ns() - time_to_nanoseconds(found.latest_valid_time))
+            ),
+            1000,
+        )
+        count = 0
+
+        def grow(number: int) -> dict[str, Any]:
+            nonlocal count
+            fields = [
+                {
+                    'formula_group_id': group,
+                    'formula_name': f'formula {each}',
+                    'formula': f'always Power[uav{1 + each % VEHICLES}] < {100 + each}',
+                }
+                for each in range(count, number)
+            ]
+            count = number
+            service = f'{REASONER}/formula_group_add_formula'
+            found = _ask_all(system, FormulaGroupAddFormula, service, fields)
+            lags.clear()
+            return found
+
+        rows = _grown(system, sizes, grow, quick=quick)
+        rows[-1]['lag_ms'] = round(percentile(lags, 99) / 1e6, 1) if lags else None
+        return rows
+
+
+def _make_group(system: RunningSystem) -> int:
+    """Return the id of a formula group that is evaluated over the power of all vehicles."""
+    names = [f'uav{number}' for number in range(1, VEHICLES + 1)]
+    inputs = ', '.join(f'select power as "Power[{name}]" from {name}_power' for name in names)
+    topic = system.client.create('knee_states', f'sync({inputs})', MANAGER)
+    created = system.client.call(
+        FormulaGroupCreate, f'{REASONER}/formula_group_create', formula_group_name='knee'
+    )
+    group = int(created.formula_group_id)
+    system.client.call(
+        FormulaGroupAddFormula,
+        f'{REASONER}/formula_group_add_formula',
+        formula_group_id=group,
+        formula_name='first',
+        formula=' and '.join(f'always Power[{name}] < {HIGH}' for name in names),
+    )
+    # A group without a subscriber of its results and without requests is destroyed.
+    system.client.node.create_subscription(FormulaResult, '/knee_results', lambda _: None, 1000)
+    answer = system.client.call(
+        FormulaGroupEvaluate,
+        f'{REASONER}/formula_group_evaluate',
+        formula_group_id=group,
+        domains=[Domain(sort='UAV', objects=names)],
+        state_stream=topic,
+        result_topic='/knee_results',
+    )
+    assert answer.exit_status.code == ExitStatus.SUCCESS, answer
+    return group
+
+
+def streams(*, quick: bool) -> Any:
+    """Grow the streams of an engine, all of which have a subscriber."""
+    sizes = (20, 50) if quick else (100, 200, 400, 800, 1600, 3200)
+    with RunningSystem(VEHICLES, RATE) as system, ExitStack() as stack:
+        system.warm_up()
+        counts = StreamCounts(system.client)
+        names = (f's{number}' for number in range(max(sizes)))
+        created = 0
+        wait_for_line(stack.enter_context(worker('matched', '--number', max(sizes))))
+
+        def grow(number: int) -> dict[str, Any]:
+            nonlocal created
+            begun = time.monotonic()
+            outcomes: Counter[str] = Counter()
+            while created < number:
+                created += 1
+                try:
+                    system.client.create(
+                        next(names),
+                        f'select current as power from "/uav{1 + created % VEHICLES}/battery" '
+                        f'where current < {HIGH + created}',
+                        MANAGER,
+                    )
+                    outcomes['success'] += 1
+                except RuntimeError as refused:
+                    outcomes[str(refused)[:200]] += 1
+            return {'made_s': round(time.monotonic() - begun, 2), 'answers': dict(outcomes)}
+
+        rows = _grown(system, sizes, grow, quick=quick)
+        rows[-1].update(emitted=counts.samples, dropped=counts.dropped)
+        return rows
+
+
+def vehicles(*, quick: bool) -> Any:
+    """Grow the fleet of one quantified formula; each size has a system of its own."""
+    rows: list[dict[str, Any]] = []
+    for number in (5, 10) if quick else (50, 100, 200, 400):
+        with RunningSystem(number, RATE) as system:
+            system.warm_up()
+            known = set(system.progress)
+            future = system.ask(f'forall u in UAV: always Power[u] < {HIGH}')
+            begun = time.monotonic()
+            _wait(system, lambda: bool(system.progress.keys() - known) or future.done())  # noqa: B023
+            found = {'to_first_states_s': round(time.monotonic() - begun, 2)}
+            rows += _grown(system, (number,), lambda _: found, quick=quick)  # noqa: B023
+            begun = time.monotonic()
+            system.command('set', f'uav{number}', HIGH + 1)
+            _wait(system, future.done)
+            rows[-1]['decided_s'] = round(time.monotonic() - begun, 2)
+            rows[-1]['answers'] = _outcomes([future])
+        if not rows[-1]['ok']:
+            break
+    return rows
+
+
+def annotations(*, quick: bool) -> Any:
+    """Grow the annotations of streams; the answers for one feature must not get slower."""
+    sizes = (200, 500) if quick else (1000, 3000, 10_000, 30_000, 100_000)
+    with RunningSystem(VEHICLES, RATE) as system:
+        system.warm_up()
+        count = 0
+
+        def grow(number: int) -> dict[str, Any]:
+            nonlocal count
+            fields = [
+                {
+                    'ssl_statement': ''.join(
+                        f'stream knee{each} contains Altitude[uav1] = x;\n'
+                        for each in range(first, first + ANNOTATIONS_OF_A_TEXT)
+                    )
+                }
+                for first in range(count, number, ANNOTATIONS_OF_A_TEXT)
+            ]
+            count = number
+            service = 'stream_semantics_manager/add_semantic_specification'
+            found = _ask_all(system, AddSemanticSpecification, service, fields)
+            begun = time.monotonic()
+            service = 'semantic_matching_engine/find_all_matching_streams'
+            future = system.client.request(FindAllMatchingStreams, service, concept='Power')
+            _wait(system, future.done)
+            return {**found, 'first_match_s': round(time.monotonic() - begun, 2)}
+
+        return _grown(system, sizes, grow, quick=quick)
+
+
+def _grown(
+    system: RunningSystem,
+    sizes: Iterable[int],
+    grow: Callable[[int], dict[str, Any]],
+    *,
+    quick: bool,
+) -> list[dict[str, Any]]:
+    """Return a row for each size until one is beyond the knee.
+
+    Args:
+        system: has the resource.
+        sizes: growing.
+        grow: makes the resource as large as its argument and returns more figures.
+        quick: True for shorter measurements.
+    """
+    rows: list[dict[str, Any]] = []
+    for number in sizes:
+        more = grow(number)
+        row = {'number': number, **more, **_load(system, 4.0 if quick else 15.0)}
+        refused = set(more.get('answers', {})) - {'success'}
+        row['ok'] = (
+            row['probe_p99_ms'] < MAX_P99_MS
+            and row['most_busy'][1] < MAX_SHARE
+            and not row['probe_failures']
+            and not refused
+        )
+        rows.append(row)
+        if not row['ok']:
+            break
+    return rows
+
+
+def _load(system: RunningSystem, seconds: float) -> dict[str, Any]:
+    """Return the costs of the nodes over a time, and the latencies of another client."""
+    begun: list[int] = []
+    futures: list[Future] = []
+    ended: list[list[int]] = []
+
+    def probe() -> None:
+        begun.append(time.time_ns())
+        futures.append(system.ask(AT_ONCE))
+        ended.append(timed(futures[-1]))
+
+    timer = system.client.node.create_timer(PROBE_PERIOD_S, probe)
+    costs = system.costs(seconds)
+    system.client.node.destroy_timer(timer)
+    _wait(system, lambda: all(ended))
+    now = time.time_ns()
+    delays = [
+        (found[0] if found else now) - first for first, found in zip(begun, ended, strict=True)
+    ]
+    outcomes = _outcomes(futures)
+    outcomes.pop('verdict', None)
+    busiest = max(costs, key=lambda name: costs[name]['share'])
+    largest = max(costs, key=lambda name: costs[name]['memory_mb'])
+    return {
+        'probe_median_ms': round(percentile(delays, 50) / 1e6, 1),
+        'probe_p99_ms': round(percentile(delays, 99) / 1e6, 1),
+        'probe_failures': outcomes,
+        'most_busy': [busiest, costs[busiest]['share']],
+        'most_memory': [largest, costs[largest]['memory_mb']],
+    }
+
+
+def _ask_all(
+    system: RunningSystem, kind: Any, service: str, fields: Iterable[dict[str, Any]]
+) -> dict[str, Any]:
+    """Send requests, a few at once, and return the time that they took, and their answers."""
+    begun = time.monotonic()
+    waiting = list(fields)
+    futures: list[Future] = []
+    for place in range(0, len(waiting), AT_ONCE_REQUESTS):
+        part = waiting[place : place + AT_ONCE_REQUESTS]
+        futures += [system.client.request(kind, service, **each) for each in part]
+        _wait(system, lambda: all(each.done() for each in futures))  # noqa: B023
+    return {'made_s': round(time.monotonic() - begun, 2), 'answers': _outcomes(futures)}
+
+
+def _outcomes(futures: Iterable[Future]) -> dict[str, int]:
+    """Count the answers: verdicts, successes without one, errors with their messages, losses."""
+    found: Counter[str] = Counter()
+    for each in futures:
+        if not each.done():
+            found['lost'] += 1
+            continue
+        answer = each.result()
+        if answer.exit_status.code:
+            found[f'error {answer.exit_status.code}: {answer.exit_status.message[:200]}'] += 1
+        else:
+            found['verdict' if getattr(answer, 'verdict', 0) else 'success'] += 1
+    return dict(found)
+
+
+def _wait(system: RunningSystem, condition: Callable[[], bool]) -> None:
+    """Wait for a condition, but not for ever: what is missing then is counted as lost."""
+    end = time.monotonic() + ANSWER_LIMIT_S
+    system.client.spin_until(
+        lambda: condition() or time.monotonic() > end, 'time', ANSWER_LIMIT_S + 1.0
+    )
+
+
+def main() -> None:
+    """Measure and print."""
+    use_private_domain()
+    measure(__doc__, evaluations, formulas, streams, vehicles, annotations)
+
+
+if __name__ == '__main__':
+    main()
