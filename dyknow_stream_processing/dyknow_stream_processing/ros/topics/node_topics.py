@@ -13,6 +13,11 @@ times. For example, a callback of the node takes from 0 to 300 ms:
     150     the middleware receives a message of b
     300     the timer, or the callback of b, runs first: the message of a is processed with the
             time 100, that of b with 150, and then the timed call is made
+
+When the whole process was stopped, the middleware has received nothing meanwhile, and no time of
+receipt is known. All messages and timed calls then wait until what was sent before is there (see
+`process_pauses`). A stamped message counts as received in time: at its stamp, if that is in the
+pause.
 """
 
 from __future__ import annotations
@@ -30,13 +35,14 @@ from rclpy.node import Node
 from rclpy.qos import QoSProfile
 
 from dyknow_common import NANOSECONDS, SECOND_NS
-from dyknow_common.ros import NO_SUBSCRIPTION_EVENTS, Heartbeats
+from dyknow_common.ros import NO_SUBSCRIPTION_EVENTS, Heartbeats, time_to_nanoseconds
 from dyknow_stream_processing.errors import StreamError
 from dyknow_stream_processing.ros.messages.message_types import (
     is_sample,
     message_class,
     type_name_of,
 )
+from dyknow_stream_processing.ros.topics.process_pauses import PAUSES
 from dyknow_stream_processing.ros.topics.publications import (
     Publication,
     find_publication,
@@ -44,11 +50,13 @@ from dyknow_stream_processing.ros.topics.publications import (
     next_request,
     publishers_of,
 )
+from dyknow_stream_processing.ros.topics.received_watermarks import Origin, ReceivedWatermarks
 from dyknow_stream_processing.ros.topics.sequence_gaps import SequenceGaps
 from dyknow_stream_processing.ros.topics.timed_calls import TimedCalls
 from dyknow_stream_processing.ros.topics.violation_relay import ViolationRelay
 from dyknow_stream_processing.ros.topics.waiting_messages import take_waiting
-from dyknow_stream_processing.violation import Violation
+from dyknow_stream_processing.ros.topics.watermark_topics import WatermarkSubscriptions
+from dyknow_stream_processing.violation import Violation, ViolationKind
 
 SEARCH_PERIOD_NS: Final = 100 * NANOSECONDS['ms']
 """Time between two reads of the graph while a topic has no publisher."""
@@ -58,6 +66,10 @@ WATCH_PERIOD_NS: Final = SECOND_NS
 
 LATE_NS: Final = 10 * NANOSECONDS['ms']
 """Time after which messages of other topics may wait that were received earlier than this one."""
+
+
+_SETTLING_CHECK_S: Final = 0.05
+"""Seconds between two checks whether a pause is over."""
 
 
 class MessageListener(Protocol):
@@ -70,11 +82,17 @@ class MessageListener(Protocol):
             StreamError: the first time, if it cannot use them.
         """
 
+    def valid_time(self, message: Any) -> int | None:
+        """Return the stamp of a message in nanoseconds; None if it has none."""
+
     def on_message(self, message: Any, now: int) -> None:
         """Receive a message, and the time of its receipt in nanoseconds."""
 
-    def on_lost(self, count: int) -> None:
-        """Receive the number of messages that were lost before the next one."""
+    def on_watermark(self, watermark: int, now: int) -> None:
+        """Receive a watermark of the engine whose stream the topic is; nanoseconds."""
+
+    def on_dropped(self, reason: str, count: int) -> None:
+        """Receive the number of messages that were lost or dropped before the next one."""
 
     def on_violation(self, violation: Violation) -> None:
         """Receive a violation of the topic."""
@@ -92,8 +110,10 @@ class NodeTopics:
         self.group = ReentrantCallbackGroup()
         self.heartbeats = Heartbeats.of(node)
         self.timed_calls = TimedCalls(self._node, self.group, self.catch_up)
+        self.watermarks = WatermarkSubscriptions(self._node, self.group, self._on_watermark)
         self._last_activity = time.monotonic_ns()
         self._taken: deque[_Message] = deque()
+        self._pause_began: int | None = None
         self._feeds: dict[Any, _Feed] = {}
         self._timer: Any = None
 
@@ -128,6 +148,7 @@ class NodeTopics:
         Returns:
             A function that removes the listener.
         """
+        PAUSES.start()
         name = self._node.resolve_topic_name(topic)
         key: tuple[Any, ...] = (name, id(quality_of_service), message_type)
         if key in self._feeds and self._feeds[key].is_latched:
@@ -143,6 +164,7 @@ class NodeTopics:
             feed.listeners = tuple(each for each in feed.listeners if each is not listener)
             if not feed.listeners:
                 self._feeds.pop(key).destroy()
+                self.follow_watermarks()
             if not self._feeds:
                 self.timed_calls.destroy()
                 if self._timer is not None:
@@ -154,18 +176,30 @@ class NodeTopics:
     def process(self, message: _Message, now: int) -> None:
         """Process a message, after those of all topics that were received before it."""
         late = max(now - message.receipt_time, time.monotonic_ns() - self._last_activity)
-        if late > LATE_NS or self._taken:
+        if late > LATE_NS or self._taken or PAUSES.unsettled_for() is not None:
             self._taken.append(message)
             self.catch_up(now)
         else:
             message.feed.process(message)
             self._last_activity = time.monotonic_ns()
 
-    def catch_up(self, now: int) -> None:
-        """Process all messages that wait at a time (nanoseconds), in the order of their receipt."""
+    def catch_up(self, now: int) -> bool:
+        """Process all messages that wait at a time (nanoseconds), in the order of their receipt.
+
+        Returns:
+            False if more messages may have been sent to this node by then, as it was stopped. The
+            messages are processed later.
+        """
         feeds = list(self._feeds.values())
         for feed in feeds:
             self._taken += feed.take(now)
+        unsettled_for = PAUSES.unsettled_for()
+        if unsettled_for is not None:
+            self._wait_until_settled(now - unsettled_for)
+            return False
+        if self._pause_began is not None:
+            self._taken = deque(map(self._in_time, self._taken))
+            self._pause_began = None
         # A violation was published before the samples that it casts doubt on.
         for relay in filter(None, [feed.relay for feed in feeds]):
             relay.catch_up()
@@ -175,6 +209,41 @@ class NodeTopics:
             message = self._taken.popleft()
             message.feed.process(message)
         self._last_activity = time.monotonic_ns()
+        return True
+
+    def follow_watermarks(self) -> None:
+        """Receive the watermarks of the engines whose streams are subscribed to."""
+        self.watermarks.follow(each.topic for each in self._feeds.values() if each.is_stream)
+
+    def _wait_until_settled(self, began: int) -> None:
+        """Process the messages that wait some time after a pause, which began at a time."""
+        if self._pause_began is not None:
+            return
+        self._pause_began = began
+
+        def catch_up() -> None:
+            if self.catch_up(self._node.get_clock().now().nanoseconds):
+                self._node.destroy_timer(timer)
+
+        timer = self._node.create_timer(
+            _SETTLING_CHECK_S, catch_up, callback_group=self.group, clock=self._wall_clock
+        )
+
+    def _in_time(self, message: _Message) -> _Message:
+        """Return a message with the earliest time at which it may have been sent to this node."""
+        began, received = self._pause_began, message.receipt_time
+        valid_time = message.feed.listeners[0].valid_time(message.message)
+        if began is None or valid_time is None or self.is_time_simulated:
+            return message
+        return message._replace(receipt_time=min(received, max(valid_time, began)))
+
+    def _on_watermark(self, topic: str, watermark: Any) -> None:
+        # After a pause, the next one is not far.
+        if PAUSES.unsettled_for() is None:
+            now = self._node.get_clock().now().nanoseconds
+            for feed in list(self._feeds.values()):
+                if feed.topic == topic:
+                    feed.vouch(watermark, now)
 
     def refresh(self) -> None:
         """Match the subscriptions to the publishers of all topics."""
@@ -226,6 +295,8 @@ class _Feed:
     subscription: Any = None
     relay: ViolationRelay | None = None
     gaps: SequenceGaps = field(init=False)
+    watermarks: ReceivedWatermarks = field(default_factory=ReceivedWatermarks)
+    has_gap: bool = False
     fault: str = ''
     latest_receipt: int = 0
 
@@ -236,6 +307,11 @@ class _Feed:
     def has_publishers(self) -> bool:
         """True if a publisher of the topic was found."""
         return self.request is not None and bool(self.request.publishers)
+
+    @property
+    def is_stream(self) -> bool:
+        """True if the messages are samples, of which an engine may send the watermarks."""
+        return self.relay is not None
 
     @property
     def is_latched(self) -> bool:
@@ -283,9 +359,42 @@ class _Feed:
 
     def process(self, message: _Message) -> None:
         """Pass a message on to the listeners."""
+        if not self.is_stream:
+            self.gaps.note(message.number)
+            self._pass_on(message)
+            return
+        sample, self.has_gap = message.message, False
+        origin = self.watermarks.note_sample(sample.stream_id, sample.number)
         self.gaps.note(message.number)
+        if origin is Origin.FORMER:
+            self._drop(ViolationKind.SOURCE, 1)
+            return
+        if origin is Origin.RECREATED and not self.has_gap:
+            self._on_gap(0)
+        self._pass_on(message)
+        self._pass_watermark_on(message.receipt_time)
+
+    def vouch(self, watermark: Any, now: int) -> None:
+        """Process a `StreamWatermark`."""
+        time_ns = time_to_nanoseconds(watermark.watermark)
+        lost = self.watermarks.note_watermark(watermark.stream_id, watermark.number, time_ns)
+        if lost:
+            self._on_gap(lost)
+        self._pass_watermark_on(now)
+
+    def _pass_on(self, message: _Message) -> None:
         for listener in self.listeners:
             listener.on_message(message.message, message.receipt_time)
+
+    def _pass_watermark_on(self, now: int) -> None:
+        watermark = self.watermarks.due()
+        if watermark is not None:
+            for listener in self.listeners:
+                listener.on_watermark(watermark, now)
+
+    def _drop(self, reason: str, count: int) -> None:
+        for listener in self.listeners:
+            listener.on_dropped(reason, count)
 
     def _set_fault(self, fault: str) -> None:
         # The graph is read periodically; a fault is logged once.
@@ -320,6 +429,7 @@ class _Feed:
                 self.node, self.topic, group, self.topics.heartbeats, self._on_violation
             )
             self.relay.refresh()
+        self.topics.follow_watermarks()
         self.subscription = self.node.create_subscription(
             class_,
             self.topic,
@@ -345,9 +455,9 @@ class _Feed:
         return _Message(self, message, number, self.latest_receipt)
 
     def _on_gap(self, count: int) -> None:
+        self.has_gap = True
         if count:
-            for listener in self.listeners:
-                listener.on_lost(count)
+            self._drop(ViolationKind.LOST, count)
         if self.relay is not None:
             self.relay.report_gap(count)
 
