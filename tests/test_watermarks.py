@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from dyknow_interfaces.msg import Sample, StreamWatermarks
+from dyknow_interfaces.msg import Sample
 from rclpy.qos import QoSProfile
 from sensor_msgs.msg import BatteryState
 

@@ -19,7 +19,7 @@ from typing import Any, Final, NamedTuple
 
 from rclpy.context import Context
 from rclpy.exceptions import InvalidHandle
-from rclpy.executors import SingleThreadedExecutor
+from rclpy.executors import SingleThreadedExecutor, await_or_execute
 from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.task import Task
 from rclpy.waitable import NumberOfEntities
@@ -63,6 +63,10 @@ class NodeExecutor(SingleThreadedExecutor):
     def __init__(self, *, context: Context | None = None) -> None:
         super().__init__(context=context)
         self._watch: _Watch | None = None
+        self.request_sent_at = 0
+        """The time at which the request was sent whose service is being called, nanoseconds of the
+        client's system clock; valid until the service awaits.
+        """
 
     def wake(self) -> None:
         """Make a new wait set; called by rclpy when the entities of a node change."""
@@ -143,6 +147,22 @@ class NodeExecutor(SingleThreadedExecutor):
                 return super()._take_timer(tmr) if tmr.handle.is_timer_ready() else None
         except InvalidHandle:
             return None
+
+    def _take_service(self, srv: Any) -> Any:
+        try:
+            with srv.handle:
+                request, header = srv.handle.service_take_request(srv.srv_type.Request)
+        except InvalidHandle:
+            return None
+        if header is None:
+            return None
+
+        async def execute() -> None:
+            self.request_sent_at = header.source_timestamp
+            response = await await_or_execute(srv.callback, request, srv.srv_type.Response())
+            srv.send_response(response, header)
+
+        return execute
 
     def _take_waitable(self, waitable: Any) -> Any:
         try:

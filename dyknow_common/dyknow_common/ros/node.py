@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import time
 import traceback
 from collections.abc import Awaitable, Callable, Mapping
 from inspect import isawaitable
@@ -18,6 +19,7 @@ from dyknow_common.errors import DyKnowError, ExitCode
 from dyknow_common.ros.deadlines import Deadlines
 from dyknow_common.ros.heartbeat import NodeHeartbeat
 from dyknow_common.ros.liveliness import Heartbeats
+from dyknow_common.ros.process_pauses import PAUSES
 from dyknow_common.ros.qos import NO_PUBLISHER_EVENTS, NO_SUBSCRIPTION_EVENTS, SERVICE, STATUS
 
 RUNNING = 'running'
@@ -175,6 +177,14 @@ class DyKnowNode(Node):
                 return  # The node has stopped, and its unfinished coroutines clean up.
             raise RuntimeError('a node can spawn work only while an executor runs it')
         self.executor.create_task(guarded)
+
+    def delay_of_request(self) -> int:
+        """Return for how long a request has waited while this process was stopped, nanoseconds.
+
+        The request is that of the service being called, which must not have awaited yet.
+        """
+        sent_at = getattr(self.executor, 'request_sent_at', 0)
+        return PAUSES.delay(time.time_ns() - sent_at, time.monotonic_ns()) if sent_at else 0
 
     def log_fault(self, where: str, error: Exception) -> None:
         """Log an unexpected error, with its traceback."""

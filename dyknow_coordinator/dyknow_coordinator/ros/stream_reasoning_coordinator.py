@@ -12,8 +12,8 @@ from diagnostic_msgs.msg import DiagnosticStatus
 from dyknow_interfaces.action import MonitorFormula
 from dyknow_interfaces.srv import EvaluateFormula
 
-from dyknow_common import DyKnowError
-from dyknow_common.ros import RUNNING, DyKnowNode, run
+from dyknow_common import SECOND_NS, DyKnowError
+from dyknow_common.ros import PAUSES, RUNNING, DyKnowNode, run
 from dyknow_coordinator.evaluation.answer import Answer
 from dyknow_coordinator.evaluation.request import EvaluationRequest
 from dyknow_coordinator.reporting.evaluation_status import (
@@ -93,6 +93,7 @@ class StreamReasoningCoordinator(DyKnowNode):
 
     def __init__(self) -> None:
         super().__init__('stream_reasoning_coordinator')
+        PAUSES.start()
         self._settings = _Settings.declare(self)
         self._prefix = f'states_{zlib.crc32(self.get_fully_qualified_name().encode()):08x}_'
         clients = ServiceClients(self)
@@ -162,7 +163,9 @@ class StreamReasoningCoordinator(DyKnowNode):
         self._report.publish_soon()
 
     async def _evaluate(self, request: Any, response: Any) -> None:
-        evaluation = self.start(self._read_request(request))
+        # The client counts the time in which this process was stopped, too.
+        delay_s = self.delay_of_request() / SECOND_NS
+        evaluation = self.start(replace(self._read_request(request), delay_s=delay_s))
         self._service_evaluations.append(evaluation)
         answer = await evaluation.outcome
         self._service_evaluations.remove(evaluation)

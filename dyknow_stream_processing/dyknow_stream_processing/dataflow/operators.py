@@ -10,9 +10,9 @@ in nanoseconds. It makes two kinds of promises about valid times:
 - The clock makes the same certain for a valid time `t` at the time `certain_at(t)`: a stream with a
   maximum delay has then delivered every sample up to `t`.
 
-A stream of another engine is *vouched*: that engine sends its watermarks. Its samples may be late or
-lost because the engine, not the robot, is slow or dead, so the clock says nothing about their values:
-after `covered_until()`, the clock makes a time certain for constraints only.
+A stream of another engine is *vouched*: that engine sends its watermarks. Its samples may be late
+or lost because the engine, not the robot, is slow or dead. So the clock says nothing about its
+values after the latest watermark, `covered_until()`; it only reveals that a constraint is broken.
 
 An operator reacts to the clock in `wake` only. The scheduler wakes operators in the order of time
 and then of rank, so each operator wakes after the inputs whose `certain_at` it uses.
@@ -113,8 +113,9 @@ class Operator:
         return latest
 
     def covered_until(self) -> int:
-        """Return the time up to which the clock may make values certain: the least watermark of the
-        streams of other engines, or END.
+        """Return the valid time up to which the clock may make values certain.
+
+        It is the least watermark of the streams of other engines; END without these.
         """
         if not self.vouched:
             return END

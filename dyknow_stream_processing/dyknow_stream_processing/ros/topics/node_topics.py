@@ -35,14 +35,14 @@ from rclpy.node import Node
 from rclpy.qos import QoSProfile
 
 from dyknow_common import NANOSECONDS, SECOND_NS
-from dyknow_common.ros import NO_SUBSCRIPTION_EVENTS, Heartbeats, time_to_nanoseconds
+from dyknow_common.ros import NO_SUBSCRIPTION_EVENTS, PAUSES, Heartbeats, time_to_nanoseconds
+from dyknow_stream_processing.dataflow.received_watermarks import Origin, ReceivedWatermarks
 from dyknow_stream_processing.errors import StreamError
 from dyknow_stream_processing.ros.messages.message_types import (
     is_sample,
     message_class,
     type_name_of,
 )
-from dyknow_stream_processing.ros.topics.process_pauses import PAUSES
 from dyknow_stream_processing.ros.topics.publications import (
     Publication,
     find_publication,
@@ -50,7 +50,6 @@ from dyknow_stream_processing.ros.topics.publications import (
     next_request,
     publishers_of,
 )
-from dyknow_stream_processing.ros.topics.received_watermarks import Origin, ReceivedWatermarks
 from dyknow_stream_processing.ros.topics.sequence_gaps import SequenceGaps
 from dyknow_stream_processing.ros.topics.timed_calls import TimedCalls
 from dyknow_stream_processing.ros.topics.violation_relay import ViolationRelay
@@ -176,7 +175,7 @@ class NodeTopics:
     def process(self, message: _Message, now: int) -> None:
         """Process a message, after those of all topics that were received before it."""
         late = max(now - message.receipt_time, time.monotonic_ns() - self._last_activity)
-        if late > LATE_NS or self._taken or PAUSES.unsettled_for() is not None:
+        if late > LATE_NS or self._taken or PAUSES.unsettled_for(time.monotonic_ns()) is not None:
             self._taken.append(message)
             self.catch_up(now)
         else:
@@ -193,7 +192,7 @@ class NodeTopics:
         feeds = list(self._feeds.values())
         for feed in feeds:
             self._taken += feed.take(now)
-        unsettled_for = PAUSES.unsettled_for()
+        unsettled_for = PAUSES.unsettled_for(time.monotonic_ns())
         if unsettled_for is not None:
             self._wait_until_settled(now - unsettled_for)
             return False
@@ -239,7 +238,7 @@ class NodeTopics:
 
     def _on_watermark(self, topic: str, watermark: Any) -> None:
         # After a pause, the next one is not far.
-        if PAUSES.unsettled_for() is None:
+        if PAUSES.unsettled_for(time.monotonic_ns()) is None:
             now = self._node.get_clock().now().nanoseconds
             for feed in list(self._feeds.values()):
                 if feed.topic == topic:

@@ -33,7 +33,8 @@ class WatermarkPublisher:
     Args:
         prefix: of the topics of the streams.
         period_s: seconds between two messages.
-        watermarks: returns a `StreamWatermark` for each stream whose watermark rose without samples.
+        watermarks: returns a `StreamWatermark` for each stream whose watermark rose without a
+            sample.
     """
 
     def __init__(
@@ -75,7 +76,7 @@ class WatermarkSubscriptions:
         self._subscriptions: dict[str, Any] = {}
 
     def follow(self, topics: Iterable[str]) -> None:
-        """Receive the watermarks of these streams, given their absolute topics, and of no others."""
+        """Receive the watermarks of these streams only, given their absolute topics."""
         prefixes = {topic.rpartition('/')[0] for topic in topics}
         for prefix in self._subscriptions.keys() - prefixes:
             self._node.destroy_subscription(self._subscriptions.pop(prefix))

@@ -16,7 +16,7 @@ import threading
 import time
 from typing import Final
 
-from dyknow_common import NANOSECONDS
+from dyknow_common.durations import NANOSECONDS, SECOND_NS
 
 _PERIOD_S: Final = 0.05
 """The time between two signs of life."""
@@ -27,15 +27,26 @@ PAUSE_NS: Final = 200 * NANOSECONDS['ms']
 SETTLING_NS: Final = 250 * NANOSECONDS['ms']
 """The time after a pause until the middleware has received what was sent meanwhile."""
 
+_DELIVERY_NS: Final = 10 * SECOND_NS
+"""The time after a pause in which requests arrive that were sent before its end.
+
+The middleware sends those again, each 3 s, for which its buffers had no place.
+"""
+
 
 class ProcessPauses:
-    """Detector of pauses, by a thread that gives signs of life; a long callback is no pause."""
+    """Detector of pauses, by a thread that gives signs of life; a long callback is no pause.
 
-    def __init__(self) -> None:
+    Args:
+        now: the time at its start, nanoseconds of the monotonic clock.
+    """
+
+    def __init__(self, now: int) -> None:
         self._lock = threading.Lock()
-        self._last = time.monotonic_ns()
+        self._last = now
         self._began: int | None = None
-        self._settled_at = 0
+        self._length = 0
+        self._settled_at = now
         self._thread: threading.Thread | None = None
 
     def start(self) -> None:
@@ -45,31 +56,50 @@ class ProcessPauses:
             self._thread = threading.Thread(target=self._run, daemon=True)
             self._thread.start()
 
-    def unsettled_for(self) -> int | None:
-        """Return the nanoseconds since the begin of a pause that is not over; `None` without one."""
-        now = time.monotonic_ns()
+    def unsettled_for(self, now: int) -> int | None:
+        """Return the nanoseconds since the begin of a pause that is not over; `None` without one.
+
+        Args:
+            now: nanoseconds of the monotonic clock.
+        """
         with self._lock:
             # The thread may not have run since the pause.
-            self.note(now, is_alive=False)
+            self._note(now)
             return None if self._began is None else now - self._began
 
-    def note(self, now: int, *, is_alive: bool = True) -> None:
-        """Process a sign of life, or the lack of one, at a time of the monotonic clock."""
+    def delay(self, age: int, now: int) -> int:
+        """Return for how long a message may have waited for this process because of a pause.
+
+        Args:
+            age: the time since the message was sent, by clocks that may differ; nanoseconds.
+            now: nanoseconds of the monotonic clock.
+        """
+        with self._lock:
+            self._note(now)
+            is_recent = self._length and now - self._settled_at < _DELIVERY_NS
+            return max(min(age, self._length), 0) if is_recent else 0
+
+    def note_sign_of_life(self, now: int) -> None:
+        """Process a sign of life at a time, nanoseconds of the monotonic clock."""
+        with self._lock:
+            self._note(now)
+            self._last = now
+
+    def _note(self, now: int) -> None:
         if now - self._last > PAUSE_NS:
             # Of several pauses, the first one began before all messages that still wait.
             self._began = self._last if self._began is None else self._began
+            self._length = now - self._began
             self._settled_at = now + SETTLING_NS
+            self._last = now
         elif now >= self._settled_at:
             self._began = None
-        if is_alive or self._began is not None:
-            self._last = now
 
     def _run(self) -> None:
         while True:
             time.sleep(_PERIOD_S)
-            with self._lock:
-                self.note(time.monotonic_ns())
+            self.note_sign_of_life(time.monotonic_ns())
 
 
-PAUSES: Final = ProcessPauses()
+PAUSES: Final = ProcessPauses(time.monotonic_ns())
 """The pauses of this process."""
