@@ -8,11 +8,12 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from dyknow_interfaces.msg import Sample
+from dyknow_interfaces.msg import ConstraintViolation, Sample
+from dyknow_interfaces.srv import StreamDestroy
 from rclpy.qos import QoSProfile
 from sensor_msgs.msg import BatteryState
 
-from dyknow_common.ros import nanoseconds_to_time, time_to_nanoseconds
+from dyknow_common.ros import VIOLATIONS, nanoseconds_to_time, time_to_nanoseconds
 from stream_nodes import StreamNodes
 
 NEAR, FAR = '/near_engine', '/far_engine'
@@ -31,6 +32,7 @@ class Robot:
         self.level = 1.0
         self.said: dict[int, float] = {}
         self.states: list[Any] = []
+        self.violations: list[Any] = []
         self._publishers = [
             self._node.create_publisher(BatteryState, topic, QoSProfile(depth=1000))
             for topic in LEVELS
@@ -116,3 +118,16 @@ def test_no_state_has_a_value_of_a_dead_or_stopped_engine(
         nodes.client.spin_until(lambda: robot.latest() > end, 'states again')
         assert robot.wrong() == []
         assert len(robot.states) >= (robot.latest() - surge) // PERIOD
+
+
+def test_a_stream_that_is_replaced_at_its_engine_is_another_one(nodes: StreamNodes) -> None:
+    robot = start(nodes, '10 s')
+    violations = nodes.client.node.create_subscription(
+        ConstraintViolation, '/dyknow/streams/both/violations', robot.violations.append, VIOLATIONS
+    )
+    nodes.call(FAR, StreamDestroy, stream_name='far')
+    nodes.create('far', 'select voltage as level from "/a/battery" with max_delay = 300 ms', FAR)
+    nodes.client.spin_until(lambda: bool(robot.violations), 'a violation')
+    assert robot.violations[0].constraint == 'source'
+    assert robot.wrong() == []
+    nodes.client.node.destroy_subscription(violations)

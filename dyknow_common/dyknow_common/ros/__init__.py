@@ -19,7 +19,6 @@ from dyknow_common.ros.node import (
     snake_case,
 )
 from dyknow_common.ros.process import run
-from dyknow_common.ros.process_pauses import PAUSES
 from dyknow_common.ros.qos import (
     HEARTBEAT,
     LATCHED,
@@ -47,7 +46,6 @@ __all__ = [
     'LATCHED_HISTORY',
     'NODE_TYPE',
     'NO_SUBSCRIPTION_EVENTS',
-    'PAUSES',
     'RUNNING',
     'SERVICE',
     'STARTED_AT',

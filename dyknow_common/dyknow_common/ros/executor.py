@@ -63,10 +63,8 @@ class NodeExecutor(SingleThreadedExecutor):
     def __init__(self, *, context: Context | None = None) -> None:
         super().__init__(context=context)
         self._watch: _Watch | None = None
-        self.request_sent_at = 0
-        """The time at which the request was sent whose service is being called, nanoseconds of the
-        client's system clock; valid until the service awaits.
-        """
+        self.request_sent_at: int | None = None
+        """See `DyKnowNode.request_sent_at`."""
 
     def wake(self) -> None:
         """Make a new wait set; called by rclpy when the entities of a node change."""

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-import time
 import traceback
 from collections.abc import Awaitable, Callable, Mapping
 from inspect import isawaitable
@@ -19,7 +18,6 @@ from dyknow_common.errors import DyKnowError, ExitCode
 from dyknow_common.ros.deadlines import Deadlines
 from dyknow_common.ros.heartbeat import NodeHeartbeat
 from dyknow_common.ros.liveliness import Heartbeats
-from dyknow_common.ros.process_pauses import PAUSES
 from dyknow_common.ros.qos import NO_PUBLISHER_EVENTS, NO_SUBSCRIPTION_EVENTS, SERVICE, STATUS
 
 RUNNING = 'running'
@@ -178,20 +176,19 @@ class DyKnowNode(Node):
             raise RuntimeError('a node can spawn work only while an executor runs it')
         self.executor.create_task(guarded)
 
-    def delay_of_request(self) -> int:
-        """Return for how long a request has waited while this process was stopped, nanoseconds.
-
-        The request is that of the service being called, which must not have awaited yet.
-        """
-        sent_at = getattr(self.executor, 'request_sent_at', 0)
-        return PAUSES.delay(time.time_ns() - sent_at, time.monotonic_ns()) if sent_at else 0
-
     def log_fault(self, where: str, error: Exception) -> None:
         """Log an unexpected error, with its traceback."""
         if not self.context.ok():
             return  # The node stops: nothing can be published or requested any more.
         text = ''.join(traceback.format_exception(error))
         self.get_logger().error(f'fault in {where}:\n{text}')
+
+    def request_sent_at(self) -> int | None:
+        """Return when the request was sent whose service is called and has not awaited yet.
+
+        It is in nanoseconds of the client's system clock; `None` if it is unknown.
+        """
+        return getattr(self.executor, 'request_sent_at', None)
 
     def now(self) -> int:
         """Return the time of the node's ROS clock in nanoseconds."""

@@ -13,7 +13,7 @@ from dyknow_interfaces.action import MonitorFormula
 from dyknow_interfaces.srv import EvaluateFormula
 
 from dyknow_common import SECOND_NS, DyKnowError
-from dyknow_common.ros import PAUSES, RUNNING, DyKnowNode, run
+from dyknow_common.ros import RUNNING, DyKnowNode, run
 from dyknow_coordinator.evaluation.answer import Answer
 from dyknow_coordinator.evaluation.request import EvaluationRequest
 from dyknow_coordinator.reporting.evaluation_status import (
@@ -37,6 +37,7 @@ from dyknow_coordinator.ros.reporting.nodes_report import NodesReport
 from dyknow_coordinator.ros.results import Results
 from dyknow_coordinator.ros.service_clients import ServiceClients
 from dyknow_coordinator.ros.streams_mirror import StreamsMirror
+from dyknow_stream_processing.ros import PAUSES
 
 _PROGRESS_FIELDS: Final = (
     'states_progressed',
@@ -164,7 +165,7 @@ class StreamReasoningCoordinator(DyKnowNode):
 
     async def _evaluate(self, request: Any, response: Any) -> None:
         # The client counts the time in which this process was stopped, too.
-        delay_s = self.delay_of_request() / SECOND_NS
+        delay_s = PAUSES.delay_of(self.request_sent_at()) / SECOND_NS
         evaluation = self.start(replace(self._read_request(request), delay_s=delay_s))
         self._service_evaluations.append(evaluation)
         answer = await evaluation.outcome

@@ -20,7 +20,7 @@ PATIENCE: Final = 20
 """The number of watermarks in a row after which a sample before them is taken for lost."""
 
 
-class Origin(Enum):
+class SampleOrigin(Enum):
     """The stream of a sample, compared with its predecessor's."""
 
     SAME = 'same'
@@ -48,17 +48,17 @@ class ReceivedWatermarks:
         self._held: _Watermark | None = None
         self._overtaken = 0
 
-    def note_sample(self, stream_id: int, number: int) -> Origin:
+    def note_sample(self, stream_id: int, number: int) -> SampleOrigin:
         """Record the receipt of a sample; an id of 0 is that of a publisher that is no engine."""
         if stream_id == 0:
-            return Origin.SAME
+            return SampleOrigin.SAME
         if stream_id in self._former:
-            return Origin.FORMER
-        origin = Origin.SAME
+            return SampleOrigin.FORMER
+        origin = SampleOrigin.SAME
         if stream_id != self._stream_id:
             if self._stream_id:
                 self._former.add(self._stream_id)
-                origin = Origin.RECREATED
+                origin = SampleOrigin.RECREATED
             self._stream_id, self._held = stream_id, None
         self._number, self._overtaken = number, 0
         return origin

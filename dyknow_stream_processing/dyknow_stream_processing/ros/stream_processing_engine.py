@@ -95,19 +95,13 @@ class StreamProcessingEngine(DyKnowNode):
             lambda topics: publishers_remark(self, topics),
         )
         self._sources = TopicSources(self, self._dataflow)
-        period = self.parameter(
-            'watermark_period',
-            0.05,
-            'Seconds between two reports to other engines of how far silent streams are known.',
-            (0.001, 1.0),
-        )
         self._waiting = WaitingStreams(self, self._dataflow, self._sources)
         self._outputs: dict[str, _Output] = {}
         self._report_publisher = StreamReportPublisher(
             self, lambda: [self.get_fully_qualified_name()], self._reports, self._end_period
         )
         self._warning = Throttle(WARNING_PERIOD_S)
-        WatermarkPublisher(self, self._prefix, period, self._watermarks)
+        WatermarkPublisher(self, self._prefix, self._watermarks)
         self.serve(StreamCreateFromSpec, self._create)
         self.serve(StreamDestroy, self._destroy)
         self.serve(ListStreams, self._list)

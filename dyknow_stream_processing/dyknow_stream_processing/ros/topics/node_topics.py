@@ -14,10 +14,8 @@ times. For example, a callback of the node takes from 0 to 300 ms:
     300     the timer, or the callback of b, runs first: the message of a is processed with the
             time 100, that of b with 150, and then the timed call is made
 
-When the whole process was stopped, the middleware has received nothing meanwhile, and no time of
-receipt is known. All messages and timed calls then wait until what was sent before is there (see
-`process_pauses`). A stamped message counts as received in time: at its stamp, if that is in the
-pause.
+When the whole process was stopped, all messages and timed calls wait until what was sent meanwhile
+is there (see `process_pauses`). A stamped message of that time counts as received at its stamp.
 """
 
 from __future__ import annotations
@@ -26,7 +24,7 @@ import time
 from collections import deque
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
-from typing import Any, ClassVar, Final, NamedTuple, Protocol, cast
+from typing import Any, ClassVar, Final, NamedTuple, cast
 from weakref import WeakKeyDictionary, proxy
 
 from rclpy.callback_groups import ReentrantCallbackGroup
@@ -35,14 +33,16 @@ from rclpy.node import Node
 from rclpy.qos import QoSProfile
 
 from dyknow_common import NANOSECONDS, SECOND_NS
-from dyknow_common.ros import NO_SUBSCRIPTION_EVENTS, PAUSES, Heartbeats, time_to_nanoseconds
-from dyknow_stream_processing.dataflow.received_watermarks import Origin, ReceivedWatermarks
+from dyknow_common.ros import NO_SUBSCRIPTION_EVENTS, Heartbeats, time_to_nanoseconds
+from dyknow_stream_processing.dataflow.received_watermarks import ReceivedWatermarks, SampleOrigin
 from dyknow_stream_processing.errors import StreamError
 from dyknow_stream_processing.ros.messages.message_types import (
     is_sample,
     message_class,
     type_name_of,
 )
+from dyknow_stream_processing.ros.topics.message_listener import MessageListener
+from dyknow_stream_processing.ros.topics.process_pauses import PauseWait, is_pause_recent
 from dyknow_stream_processing.ros.topics.publications import (
     Publication,
     find_publication,
@@ -67,36 +67,6 @@ LATE_NS: Final = 10 * NANOSECONDS['ms']
 """Time after which messages of other topics may wait that were received earlier than this one."""
 
 
-_SETTLING_CHECK_S: Final = 0.05
-"""Seconds between two checks whether a pause is over."""
-
-
-class MessageListener(Protocol):
-    """A receiver of the messages of a topic."""
-
-    def on_type(self, class_: Any) -> None:
-        """Receive the type of the messages, once or again.
-
-        Raises:
-            StreamError: the first time, if it cannot use them.
-        """
-
-    def valid_time(self, message: Any) -> int | None:
-        """Return the stamp of a message in nanoseconds; None if it has none."""
-
-    def on_message(self, message: Any, now: int) -> None:
-        """Receive a message, and the time of its receipt in nanoseconds."""
-
-    def on_watermark(self, watermark: int, now: int) -> None:
-        """Receive a watermark of the engine whose stream the topic is; nanoseconds."""
-
-    def on_dropped(self, reason: str, count: int) -> None:
-        """Receive the number of messages that were lost or dropped before the next one."""
-
-    def on_violation(self, violation: Violation) -> None:
-        """Receive a violation of the topic."""
-
-
 class NodeTopics:
     """The topics that the streams of a node share; see `of`."""
 
@@ -106,14 +76,14 @@ class NodeTopics:
         # A proxy: the entry in `_known` must not keep the node alive.
         self._node = proxy(node)
         self._wall_clock = Clock(clock_type=ClockType.STEADY_TIME)
+        self._feeds: dict[Any, _Feed] = {}
         self.group = ReentrantCallbackGroup()
         self.heartbeats = Heartbeats.of(node)
         self.timed_calls = TimedCalls(self._node, self.group, self.catch_up)
-        self.watermarks = WatermarkSubscriptions(self._node, self.group, self._on_watermark)
+        self.watermarks = WatermarkSubscriptions(self._node, self.group, self._feeds.values)
         self._last_activity = time.monotonic_ns()
         self._taken: deque[_Message] = deque()
-        self._pause_began: int | None = None
-        self._feeds: dict[Any, _Feed] = {}
+        self._pause = PauseWait(self._node, self.group, self._wall_clock, self.catch_up)
         self._timer: Any = None
 
     @property
@@ -147,7 +117,6 @@ class NodeTopics:
         Returns:
             A function that removes the listener.
         """
-        PAUSES.start()
         name = self._node.resolve_topic_name(topic)
         key: tuple[Any, ...] = (name, id(quality_of_service), message_type)
         if key in self._feeds and self._feeds[key].is_latched:
@@ -163,19 +132,22 @@ class NodeTopics:
             feed.listeners = tuple(each for each in feed.listeners if each is not listener)
             if not feed.listeners:
                 self._feeds.pop(key).destroy()
-                self.follow_watermarks()
+                self.watermarks.refresh()
             if not self._feeds:
-                self.timed_calls.destroy()
-                if self._timer is not None:
-                    self._node.destroy_timer(self._timer)
-                    self._timer = None
+                self._stop_timers()
 
         return remove
+
+    def _stop_timers(self) -> None:
+        self.timed_calls.destroy()
+        if self._timer is not None:
+            self._node.destroy_timer(self._timer)
+            self._timer = None
 
     def process(self, message: _Message, now: int) -> None:
         """Process a message, after those of all topics that were received before it."""
         late = max(now - message.receipt_time, time.monotonic_ns() - self._last_activity)
-        if late > LATE_NS or self._taken or PAUSES.unsettled_for(time.monotonic_ns()) is not None:
+        if late > LATE_NS or self._taken or is_pause_recent():
             self._taken.append(message)
             self.catch_up(now)
         else:
@@ -185,20 +157,16 @@ class NodeTopics:
     def catch_up(self, now: int) -> bool:
         """Process all messages that wait at a time (nanoseconds), in the order of their receipt.
 
-        Returns:
-            False if more messages may have been sent to this node by then, as it was stopped. The
-            messages are processed later.
+        Returns False if they are processed later, as the process was stopped.
         """
         feeds = list(self._feeds.values())
         for feed in feeds:
             self._taken += feed.take(now)
-        unsettled_for = PAUSES.unsettled_for(time.monotonic_ns())
-        if unsettled_for is not None:
-            self._wait_until_settled(now - unsettled_for)
+        if self._pause.goes_on(now):
             return False
-        if self._pause_began is not None:
-            self._taken = deque(map(self._in_time, self._taken))
-            self._pause_began = None
+        began = self._pause.end()
+        if began is not None:
+            self._taken = deque(self._in_time(each, began) for each in self._taken)
         # A violation was published before the samples that it casts doubt on.
         for relay in filter(None, [feed.relay for feed in feeds]):
             relay.catch_up()
@@ -210,39 +178,13 @@ class NodeTopics:
         self._last_activity = time.monotonic_ns()
         return True
 
-    def follow_watermarks(self) -> None:
-        """Receive the watermarks of the engines whose streams are subscribed to."""
-        self.watermarks.follow(each.topic for each in self._feeds.values() if each.is_stream)
-
-    def _wait_until_settled(self, began: int) -> None:
-        """Process the messages that wait some time after a pause, which began at a time."""
-        if self._pause_began is not None:
-            return
-        self._pause_began = began
-
-        def catch_up() -> None:
-            if self.catch_up(self._node.get_clock().now().nanoseconds):
-                self._node.destroy_timer(timer)
-
-        timer = self._node.create_timer(
-            _SETTLING_CHECK_S, catch_up, callback_group=self.group, clock=self._wall_clock
-        )
-
-    def _in_time(self, message: _Message) -> _Message:
-        """Return a message with the earliest time at which it may have been sent to this node."""
-        began, received = self._pause_began, message.receipt_time
-        valid_time = message.feed.listeners[0].valid_time(message.message)
-        if began is None or valid_time is None or self.is_time_simulated:
+    def _in_time(self, message: _Message, began: int) -> _Message:
+        """Return a message with the earliest time, from a pause on, at which it may have come."""
+        listener = next(iter(message.feed.listeners), None)
+        valid_time = None if listener is None else listener.valid_time(message.message)
+        if valid_time is None or self.is_time_simulated:
             return message
-        return message._replace(receipt_time=min(received, max(valid_time, began)))
-
-    def _on_watermark(self, topic: str, watermark: Any) -> None:
-        # After a pause, the next one is not far.
-        if PAUSES.unsettled_for(time.monotonic_ns()) is None:
-            now = self._node.get_clock().now().nanoseconds
-            for feed in list(self._feeds.values()):
-                if feed.topic == topic:
-                    feed.vouch(watermark, now)
+        return message._replace(receipt_time=min(message.receipt_time, max(valid_time, began)))
 
     def refresh(self) -> None:
         """Match the subscriptions to the publishers of all topics."""
@@ -358,20 +300,21 @@ class _Feed:
 
     def process(self, message: _Message) -> None:
         """Pass a message on to the listeners."""
-        if not self.is_stream:
-            self.gaps.note(message.number)
-            self._pass_on(message)
-            return
-        sample, self.has_gap = message.message, False
-        origin = self.watermarks.note_sample(sample.stream_id, sample.number)
+        self.has_gap = False
         self.gaps.note(message.number)
-        if origin is Origin.FORMER:
+        if self.is_stream and not self._admits(message.message):
             self._drop(ViolationKind.SOURCE, 1)
             return
-        if origin is Origin.RECREATED and not self.has_gap:
-            self._on_gap(0)
-        self._pass_on(message)
+        for listener in self.listeners:
+            listener.on_message(message.message, message.receipt_time)
         self._pass_watermark_on(message.receipt_time)
+
+    def _admits(self, sample: Any) -> bool:
+        """Return False for a sample of a stream that another one has replaced on the topic."""
+        origin = self.watermarks.note_sample(sample.stream_id, sample.number)
+        if origin is SampleOrigin.RECREATED and not self.has_gap:
+            self._on_gap(0)
+        return origin is not SampleOrigin.FORMER
 
     def vouch(self, watermark: Any, now: int) -> None:
         """Process a `StreamWatermark`."""
@@ -380,10 +323,6 @@ class _Feed:
         if lost:
             self._on_gap(lost)
         self._pass_watermark_on(now)
-
-    def _pass_on(self, message: _Message) -> None:
-        for listener in self.listeners:
-            listener.on_message(message.message, message.receipt_time)
 
     def _pass_watermark_on(self, now: int) -> None:
         watermark = self.watermarks.due()
@@ -428,7 +367,7 @@ class _Feed:
                 self.node, self.topic, group, self.topics.heartbeats, self._on_violation
             )
             self.relay.refresh()
-        self.topics.follow_watermarks()
+        self.topics.watermarks.refresh()
         self.subscription = self.node.create_subscription(
             class_,
             self.topic,

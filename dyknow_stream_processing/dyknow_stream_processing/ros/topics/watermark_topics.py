@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 from functools import partial
-from typing import Any, Final
+from typing import Any, Final, Protocol
 
 from dyknow_interfaces.msg import StreamWatermarks
 from rclpy.callback_groups import CallbackGroup
@@ -17,6 +17,7 @@ from rclpy.node import Node
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 
 from dyknow_common.ros import NO_SUBSCRIPTION_EVENTS, DyKnowNode
+from dyknow_stream_processing.ros.topics.process_pauses import is_pause_recent
 
 WATERMARKS: Final = QoSProfile(depth=100, reliability=ReliabilityPolicy.BEST_EFFORT)
 """Watermarks of several engines: a lost one is soon followed by another one."""
@@ -32,18 +33,19 @@ class WatermarkPublisher:
 
     Args:
         prefix: of the topics of the streams.
-        period_s: seconds between two messages.
         watermarks: returns a `StreamWatermark` for each stream whose watermark rose without a
             sample.
     """
 
     def __init__(
-        self,
-        node: DyKnowNode,
-        prefix: str,
-        period_s: float,
-        watermarks: Callable[[], Iterable[Any]],
+        self, node: DyKnowNode, prefix: str, watermarks: Callable[[], Iterable[Any]]
     ) -> None:
+        period_s = node.parameter(
+            'watermark_period',
+            0.05,
+            'Seconds between two reports to other engines of how far silent streams are known.',
+            (0.001, 1.0),
+        )
         self._publisher = node.create_publisher(
             StreamWatermarks, _watermarks_topic(prefix), WATERMARKS
         )
@@ -60,24 +62,38 @@ class WatermarkPublisher:
             self._publisher.publish(message)
 
 
+class VouchedTopic(Protocol):
+    """A topic that a node subscribes to."""
+
+    topic: str
+    """Its absolute name."""
+
+    @property
+    def is_stream(self) -> bool:
+        """True if the messages are samples, of which an engine may send the watermarks."""
+
+    def vouch(self, watermark: Any, now: int) -> None:
+        """Process a `StreamWatermark` at a time, nanoseconds."""
+
+
 class WatermarkSubscriptions:
     """Subscriptions to the watermarks of the streams that a node reads.
 
     Args:
-        on_watermark: receives the topic of a stream, and a `StreamWatermark`.
+        topics: returns the topics that the node subscribes to.
     """
 
     def __init__(
-        self, node: Node, group: CallbackGroup, on_watermark: Callable[[str, Any], None]
+        self, node: Node, group: CallbackGroup, topics: Callable[[], Iterable[VouchedTopic]]
     ) -> None:
         self._node = node
         self._group = group
-        self._on_watermark = on_watermark
+        self._topics = topics
         self._subscriptions: dict[str, Any] = {}
 
-    def follow(self, topics: Iterable[str]) -> None:
-        """Receive the watermarks of these streams only, given their absolute topics."""
-        prefixes = {topic.rpartition('/')[0] for topic in topics}
+    def refresh(self) -> None:
+        """Subscribe to the watermarks of the streams among the topics, and to no others."""
+        prefixes = {each.topic.rpartition('/')[0] for each in self._topics() if each.is_stream}
         for prefix in self._subscriptions.keys() - prefixes:
             self._node.destroy_subscription(self._subscriptions.pop(prefix))
         for prefix in prefixes - self._subscriptions.keys():
@@ -91,5 +107,10 @@ class WatermarkSubscriptions:
             )
 
     def _on_message(self, prefix: str, message: Any) -> None:
-        for each in message.streams:
-            self._on_watermark(f'{prefix}/{each.stream_name}', each)
+        if is_pause_recent():
+            return  # The next watermarks are not far.
+        now = self._node.get_clock().now().nanoseconds
+        watermarks = {f'{prefix}/{each.stream_name}': each for each in message.streams}
+        for topic in list(self._topics()):
+            if topic.is_stream and topic.topic in watermarks:
+                topic.vouch(watermarks[topic.topic], now)

@@ -14,9 +14,14 @@ from __future__ import annotations
 
 import threading
 import time
-from typing import Final
+from collections.abc import Callable
+from typing import Any, Final
 
-from dyknow_common.durations import NANOSECONDS, SECOND_NS
+from rclpy.callback_groups import CallbackGroup
+from rclpy.clock import Clock
+from rclpy.node import Node
+
+from dyknow_common import NANOSECONDS, SECOND_NS
 
 _PERIOD_S: Final = 0.05
 """The time between two signs of life."""
@@ -67,13 +72,17 @@ class ProcessPauses:
             self._note(now)
             return None if self._began is None else now - self._began
 
-    def delay(self, age: int, now: int) -> int:
-        """Return for how long a message may have waited for this process because of a pause.
+    def delay_of(self, sent_at: int | None) -> int:
+        """Return for how long a message has waited because of a pause, nanoseconds.
 
         Args:
-            age: the time since the message was sent, by clocks that may differ; nanoseconds.
-            now: nanoseconds of the monotonic clock.
+            sent_at: the time at which it was sent by the system clock, which may differ from that
+                of the sender; nanoseconds.
         """
+        return 0 if sent_at is None else self.delay(time.time_ns() - sent_at, time.monotonic_ns())
+
+    def delay(self, age: int, now: int) -> int:
+        """Return the part of the age of a message that is in a recent pause, nanoseconds."""
         with self._lock:
             self._note(now)
             is_recent = self._length and now - self._settled_at < _DELIVERY_NS
@@ -103,3 +112,51 @@ class ProcessPauses:
 
 PAUSES: Final = ProcessPauses(time.monotonic_ns())
 """The pauses of this process."""
+
+
+def is_pause_recent() -> bool:
+    """Return True if messages may not have been received that were sent before."""
+    return PAUSES.unsettled_for(time.monotonic_ns()) is not None
+
+
+class PauseWait:
+    """Wait of a node after a pause, until it can process all messages of the time before.
+
+    Args:
+        catch_up: tries to process the messages at a time; returns False if the wait goes on.
+    """
+
+    def __init__(
+        self, node: Node, group: CallbackGroup, wall_clock: Clock, catch_up: Callable[[int], bool]
+    ) -> None:
+        PAUSES.start()
+        self._node = node
+        self._group = group
+        self._wall_clock = wall_clock
+        self._catch_up = catch_up
+        self._began: int | None = None
+        self._timer: Any = None
+
+    def goes_on(self, now: int) -> bool:
+        """Return True if the wait is not over at a time of the node's clock, nanoseconds."""
+        unsettled_for = PAUSES.unsettled_for(time.monotonic_ns())
+        if unsettled_for is None:
+            return False
+        if self._began is None:
+            self._began = now - unsettled_for
+        if self._timer is None:
+            self._timer = self._node.create_timer(
+                _PERIOD_S, self._retry, callback_group=self._group, clock=self._wall_clock
+            )
+        return True
+
+    def end(self) -> int | None:
+        """End the wait, and return the begin of the pause; `None` without one."""
+        began, self._began = self._began, None
+        if self._timer is not None:
+            self._node.destroy_timer(self._timer)
+            self._timer = None
+        return began
+
+    def _retry(self) -> None:
+        self._catch_up(self._node.get_clock().now().nanoseconds)
