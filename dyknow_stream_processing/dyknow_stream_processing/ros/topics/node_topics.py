@@ -164,8 +164,7 @@ class NodeTopics:
             self._taken += feed.take(now)
         if self._pause.goes_on(now):
             return False
-        began = self._pause.end()
-        if began is not None:
+        if (began := self._pause.end()) is not None:
             self._taken = deque(self._in_time(each, began) for each in self._taken)
         # A violation was published before the samples that it casts doubt on.
         for relay in filter(None, [feed.relay for feed in feeds]):
@@ -180,8 +179,8 @@ class NodeTopics:
 
     def _in_time(self, message: _Message, began: int) -> _Message:
         """Return a message with the earliest time, from a pause on, at which it may have come."""
-        listener = next(iter(message.feed.listeners), None)
-        valid_time = None if listener is None else listener.valid_time(message.message)
+        times = (each.valid_time(message.message) for each in message.feed.listeners)
+        valid_time = next(times, None)
         if valid_time is None or self.is_time_simulated:
             return message
         return message._replace(receipt_time=min(message.receipt_time, max(valid_time, began)))
