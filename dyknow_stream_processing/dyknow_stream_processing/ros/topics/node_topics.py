@@ -13,9 +13,6 @@ times. For example, a callback of the node takes from 0 to 300 ms:
     150     the middleware receives a message of b
     300     the timer, or the callback of b, runs first: the message of a is processed with the
             time 100, that of b with 150, and then the timed call is made
-
-When the whole process was stopped, all messages and timed calls wait until what was sent meanwhile
-is there (see `process_pauses`). A stamped message of that time counts as received at its stamp.
 """
 
 from __future__ import annotations
