@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from dyknow_common import Value
 
@@ -39,8 +39,11 @@ class Sample:
         available_time: the time from which the receiver could use it, in nanoseconds; strictly
             increasing within a stream.
         fields: a value for each field name.
+        watermark: the time, in nanoseconds, before which no later sample is valid; `None` if the
+            producer does not tell.
     """
 
     valid_time: int
     available_time: int
     fields: Mapping[str, Value]
+    watermark: int | None = field(default=None, compare=False)

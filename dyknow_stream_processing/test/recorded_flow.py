@@ -53,10 +53,12 @@ class Flow:
         now: float | None = None,
         *,
         is_checked: bool = False,
+        watermark: float | None = None,
         **fields: Value,
     ) -> None:
         available_time = valid_time if now is None else now
-        sample = Sample(_ns(valid_time), _ns(available_time), fields)
+        promise = None if watermark is None else _ns(watermark)
+        sample = Sample(_ns(valid_time), _ns(available_time), fields, promise)
         self.dataflow.push(topic, sample, is_checked=is_checked)
 
     def feed(self, topic: str, valid_times: Iterable[float]) -> None:

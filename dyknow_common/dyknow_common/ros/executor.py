@@ -24,7 +24,7 @@ from typing import Any, Final, NamedTuple, TypeVar
 from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.context import Context
 from rclpy.exceptions import InvalidHandle
-from rclpy.executors import SingleThreadedExecutor
+from rclpy.executors import SingleThreadedExecutor, await_or_execute
 from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.node import Node
 from rclpy.task import Future, Task
@@ -77,6 +77,8 @@ class NodeExecutor(SingleThreadedExecutor):
     def __init__(self, *, context: Context | None = None) -> None:
         super().__init__(context=context)
         self._watch: _Watch | None = None
+        self.request_sent_at: int | None = None
+        """See `DyKnowNode.request_sent_at`."""
 
     def wake(self) -> None:
         """Make a new wait set; called by rclpy when the entities of a node change."""
@@ -171,6 +173,22 @@ class NodeExecutor(SingleThreadedExecutor):
 
         async def execute() -> None:
             sub.callback(*taken)
+
+        return execute
+
+    def _take_service(self, srv: Any) -> Any:
+        try:
+            with srv.handle:
+                request, header = srv.handle.service_take_request(srv.srv_type.Request)
+        except InvalidHandle:
+            return None
+        if header is None:
+            return None
+
+        async def execute() -> None:
+            self.request_sent_at = header.source_timestamp
+            response = await await_or_execute(srv.callback, request, srv.srv_type.Response())
+            srv.send_response(response, header)
 
         return execute
 

@@ -272,6 +272,13 @@ class DyKnowNode(Node):
         text = ''.join(traceback.format_exception(error))
         self.get_logger().error(f'fault in {where}:\n{text}')
 
+    def request_sent_at(self) -> int | None:
+        """Return when the request was sent whose service is called and has not awaited yet.
+
+        It is in nanoseconds of the client's system clock; `None` if it is unknown.
+        """
+        return getattr(self.executor, 'request_sent_at', None)
+
     def now(self) -> int:
         """Return the time of the node's ROS clock in nanoseconds."""
         return int(self.get_clock().now().nanoseconds)

@@ -12,7 +12,7 @@ from diagnostic_msgs.msg import DiagnosticStatus
 from dyknow_interfaces.action import MonitorFormula
 from dyknow_interfaces.srv import EvaluateFormula
 
-from dyknow_common import DyKnowError, ExitCode
+from dyknow_common import SECOND_NS, DyKnowError, ExitCode
 from dyknow_common.ros import RUNNING, Background, DyKnowNode, run
 from dyknow_coordinator.evaluation.answer import Answer
 from dyknow_coordinator.evaluation.request import EvaluationRequest
@@ -38,6 +38,7 @@ from dyknow_coordinator.ros.reporting.nodes_report import NodesReport
 from dyknow_coordinator.ros.results import Results
 from dyknow_coordinator.ros.service_clients import ServiceClients
 from dyknow_coordinator.ros.streams_mirror import StreamsMirror
+from dyknow_stream_processing.ros import PAUSES
 
 _PROGRESS_FIELDS: Final = (
     'states_progressed',
@@ -94,6 +95,7 @@ class StreamReasoningCoordinator(DyKnowNode):
 
     def __init__(self) -> None:
         super().__init__('stream_reasoning_coordinator')
+        PAUSES.start()
         self._settings = _Settings.declare(self)
         self._prefix = f'states_{zlib.crc32(self.get_fully_qualified_name().encode()):08x}_'
         limits, background = CoordinatorLimits.declare(self), Background(self)
@@ -185,7 +187,9 @@ class StreamReasoningCoordinator(DyKnowNode):
             self._report.publish_soon()
 
     async def _evaluate(self, request: Any, response: Any) -> None:
-        evaluation = self.start(self._read_request(request))
+        # The client counts the time in which this process was stopped, too.
+        delay_s = PAUSES.delay_of(self.request_sent_at()) / SECOND_NS
+        evaluation = self.start(replace(self._read_request(request), delay_s=delay_s))
         self._service_evaluations.append(evaluation)
         answer = await evaluation.outcome
         self._service_evaluations.remove(evaluation)

@@ -53,8 +53,11 @@ class Track:
             self.settled = watermark
 
     def certain_at(self, valid_time: int) -> int | None:
-        """Return the time at which the clock makes a value certain; `None` if only samples can."""
-        return self.source.certain_at(valid_time)
+        """Return the time at which the clock makes a value certain; `None` if it cannot."""
+        source = self.source
+        if source.vouched and valid_time > source.covered_until():
+            return None
+        return source.certain_at(valid_time)
 
     def move_to(self, valid_time: int) -> Mapping[str, Value] | None:
         """Move the position, and return the values there; `None` before the first sample."""

@@ -92,21 +92,26 @@ class OrderOperator(LeadOperator):
 
     _sorts = True
 
+    def __init__(self, wiring: Wiring, max_lead: int, is_default: bool) -> None:  # noqa: FBT001
+        super().__init__(wiring, max_lead, is_default)
+        self._latest = BEGINNING
+
     def receive(
         self,
         port: int,  # noqa: ARG002
         valid_time: int,
         fields: Mapping[str, Value],
-        watermark: int,  # noqa: ARG002
+        watermark: int,
         now: int,
     ) -> None:
         """Pass a sample on unless it is too far ahead, or a later one has been passed on."""
         if valid_time - now > self._max_lead and self._reject_ahead(valid_time, now):
             return
-        if valid_time < self.watermark:
-            self._reject(_out_of_order(valid_time, self.watermark))
+        if valid_time < self._latest:
+            self._reject(_out_of_order(valid_time, self._latest))
         else:
-            self._emit(valid_time, fields, valid_time, now)
+            self._latest = valid_time
+            self._emit(valid_time, fields, watermark if self.vouched else valid_time, now)
 
 
 MAX_HELD: Final = 10_000
@@ -185,6 +190,13 @@ class ReorderOperator(Operator):
         bound = valid_time + self._max_delay + 1
         return bound if certain is None or bound < certain else certain
 
+    def certain_until(self, now: int) -> int:
+        """Return the time until which `max_delay` has passed, or the source is certain if later."""
+        certain = super().certain_until(now)
+        if self._max_delay is None:
+            return certain
+        return max(certain, min(now - self._max_delay - 1, self.covered_until()))
+
     def obstacle(self, name: Callable[[Operator], str]) -> str:
         """Return for what the held samples wait."""
         source = name(self.inputs[0])
@@ -192,7 +204,8 @@ class ReorderOperator(Operator):
             return super().obstacle(name)
         if self._held[0][0] > self._scheduler.now:
             return f'samples of {source} are stamped later than the time of the clock, and wait'
-        limit = '' if self._max_delay is None else ' until its max_delay has passed'
+        is_limited = self._max_delay is not None and self._held[0][0] <= self.covered_until()
+        limit = ' until its max_delay has passed' if is_limited else ''
         return f'samples of {source} wait{limit or " for later ones"}'
 
     def wake(self, now: int) -> None:
@@ -212,7 +225,9 @@ class ReorderOperator(Operator):
 
     def _due(self) -> int | None:
         """Return the time from which no sample before the first one held can arrive."""
-        certain = self.certain_at(self._held[0][0]) if self._held else None
+        if not self._held or self._held[0][0] > self.covered_until():
+            return None
+        certain = self.certain_at(self._held[0][0])
         # A sample with the same valid time may arrive a nanosecond after an earlier one could.
         return None if certain is None else certain - 1
 

@@ -171,15 +171,42 @@ class Dataflow:
 
         Args:
             topic: its name.
-            sample: its available time is the time of receipt, and is now.
+            sample: its available time is the time of receipt, and is now. With a watermark, it is
+                one of a stream that another engine vouches for.
             is_checked: True if another engine has checked its stamps: it may then be further ahead
                 of the clock than `max_lead`, unless a stream gives a `max_lead` by itself.
         """
         scheduler = self._scheduler
         scheduler.run(sample.available_time)
         for source in self._graph.sources.get(topic, ()):
-            source.push(sample.valid_time, sample.fields, scheduler.now, is_checked)
+            source.push(
+                sample.valid_time, sample.fields, scheduler.now, is_checked, sample.watermark
+            )
         scheduler.run(scheduler.now)
+
+    def vouch(self, topic: str, watermark: int, now: int) -> None:
+        """Process a watermark of another engine's stream that came without a sample.
+
+        From the first watermark of a topic on, the clock makes no value of it certain.
+
+        Args:
+            topic: its name.
+            watermark: the time, in nanoseconds, before which no later sample is valid.
+            now: the time of receipt.
+        """
+        scheduler = self._scheduler
+        scheduler.run(now)
+        for source in self._graph.sources.get(topic, ()):
+            source.vouch(watermark, scheduler.now)
+        scheduler.run(scheduler.now)
+
+    def watermark(self, name: str) -> int:
+        """Return the valid time until which a stream has delivered all of its samples.
+
+        The streams of the dataflow must have processed all samples that were received until the
+        time that was last passed to `advance`.
+        """
+        return self._find(name).operators[0].certain_until(self._scheduler.now)
 
     def report(self, topic: str, violation: Violation) -> None:
         """Report a violation to all streams made of a topic."""
@@ -287,12 +314,12 @@ class _RunningStream:
         for operator in self.operators:
             operator.observers.remove(self)
 
-    def receive(self, valid_time: int, fields: Mapping[str, Value]) -> None:
+    def receive(self, valid_time: int, fields: Mapping[str, Value], watermark: int) -> None:
         # Simultaneous samples become available a nanosecond apart.
         now, earliest = self.scheduler.now, self.available_time + 1
         self.available_time = available_time = now if now > earliest else earliest
         self.samples += 1
-        self.on_sample(Sample(valid_time, available_time, fields))
+        self.on_sample(Sample(valid_time, available_time, fields, watermark))
 
     def count_drops(self, reason: str, count: int = 1) -> None:
         self.drops[reason] += count

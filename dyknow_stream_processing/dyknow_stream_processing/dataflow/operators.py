@@ -10,6 +10,10 @@ in nanoseconds. It makes two kinds of promises about valid times:
 - The clock makes the same certain for a valid time `t` at the time `certain_at(t)`: a stream with a
   maximum delay has then delivered every sample up to `t`.
 
+A stream of another engine is *vouched*: that engine sends its watermarks. Its samples may be late
+or lost because the engine, not the robot, is slow or dead. So the clock says nothing about its
+values after the latest watermark, `covered_until()`; it only reveals that a constraint is broken.
+
 An operator reacts to the clock in `wake` only. The scheduler wakes operators in the order of time
 and then of rank, so each operator wakes after the inputs whose `certain_at` it uses.
 """
@@ -20,19 +24,22 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from typing import ClassVar, Final, Protocol
 
-from dyknow_common import Value
+from dyknow_common import Value, format_time
 from dyknow_stream_processing.dataflow.scheduler import BEGINNING, Scheduler
-from dyknow_stream_processing.violation import Fault, Violation
+from dyknow_stream_processing.violation import Fault, Violation, ViolationKind
 
 NO_PROMISE: Final = BEGINNING - 1
 """The watermark of samples from operators that make no promises."""
+
+END: Final = (1 << 63) - 1
+"""A time after all others, nanoseconds."""
 
 
 class StreamObserver(Protocol):
     """A stream, as the operators that it is made of see it."""
 
-    def receive(self, valid_time: int, fields: Mapping[str, Value]) -> None:
-        """Receive a sample of the operator that the stream listens to."""
+    def receive(self, valid_time: int, fields: Mapping[str, Value], watermark: int) -> None:
+        """Receive a sample of the operator that the stream listens to, and its watermark."""
 
     def count_drops(self, reason: str, count: int = 1) -> None:
         """Count samples that were dropped."""
@@ -69,6 +76,8 @@ class Operator:
         self.watermark: int = min((each.watermark for each in inputs), default=BEGINNING)
         self.timed: bool = any(each.timed for each in inputs)
         """True if the clock may make a time certain; otherwise `certain_at` need not be called."""
+        self.vouched: bool = any(each.vouched for each in inputs)
+        """True if it is made from a stream of another engine."""
         self.consumers: list[tuple[Operator, int]] = []
         self.listeners: list[StreamObserver] = []
         self.observers: list[StreamObserver] = []
@@ -103,6 +112,19 @@ class Operator:
             latest = max(latest, certain)
         return latest
 
+    def covered_until(self) -> int:
+        """Return the valid time up to which the clock may make values certain.
+
+        It is the least watermark of the streams of other engines; END without these.
+        """
+        if not self.vouched:
+            return END
+        return max(self.watermark, min(each.covered_until() for each in self.inputs))
+
+    def certain_until(self, now: int) -> int:
+        """Return the latest valid time whose values are certain at the time `now`."""
+        return max(self.watermark, min(each.certain_until(now) for each in self.inputs))
+
     def wake(self, now: int) -> None:
         """Do the work that is due at `now`; there may be none."""
 
@@ -123,12 +145,18 @@ class Operator:
         for consumer, _ in self.consumers:
             consumer.become_timed()
 
+    def become_vouched(self) -> None:
+        """Note that it is made from a stream of another engine, also for all consumers."""
+        self.vouched = True
+        for consumer, _ in self.consumers:
+            consumer.become_vouched()
+
     def _emit(self, valid_time: int, fields: Mapping[str, Value], watermark: int, now: int) -> None:
         if watermark > self.watermark:
             self.watermark = watermark
         self.emitted_at = now
         for listener in self.listeners:
-            listener.receive(valid_time, fields)
+            listener.receive(valid_time, fields, self.watermark)
         for consumer, port in self.consumers:
             consumer.receive(port, valid_time, fields, watermark, now)
 
@@ -176,17 +204,39 @@ class SourceOperator(Operator):
         fields: Mapping[str, Value],
         now: int,
         is_checked: bool,  # noqa: FBT001 - a keyword costs time at each sample
+        watermark: int | None,
     ) -> None:
-        """Pass a sample on, without a promise about the next one."""
-        self.emitted_at = now
+        """Pass a sample on, with the watermark that its engine gave it, or without a promise."""
         self.is_checked = is_checked
+        promise = NO_PROMISE
+        if watermark is not None:
+            if valid_time < self.watermark:
+                self._reject(_broken_promise(valid_time, self.watermark))
+                return
+            self._become_vouched()
+            promise = self.watermark = max(self.watermark, watermark)
+        self.emitted_at = now
         if self._receipt_time:
             latest, self._latest_receipt = self._latest_receipt, valid_time
             if latest <= valid_time < now:
                 # The clock has made all earlier times certain, before this sample was processed.
                 valid_time = now
         for consumer, port in self.consumers:
-            consumer.receive(port, valid_time, fields, NO_PROMISE, now)
+            consumer.receive(port, valid_time, fields, promise, now)
+
+    def vouch(self, watermark: int, now: int) -> None:
+        """Pass a watermark of another engine on, which it has sent without a sample."""
+        self._become_vouched()
+        self._promise(watermark, now)
+
+    def covered_until(self) -> int:
+        """Return the latest watermark if the topic is a stream of another engine."""
+        return self.watermark if self.vouched else END
+
+    def certain_until(self, now: int) -> int:
+        """Return the latest time of receipt that cannot occur again."""
+        is_timed = self._receipt_time and not self.vouched
+        return max(self.watermark, now - 1) if is_timed else self.watermark
 
     def set_receipt_time(self, *, receipt_time: bool) -> None:
         """Set `receipt_time` once the type of the topic is known, or has changed."""
@@ -197,6 +247,10 @@ class SourceOperator(Operator):
     def certain_at(self, valid_time: int) -> int | None:
         """Return the next nanosecond for times of receipt, as a past one cannot occur again."""
         return valid_time + 1 if self._receipt_time else None
+
+    def _become_vouched(self) -> None:
+        if not self.vouched:
+            self.become_vouched()
 
 
 class MergeOperator(Operator):
@@ -223,3 +277,11 @@ class MergeOperator(Operator):
     def _raise_watermark(self, port: int, watermark: int) -> None:
         if watermark > self._watermarks[port]:
             self._watermarks[port] = watermark
+
+
+def _broken_promise(valid_time: int, watermark: int) -> Fault:
+    message = (
+        f'the sample valid at {format_time(valid_time)} came after its engine had declared all '
+        f'samples before {format_time(watermark)} sent'
+    )
+    return Fault(ViolationKind.VALID_TIME_ORDER, valid_time, message, watermark - valid_time)

@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Final
 
 from dyknow_common import Value, ValueType
-from dyknow_stream_processing.dataflow.operators import Operator, Wiring
+from dyknow_stream_processing.dataflow.operators import END, Operator, Wiring
 from dyknow_stream_processing.dataflow.scheduler import BEGINNING
 from dyknow_stream_processing.errors import StreamError
 from dyknow_stream_processing.language.specification import Condition, Selection, value_text
@@ -89,6 +89,14 @@ class SelectOperator(Operator):
             return BEGINNING
         certain = super().certain_at(valid_time + 1)
         return None if certain is None else certain - 1
+
+    def covered_until(self) -> int:
+        """Return the time before which no second sample of a valid time can arrive."""
+        return max(self.watermark, super().covered_until() - 1) if self.vouched else END
+
+    def certain_until(self, now: int) -> int:
+        """Return the time until which not even a second sample of a valid time can arrive."""
+        return max(self.watermark, self.inputs[0].certain_until(now + 1) - 1)
 
     def _select(self, fields: Mapping[str, Value]) -> Mapping[str, Value]:
         if self._constant_names is not None:

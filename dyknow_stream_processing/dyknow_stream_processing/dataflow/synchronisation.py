@@ -265,6 +265,10 @@ class LinearSyncOperator(SyncOperator):
         """Return `None` for a time after the watermark, as only samples can make it certain."""
         return BEGINNING if valid_time <= self.watermark else None
 
+    def certain_until(self, now: int) -> int:  # noqa: ARG002
+        """Return the watermark, as only samples can make a later time certain."""
+        return self.watermark
+
 
 def _first_tick(earliest: int, tick: int, period: int) -> int:
     """Return the first tick that is not before a time, given any one tick."""

@@ -1,4 +1,4 @@
-"""The ROS layer of streams: StreamProxy, messages and their fields, sequence gaps, and nodes."""
+"""The ROS layer of streams: StreamProxy, messages and their fields, gaps, pauses, and nodes."""
 
 from dyknow_stream_processing.ros.messages.conversions import extractor, message_conversion
 from dyknow_stream_processing.ros.messages.message_types import (
@@ -13,11 +13,13 @@ from dyknow_stream_processing.ros.messages.sample_messages import (
     sample_to_message,
 )
 from dyknow_stream_processing.ros.stream_proxy import StreamProxy
+from dyknow_stream_processing.ros.topics.process_pauses import PAUSES
 from dyknow_stream_processing.ros.topics.publications import publishers_of
 from dyknow_stream_processing.ros.topics.sequence_gaps import SequenceGaps
 from dyknow_stream_processing.ros.topics.topic_sources import source_type
 
 __all__ = [
+    'PAUSES',
     'FieldReader',
     'SampleWriter',
     'SequenceGaps',

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import Any, Final
 
-from dyknow_interfaces.msg import ConstraintViolation, Sample
+from dyknow_interfaces.msg import ConstraintViolation, Sample, StreamWatermark
 from dyknow_interfaces.srv import ListStreams, StreamCreateFromSpec, StreamDestroy
 
 from dyknow_common import SECOND_NS, StreamConstraints
@@ -42,6 +42,7 @@ from dyknow_stream_processing.ros.topics.publications import publishers_remark
 from dyknow_stream_processing.ros.topics.topic_sources import TopicSources, source_type
 from dyknow_stream_processing.ros.topics.violation_relay import VIOLATIONS_SUFFIX, violations_topic
 from dyknow_stream_processing.ros.topics.waiting_streams import WaitingStreams
+from dyknow_stream_processing.ros.topics.watermark_topics import WatermarkPublisher
 from dyknow_stream_processing.sample import Sample as DataSample
 from dyknow_stream_processing.violation import Violation
 
@@ -65,6 +66,8 @@ class _Output:
     is_wanted: bool = False
     waits_for: str = ''
     """The reason in the last report."""
+    watermark: int = 0
+    """The watermark of the last sample."""
     writer: SampleWriter = field(default_factory=SampleWriter)
     flow: Flow = NO_FLOW
 
@@ -102,6 +105,7 @@ class StreamProcessingEngine(DyKnowNode):
             self, lambda: [self.get_fully_qualified_name()], self._reports, self._end_period
         )
         self._warning = Throttle(WARNING_PERIOD_S)
+        WatermarkPublisher(self, self._prefix, self._watermarks)
         self.serve(StreamCreateFromSpec, self._create)
         self.serve(StreamDestroy, self._destroy)
         self.serve(ListStreams, self._list)
@@ -185,9 +189,27 @@ class StreamProcessingEngine(DyKnowNode):
         # Publishing is what costs most, and only other streams of this engine use many streams.
         # A stream that once had a subscriber stays published: a subscriber that was out of reach
         # counts the samples that it missed by their sequence numbers.
-        output.is_wanted = output.is_wanted or output.samples.get_subscription_count() > 0
-        if output.is_wanted:
+        if self._is_wanted(output):
+            output.watermark = max(sample.watermark or 0, 0)
             output.samples.publish(output.writer.write(sample))
+
+    def _is_wanted(self, output: _Output) -> bool:
+        output.is_wanted = output.is_wanted or output.samples.get_subscription_count() > 0
+        return output.is_wanted
+
+    def _watermarks(self) -> Iterator[Any]:
+        """Yield the watermarks that are later than those of the last samples."""
+        if not self._sources.catch_up():
+            return
+        for name, output in self._outputs.items():
+            watermark = self._dataflow.watermark(name)
+            if watermark > output.watermark and self._is_wanted(output):
+                yield StreamWatermark(
+                    stream_name=name,
+                    stream_id=output.writer.stream_id,
+                    number=output.writer.number,
+                    watermark=nanoseconds_to_time(watermark),
+                )
 
     def _publish_violation(self, name: str, violation: Violation) -> None:
         # The node may be later than the receipt of the sample. Subscribers ignore violations from

@@ -119,7 +119,8 @@ class FormulaEvaluation(Evaluation):
         """Take all steps, wait for the outcome and clean up; never raises."""
         expiry: Future = Future()
         if (timeout_s := self.request.timeout_s) is not None:
-            expiry = self._context.node.deadlines.after(timeout_s)
+            remaining_s = max(timeout_s - self.request.delay_s, 0.0)
+            expiry = self._context.node.deadlines.after(remaining_s)
             expiry.add_done_callback(lambda _: self.expire(timeout_s))
         try:
             await self._start(await self._prepare())

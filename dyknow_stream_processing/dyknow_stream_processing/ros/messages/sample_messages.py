@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import secrets
 from collections.abc import Callable, Mapping
 from typing import Any, Final
 
+from builtin_interfaces.msg import Time
 from dyknow_interfaces.msg import Field as FieldMessage
 from dyknow_interfaces.msg import Sample as SampleMessage
 
@@ -45,8 +47,13 @@ class SampleWriter:
     """
 
     def __init__(self) -> None:
-        self._message: Any = SampleMessage()
+        # Zero is the id of publishers that are no engines.
+        self.stream_id: Final = 1 + secrets.randbits(63)
+        self.number = 0
+        """The number of samples that were written."""
+        self._message: Any = SampleMessage(stream_id=self.stream_id)
         self._message.header.stamp = self._message.valid_time
+        self._watermark = Time()
         self._layout: tuple[list[str], list[type]] = ([], [])
         self._formatters: list[tuple[Any, Callable[[Any], str]]] = []
 
@@ -55,6 +62,11 @@ class SampleWriter:
         message, fields = self._message, sample.fields
         _set_time(message.valid_time, sample.valid_time)
         _set_time(message.available_time, sample.available_time)
+        self.number += 1
+        message.number = self.number
+        if sample.watermark is not None:
+            _set_time(self._watermark, max(sample.watermark, 0))
+            message.watermark = [self._watermark]
         layout = list(fields), list(map(type, fields.values()))
         if layout != self._layout:
             formats = zip(fields, map(_FORMATS.__getitem__, layout[1]), strict=True)

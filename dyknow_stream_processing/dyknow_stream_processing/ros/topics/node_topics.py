@@ -19,9 +19,8 @@ from __future__ import annotations
 
 import time
 from collections import deque
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field
-from typing import Any, ClassVar, Final, NamedTuple, Protocol, cast
+from collections.abc import Callable
+from typing import Any, ClassVar, Final, cast
 from weakref import WeakKeyDictionary, proxy
 
 from rclpy.callback_groups import ReentrantCallbackGroup
@@ -30,25 +29,13 @@ from rclpy.node import Node
 from rclpy.qos import QoSProfile
 
 from dyknow_common import NANOSECONDS, SECOND_NS
-from dyknow_common.ros import NO_SUBSCRIPTION_EVENTS, Heartbeats, MessageGuard, RCLError
-from dyknow_stream_processing.errors import StreamError
-from dyknow_stream_processing.ros.messages.message_types import (
-    is_sample,
-    message_class,
-    type_name_of,
-)
-from dyknow_stream_processing.ros.topics.publications import (
-    Publication,
-    find_publication,
-    incompatible_publisher,
-    next_request,
-    publishers_of,
-)
-from dyknow_stream_processing.ros.topics.sequence_gaps import SequenceGaps
+from dyknow_common.ros import Heartbeats
+from dyknow_stream_processing.ros.messages.message_types import type_name_of
+from dyknow_stream_processing.ros.topics.message_listener import MessageListener
+from dyknow_stream_processing.ros.topics.process_pauses import PauseWait, is_pause_recent
 from dyknow_stream_processing.ros.topics.timed_calls import TimedCalls
-from dyknow_stream_processing.ros.topics.violation_relay import ViolationRelay
-from dyknow_stream_processing.ros.topics.waiting_messages import take_waiting
-from dyknow_stream_processing.violation import Violation
+from dyknow_stream_processing.ros.topics.topic_feed import ReceivedMessage, TopicFeed
+from dyknow_stream_processing.ros.topics.watermark_topics import WatermarkSubscriptions
 
 SEARCH_PERIOD_NS: Final = 100 * NANOSECONDS['ms']
 """Time between two reads of the graph while a topic has no publisher."""
@@ -60,26 +47,6 @@ LATE_NS: Final = 10 * NANOSECONDS['ms']
 """Time after which messages of other topics may wait that were received earlier than this one."""
 
 
-class MessageListener(Protocol):
-    """A receiver of the messages of a topic."""
-
-    def on_type(self, class_: Any) -> None:
-        """Receive the type of the messages, once or again.
-
-        Raises:
-            StreamError: the first time, if it cannot use them.
-        """
-
-    def on_message(self, message: Any, now: int) -> None:
-        """Receive a message, and the time of its receipt in nanoseconds."""
-
-    def on_lost(self, count: int) -> None:
-        """Receive the number of messages that were lost before the next one."""
-
-    def on_violation(self, violation: Violation) -> None:
-        """Receive a violation of the topic."""
-
-
 class NodeTopics:
     """The topics that the streams of a node share; see `of`."""
 
@@ -89,12 +56,14 @@ class NodeTopics:
         # A proxy: the entry in `_known` must not keep the node alive.
         self._node = proxy(node)
         self._wall_clock = Clock(clock_type=ClockType.STEADY_TIME)
+        self._feeds: dict[Any, TopicFeed] = {}
         self.group = ReentrantCallbackGroup()
         self.heartbeats = Heartbeats.of(node)
         self.timed_calls = TimedCalls(self._node, self.group, self.catch_up)
+        self.watermarks = WatermarkSubscriptions(self._node, self.group, self._feeds.values)
         self._last_activity = time.monotonic_ns()
-        self._taken: deque[_Message] = deque()
-        self._feeds: dict[Any, _Feed] = {}
+        self._taken: deque[ReceivedMessage] = deque()
+        self._pause = PauseWait(self._node, self.group, self._wall_clock, self.catch_up)
         self._timer: Any = None
 
     @property
@@ -135,7 +104,7 @@ class NodeTopics:
             key = (*key, object())
         if key not in self._feeds:
             required_type = None if message_type is None else type_name_of(message_type)
-            self._feeds[key] = _Feed(self, self._node, name, quality_of_service, required_type)
+            self._feeds[key] = TopicFeed(self, self._node, name, quality_of_service, required_type)
         feed = self._feeds[key]
         feed.listeners = (*feed.listeners, listener)
 
@@ -143,29 +112,40 @@ class NodeTopics:
             feed.listeners = tuple(each for each in feed.listeners if each is not listener)
             if not feed.listeners:
                 self._feeds.pop(key).destroy()
+                self.watermarks.refresh()
             if not self._feeds:
-                self.timed_calls.destroy()
-                if self._timer is not None:
-                    self._node.destroy_timer(self._timer)
-                    self._timer = None
+                self._stop_timers()
 
         return remove
 
-    def process(self, message: _Message, now: int) -> None:
+    def _stop_timers(self) -> None:
+        self.timed_calls.destroy()
+        if self._timer is not None:
+            self._node.destroy_timer(self._timer)
+            self._timer = None
+
+    def process(self, message: ReceivedMessage, now: int) -> None:
         """Process a message, after those of all topics that were received before it."""
         late = max(now - message.receipt_time, time.monotonic_ns() - self._last_activity)
-        if late > LATE_NS or self._taken:
+        if late > LATE_NS or self._taken or is_pause_recent():
             self._taken.append(message)
             self.catch_up(now)
         else:
             message.feed.process(message)
             self._last_activity = time.monotonic_ns()
 
-    def catch_up(self, now: int) -> None:
-        """Process all messages that wait at a time (nanoseconds), in the order of their receipt."""
+    def catch_up(self, now: int) -> bool:
+        """Process all messages that wait at a time (nanoseconds), in the order of their receipt.
+
+        Returns False if they are processed later, as the process was stopped.
+        """
         feeds = list(self._feeds.values())
         for feed in feeds:
             self._taken += feed.take(now)
+        if self._pause.goes_on(now):
+            return False
+        if (began := self._pause.end()) is not None:
+            self._taken = deque(self._in_time(each, began) for each in self._taken)
         # A violation was published before the samples that it casts doubt on.
         for relay in filter(None, [feed.relay for feed in feeds]):
             relay.catch_up()
@@ -175,6 +155,15 @@ class NodeTopics:
             message = self._taken.popleft()
             message.feed.process(message)
         self._last_activity = time.monotonic_ns()
+        return True
+
+    def _in_time(self, message: ReceivedMessage, began: int) -> ReceivedMessage:
+        """Return a message with the earliest time, from a pause on, at which it may have come."""
+        times = (each.valid_time(message.message) for each in message.feed.listeners)
+        valid_time = next(times, None)
+        if valid_time is None or self.is_time_simulated:
+            return message
+        return message._replace(receipt_time=min(message.receipt_time, max(valid_time, began)))
 
     def refresh(self) -> None:
         """Match the subscriptions to the publishers of all topics."""
@@ -201,186 +190,3 @@ class NodeTopics:
         elif self._timer.timer_period_ns != period_ns:
             self._timer.timer_period_ns = period_ns
             self._timer.reset()
-
-
-class _Message(NamedTuple):
-    """A message with the number its publisher gave it, and the time of its receipt."""
-
-    feed: _Feed
-    message: Any
-    number: int | None
-    receipt_time: int
-
-
-@dataclass(eq=False, slots=True)
-class _Feed:
-    """A topic with one subscription, matched to its publishers, for all listeners."""
-
-    topics: NodeTopics
-    node: Node
-    topic: str
-    quality_of_service: QoSProfile | None
-    required_type: str | None
-    listeners: tuple[MessageListener, ...] = ()
-    request: Publication | None = None
-    subscription: Any = None
-    relay: ViolationRelay | None = None
-    gaps: SequenceGaps = field(init=False)
-    fault: str = ''
-    refusal: str = ''
-    latest_receipt: int = 0
-
-    def __post_init__(self) -> None:
-        self.gaps = SequenceGaps(lambda: publishers_of(self.node, self.topic), self._on_gap)
-
-    @property
-    def has_publishers(self) -> bool:
-        """True if a publisher of the topic was found."""
-        return self.request is not None and bool(self.request.publishers)
-
-    @property
-    def is_latched(self) -> bool:
-        """True if the subscription has received what was published before."""
-        request = self.request
-        return self.subscription is not None and request is not None and request.latched
-
-    def prepare(self) -> Callable[[], None] | None:
-        """Return a function that subscribes again; None if that is not needed."""
-        try:
-            request = self._next_request()
-            if request is None:
-                return None
-            class_ = message_class(request.type_name)
-        except StreamError as error:
-            self._set_fault(str(error))
-            return None
-        requested = self.quality_of_service
-        if self.refusal or requested is None:
-            self._set_fault(self.refusal)
-        else:
-            self._set_fault(incompatible_publisher(self.node, self.topic, requested))
-        self._inform(class_)
-        held, self.request = self.request, request
-        try:
-            if self.relay is not None:
-                self.relay.refresh()
-        except RCLError as error:
-            self._refuse(error)
-        if self.subscription is not None and held is not None and request.suits(held):
-            return None
-        return lambda: self._subscribe(class_, request)
-
-    def destroy(self) -> None:
-        """Destroy all subscriptions."""
-        if self.subscription is not None:
-            self.node.destroy_subscription(self.subscription)
-            self.subscription = None
-        if self.relay is not None:
-            self.relay.destroy()
-            self.relay = None
-
-    def take(self, now: int) -> Iterator[_Message]:
-        """Take the messages that wait."""
-        if self.subscription is not None:
-            for message, info in take_waiting(self.subscription):
-                yield self._received(message, info, now)
-
-    def process(self, message: _Message) -> None:
-        """Pass a message on to the listeners.
-
-        Messages that wait are not processed by the guard of the subscription.
-        """
-        try:
-            self.gaps.note(message.number)
-            for listener in self.listeners:
-                listener.on_message(message.message, message.receipt_time)
-        except Exception as error:
-            guard = self.subscription and self.subscription.callback
-            if not isinstance(guard, MessageGuard):
-                raise  # In a node of a user, who sees the errors of the own callbacks.
-            guard.reject(error)
-
-    def _set_fault(self, fault: str) -> None:
-        # The graph is read periodically; a fault is logged once.
-        if fault and fault != self.fault:
-            self.node.get_logger().error(fault)
-        self.fault = fault
-
-    def _inform(self, class_: Any) -> None:
-        for listener in self.listeners:
-            try:
-                listener.on_type(class_)
-            except StreamError as error:
-                self.node.get_logger().error(f"topic '{self.topic}': {error}")
-
-    def _next_request(self) -> Publication | None:
-        found, required = find_publication(self.node, self.topic), self.required_type
-        if found is None:
-            return self.request or (None if required is None else Publication(required))
-        if required not in {None, found.type_name}:
-            raise StreamError(
-                f"topic '{self.topic}' is published with the type {found.type_name}, not with "
-                f'{required} as requested'
-            )
-        return next_request(self.request, found)
-
-    def _subscribe(self, class_: Any, request: Publication) -> None:
-        # The middleware refuses two types on one topic: the old subscription goes first.
-        self.destroy()
-        try:
-            self._create_subscriptions(class_, request)
-            self.refusal = ''
-        except RCLError as error:
-            self._refuse(error)
-
-    def _refuse(self, error: Exception) -> None:
-        # It is tried again at the next refresh. Other topics must not suffer from this one.
-        self.destroy()
-        reason = ' '.join(str(error).split())
-        self.refusal = (
-            f"topic '{self.topic}' cannot be subscribed to: {reason}; where ROS security is "
-            'enabled, the policy of this node must permit it'
-        )
-        self._set_fault(self.refusal)
-
-    def _create_subscriptions(self, class_: Any, request: Publication) -> None:
-        group = self.topics.group
-        if is_sample(class_):
-            self.relay = ViolationRelay(
-                self.node, self.topic, group, self.topics.heartbeats, self._on_violation
-            )
-            self.relay.refresh()
-        self.subscription = self.node.create_subscription(
-            class_,
-            self.topic,
-            # The type hints of rclpy omit callbacks with a message info.
-            cast('Any', self._on_message),
-            self.quality_of_service or request.quality_of_service,
-            callback_group=group,
-            event_callbacks=NO_SUBSCRIPTION_EVENTS,
-        )
-
-    def _on_message(self, message: Any, info: Any) -> None:
-        now = self.node.get_clock().now().nanoseconds
-        self.topics.process(self._received(message, info, now), now)
-
-    def _received(self, message: Any, info: Any, now: int) -> _Message:
-        # Some middleware does not give the time of receipt, and none gives it in simulated time.
-        received = info.get('received_timestamp') or now
-        if self.topics.is_time_simulated:
-            received = now
-        # A message that was sent again may have been received after its successor.
-        self.latest_receipt = min(max(self.latest_receipt, received), now)
-        number = info.get('publication_sequence_number')
-        return _Message(self, message, number, self.latest_receipt)
-
-    def _on_gap(self, count: int) -> None:
-        if count:
-            for listener in self.listeners:
-                listener.on_lost(count)
-        if self.relay is not None:
-            self.relay.report_gap(count)
-
-    def _on_violation(self, violation: Violation) -> None:
-        for listener in self.listeners:
-            listener.on_violation(violation)

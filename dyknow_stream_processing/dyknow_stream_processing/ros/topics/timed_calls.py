@@ -3,21 +3,27 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
+from typing import Any, Final
 
 from rclpy.callback_groups import CallbackGroup
 from rclpy.node import Node
+
+from dyknow_common import NANOSECONDS
+
+_RETRY_NS: Final = 20 * NANOSECONDS['ms']
+"""Time after which calls that could not be made are tried again."""
 
 
 class TimedCalls:
     """One timer for all functions that a node must call at a given time of its ROS clock.
 
     Args:
-        before_calls: receives the current time before the functions that are due then are called.
+        before_calls: receives the current time before the functions that are due then are called;
+            if it returns False, they are called later.
     """
 
     def __init__(
-        self, node: Node, group: CallbackGroup, before_calls: Callable[[int], None]
+        self, node: Node, group: CallbackGroup, before_calls: Callable[[int], bool]
     ) -> None:
         self._node = node
         self._group = group
@@ -57,13 +63,18 @@ class TimedCalls:
         self._timer.cancel()
         self._next_ns = None
         now = self._node.get_clock().now().nanoseconds
+        restart = now + _RETRY_NS
         try:
-            self._before_calls(now)
-            for function in [each for each, time_ns in self._times_ns.items() if time_ns <= now]:
-                # A function may cancel others.
-                if self._times_ns.pop(function, None) is not None:
-                    function(now)
+            if self._before_calls(now):
+                restart = now
+                self._call(now)
         finally:
             # The other calls are made, even if one fails.
             if self._times_ns:
-                self._start(min(self._times_ns.values()))
+                self._start(max(restart, min(self._times_ns.values())))
+
+    def _call(self, now: int) -> None:
+        for function in [each for each, time_ns in self._times_ns.items() if time_ns <= now]:
+            # A function may cancel others.
+            if self._times_ns.pop(function, None) is not None:
+                function(now)

@@ -114,6 +114,14 @@ class TopicSources:
         self._topics.refresh()
         self._schedule()
 
+    def catch_up(self) -> bool:
+        """Do the work that is due now; return False if messages of before may not be there yet."""
+        now = self._node.get_clock().now().nanoseconds
+        if not self._topics.catch_up(now):
+            return False
+        self._advance(now)
+        return True
+
     def report(self, topic: str) -> SourceReport:
         """Return the report of a topic that is subscribed to."""
         source, _ = self._sources[topic]
@@ -262,6 +270,9 @@ class _Source:
         self.extract = _extractor(class_, self.fields)
         self.dataflow.set_source_type(self.topic, type_)
 
+    def valid_time(self, message: Any) -> int | None:
+        return None if self.read_valid_time is None else self.read_valid_time(message) or None
+
     def on_message(self, message: Any, now: int) -> None:
         self.received += 1
         self.latest = now
@@ -289,7 +300,7 @@ class _Source:
             return
         self.delay = now - valid_time
         try:
-            sample = Sample(valid_time, now, self.extract(message))
+            sample = Sample(valid_time, now, self.extract(message), self._watermark(message, now))
         except StreamError as error:
             self._reject(valid_time, now, str(error))
             return
@@ -297,11 +308,23 @@ class _Source:
         self.dataflow.push(self.topic, sample, is_checked=self._is_checked(message, now))
         self.schedule()
 
-    def on_lost(self, count: int) -> None:
-        self.dataflow.drop(self.topic, ViolationKind.LOST, count)
+    def on_watermark(self, watermark: int, now: int) -> None:
+        self.dataflow.vouch(self.topic, min(watermark, now + self.dataflow.max_lead), now)
+        self.schedule()
+
+    def on_dropped(self, reason: str, count: int) -> None:
+        self.dataflow.drop(self.topic, reason, count)
 
     def on_violation(self, violation: Violation) -> None:
         self.dataflow.report(self.topic, violation)
+
+    def _watermark(self, message: Any, now: int) -> int | None:
+        """Return the watermark that an engine gave a sample, unless its clock is ahead."""
+        if not (self.is_sample and message.watermark):
+            return None
+        watermark = time_to_nanoseconds(message.watermark[0])
+        is_checked = self._is_checked(message, now)
+        return watermark if is_checked else min(watermark, now + self.dataflow.max_lead)
 
     def _is_checked(self, message: Any, now: int) -> bool:
         """Return True if an engine has made a sample, by a clock that is not ahead of this one."""

@@ -1,0 +1,92 @@
+"""Watermarks of a stream that another engine publishes, as they are received.
+
+The watermarks of an engine and the samples of a stream are two topics, so one may overtake the
+other. Each watermark therefore names the last sample before it. For example, of the stream 7:
+
+    received                     passed on
+    sample 1                     -
+    watermark 20, after sample 2 -                (sample 2 is on its way)
+    sample 2                     watermark 20
+    sample 1 of stream 9         it is another stream: samples may be missing before this one
+    watermark 30 of stream 7     -                (the stream is no more)
+"""
+
+from __future__ import annotations
+
+from enum import Enum
+from typing import Final, NamedTuple
+
+PATIENCE: Final = 20
+"""The number of watermarks in a row after which a sample before them is taken for lost."""
+
+
+class SampleOrigin(Enum):
+    """The stream of a sample, compared with its predecessor's."""
+
+    SAME = 'same'
+    RECREATED = 'recreated'
+    FORMER = 'former'
+    """A stream that another one has replaced before."""
+
+
+class _Watermark(NamedTuple):
+    number: int
+    time: int
+
+
+class ReceivedWatermarks:
+    """The watermarks of a topic, each held until the samples before it have been received.
+
+    A topic may get another stream: its engine was restarted, another one makes it, or a person has
+    replaced it. From then on, samples and watermarks of the former stream are refused.
+    """
+
+    def __init__(self) -> None:
+        self._stream_id = 0
+        self._former: set[int] = set()
+        self._number: int | None = None
+        self._held: _Watermark | None = None
+        self._overtaken = 0
+
+    def note_sample(self, stream_id: int, number: int) -> SampleOrigin:
+        """Record the receipt of a sample; an id of 0 is that of a publisher that is no engine."""
+        if stream_id == 0:
+            return SampleOrigin.SAME
+        if stream_id in self._former:
+            return SampleOrigin.FORMER
+        origin = SampleOrigin.SAME
+        if stream_id != self._stream_id:
+            if self._stream_id:
+                self._former.add(self._stream_id)
+                origin = SampleOrigin.RECREATED
+            self._stream_id, self._held = stream_id, None
+        self._number, self._overtaken = number, 0
+        return origin
+
+    def note_watermark(self, stream_id: int, number: int, watermark: int) -> int:
+        """Record the receipt of a watermark, which `due` returns from some time on.
+
+        Returns:
+            The number of samples that are lost.
+        """
+        if self._stream_id == 0 and stream_id not in self._former:
+            self._stream_id = stream_id
+        if stream_id != self._stream_id:
+            return 0
+        self._held = _Watermark(number, watermark)
+        if number <= (self._number or 0):
+            return 0
+        self._overtaken += 1
+        if self._overtaken < PATIENCE:
+            return 0
+        # Without any sample so far, those that are missing were sent before the subscription.
+        lost = 0 if self._number is None else number - self._number
+        self._number, self._overtaken = number, 0
+        return lost
+
+    def due(self) -> int | None:
+        """Return the watermark whose samples have all been received, once; `None` without one."""
+        if self._held is None or self._held.number > (self._number or 0):
+            return None
+        watermark, self._held = self._held.time, None
+        return watermark

@@ -1,0 +1,162 @@
+"""Pauses of a process: times in which none of its threads ran.
+
+After a pause, by SIGSTOP or for want of a processor, callbacks may run before the threads of the
+middleware have read what was sent meanwhile. To take a topic for silent then would be wrong:
+
+     0.00 s  the process is stopped; a message is sent to it
+     5.00 s  it continues; a timer is due
+     5.00 s  the callback of the timer runs: no message seems to have come
+     5.01 s  the middleware receives the message
+     5.25 s  the pause is over: all messages of the time before have been received
+"""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable
+from typing import Any, Final
+
+from rclpy.callback_groups import CallbackGroup
+from rclpy.clock import Clock
+from rclpy.node import Node
+
+from dyknow_common import NANOSECONDS, SECOND_NS
+
+_PERIOD_S: Final = 0.05
+"""The time between two signs of life."""
+
+PAUSE_NS: Final = 200 * NANOSECONDS['ms']
+"""The least time without a sign of life that counts as a pause."""
+
+SETTLING_NS: Final = 250 * NANOSECONDS['ms']
+"""The time after a pause until the middleware has received what was sent meanwhile."""
+
+_DELIVERY_NS: Final = 10 * SECOND_NS
+"""The time after a pause in which requests arrive that were sent before its end.
+
+The middleware sends those again, each 3 s, for which its buffers had no place.
+"""
+
+
+class ProcessPauses:
+    """Detector of pauses, by a thread that gives signs of life; a long callback is no pause.
+
+    Args:
+        now: the time at its start, nanoseconds of the monotonic clock.
+    """
+
+    def __init__(self, now: int) -> None:
+        self._lock = threading.Lock()
+        self._last = now
+        self._began: int | None = None
+        self._length = 0
+        self._settled_at = now
+        self._thread: threading.Thread | None = None
+
+    def start(self) -> None:
+        """Start the thread, if it does not run."""
+        if self._thread is None:
+            self._last = time.monotonic_ns()
+            self._thread = threading.Thread(target=self._run, daemon=True)
+            self._thread.start()
+
+    def unsettled_for(self, now: int) -> int | None:
+        """Return the nanoseconds since the begin of a pause that is not over; `None` without one.
+
+        Args:
+            now: nanoseconds of the monotonic clock.
+        """
+        with self._lock:
+            # The thread may not have run since the pause.
+            self._note(now)
+            return None if self._began is None else now - self._began
+
+    def delay_of(self, sent_at: int | None) -> int:
+        """Return for how long a message has waited because of a pause, nanoseconds.
+
+        Args:
+            sent_at: the time at which it was sent by the system clock, which may differ from that
+                of the sender; nanoseconds.
+        """
+        return 0 if sent_at is None else self.delay(time.time_ns() - sent_at, time.monotonic_ns())
+
+    def delay(self, age: int, now: int) -> int:
+        """Return the part of the age of a message that is in a recent pause, nanoseconds."""
+        with self._lock:
+            self._note(now)
+            is_recent = self._length and now - self._settled_at < _DELIVERY_NS
+            return max(min(age, self._length), 0) if is_recent else 0
+
+    def note_sign_of_life(self, now: int) -> None:
+        """Process a sign of life at a time, nanoseconds of the monotonic clock."""
+        with self._lock:
+            self._note(now)
+            self._last = now
+
+    def _note(self, now: int) -> None:
+        if now - self._last > PAUSE_NS:
+            # Of several pauses, the first one began before all messages that still wait.
+            self._began = self._last if self._began is None else self._began
+            self._length = now - self._began
+            self._settled_at = now + SETTLING_NS
+            self._last = now
+        elif now >= self._settled_at:
+            self._began = None
+
+    def _run(self) -> None:
+        while True:
+            time.sleep(_PERIOD_S)
+            self.note_sign_of_life(time.monotonic_ns())
+
+
+PAUSES: Final = ProcessPauses(time.monotonic_ns())
+"""The pauses of this process."""
+
+
+def is_pause_recent() -> bool:
+    """Return True if messages may not have been received that were sent before."""
+    return PAUSES.unsettled_for(time.monotonic_ns()) is not None
+
+
+class PauseWait:
+    """Wait of a node after a pause, until it can process all messages of the time before.
+
+    Args:
+        catch_up: tries to process the messages at a time; returns False if the wait goes on.
+    """
+
+    def __init__(
+        self, node: Node, group: CallbackGroup, wall_clock: Clock, catch_up: Callable[[int], bool]
+    ) -> None:
+        PAUSES.start()
+        self._node = node
+        self._group = group
+        self._wall_clock = wall_clock
+        self._catch_up = catch_up
+        self._began: int | None = None
+        self._timer: Any = None
+
+    def goes_on(self, now: int) -> bool:
+        """Return True if the wait is not over at a time of the node's clock, nanoseconds."""
+        unsettled_for = PAUSES.unsettled_for(time.monotonic_ns())
+        if unsettled_for is None:
+            return False
+        if self._began is None:
+            self._began = now - unsettled_for
+        if self._timer is None:
+            self._timer = self._node.create_timer(
+                _PERIOD_S, self._retry, callback_group=self._group, clock=self._wall_clock
+            )
+        return True
+
+    def end(self) -> int | None:
+        """End the wait, and return the begin of the pause; `None` without one."""
+        began, self._began = self._began, None
+        if self._timer is not None:
+            self._node.destroy_timer(self._timer)
+            self._timer = None
+        return began
+
+    def _retry(self) -> None:
+        self._catch_up(self._node.get_clock().now().nanoseconds)

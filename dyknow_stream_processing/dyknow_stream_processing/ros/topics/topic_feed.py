@@ -1,0 +1,274 @@
+"""A topic that a node subscribes to: one subscription for all its listeners."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from typing import Any, NamedTuple, Protocol, cast
+
+from rclpy.callback_groups import CallbackGroup
+from rclpy.node import Node
+from rclpy.qos import QoSProfile
+
+from dyknow_common.ros import (
+    NO_SUBSCRIPTION_EVENTS,
+    Heartbeats,
+    MessageGuard,
+    RCLError,
+    time_to_nanoseconds,
+)
+from dyknow_stream_processing.dataflow.received_watermarks import ReceivedWatermarks, SampleOrigin
+from dyknow_stream_processing.errors import StreamError
+from dyknow_stream_processing.ros.messages.message_types import is_sample, message_class
+from dyknow_stream_processing.ros.topics.message_listener import MessageListener
+from dyknow_stream_processing.ros.topics.publications import (
+    Publication,
+    find_publication,
+    incompatible_publisher,
+    next_request,
+    publishers_of,
+)
+from dyknow_stream_processing.ros.topics.sequence_gaps import SequenceGaps
+from dyknow_stream_processing.ros.topics.violation_relay import ViolationRelay
+from dyknow_stream_processing.ros.topics.waiting_messages import take_waiting
+from dyknow_stream_processing.ros.topics.watermark_topics import WatermarkSubscriptions
+from dyknow_stream_processing.violation import Violation, ViolationKind
+
+
+class TopicsOfNode(Protocol):
+    """The topics of a node, as one of them sees them."""
+
+    group: CallbackGroup
+    heartbeats: Heartbeats
+    watermarks: WatermarkSubscriptions
+
+    @property
+    def is_time_simulated(self) -> bool:
+        """True if the time of the node is that of the topic /clock."""
+
+    def process(self, message: ReceivedMessage, now: int) -> None:
+        """Process a message, after those of all topics that were received before it."""
+
+
+class ReceivedMessage(NamedTuple):
+    """A message with the number its publisher gave it, and the time of its receipt."""
+
+    feed: TopicFeed
+    message: Any
+    number: int | None
+    receipt_time: int
+
+
+@dataclass(eq=False, slots=True)
+class TopicFeed:
+    """A topic with one subscription, matched to its publishers, for all listeners."""
+
+    topics: TopicsOfNode
+    node: Node
+    topic: str
+    quality_of_service: QoSProfile | None
+    required_type: str | None
+    listeners: tuple[MessageListener, ...] = ()
+    request: Publication | None = None
+    subscription: Any = None
+    relay: ViolationRelay | None = None
+    gaps: SequenceGaps = field(init=False)
+    watermarks: ReceivedWatermarks = field(default_factory=ReceivedWatermarks)
+    has_gap: bool = False
+    fault: str = ''
+    refusal: str = ''
+    latest_receipt: int = 0
+
+    def __post_init__(self) -> None:
+        self.gaps = SequenceGaps(lambda: publishers_of(self.node, self.topic), self._on_gap)
+
+    @property
+    def has_publishers(self) -> bool:
+        """True if a publisher of the topic was found."""
+        return self.request is not None and bool(self.request.publishers)
+
+    @property
+    def is_stream(self) -> bool:
+        """True if the messages are samples, of which an engine may send the watermarks."""
+        return self.relay is not None
+
+    @property
+    def is_latched(self) -> bool:
+        """True if the subscription has received what was published before."""
+        request = self.request
+        return self.subscription is not None and request is not None and request.latched
+
+    def prepare(self) -> Callable[[], None] | None:
+        """Return a function that subscribes again; None if that is not needed."""
+        try:
+            request = self._next_request()
+            if request is None:
+                return None
+            class_ = message_class(request.type_name)
+        except StreamError as error:
+            self._set_fault(str(error))
+            return None
+        requested = self.quality_of_service
+        if self.refusal or requested is None:
+            self._set_fault(self.refusal)
+        else:
+            self._set_fault(incompatible_publisher(self.node, self.topic, requested))
+        self._inform(class_)
+        held, self.request = self.request, request
+        try:
+            if self.relay is not None:
+                self.relay.refresh()
+        except RCLError as error:
+            self._refuse(error)
+        if self.subscription is not None and held is not None and request.suits(held):
+            return None
+        return lambda: self._subscribe(class_, request)
+
+    def destroy(self) -> None:
+        """Destroy all subscriptions."""
+        if self.subscription is not None:
+            self.node.destroy_subscription(self.subscription)
+            self.subscription = None
+        if self.relay is not None:
+            self.relay.destroy()
+            self.relay = None
+
+    def take(self, now: int) -> Iterator[ReceivedMessage]:
+        """Take the messages that wait."""
+        if self.subscription is not None:
+            for message, info in take_waiting(self.subscription):
+                yield self._received(message, info, now)
+
+    def process(self, message: ReceivedMessage) -> None:
+        """Pass a message on to the listeners.
+
+        Messages that wait are not processed by the guard of the subscription.
+        """
+        try:
+            self._process(message)
+        except Exception as error:
+            guard = self.subscription and self.subscription.callback
+            if not isinstance(guard, MessageGuard):
+                raise  # In a node of a user, who sees the errors of the own callbacks.
+            guard.reject(error)
+
+    def _process(self, message: ReceivedMessage) -> None:
+        self.has_gap = False
+        self.gaps.note(message.number)
+        if self.is_stream and not self._admits(message.message):
+            self._drop(ViolationKind.SOURCE, 1)
+            return
+        for listener in self.listeners:
+            listener.on_message(message.message, message.receipt_time)
+        self._pass_watermark_on(message.receipt_time)
+
+    def _admits(self, sample: Any) -> bool:
+        """Return False for a sample of a stream that another one has replaced on the topic."""
+        origin = self.watermarks.note_sample(sample.stream_id, sample.number)
+        if origin is SampleOrigin.RECREATED and not self.has_gap:
+            self._on_gap(0)
+        return origin is not SampleOrigin.FORMER
+
+    def vouch(self, watermark: Any, now: int) -> None:
+        """Process a `StreamWatermark`."""
+        time_ns = time_to_nanoseconds(watermark.watermark)
+        lost = self.watermarks.note_watermark(watermark.stream_id, watermark.number, time_ns)
+        if lost:
+            self._on_gap(lost)
+        self._pass_watermark_on(now)
+
+    def _pass_watermark_on(self, now: int) -> None:
+        watermark = self.watermarks.due()
+        if watermark is not None:
+            for listener in self.listeners:
+                listener.on_watermark(watermark, now)
+
+    def _drop(self, reason: str, count: int) -> None:
+        for listener in self.listeners:
+            listener.on_dropped(reason, count)
+
+    def _set_fault(self, fault: str) -> None:
+        # The graph is read periodically; a fault is logged once.
+        if fault and fault != self.fault:
+            self.node.get_logger().error(fault)
+        self.fault = fault
+
+    def _inform(self, class_: Any) -> None:
+        for listener in self.listeners:
+            try:
+                listener.on_type(class_)
+            except StreamError as error:
+                self.node.get_logger().error(f"topic '{self.topic}': {error}")
+
+    def _next_request(self) -> Publication | None:
+        found, required = find_publication(self.node, self.topic), self.required_type
+        if found is None:
+            return self.request or (None if required is None else Publication(required))
+        if required not in {None, found.type_name}:
+            raise StreamError(
+                f"topic '{self.topic}' is published with the type {found.type_name}, not with "
+                f'{required} as requested'
+            )
+        return next_request(self.request, found)
+
+    def _subscribe(self, class_: Any, request: Publication) -> None:
+        # The middleware refuses two types on one topic: the old subscription goes first.
+        self.destroy()
+        try:
+            self._create_subscriptions(class_, request)
+            self.refusal = ''
+        except RCLError as error:
+            self._refuse(error)
+
+    def _refuse(self, error: Exception) -> None:
+        # It is tried again at the next refresh. Other topics must not suffer from this one.
+        self.destroy()
+        reason = ' '.join(str(error).split())
+        self.refusal = (
+            f"topic '{self.topic}' cannot be subscribed to: {reason}; where ROS security is "
+            'enabled, the policy of this node must permit it'
+        )
+        self._set_fault(self.refusal)
+
+    def _create_subscriptions(self, class_: Any, request: Publication) -> None:
+        group = self.topics.group
+        if is_sample(class_):
+            self.relay = ViolationRelay(
+                self.node, self.topic, group, self.topics.heartbeats, self._on_violation
+            )
+            self.relay.refresh()
+        self.topics.watermarks.refresh()
+        self.subscription = self.node.create_subscription(
+            class_,
+            self.topic,
+            # The type hints of rclpy omit callbacks with a message info.
+            cast('Any', self._on_message),
+            self.quality_of_service or request.quality_of_service,
+            callback_group=group,
+            event_callbacks=NO_SUBSCRIPTION_EVENTS,
+        )
+
+    def _on_message(self, message: Any, info: Any) -> None:
+        now = self.node.get_clock().now().nanoseconds
+        self.topics.process(self._received(message, info, now), now)
+
+    def _received(self, message: Any, info: Any, now: int) -> ReceivedMessage:
+        # Some middleware does not give the time of receipt, and none gives it in simulated time.
+        received = info.get('received_timestamp') or now
+        if self.topics.is_time_simulated:
+            received = now
+        # A message that was sent again may have been received after its successor.
+        self.latest_receipt = min(max(self.latest_receipt, received), now)
+        number = info.get('publication_sequence_number')
+        return ReceivedMessage(self, message, number, self.latest_receipt)
+
+    def _on_gap(self, count: int) -> None:
+        self.has_gap = True
+        if count:
+            self._drop(ViolationKind.LOST, count)
+        if self.relay is not None:
+            self.relay.report_gap(count)
+
+    def _on_violation(self, violation: Violation) -> None:
+        for listener in self.listeners:
+            listener.on_violation(violation)

@@ -1,0 +1,50 @@
+"""Pauses of a process; times in milliseconds."""
+
+from __future__ import annotations
+
+import pytest
+
+from dyknow_stream_processing.ros.topics.process_pauses import ProcessPauses
+
+MS = 1_000_000
+
+
+@pytest.fixture
+def pauses() -> ProcessPauses:
+    found = ProcessPauses(0)
+    for time in range(0, 500, 50):
+        found.note_sign_of_life(time * MS)
+    return found
+
+
+def test_a_process_that_runs_has_no_pause(pauses: ProcessPauses) -> None:
+    assert pauses.unsettled_for(600 * MS) is None
+    assert pauses.delay(300 * MS, 600 * MS) == 0
+
+
+def test_messages_of_before_may_come_some_time_after_a_pause(pauses: ProcessPauses) -> None:
+    assert pauses.unsettled_for(5450 * MS) == 5000 * MS
+    pauses.note_sign_of_life(5500 * MS)
+    assert pauses.unsettled_for(5650 * MS) == 5200 * MS
+    pauses.note_sign_of_life(5690 * MS)
+    assert pauses.unsettled_for(5700 * MS) is None
+
+
+def test_the_thread_may_notice_a_pause_first(pauses: ProcessPauses) -> None:
+    pauses.note_sign_of_life(5450 * MS)
+    assert pauses.unsettled_for(5451 * MS) == 5001 * MS
+
+
+def test_of_two_pauses_the_first_one_counts(pauses: ProcessPauses) -> None:
+    assert pauses.unsettled_for(1450 * MS) == 1000 * MS
+    assert pauses.unsettled_for(2450 * MS) == 2000 * MS
+
+
+def test_a_request_has_waited_no_longer_than_the_pause(pauses: ProcessPauses) -> None:
+    pauses.note_sign_of_life(5450 * MS)
+    assert pauses.delay(3000 * MS, 5500 * MS) == 3000 * MS
+    assert pauses.delay(9000 * MS, 5500 * MS) == 5000 * MS
+    assert pauses.delay(-9000 * MS, 5500 * MS) == 0
+    for time in range(5500, 17000, 50):
+        pauses.note_sign_of_life(time * MS)
+    assert pauses.delay(3000 * MS, 17000 * MS) == 0
