@@ -16,7 +16,7 @@ from dyknow_common.durations import (
     round_duration,
     round_time,
 )
-from dyknow_common.errors import DyKnowError, ExitCode, shortened
+from dyknow_common.errors import DyKnowError, ExitCode, listed, shortened
 from dyknow_common.field_paths import absence, all_elements, listed_as
 from dyknow_common.limits import (
     MAX_CHARACTERS,
@@ -88,6 +88,7 @@ __all__ = [
     'duration_value',
     'format_duration',
     'format_time',
+    'listed',
     'listed_as',
     'number_value',
     'open_text',

@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Iterable
 from enum import IntEnum
 from typing import Final
 
 _MAX_QUOTED: Final = 100
 """The number of characters of a name or a text that a message quotes."""
+
+_MAX_LISTED: Final = 20
+"""The number of names that a message lists."""
 
 _LONG_QUOTATION: Final = re.compile(r"""(?<!\w)"[^"\n]{201,}"|(?<!\w)'[^'\n]{201,}'|\S{300,}""")
 _UNSENDABLE: Final = re.compile('[\x00\ud800-\udfff]')
@@ -32,6 +36,14 @@ def shortened(text: object) -> str:
     found = str(text)
     half = _MAX_QUOTED // 2
     return found if len(found) <= _MAX_QUOTED else f'{found[:half]}…{found[-half:]}'
+
+
+def listed(names: Iterable[object]) -> str:
+    """Return names for a message: the first ones, and how many more there are."""
+    found = list(names)
+    more = len(found) - _MAX_LISTED
+    shown = ', '.join(shortened(name) for name in found[:_MAX_LISTED])
+    return f'{shown} and {more} more' if more > 0 else shown
 
 
 class DyKnowError(Exception):

@@ -14,7 +14,7 @@ import pytest
 
 from dyknow_common import ExitCode
 from dyknow_semantics import Ontology, Reasoner, ReasonerProcess, SemanticsError
-from dyknow_semantics.ontology.sources import OntologySource
+from dyknow_semantics.ontology.documents.sources import OntologySource
 from dyknow_semantics.ontology.store import read_with_imports
 
 HARBOUR = 'http://www.example.org/harbour#'

@@ -11,7 +11,7 @@ import pytest
 
 from dyknow_common import ExitCode
 from dyknow_semantics import UPPER_ONTOLOGY, Ontology, SemanticsError
-from dyknow_semantics.ontology.sources import read_source
+from dyknow_semantics.ontology.documents.sources import read_source
 
 RDF_TYPE = '<http://www.w3.org/1999/02/22-rdf-syntax-ns#type>'
 OWL = 'http://www.w3.org/2002/07/owl#'
