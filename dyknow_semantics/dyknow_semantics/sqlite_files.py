@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import sqlite3
 import stat
-from collections.abc import Iterator, Set
+from collections.abc import Iterator
 from contextlib import closing, contextmanager
 from pathlib import Path
 from typing import Final
@@ -49,7 +49,7 @@ def store_errors(kind: str, file: Path | None) -> Iterator[None]:
         raise _unusable(kind, file, str(error), *mends) from None
 
 
-def prepare_file(file: Path, kind: str, tables: Set[str]) -> None:
+def prepare_file(file: Path, kind: str, tables: frozenset[str]) -> None:
     """Create the file of a store if there is none, or else check it; nothing in it is changed.
 
     Only its owner may read and write a new file.
@@ -63,11 +63,11 @@ def prepare_file(file: Path, kind: str, tables: Set[str]) -> None:
         SemanticsError: UNAVAILABLE, if it cannot be used, is damaged, or is something else.
     """
     try:
-        with open(file, 'ab', opener=_private) as opened:  # noqa: PTH123 - with its rights
+        with open(file, 'ab', opener=_private) as opened:
             status = os.fstat(opened.fileno())
     except OSError as error:
         mend = 'create its folder, and let this user read and write there'
-        raise _unusable(kind, file, error.strerror, mend) from None
+        raise _unusable(kind, file, str(error.strerror or error), mend) from None
     if not stat.S_ISREG(status.st_mode):
         raise _unusable(kind, file, 'it is no regular file', 'give the path of a file')
     if not status.st_size:

@@ -8,7 +8,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Self
 
-from dyknow_common import listed
+from dyknow_common import listed, shortened
 from dyknow_semantics.errors import SemanticsError
 from dyknow_semantics.ontology.documents.access import MAX_STATEMENTS, Access
 from dyknow_semantics.ontology.documents.documents import Document, read_documents
@@ -17,6 +17,7 @@ from dyknow_semantics.ontology.knowledge import Knowledge, Triple
 from dyknow_semantics.ontology.names import split_iri
 from dyknow_semantics.ontology.new_entities import (
     check_concept_name,
+    check_number,
     checked_parents,
     checked_signature,
     new_iri,
@@ -53,6 +54,9 @@ class Ontology:
 
     knowledge: Knowledge
     """The present contents; each change replaces them."""
+
+    triples: tuple[Triple, ...]
+    """The solutions of `ALL_TRIPLES`; each change replaces them."""
 
     revision = 0
     """The number of changes, except those of entailed statements."""
@@ -163,16 +167,19 @@ class Ontology:
         self._change(lambda: self._store.remove(iri))
         return affected
 
-    def create_instance(self, name: str, concepts: Iterable[str]) -> tuple[str, ...]:
+    def create_instance(self, name: str, concepts: Collection[str]) -> tuple[str, ...]:
         """Add an instance of one or more concepts.
 
         Raises:
             SemanticsError: if the name exists, a concept is unknown or a feature, or `concepts` is
                 empty.
         """
+        check_number(concepts, 'concepts')
         kinds = tuple(map(self._sort, concepts))
         if not kinds:
-            raise SemanticsError(f"the instance '{name}' needs a concept to be an instance of")
+            raise SemanticsError(
+                f"the instance '{shortened(name)}' needs a concept to be an instance of"
+            )
         iri = self._new_iri(name)
         self._change(lambda: self._store.add_individual(iri, kinds))
         return self._affected(iri, self.knowledge.concepts(iri))
@@ -237,11 +244,7 @@ class Ontology:
         try:
             change()
             triples = self._store.triples()
-            if len(triples) > self._max_statements:
-                raise SemanticsError(
-                    f'the ontology would have more than {self._max_statements:,} statements; '
-                    'remove some, or increase max_statements'
-                )
+            self._check_size(triples)
             knowledge = Knowledge(triples)
             self._store.commit()
             self._latest.unlink(missing_ok=True)
@@ -249,7 +252,14 @@ class Ontology:
             self._store.reopen()
             raise
         self.revision += 1
-        self.knowledge = knowledge
+        self.knowledge, self.triples = knowledge, triples
+
+    def _check_size(self, triples: Collection[Triple]) -> None:
+        if len(triples) > self._max_statements:
+            raise SemanticsError(
+                f'the ontology would have more than {self._max_statements:,} statements; '
+                'remove some, or increase max_statements'
+            )
 
     def _affected(self, iri: str, concepts: tuple[str, ...]) -> tuple[str, ...]:
         """Return some concepts and the features with arguments of these sorts."""

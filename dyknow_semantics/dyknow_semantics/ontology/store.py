@@ -15,7 +15,6 @@ from typing import Any, Final
 
 import owlready2
 
-from dyknow_semantics.errors import SemanticsError
 from dyknow_semantics.ontology.documents.documents import Document, parse, suppressed_output
 from dyknow_semantics.ontology.documents.serialisations import OntologyText
 from dyknow_semantics.ontology.features import StatedSignature

@@ -15,14 +15,12 @@ from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
 from enum import StrEnum
-from multiprocessing.connection import Connection, Pipe
+from multiprocessing.connection import Pipe
 from queue import SimpleQueue
-from typing import Any, Final, TypeVar, cast
+from typing import Any, Final, Self
 
 from dyknow_common import ExitCode
 from dyknow_semantics.errors import SemanticsError
-
-Result = TypeVar('Result')
 
 PROGRAM: Final = 'dyknow_semantics.workers.worker_program'
 _START_LIMIT_S: Final = 60.0
@@ -85,14 +83,7 @@ class WorkerProcess:
             RuntimeError: with the traceback of an unexpected exception.
         """
         try:
-            self._wait_for_start(work)
-            self._connection.send((work.function, work.arguments, work.limit_s))
-            if not self._connection.poll(work.limit_s):
-                raise SemanticsError(
-                    f'{work.task} did not finish within {work.limit_s:g} s; {work.mend}',
-                    ExitCode.TIMEOUT,
-                )
-            outcome, value = self._connection.recv()
+            outcome, value = self._call(work)
         except (EOFError, OSError):
             raise self._failure(work) from None
         except SemanticsError:
@@ -107,7 +98,7 @@ class WorkerProcess:
         self._process.wait()
 
     def _start(self) -> None:
-        self._connection, connection = cast('tuple[Connection, Connection]', Pipe())
+        self._connection, connection = Pipe()
         self._has_started = False
         with connection:
             self._process = subprocess.Popen(
@@ -122,6 +113,17 @@ class WorkerProcess:
             )
         if self._stopped:
             self._kill()
+
+    def _call(self, work: Work) -> tuple[Outcome, Any]:
+        self._wait_for_start(work)
+        self._connection.send((work.function, work.arguments, work.limit_s))
+        if not self._connection.poll(work.limit_s):
+            raise SemanticsError(
+                f'{work.task} did not finish within {work.limit_s:g} s; {work.mend}',
+                ExitCode.TIMEOUT,
+            )
+        outcome, value = self._connection.recv()
+        return outcome, value
 
     def _wait_for_start(self, work: Work) -> None:
         if self._has_started:
@@ -183,6 +185,12 @@ class WorkerProcesses:
         self._idle: SimpleQueue[WorkerProcess] = SimpleQueue()
         for each in self._all:
             self._idle.put(each)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.stop()
 
     def run(self, work: Work) -> Any:
         """Run a function in the next idle process; see `WorkerProcess.run`."""

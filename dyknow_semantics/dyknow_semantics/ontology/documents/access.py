@@ -98,7 +98,7 @@ def read_regular(path: Path, max_bytes: int) -> bytes:
         OSError: also if it is a folder, a pipe or a device, which is not read.
     """
     # Without a wait: a pipe may have no writer.
-    with open(path, 'rb', opener=lambda *_: os.open(path, os.O_RDONLY | os.O_NONBLOCK)) as file:  # noqa: PTH123
+    with open(path, 'rb', opener=lambda *_: os.open(path, os.O_RDONLY | os.O_NONBLOCK)) as file:
         if not stat.S_ISREG(os.fstat(file.fileno()).st_mode):
             raise OSError(0, 'it is no regular file')
         return file.read(max_bytes + 1)

@@ -67,9 +67,7 @@ class Document:
     prefixes: frozenset[tuple[str, str]] = frozenset()
 
 
-def read_documents(
-    path_or_iri: str, known: Iterable[str], access: Access
-) -> tuple[Document, ...]:
+def read_documents(path_or_iri: str, known: Iterable[str], access: Access) -> tuple[Document, ...]:
     """Return the ontology documents at a path or an address, and of its imports.
 
     Imports in `known` are not read.

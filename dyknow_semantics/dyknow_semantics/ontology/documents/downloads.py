@@ -7,14 +7,14 @@ from typing import Any, Final
 from urllib.error import HTTPError, URLError
 from urllib.parse import urlsplit
 from urllib.request import (
-    HTTPRedirectHandler,
+    HTTPDefaultErrorHandler,
+    HTTPErrorProcessor,
     HTTPHandler,
+    HTTPRedirectHandler,
     HTTPSHandler,
     OpenerDirector,
     ProxyHandler,
     Request,
-    HTTPDefaultErrorHandler,
-    HTTPErrorProcessor,
 )
 
 from dyknow_common import ExitCode, shortened
@@ -31,7 +31,9 @@ _SCHEMES: Final = {'http': 0, 'https': 1}
 class _Redirections(HTTPRedirectHandler):
     """Follows redirections to `http` and `https` only."""
 
-    def redirect_request(self, req: Any, fp: Any, code: Any, msg: Any, headers: Any, newurl: str) -> Any:
+    def redirect_request(
+        self, req: Any, fp: Any, code: Any, msg: Any, headers: Any, newurl: str
+    ) -> Any:
         scheme = urlsplit(newurl).scheme
         if _SCHEMES.get(scheme, -1) < _SCHEMES[req.type]:
             raise URLError(f"it redirects to an address of the scheme '{shortened(scheme)}'")

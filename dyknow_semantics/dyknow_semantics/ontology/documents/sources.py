@@ -75,7 +75,8 @@ def source_of_text(text: str, format_: str) -> OntologySource:
     """
     if format_ not in {'', *FORMATS}:
         raise SemanticsError(
-            f"the format '{shortened(format_)}' is unknown; give one of {', '.join(FORMATS)}, or none"
+            f"the format '{shortened(format_)}' is unknown; "
+            f'give one of {", ".join(FORMATS)}, or none'
         )
     content = text.encode()
     if len(content) > _MAX_TEXT:
@@ -109,8 +110,8 @@ def read_import(iri: str, importer: OntologySource, access: Access) -> OntologyS
             return _read(path, access)
     raise SemanticsError(
         f'{importer.location} imports <{shortened(iri)}>, which is not loaded and not beside it; '
-        f'put it there as {shortened(name)}.owl (or {", ".join(_EXTENSIONS[1:])}), or load it first '
-        'by its path or its address',
+        f'put it there as {shortened(name)}.owl (or {", ".join(_EXTENSIONS[1:])}), or load it '
+        'first by its path or its address',
         ExitCode.NOT_FOUND,
     )
 
