@@ -58,7 +58,7 @@ def nodes(tmp_path_factory: pytest.TempPathFactory, folder: Path) -> Iterator[No
             'ontology_path': [str(folder)],
             'allow_download': True,
             'load_limit': 2.0,
-            'query_limit': 1.0,
+            'query_limit': 3.0,
             'worker_memory': 384,
         },
         SEMANTICS: {},

@@ -40,7 +40,7 @@ def test_a_result(processes: WorkerProcesses) -> None:
 
 
 def test_an_unexpected_exception_has_its_traceback(processes: WorkerProcesses) -> None:
-    with pytest.raises(RuntimeError, match='(?s)the work has failed:.*TypeError'):
+    with pytest.raises(RuntimeError, match=r'(?s)the work has failed:.*TypeError'):
         processes.run(work(split_iri))
 
 

@@ -58,7 +58,7 @@ class PersistenceFile:
         if self._path is None or not os.path.lexists(self._path):
             return ()
         if not self._path.is_file():
-            message = f'cannot read the memory {self._path}: it is no regular file; give another'
+            message = f'cannot read the streams in {self._path}: it is no regular file'
             raise StreamError(message)
 
         def parse(text: str) -> tuple[Stream, ...]:
