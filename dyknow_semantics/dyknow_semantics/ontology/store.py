@@ -166,7 +166,10 @@ class Store:
 
 def _open(file: Path) -> Any:
     with store_errors(_KIND, file), suppressed_output():
-        return owlready2.World(filename=str(file))
+        world = owlready2.World(filename=str(file))
+        # owlready2 writes statistics; `copy` waits for the end of each change.
+        world.graph.db.commit()
+        return world
 
 
 def _check_version(file: Path) -> None:

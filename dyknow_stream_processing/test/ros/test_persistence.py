@@ -1,5 +1,6 @@
 """What a stream manager keeps over its restart."""
 
+import os
 from pathlib import Path
 
 import pytest
