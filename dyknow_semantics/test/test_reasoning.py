@@ -10,10 +10,11 @@ from pathlib import Path
 import pytest
 
 from dyknow_common import ExitCode
-from dyknow_semantics import Ontology, Reasoner, ReasonerProcess, SemanticsError
+from dyknow_semantics import Ontology, Reasoner, ReasonerProcess, SemanticsError, Triple
 from dyknow_semantics.ontology.documents.access import Access
 from dyknow_semantics.ontology.documents.documents import read_with_imports
 from dyknow_semantics.ontology.documents.sources import OntologySource
+from dyknow_semantics.ontology.reasoner import Draft
 
 HARBOUR = 'http://www.example.org/harbour#'
 MORE = """
@@ -34,6 +35,15 @@ def harbour(ontologies: Path) -> Iterator[Ontology]:
         yield ontology
 
 
+def infer(draft: Draft, limit_s: float = 60.0) -> tuple[Triple, ...]:
+    """The statements that HermiT derives."""
+    process = ReasonerProcess(Reasoner.HERMIT, limit_s)
+    try:
+        return process.infer(draft)
+    finally:
+        process.stop()
+
+
 def reason(ontology: Ontology, more: str = '') -> None:
     """Add the statements that HermiT derives from an ontology and some more text."""
     documents = (
@@ -42,9 +52,7 @@ def reason(ontology: Ontology, more: str = '') -> None:
         else ()
     )
     draft = ontology.draft(documents)
-    assert ontology.set_entailed(
-        ReasonerProcess(Reasoner.HERMIT, 60.0).infer(draft), draft.revision
-    )
+    assert ontology.set_entailed(infer(draft), draft.revision)
 
 
 @needs_java
@@ -125,7 +133,7 @@ RDF_TYPE = 'http://www.w3.org/1999/02/22-rdf-syntax-ns#type'
 @needs_java
 def test_a_reasoner_that_takes_too_long(harbour: Ontology) -> None:
     with pytest.raises(SemanticsError) as error:
-        ReasonerProcess(Reasoner.HERMIT, 0.01).infer(harbour.draft())
+        infer(harbour.draft(), 0.01)
     assert error.value.code is ExitCode.TIMEOUT
     assert error.value.message == (
         "the reasoner 'hermit' did not finish within 0.01 s; "

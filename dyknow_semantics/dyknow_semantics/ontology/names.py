@@ -81,7 +81,7 @@ class Prefixes:
         found = sorted(each for each in known if prefix in self.of(each))
         if len(found) > 1:
             raise SemanticsError(
-                f"the prefix '{shortened(prefix)}' is ambiguous; it stands for {listed(found)}: "
+                f"the prefix '{shortened(prefix)}' is ambiguous; it stands for {' and '.join(found[:_MAX_LISTED])}: "
                 'give the whole IRI'
             )
         if not found:
