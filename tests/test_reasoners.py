@@ -71,7 +71,8 @@ def test_a_reasoner_that_cannot_run_ends_the_node_with_one_clear_complaint(
 def nodes(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Nodes]:
     """An ontology manager with HermiT."""
     folder = tmp_path_factory.mktemp('reasoners')
-    with Nodes(folder, **{ONTOLOGY: {'reasoner': 'hermit'}}) as nodes:
+    parameters = {'reasoner': 'hermit', 'ontology_path': [str(tmp_path_factory.getbasetemp())]}
+    with Nodes(folder, **{ONTOLOGY: parameters}) as nodes:
         yield nodes
 
 

@@ -35,7 +35,10 @@ KITE = """\
 def nodes(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Nodes]:
     """The nodes, with two vehicles and the annotations of a stream each of one and of all."""
     executables: dict[str, dict[str, Any]] = {
-        ONTOLOGY: {'ontologies': [str(uav_ontology_path())]},
+        ONTOLOGY: {
+            'ontologies': [str(uav_ontology_path())],
+            'ontology_path': [str(tmp_path_factory.getbasetemp())],
+        },
         SEMANTICS: {},
         MATCHING: {},
     }
@@ -127,7 +130,8 @@ def test_the_ontology_is_queried(nodes: Nodes) -> None:
         (srv.InstanceCreate, {'instance_name': 'kite'}, INVALID, ("'kite'", 'concept')),
         (srv.InstanceGetConcepts, {'instance_name': 'uav'}, MISSING, ("'uav'", "'uav1'")),
         (srv.InstanceDestroy, {'instance_name': 'uav'}, MISSING, ("'uav'", "'uav1'")),
-        (srv.OntologyLoad, {'path_or_iri': '/no/file.owl'}, MISSING, ('/no/file.owl',)),
+        (srv.OntologyLoad, {'path_or_iri': '/no/file.owl'}, INVALID, ('/no/file', 'ontology_path')),
+        (srv.OntologyLoad, {'path_or_iri': 'http://no.org/x'}, INVALID, ('allow_download',)),
         (
             srv.ConceptCreate,
             {'concept_name': 'Lift', 'argument_sorts': ['UAW'], 'value_type': 'float'},

@@ -43,7 +43,7 @@ from dyknow_common.parsing import (
     text_value,
 )
 from dyknow_common.symbol import FORMULA_WORDS, FUNCTIONS, SSL_WORDS, Symbol, SymbolKind
-from dyknow_common.text_files import open_text, read_file, read_text
+from dyknow_common.text_files import open_text, read_file, read_text, replace_private
 from dyknow_common.units import check_unit, unit_conversion
 from dyknow_common.values import Value, ValueType
 from dyknow_common.verdict import Verdict
@@ -96,6 +96,7 @@ __all__ = [
     'quoted',
     'read_file',
     'read_text',
+    'replace_private',
     'round_duration',
     'round_time',
     'shortened',

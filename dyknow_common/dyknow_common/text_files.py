@@ -1,9 +1,10 @@
-"""Reading of text files; all errors name the file and the reason."""
+"""Reading and replacing of text files; all errors name the file and the reason."""
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import TextIO, TypeVar
 
@@ -53,3 +54,26 @@ def read_file(
         return parse(text)
     except DyKnowError as error:
         raise error_class(f'{path}: {error.message}', error.code) from None
+
+
+def replace_private(path: Path, text: str) -> None:
+    """Replace the content of a file, which its owner alone may read.
+
+    An interrupted replacement leaves the old content.
+
+    Raises:
+        OSError: if it cannot be written; the old content is left.
+    """
+    draft = path.with_name(f'{path.name}.new')
+    try:
+        draft.unlink(missing_ok=True)  # It may be a link, or that of an interrupted replacement.
+        descriptor = os.open(draft, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)
+        with open(descriptor, 'w', encoding='utf-8') as file:  # noqa: PTH123 - with its rights
+            file.write(text)
+            file.flush()
+            os.fsync(descriptor)
+        draft.replace(path)
+    except OSError:
+        with suppress(OSError):
+            draft.unlink(missing_ok=True)
+        raise

@@ -9,6 +9,8 @@ import pytest
 
 from dyknow_common import FORMULA_WORDS, SSL_WORDS, ExitCode, ValueType
 from dyknow_semantics import ALL_TRIPLES, FeatureSignature, Ontology, SemanticsError
+from dyknow_semantics.ontology.documents.access import Access
+from dyknow_semantics.ontology.documents.documents import read_text
 from dyknow_semantics.ontology.features import StatedSignature
 
 ROOT = Path(__file__).parent.parent.parent
@@ -149,7 +151,7 @@ def test_reserved_words_are_no_names_of_instances(world: Ontology) -> None:
 def test_loading_a_text(form: str, tmp_path: Path) -> None:
     store = tmp_path / 'store.sqlite'
     with Ontology(store) as ontology:
-        ontology.add(ontology.read_text(TURTLE, form))
+        ontology.add(read_text(TURTLE, form, ontology.ontologies, Access()))
     with Ontology(store) as ontology:
         assert ontology.knowledge.instances('boat:Boat') == ('boat1',)
         expected = FeatureSignature('Draught', ('Boat',), ValueType.FLOAT, 'm')
@@ -160,7 +162,7 @@ def test_loading_the_text_of_a_file(ontologies: Path) -> None:
     with Ontology() as ontology:
         for name in ('vehicles', 'fleet'):
             text = (ontologies / f'{name}.owl').read_text(encoding='utf-8')
-            ontology.add(ontology.read_text(text))
+            ontology.add(read_text(text, '', ontology.ontologies, Access()))
         assert ontology.knowledge.instances('UAV') == ('uav1', 'uav2')
 
 
@@ -194,5 +196,5 @@ def test_texts_that_are_refused(text: str, form: str, words: str) -> None:
     with Ontology() as ontology:
         before = set(ontology.query(ALL_TRIPLES)[1])
         with pytest.raises(SemanticsError, match=words):
-            ontology.add(ontology.read_text(text, form))
+            ontology.add(read_text(text, form, ontology.ontologies, Access()))
         assert set(ontology.query(ALL_TRIPLES)[1]) == before

@@ -3,19 +3,18 @@
 from __future__ import annotations
 
 import shutil
-import subprocess
-import sys
 import threading
-import time
 from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 
 from dyknow_common import ExitCode
-from dyknow_semantics import Ontology, Reasoner, ReasonerProcess, SemanticsError
-from dyknow_semantics.ontology.sources import OntologySource
-from dyknow_semantics.ontology.store import read_with_imports
+from dyknow_semantics import Ontology, Reasoner, ReasonerProcess, SemanticsError, Triple
+from dyknow_semantics.ontology.documents.access import Access
+from dyknow_semantics.ontology.documents.documents import read_with_imports
+from dyknow_semantics.ontology.documents.sources import OntologySource
+from dyknow_semantics.ontology.reasoner import Draft
 
 HARBOUR = 'http://www.example.org/harbour#'
 MORE = """
@@ -36,15 +35,24 @@ def harbour(ontologies: Path) -> Iterator[Ontology]:
         yield ontology
 
 
+def infer(draft: Draft, limit_s: float = 60.0) -> tuple[Triple, ...]:
+    """The statements that HermiT derives."""
+    process = ReasonerProcess(Reasoner.HERMIT, limit_s)
+    try:
+        return process.infer(draft)
+    finally:
+        process.stop()
+
+
 def reason(ontology: Ontology, more: str = '') -> None:
     """Add the statements that HermiT derives from an ontology and some more text."""
     documents = (
-        read_with_imports(OntologySource('more', f'{MORE}{more}'.encode()), ()) if more else ()
+        read_with_imports(OntologySource('more', f'{MORE}{more}'.encode()), (), Access())
+        if more
+        else ()
     )
     draft = ontology.draft(documents)
-    assert ontology.set_entailed(
-        ReasonerProcess(Reasoner.HERMIT, 60.0).infer(draft), draft.revision
-    )
+    assert ontology.set_entailed(infer(draft), draft.revision)
 
 
 @needs_java
@@ -125,7 +133,7 @@ RDF_TYPE = 'http://www.w3.org/1999/02/22-rdf-syntax-ns#type'
 @needs_java
 def test_a_reasoner_that_takes_too_long(harbour: Ontology) -> None:
     with pytest.raises(SemanticsError) as error:
-        ReasonerProcess(Reasoner.HERMIT, 0.01).infer(harbour.draft())
+        infer(harbour.draft(), 0.01)
     assert error.value.code is ExitCode.TIMEOUT
     assert error.value.message == (
         "the reasoner 'hermit' did not finish within 0.01 s; "
@@ -149,28 +157,6 @@ def test_a_stopped_reasoner_raises_an_error(harbour: Ontology) -> None:
     process.stop()
     caller.join(30.0)
     assert messages == ["the reasoner 'hermit' has failed: it was stopped"]
-
-
-def test_a_reasoner_ends_with_its_parent_process() -> None:
-    program = (
-        f'{sys.executable} -m dyknow_semantics.ontology.reasoner_program hermit <&0 & echo $!; wait'
-    )
-    with subprocess.Popen(
-        ['sh', '-c', program],
-        stdin=subprocess.PIPE,
-        stdout=subprocess.PIPE,
-        text=True,
-        start_new_session=True,
-    ) as caller:
-        assert caller.stdout is not None
-        reasoner = Path('/proc', caller.stdout.readline().strip())
-        assert reasoner.exists()
-        caller.kill()
-        # It ends though it still waits for the text.
-        end = time.monotonic() + 30.0
-        while reasoner.exists() and ' Z ' not in (reasoner / 'stat').read_text():
-            assert time.monotonic() < end, 'the reasoner lives on'
-            time.sleep(0.05)
 
 
 def test_a_reasoner_without_java(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -8,8 +8,8 @@ import pytest
 
 from dyknow_common import ExitCode, ValueType
 from dyknow_semantics import Ontology, SemanticsError
-from dyknow_semantics.ontology.serialisations import normalise
-from dyknow_semantics.ontology.sources import OntologySource
+from dyknow_semantics.ontology.documents.serialisations import normalise
+from dyknow_semantics.ontology.documents.sources import OntologySource
 
 STRING = 'http://www.w3.org/2001/XMLSchema#string'
 IRI = 'http://www.example.org/fleet-ontology'

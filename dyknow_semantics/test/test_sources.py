@@ -11,7 +11,8 @@ import pytest
 
 from dyknow_common import ExitCode
 from dyknow_semantics import UPPER_ONTOLOGY, Ontology, SemanticsError
-from dyknow_semantics.ontology.sources import read_source
+from dyknow_semantics.ontology.documents.access import Access
+from dyknow_semantics.ontology.documents.sources import read_source
 
 RDF_TYPE = '<http://www.w3.org/1999/02/22-rdf-syntax-ns#type>'
 OWL = 'http://www.w3.org/2002/07/owl#'
@@ -93,7 +94,7 @@ def test_an_import_beside(web: str, tmp_path: Path, ending: str) -> None:
 
 def test_the_upper_ontology_needs_no_web(tmp_path: Path) -> None:
     for iri in (UPPER_ONTOLOGY, 'http://www.dyknow.org/ontology'):
-        assert b'NullaryFeature' in read_source(iri).text
+        assert b'NullaryFeature' in read_source(iri, Access()).text
         with Ontology() as ontology:
             ontology.load(iri)
             ontology.load(importing(tmp_path, iri))

@@ -3,18 +3,25 @@
 from __future__ import annotations
 
 import sqlite3
-from collections.abc import Iterable, Iterator, Mapping
-from contextlib import ExitStack, contextmanager
+from collections.abc import Iterable, Mapping
+from contextlib import AbstractContextManager, ExitStack
 from pathlib import Path
 from typing import Final
 
-from dyknow_common import DyKnowError, ExitCode
+from dyknow_common import DyKnowError, ExitCode, listed, shortened
 from dyknow_semantics.annotations.annotation import Annotation
 from dyknow_semantics.annotations.parsing import parse_annotations
 from dyknow_semantics.errors import SemanticsError
+from dyknow_semantics.sqlite_files import (
+    LOCK_TIMEOUT_S,
+    newer_version,
+    prepare_file,
+    store_errors,
+)
 
-_LOCK_TIMEOUT_S: Final = 1.0
-"""The time for another process to release the lock of a store."""
+_KIND: Final = 'store of annotations'
+_VERSION: Final = 1
+"""The version of the tables; 0 is that of stores before it was written."""
 
 
 class AnnotationStore:
@@ -24,13 +31,16 @@ class AnnotationStore:
         file: is created if it does not exist; `None` keeps the annotations in memory only.
 
     Raises:
-        SemanticsError: if the file is in use or is not a store of annotations.
+        SemanticsError: if the file is in use, damaged or not a store of annotations; from the
+            methods that write, if they cannot, as the disk is full.
     """
 
     def __init__(self, file: Path | None = None) -> None:
         self._file = file
+        if file is not None:
+            prepare_file(file, _KIND, frozenset({'annotation'}))
         with self._sqlite_errors(), ExitStack() as resources:
-            self._connection = sqlite3.connect(file or ':memory:', timeout=_LOCK_TIMEOUT_S)
+            self._connection = sqlite3.connect(file or ':memory:', timeout=LOCK_TIMEOUT_S)
             resources.callback(self._connection.close)
             self._prepare()
             self._annotations = self._read()
@@ -69,7 +79,8 @@ class AnnotationStore:
             text = str(annotation)
             if text in added or text in self._annotations:
                 raise SemanticsError(
-                    f"there is already the annotation '{text}'", ExitCode.ALREADY_EXISTS
+                    f"there is already the annotation '{shortened(text)}'",
+                    ExitCode.ALREADY_EXISTS,
                 )
             added[text] = annotation
         with self._sqlite_errors(), self._connection:
@@ -89,7 +100,8 @@ class AnnotationStore:
         if not removed:
             streams = sorted({each.stream for each in self._annotations.values()})
             raise SemanticsError(
-                f"stream '{stream}' has no annotation (there are: {', '.join(streams) or 'none'})",
+                f"stream '{shortened(stream)}' has no annotation "
+                f'(there are: {listed(streams) or "none"})',
                 ExitCode.NOT_FOUND,
             )
         with self._sqlite_errors(), self._connection:
@@ -104,7 +116,11 @@ class AnnotationStore:
         # Writes survive the end of the process, and do not wait for the disk.
         self._connection.execute('PRAGMA journal_mode = WAL')
         self._connection.execute('PRAGMA synchronous = NORMAL')
+        (version,) = self._connection.execute('PRAGMA user_version').fetchone()
+        if version > _VERSION:
+            raise newer_version(_KIND, self._file, version, _VERSION)
         with self._connection:
+            self._connection.execute(f'PRAGMA user_version = {_VERSION}')
             self._connection.execute(
                 'CREATE TABLE IF NOT EXISTS annotation (stream TEXT, text TEXT UNIQUE)'
             )
@@ -117,13 +133,5 @@ class AnnotationStore:
         except DyKnowError as error:
             raise SemanticsError(f'{self._file}: {error.message}', error.code) from None
 
-    @contextmanager
-    def _sqlite_errors(self) -> Iterator[None]:
-        try:
-            yield
-        except sqlite3.Error as error:
-            raise SemanticsError(
-                f"cannot use the store of annotations '{self._file}': {error}; "
-                'it may be in use by another process, or no such store',
-                ExitCode.UNAVAILABLE,
-            ) from None
+    def _sqlite_errors(self) -> AbstractContextManager[None]:
+        return store_errors(_KIND, self._file)

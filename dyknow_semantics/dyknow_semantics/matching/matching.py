@@ -22,10 +22,12 @@ from collections import defaultdict
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from itertools import product
+from typing import Final
 
 from dyknow_common import LanguageError
 from dyknow_semantics.annotations.annotation import Annotation, Concept
 from dyknow_semantics.annotations.checking import check_annotation, check_concept
+from dyknow_semantics.errors import SemanticsError
 from dyknow_semantics.matching.index import FieldIndex
 from dyknow_semantics.matching.near_misses import Explanation, near_misses, nearest
 from dyknow_semantics.matching.object_names import ObjectNames
@@ -39,6 +41,12 @@ from dyknow_semantics.matching.specifications import (
 )
 from dyknow_semantics.ontology.features import converts
 from dyknow_semantics.ontology.knowledge import Knowledge
+
+MAX_MATCHES: Final = 10_000
+"""The number of streams that may match a concept."""
+
+_MAX_COMPARED: Final = 1_000_000
+"""The number of combinations of objects that are compared for one field."""
 
 
 def match(
@@ -142,11 +150,14 @@ class Matcher:
             self.remove(text)
             self.add(text, annotation)
 
-    def match(self, concept: Concept) -> tuple[Match, ...]:
+    def match(self, concept: Concept, max_matches: int = MAX_MATCHES) -> tuple[Match, ...]:
         """Return the streams that carry a concept.
 
         There is one for each ground feature of each annotated field. Exact matches are first, then
         those with the shorter sample period, then with the shorter delay, then by name.
+
+        Raises:
+            SemanticsError: if there are more than `max_matches`.
         """
         requested = self._pattern(concept)
         unit = self.knowledge.feature(requested.feature).unit
@@ -156,7 +167,7 @@ class Matcher:
                 exact = requested.feature in self.knowledge.subconcepts(carried)
                 query = MatchQuery(concept.feature.name, requested.feature, unit, exact)
                 carriers = self.index.candidates(carried, requested)
-                self._add_matches(query, requested, carriers, found)
+                self._add_matches(query, requested, carriers, found, max_matches)
         return in_order(found)
 
     def nearest(self, concept: Concept) -> str:
@@ -192,12 +203,15 @@ class Matcher:
         requested: Pattern,
         carriers: Iterable[AnnotatedField],
         found: list[Match],
+        max_matches: int,
     ) -> None:
         """Append the matches of some fields to `found`, from their caches where possible."""
         unit, has_synonyms = query.unit, self.knowledge.has_synonyms
         for carrier in carriers:
             if carrier.unit != unit and carrier.unit and not converts(carrier.unit, unit):
                 continue
+            if carrier.pattern.number_in_common(requested) > max(max_matches, _MAX_COMPARED):
+                raise _too_many(max_matches)
             for objects in carrier.pattern.common_objects(requested):
                 matches = carrier.matches.setdefault(query, {})
                 synonyms = self._synonyms(requested, objects) if has_synonyms else (objects,)
@@ -206,6 +220,8 @@ class Matcher:
                         keys = self._keys(carrier.pattern, objects)
                         matches[names] = make_match(query, names, carrier, keys)
                     found.append(matches[names])
+                    if len(found) > max_matches:
+                        raise _too_many(max_matches)
 
     def _synonyms(self, requested: Pattern, objects: tuple[str, ...]) -> Iterable[tuple[str, ...]]:
         """Return the names of some objects in the ontology of the request."""
@@ -239,6 +255,13 @@ class Matcher:
             unit = content.unit or self._stated.feature(pattern.feature).unit
             carriers.append(AnnotatedField(annotation, content, pattern, unit))
         return _Entry(annotation, tuple(carriers))
+
+
+def _too_many(most: int) -> SemanticsError:
+    return SemanticsError(
+        f'more than {most:,} streams match the concept; name some of its objects, or increase '
+        'max_matches'
+    )
 
 
 def _mentioned(annotation: Annotation) -> dict[str, None]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 from itertools import product
+from math import prod
 
 from dyknow_semantics.annotations.annotation import FeatureTerm, Range
 from dyknow_semantics.ontology.knowledge import Knowledge
@@ -57,6 +58,12 @@ class Pattern:
             for objects in product(*common)
             if self._is_consistent(objects) and other._is_consistent(objects)
         )
+
+    def number_in_common(self, other: Pattern) -> int:
+        """Return the number of combinations of objects that `common_objects` compares."""
+        if self.is_ground:
+            return 1
+        return prod(len(one & two) for one, two in zip(self.domains, other.domains, strict=True))
 
     def _is_consistent(self, objects: tuple[str, ...]) -> bool:
         """Return True if each variable has the same object wherever it occurs."""

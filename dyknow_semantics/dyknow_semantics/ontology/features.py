@@ -6,11 +6,14 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Final
 
-from dyknow_common import DyKnowError, ValueType, check_unit, unit_conversion
+from dyknow_common import DyKnowError, ValueType, check_unit, listed, shortened, unit_conversion
 from dyknow_semantics.errors import SemanticsError
 from dyknow_semantics.ontology import vocabulary
 from dyknow_semantics.ontology.names import Names
 from dyknow_semantics.ontology.taxonomy import Taxonomy
+
+_MAX_FAULTS: Final = 20
+"""The number of faults that a message lists."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -89,7 +92,8 @@ class SignatureReader:
             for fault in differences(feature, found[above])
         ]
         if faults:
-            raise SemanticsError('\n'.join(faults))
+            more = [f'and {len(faults) - _MAX_FAULTS:,} more'] if len(faults) > _MAX_FAULTS else []
+            raise SemanticsError('\n'.join([*faults[:_MAX_FAULTS], *more]))
         return found
 
     def _signature(self, iri: str) -> FeatureSignature:
@@ -98,7 +102,11 @@ class SignatureReader:
         sorts = self._sorts(lineage, name)
         value_type = self._inherited(lineage, name, vocabulary.VALUE_TYPE)
         if value_type not in list(ValueType):
-            fault = f"has the value_type '{value_type}'" if value_type else 'has no value_type'
+            fault = (
+                f"has the value_type '{shortened(value_type)}'"
+                if value_type
+                else 'has no value_type'
+            )
             raise SemanticsError(f"feature '{name}' {fault}; give it one of {', '.join(ValueType)}")
         unit = self._inherited(lineage, name, vocabulary.UNIT)
         try:
@@ -152,7 +160,7 @@ class SignatureReader:
             if len(stated) > 1:
                 raise SemanticsError(
                     f"feature '{name}' has several annotations {key.rpartition('#')[2]}: "
-                    f'{", ".join(sorted(stated))}; leave one'
+                    f'{listed(sorted(stated))}; leave one'
                 )
             if stated:
                 return stated[0]

@@ -36,6 +36,9 @@ ALL_TRIPLES: Final = """
 """
 """The SPARQL query, in the dialect of owlready2, whose solutions are all triples."""
 
+TRIPLE_VARIABLES: Final = ('subject', 'predicate', 'object')
+"""The variables of this query."""
+
 
 class Knowledge:
     """The concepts, instances and features of an ontology.

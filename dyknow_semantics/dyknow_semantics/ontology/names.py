@@ -7,7 +7,7 @@ from collections.abc import Iterable, Iterator, Mapping
 from difflib import get_close_matches
 from typing import Final
 
-from dyknow_common import ExitCode, shortened
+from dyknow_common import ExitCode, listed, shortened
 from dyknow_semantics.errors import SemanticsError
 
 _MAX_LISTED: Final = 10
@@ -15,6 +15,10 @@ _MAX_LISTED: Final = 10
 
 _MAX_COMPARED: Final = 200
 """The length of a name that is compared with others."""
+
+
+_MAX_SPELLINGS: Final = 5_000
+"""The number of known spellings that an unknown name is compared with: 0.1 s of comparisons."""
 
 
 def split_iri(iri: str) -> tuple[str, str]:
@@ -36,7 +40,7 @@ def suggestion(name: str, known: Mapping[str, str]) -> str:
     `known` holds the name to suggest for each known spelling.
     """
     # The time to compare two names grows with the product of their lengths.
-    spellings = sorted(each for each in known if len(each) <= _MAX_COMPARED)
+    spellings = sorted(each for each in known if len(each) <= _MAX_COMPARED)[:_MAX_SPELLINGS]
     similar = get_close_matches(name, spellings, n=6) if len(name) <= _MAX_COMPARED else ()
     near = dict.fromkeys(known[each] for each in similar)
     if near:
@@ -77,13 +81,14 @@ class Prefixes:
         found = sorted(each for each in known if prefix in self.of(each))
         if len(found) > 1:
             raise SemanticsError(
-                f"the prefix '{prefix}' is ambiguous; it stands for {' and '.join(found)}: "
+                f"the prefix '{shortened(prefix)}' is ambiguous; it stands for {' and '.join(found[:_MAX_LISTED])}: "
                 'give the whole IRI'
             )
         if not found:
             hint = suggestion(prefix, {name: name for each in known for name in self.of(each)})
             raise SemanticsError(
-                f"no ontology with the prefix '{prefix}' is loaded{hint}", ExitCode.NOT_FOUND
+                f"no ontology with the prefix '{shortened(prefix)}' is loaded{hint}",
+                ExitCode.NOT_FOUND,
             )
         return found[0]
 
@@ -118,9 +123,9 @@ class Names:
         """
         iris = self._iris.get(name, ())
         if len(iris) > 1:
-            candidates = ', '.join(sorted(map(self.name, iris)))
+            candidates = listed(sorted(map(self.name, iris)))
             raise SemanticsError(
-                f"the {self._kind} '{name}' is ambiguous; it is one of {candidates}"
+                f"the {self._kind} '{shortened(name)}' is ambiguous; it is one of {candidates}"
             )
         if not iris:
             known = {each: self.name(iri) for each, same in self._iris.items() for iri in same}

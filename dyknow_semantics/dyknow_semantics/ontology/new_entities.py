@@ -25,6 +25,12 @@ from dyknow_semantics.ontology.vocabulary import FEATURE, NULLARY_FEATURE
 
 _CONCEPT: Final = re.compile(r'[A-Za-z_][A-Za-z0-9_]*')
 _INSTANCE: Final = re.compile(r'[A-Za-z_][A-Za-z0-9_.-]*')
+_MAX_NAME: Final = 1000
+"""The length of a name, in characters."""
+
+_MAX_CONCEPTS: Final = 100
+"""The number of parents of a concept, of its argument sorts, and of concepts of an instance."""
+
 _NO_UNIT: Final = {ValueType.STRING, ValueType.BOOLEAN}
 
 
@@ -40,6 +46,10 @@ def new_iri(name: str, knowledge: Knowledge, namespaces: Iterable[str], default:
     Raises:
         SemanticsError: if the name exists, its prefix is unknown, or it is reserved.
     """
+    if len(name) > _MAX_NAME:
+        raise SemanticsError(
+            f"'{shortened(name)}' is not a valid name; it has more than {_MAX_NAME} characters"
+        )
     if name in knowledge.concept_names or name in knowledge.instance_names:
         raise SemanticsError(f"'{name}' already exists", ExitCode.ALREADY_EXISTS)
     if '/' in name:
@@ -59,6 +69,18 @@ def new_iri(name: str, knowledge: Knowledge, namespaces: Iterable[str], default:
             f"'{local}' is a reserved word of formulas or annotations; choose another name"
         )
     return namespace + local
+
+
+def check_number(concepts: Collection[str], kind: str) -> None:
+    """Check the number of concepts in a request.
+
+    Raises:
+        SemanticsError: if there are too many.
+    """
+    if len(concepts) > _MAX_CONCEPTS:
+        raise SemanticsError(
+            f'there are {len(concepts):,} {kind}, more than {_MAX_CONCEPTS}; give fewer'
+        )
 
 
 def check_concept_name(iri: str) -> None:
@@ -83,6 +105,7 @@ def checked_parents(
     Raises:
         SemanticsError: if a parent is unknown, or a feature has a sort for a parent.
     """
+    check_number(parents, 'parents')
     iris = tuple(map(knowledge.concept_names.iri, parents))
     sorts = [parent for parent, iri in zip(parents, iris, strict=True) if _is_sort(iri, knowledge)]
     if sorts and len(sorts) < len(iris):
@@ -113,6 +136,7 @@ def checked_signature(
     Raises:
         SemanticsError: if an argument sort, the value type or the unit is invalid.
     """
+    check_number(stated.argument_sorts, 'argument sorts')
     sorts = [
         _argument_sort(name, number, sort, knowledge)
         for number, sort in enumerate(stated.argument_sorts, 1)
@@ -124,7 +148,7 @@ def checked_signature(
         )
     if stated.value_type not in {'', *ValueType}:
         raise SemanticsError(
-            f"the value type '{stated.value_type}' of the feature '{name}' is unknown; "
+            f"the value type '{shortened(stated.value_type)}' of the feature '{name}' is unknown; "
             f'give one of {", ".join(ValueType)}'
         )
     if stated.unit:

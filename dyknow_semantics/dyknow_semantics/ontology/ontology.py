@@ -3,32 +3,32 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterable, Iterator
-from contextlib import ExitStack
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Self
 
+from dyknow_common import listed, shortened
 from dyknow_semantics.errors import SemanticsError
+from dyknow_semantics.ontology.documents.access import MAX_STATEMENTS, Access
+from dyknow_semantics.ontology.documents.documents import Document, read_documents
 from dyknow_semantics.ontology.features import INHERITED, StatedSignature
 from dyknow_semantics.ontology.knowledge import Knowledge, Triple
 from dyknow_semantics.ontology.names import split_iri
 from dyknow_semantics.ontology.new_entities import (
     check_concept_name,
+    check_number,
     checked_parents,
     checked_signature,
     new_iri,
 )
+from dyknow_semantics.ontology.queries import MAX_SOLUTIONS, Solutions, answer_query, check_query
 from dyknow_semantics.ontology.reasoner import Draft
-from dyknow_semantics.ontology.sources import read_source, same_ontology, source_of_text
-from dyknow_semantics.ontology.store import (
-    ENTAILED_ONTOLOGY,
-    RUNTIME_ONTOLOGY,
-    Document,
-    Row,
-    Store,
-    read_with_imports,
-)
-from dyknow_semantics.ontology.vocabulary import UPPER_ONTOLOGY
+from dyknow_semantics.ontology.store import Store
+from dyknow_semantics.ontology.vocabulary import RUNTIME_ONTOLOGY, UPPER_ONTOLOGY
+
+Row = tuple[str, ...]
+"""The values of a query's variables in one solution."""
 
 
 class Ontology:
@@ -45,23 +45,33 @@ class Ontology:
 
     Args:
         store: the file that keeps the ontology over restarts; `None` keeps nothing.
+        max_statements: the number of statements of all ontologies together.
 
     Raises:
         SemanticsError: if the store cannot be opened; from the methods that load or draft, if a
-            document cannot be read or the result contradicts the upper ontology.
+            document cannot be read or the result contradicts the upper ontology or is too large.
     """
 
     knowledge: Knowledge
     """The present contents; each change replaces them."""
 
+    triples: tuple[Triple, ...]
+    """The solutions of `ALL_TRIPLES`; each change replaces them."""
+
     revision = 0
     """The number of changes, except those of entailed statements."""
 
-    def __init__(self, store: str | Path | None = None) -> None:
+    def __init__(
+        self, store: str | Path | None = None, *, max_statements: int = MAX_STATEMENTS
+    ) -> None:
+        self._max_statements = max_statements
+        self._copies = 0
         with ExitStack() as resources:
             # A temporary ontology needs a file too: a change is undone by opening the store again.
-            folder = resources.enter_context(TemporaryDirectory(prefix='dyknow_'))
-            self._store = Store(Path(store or Path(folder, 'store')))
+            folder = TemporaryDirectory(prefix='dyknow_', ignore_cleanup_errors=True)
+            self._folder = Path(resources.enter_context(folder))
+            self._latest = self._folder / 'latest'
+            self._store = Store(Path(store or self._folder / 'store'))
             resources.callback(self._store.close)
             self.load(UPPER_ONTOLOGY)
             self._resources = resources.pop_all()
@@ -82,32 +92,15 @@ class Ontology:
         The imports of a file lie beside it, under the last part of their IRI (`uav.owl` for
         `http://www.dyknow.org/uav`); those of an ontology from the web are downloaded.
         """
-        self.add(self.read(path_or_iri))
+        self.add(read_documents(str(path_or_iri), self.ontologies, Access()))
 
-    def read(self, path_or_iri: str | Path) -> tuple[Document, ...]:
-        """Return the documents that `load` adds."""
-        return read_with_imports(read_source(str(path_or_iri)), self._store.ontologies)
-
-    def read_text(self, text: str, format_: str = '') -> tuple[Document, ...]:
-        """Return the document in a text, for `add`; its imports must be loaded already.
-
-        Args:
-            text: RDF/XML, OWL/XML, N-Triples or Turtle.
-            format_: `rdfxml`, `owlxml`, `ntriples` or `turtle`; empty if it is to be recognised.
-
-        Raises:
-            SemanticsError: also for an ontology of DyKnow itself.
-        """
-        documents = read_with_imports(source_of_text(text, format_), self._store.ontologies)
-        for iri in (UPPER_ONTOLOGY, RUNTIME_ONTOLOGY, ENTAILED_ONTOLOGY):
-            if same_ontology(documents[0].iri, iri):
-                raise SemanticsError(
-                    f'the ontology <{iri}> is part of DyKnow; give yours another IRI'
-                )
-        return documents
+    @property
+    def ontologies(self) -> frozenset[str]:
+        """The IRIs of the ontologies that are loaded."""
+        return self._store.ontologies
 
     def add(self, documents: Iterable[Document]) -> None:
-        """Add ontologies; each replaces its previous contents."""
+        """Add ontologies that were read; each replaces its previous contents."""
         self._change(lambda: self._store.put(documents))
         # The caches of owlready2 may hold the previous contents.
         self._store.reopen()
@@ -174,16 +167,19 @@ class Ontology:
         self._change(lambda: self._store.remove(iri))
         return affected
 
-    def create_instance(self, name: str, concepts: Iterable[str]) -> tuple[str, ...]:
+    def create_instance(self, name: str, concepts: Collection[str]) -> tuple[str, ...]:
         """Add an instance of one or more concepts.
 
         Raises:
             SemanticsError: if the name exists, a concept is unknown or a feature, or `concepts` is
                 empty.
         """
+        check_number(concepts, 'concepts')
         kinds = tuple(map(self._sort, concepts))
         if not kinds:
-            raise SemanticsError(f"the instance '{name}' needs a concept to be an instance of")
+            raise SemanticsError(
+                f"the instance '{shortened(name)}' needs a concept to be an instance of"
+            )
         iri = self._new_iri(name)
         self._change(lambda: self._store.add_individual(iri, kinds))
         return self._affected(iri, self.knowledge.concepts(iri))
@@ -205,24 +201,65 @@ class Ontology:
         """Return the variables and the solutions of a SPARQL SELECT query for owlready2.
 
         Concepts and instances are returned by name, other resources by IRI, a blank node as a
-        negative number, an unbound variable as an empty string.
+        negative number, an unbound variable as an empty string. The query may take for ever; to
+        limit it, let a worker process answer it from a `copy`.
 
         Raises:
-            SemanticsError: if the query is malformed, changes something or takes too long.
+            SemanticsError: if the query is malformed, changes something or has too many solutions.
         """
-        return self._store.select(sparql, self.knowledge.name)
+        check_query(sparql)
+        with self.copy() as copy:
+            return self.rows(answer_query(copy, sparql, MAX_SOLUTIONS))
+
+    @contextmanager
+    def copy(self) -> Iterator[Path]:
+        """Write a copy of the contents to a file, which is removed after the body."""
+        file = self.write_copy()
+        try:
+            yield file
+        finally:
+            file.unlink(missing_ok=True)
+
+    def write_copy(self) -> Path:
+        """Return a new file with a copy of the contents, which the caller removes."""
+        if not self._latest.exists():
+            self._store.copy(self._latest)
+        self._copies += 1
+        copy = self._folder / f'copy_{self._copies}'
+        copy.hardlink_to(self._latest)
+        return copy
+
+    def rows(self, solutions: Solutions) -> tuple[tuple[str, ...], tuple[Row, ...]]:
+        """Return the variables and the rows of solutions, with the names of resources."""
+        name = self.knowledge.name
+        values = [
+            name(value) if is_resource else value
+            for value, is_resource in zip(solutions.values, solutions.resources, strict=True)
+        ]
+        width = len(solutions.variables)
+        return solutions.variables, tuple(zip(*[iter(values)] * width, strict=True))
 
     def _change(self, change: Callable[[], None]) -> None:
         """Make a change, and commit it if the result is valid."""
         try:
             change()
-            knowledge = Knowledge(self._store.triples())
+            triples = self._store.triples()
+            self._check_size(triples)
+            knowledge = Knowledge(triples)
+            self._store.commit()
+            self._latest.unlink(missing_ok=True)
         except Exception:
             self._store.reopen()
             raise
-        self._store.commit()
         self.revision += 1
-        self.knowledge = knowledge
+        self.knowledge, self.triples = knowledge, triples
+
+    def _check_size(self, triples: Collection[Triple]) -> None:
+        if len(triples) > self._max_statements:
+            raise SemanticsError(
+                f'the ontology would have more than {self._max_statements:,} statements; '
+                'remove some, or increase max_statements'
+            )
 
     def _affected(self, iri: str, concepts: tuple[str, ...]) -> tuple[str, ...]:
         """Return some concepts and the features with arguments of these sorts."""
@@ -249,7 +286,7 @@ class Ontology:
             ('is an argument of the features', features),
         ):
             if names:
-                yield f'it {relation} {", ".join(names)}'
+                yield f'it {relation} {listed(names)}'
 
     def _sort(self, name: str) -> str:
         iri = self.knowledge.concept_names.iri(name)

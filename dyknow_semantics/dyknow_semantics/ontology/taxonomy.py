@@ -5,6 +5,12 @@ from __future__ import annotations
 from collections import defaultdict
 from collections.abc import Iterable, Mapping
 from functools import cache, partial
+from typing import Final
+
+from dyknow_semantics.errors import SemanticsError
+
+MAX_PAIRS: Final = 1_000_000
+"""The number of pairs in the closure of a relation."""
 
 
 class Taxonomy:
@@ -19,6 +25,9 @@ class Taxonomy:
 
     Args:
         pairs: each a concept and one that lies above it.
+
+    Raises:
+        SemanticsError: if the closure has more than MAX_PAIRS pairs.
     """
 
     def __init__(self, pairs: Iterable[tuple[str, str]]) -> None:
@@ -29,6 +38,18 @@ class Taxonomy:
             children[parent].add(child)
         self._above = cache(partial(_reachable, parents))
         self._below = cache(partial(_reachable, children))
+        self._check_size({*parents, *children})
+
+    def _check_size(self, concepts: Iterable[str]) -> None:
+        """Check that the closure is small; that of a long chain is not."""
+        size = 0
+        for concept in concepts:
+            size += len(self._above(concept))
+            if size > MAX_PAIRS:
+                raise SemanticsError(
+                    f'the ontology has more than {MAX_PAIRS:,} pairs of a concept, or a name of an '
+                    'instance, and one above it or the same; make its hierarchy flatter'
+                )
 
     def above(self, concept: str) -> frozenset[str]:
         """Return a concept and all that lie above it."""

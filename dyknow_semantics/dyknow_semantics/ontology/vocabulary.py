@@ -33,6 +33,12 @@ SAME_AS: Final = OWL + 'sameAs'
 UPPER_ONTOLOGY: Final = 'http://www.dyknow.org/ontology#'
 """The namespace of the upper ontology, which this package ships."""
 
+RUNTIME_ONTOLOGY: Final = 'http://www.dyknow.org/runtime#'
+"""The ontology of the concepts and instances that are created at run time."""
+
+ENTAILED_ONTOLOGY: Final = 'http://www.dyknow.org/entailed#'
+"""The ontology of the statements that a reasoner has derived from the others."""
+
 FEATURE: Final = UPPER_ONTOLOGY + 'Feature'
 NULLARY_FEATURE: Final = UPPER_ONTOLOGY + 'NullaryFeature'
 ARGUMENT: Final = UPPER_ONTOLOGY + 'argument'

@@ -13,14 +13,15 @@ answered when the ontology is stored or refused.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Awaitable, Callable, Iterable
+from pathlib import Path
 
 from dyknow_common import ExitCode
 from dyknow_common.ros import DyKnowNode
 from dyknow_semantics.errors import SemanticsError
+from dyknow_semantics.ontology.documents.documents import Document
 from dyknow_semantics.ontology.ontology import Ontology
 from dyknow_semantics.ontology.reasoner import ReasonerProcess
-from dyknow_semantics.ontology.store import Document
 from dyknow_semantics.ros.worker import Worker
 
 
@@ -66,20 +67,20 @@ class Inference:
                 self._fault = error.message
         report(self._fault, ())
 
-    def close(self) -> None:
-        """Stop the reasoner, and wait for the running change."""
+    def close(self) -> bool:
+        """Stop the reasoner; return True if the running change ends within a short time."""
         if self._reasoner is not None:
             self._reasoner.stop()
         self._reasoner_thread.close()
-        self._ontology_thread.close()
+        return self._ontology_thread.close()
 
-    async def load(self, read: Callable[..., tuple[Document, ...]], *arguments: str) -> None:
-        """Load the documents that a function reads, if they are consistent with the others.
+    async def load(self, reading: Awaitable[tuple[Document, ...]]) -> None:
+        """Load documents that are being read, if they are consistent with the others.
 
         Raises:
             SemanticsError: if they cannot be read, or are inconsistent.
         """
-        documents = await self._ontology_thread.run(read, *arguments)
+        documents = await reading
         if self._reasoner is None:
             await self._ontology_thread.run(self._ontology.add, documents)
         else:
@@ -100,9 +101,9 @@ class Inference:
         self._report(self._fault, affected)
         self._start_reasoning()
 
-    async def query(self, sparql: str) -> tuple[tuple[str, ...], tuple[tuple[str, ...], ...]]:
-        """Answer a SPARQL query; see `Ontology.query`."""
-        return await self._ontology_thread.run(self._ontology.query, sparql)
+    async def copy(self) -> Path:
+        """Return a file with a copy of the ontology, which the caller removes."""
+        return await self._ontology_thread.run(self._ontology.write_copy)
 
     def _start_reasoning(self) -> None:
         if self._reasoner is not None and not self._is_reasoning:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from itertools import chain
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticStatus
@@ -20,9 +21,11 @@ from dyknow_interfaces.srv import (
 from dyknow_common.ros import RUNNING, DyKnowNode, run
 from dyknow_semantics.errors import SemanticsError
 from dyknow_semantics.ontology.features import StatedSignature
+from dyknow_semantics.ontology.knowledge import ALL_TRIPLES, TRIPLE_VARIABLES
 from dyknow_semantics.ontology.ontology import Ontology
 from dyknow_semantics.ontology.reasoner import Reasoner, ReasonerProcess
 from dyknow_semantics.ros.inference import Inference
+from dyknow_semantics.ros.ontology_work import Limits, OntologyWork
 from dyknow_semantics.ros.version import VersionPublisher
 
 
@@ -36,6 +39,8 @@ class OntologyManager(DyKnowNode):
     def __init__(self) -> None:
         super().__init__('ontology_manager')
         files = self.parameter('ontologies', [''], 'OWL files (or IRIs) to load at the start.')
+        self._files = tuple(filter(None, files))
+        limits = Limits.of(self, self._files)
         store = self.parameter(
             'store', '', 'SQLite file that keeps the ontology over restarts; empty: in memory.'
         )
@@ -52,13 +57,14 @@ class OntologyManager(DyKnowNode):
         process = (
             None
             if self._reasoner is Reasoner.STRUCTURAL
-            else ReasonerProcess(self._reasoner, limit_s)
+            else ReasonerProcess(self._reasoner, limit_s, limits.memory)
         )
         self._version = VersionPublisher(self)
-        self._ontology = Ontology(store or None)
-        self._files = tuple(filter(None, files))
+        self._ontology = Ontology(store or None, max_statements=limits.access.max_statements)
+        self._work = OntologyWork(self, limits)
         for path_or_iri in self._files:
-            self._ontology.load(path_or_iri)
+            known = self._ontology.ontologies
+            self._ontology.add(self._work.read_configured(path_or_iri, known))
         self._inference = Inference(self, self._ontology, process, self._report_change)
         self.serve(ConceptCreate, self._create_concept)
         self.serve(ConceptGetInstances, self._get_instances)
@@ -70,9 +76,11 @@ class OntologyManager(DyKnowNode):
         self.serve(OntologyQuery, self._query)
 
     def destroy_node(self) -> None:
-        """Stop the reasoner and close the store too."""
-        self._inference.close()
-        self._ontology.close()
+        """Kill the worker processes and close the store too."""
+        self._work.close()
+        # A change that has not ended is rolled back at the next start.
+        if self._inference.close():
+            self._ontology.close()
         super().destroy_node()
 
     async def _create_concept(self, request: Any, _response: Any) -> None:
@@ -107,15 +115,23 @@ class OntologyManager(DyKnowNode):
             raise SemanticsError(
                 'give either path_or_iri, the path or the IRI of an ontology, or its content'
             )
-        if content:
-            await self._inference.load(self._ontology.read_text, content, request.format)
-        else:
-            await self._inference.load(self._ontology.read, path_or_iri)
+        known = self._ontology.ontologies
+        await self._inference.load(
+            self._work.read_text(content, request.format, known)
+            if content
+            else self._work.read(path_or_iri, known)
+        )
 
     async def _query(self, request: Any, response: Any) -> None:
-        variables, rows = await self._inference.query(request.sparql)
+        if request.sparql == ALL_TRIPLES:
+            # The other semantic nodes ask for them after each change: no query delays them.
+            response.variables = list(TRIPLE_VARIABLES)
+            response.values = list(chain.from_iterable(self._ontology.triples))
+            return
+        copy = await self._inference.copy()
+        variables, rows = await self._work.answer(self._ontology, copy, request.sparql)
         response.variables = list(variables)
-        response.values = [value for row in rows for value in row]
+        response.values = list(chain.from_iterable(rows))
 
     def _report_change(self, fault: str, concepts: Iterable[str]) -> None:
         """Publish a change; the caller of the service is answered afterwards."""

@@ -12,8 +12,9 @@ from dyknow_common.ros import RUNNING, DyKnowNode, run
 from dyknow_semantics.annotations.parsing import parse_concept
 from dyknow_semantics.errors import SemanticsError
 from dyknow_semantics.matching.bridges import Bridged
-from dyknow_semantics.matching.matching import Matcher
+from dyknow_semantics.matching.matching import MAX_MATCHES, Matcher
 from dyknow_semantics.ontology.knowledge import Knowledge
+from dyknow_semantics.ros.lengths import check_length, max_characters
 from dyknow_semantics.ros.mirrors import mirror_annotations, mirror_ontologies, read_bridges
 
 
@@ -27,6 +28,10 @@ class SemanticMatchingEngine(DyKnowNode):
         bridges = read_bridges(paths)
         self.set_loaded({'bridges': len(bridges), 'files': len(paths)})
         self.set_status(RUNNING)
+        self._max_characters = max_characters(self)
+        self._max_matches = self.parameter(
+            'max_matches', MAX_MATCHES, 'Streams that match a concept.', (1, 10**7)
+        )
         self._ontologies = mirror_ontologies(self, bridges)
         self._annotations = mirror_annotations(self)
         self._matcher = Matcher(Knowledge(()))
@@ -37,9 +42,10 @@ class SemanticMatchingEngine(DyKnowNode):
         self.serve(FindAllMatchingStreams, self._find_all_matching_streams)
 
     async def _find_all_matching_streams(self, request: Any, response: Any) -> None:
+        check_length('concept', request.concept, self._max_characters)
         concept = parse_concept(request.concept)
         await self._update()
-        matches = self._matcher.match(concept)
+        matches = self._matcher.match(concept, self._max_matches)
         if not matches:
             raise SemanticsError(self._matcher.nearest(concept), ExitCode.NOT_FOUND)
         response.stream_specifications = [found.specification for found in matches]

@@ -23,6 +23,7 @@ from dyknow_semantics.annotations.parsing import parse_annotations
 from dyknow_semantics.annotations.rechecking import AnnotationFaults, Origin, check_annotations
 from dyknow_semantics.errors import SemanticsError
 from dyknow_semantics.ontology.knowledge import Knowledge
+from dyknow_semantics.ros.lengths import check_length, max_characters
 from dyknow_semantics.ros.mirrors import mirror_ontologies
 from dyknow_semantics.ros.stream_fields import StreamFields, fields_of
 from dyknow_semantics.ros.version import VersionPublisher
@@ -44,6 +45,10 @@ class StreamSemanticsManager(DyKnowNode):
         files = self.parameter('annotations', [''], 'Files in SSL to load at the start.')
         store = self.parameter(
             'store', '', 'SQLite file that keeps the annotations over restarts; empty: in memory.'
+        )
+        self._max_characters = max_characters(self)
+        self._max_annotations = self.parameter(
+            'max_annotations', 10_000, 'Annotations that clients may add.', (1, 10**7)
         )
         self._ontologies = mirror_ontologies(self)
         self._store = AnnotationStore(Path(store) if store else None)
@@ -73,7 +78,13 @@ class StreamSemanticsManager(DyKnowNode):
         super().destroy_node()
 
     async def _add_specification(self, request: Any, _response: Any) -> None:
+        check_length('semantic specification', request.ssl_statement, self._max_characters)
         annotations = parse_annotations(request.ssl_statement)
+        if len(self._store.texts) + len(annotations) > self._max_annotations:
+            raise SemanticsError(
+                f'there would be more than {self._max_annotations:,} annotations; remove some, or '
+                'increase max_annotations'
+            )
         knowledge = await self._knowledge()
         for annotation in annotations:
             check_annotation(annotation, knowledge)

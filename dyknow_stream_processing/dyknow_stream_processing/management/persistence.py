@@ -5,18 +5,21 @@ from __future__ import annotations
 import json
 from collections.abc import Iterable
 from dataclasses import asdict
-from typing import Any
+from typing import Any, Final
 
 from dyknow_common import StreamConstraints
 from dyknow_stream_processing.errors import StreamError
 from dyknow_stream_processing.language.parsing import parse_specification
 from dyknow_stream_processing.management.streams import CreatedStream, RegisteredStream, Stream
 
+_VERSION: Final = 1
+"""The version of the format."""
+
 
 def streams_to_json(streams: Iterable[Stream], manager: str) -> str:
     """Return a text from which a manager can recreate its streams; times are in nanoseconds."""
     entries = [_to_entry(stream) for stream in streams]
-    document = {'manager': manager, 'streams': entries}
+    document = {'version': _VERSION, 'manager': manager, 'streams': entries}
     return json.dumps(document, indent=2, ensure_ascii=False) + '\n'
 
 
@@ -29,13 +32,20 @@ def streams_from_json(text: str, manager: str) -> tuple[Stream, ...]:
     """
     try:
         document = json.loads(text)
+        version = document.get('version', _VERSION)
+        if version != _VERSION:
+            raise StreamError(
+                f'it has version {version}, and this stream manager writes version {_VERSION}; '
+                'update the stream manager, or move the file away to begin with an empty one'
+            )
         writer = document.get('manager', manager)
         if writer != manager:
             raise StreamError(f'it is the memory of {writer}; give {manager} a file of its own')
         return tuple(_from_entry(entry) for entry in document['streams'])
     except (ValueError, KeyError, TypeError, AttributeError) as error:
         raise StreamError(
-            f'it is not what a stream manager wrote ({type(error).__name__}: {error}); delete it'
+            f'it is not what a stream manager wrote ({type(error).__name__}: {error}); '
+            'restore it from a backup, or move it away to begin with an empty one'
         ) from None
 
 

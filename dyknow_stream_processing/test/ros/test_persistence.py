@@ -1,5 +1,6 @@
 """What a stream manager keeps over its restart."""
 
+import os
 from pathlib import Path
 
 import pytest
@@ -81,3 +82,25 @@ def test_a_sink_in_two_files_is_named(tmp_path: Path) -> None:
         path.write_text('stream a = select b from "/c"; sink a')
     with pytest.raises(DyKnowError, match=f"{paths[1]}: there is a sink 'a' in another file"):
         list(read_streams(map(str, paths)))
+
+
+def test_only_the_owner_may_read_a_memory(tmp_path: Path) -> None:
+    path = tmp_path / 'streams.json'
+    (tmp_path / 'streams.json.new').symlink_to(tmp_path / 'other')
+    PersistenceFile(str(path), MANAGER).write([BATTERY])
+    assert path.stat().st_mode & 0o777 == 0o600
+    assert [each.name for each in tmp_path.iterdir()] == ['streams.json']
+
+
+def test_a_memory_of_another_version_is_refused_and_left(tmp_path: Path) -> None:
+    path = tmp_path / 'streams.json'
+    path.write_text('{"version": 2, "streams": []}')
+    with pytest.raises(DyKnowError, match='it has version 2'):
+        PersistenceFile(str(path), MANAGER).read()
+    assert path.read_text() == '{"version": 2, "streams": []}'
+
+
+def test_a_pipe_is_no_memory(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / 'pipe')
+    with pytest.raises(DyKnowError, match='it is no regular file'):
+        PersistenceFile(str(tmp_path / 'pipe'), MANAGER).read()

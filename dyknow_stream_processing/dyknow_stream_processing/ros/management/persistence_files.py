@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 
-from dyknow_common import NO_CONSTRAINTS, ExitCode, read_file
+from dyknow_common import NO_CONSTRAINTS, ExitCode, read_file, replace_private
 from dyknow_stream_processing.errors import StreamError
 from dyknow_stream_processing.language.parsing import parse_specification
 from dyknow_stream_processing.language.sinks import specifications_by_sink
@@ -54,8 +55,11 @@ class PersistenceFile:
             StreamError: naming the file, if it cannot be read, was not written by `write`, or is
                 that of another manager.
         """
-        if self._path is None or not self._path.exists():
+        if self._path is None or not os.path.lexists(self._path):
             return ()
+        if not self._path.is_file():
+            message = f'cannot read the streams in {self._path}: it is no regular file'
+            raise StreamError(message)
 
         def parse(text: str) -> tuple[Stream, ...]:
             return streams_from_json(text, self._manager)
@@ -73,11 +77,9 @@ class PersistenceFile:
         text = streams_to_json(streams, self._manager)
         if text == self._written:
             return
-        draft = self._path.with_name(f'{self._path.name}.new')
         try:
             self._path.parent.mkdir(parents=True, exist_ok=True)
-            draft.write_text(text, encoding='utf-8')
-            draft.replace(self._path)
+            replace_private(self._path, text)
         except OSError as error:
             raise StreamError(
                 f'cannot write the memory {self._path}: {error.strerror}', ExitCode.UNAVAILABLE

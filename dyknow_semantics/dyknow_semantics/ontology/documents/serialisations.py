@@ -19,7 +19,7 @@ from rdflib.plugins.parsers.notation3 import BadSyntax
 from rdflib.plugins.parsers.ntriples import NTGraphSink, W3CNTriplesParser
 
 from dyknow_semantics.errors import SemanticsError
-from dyknow_semantics.ontology.sources import OntologySource
+from dyknow_semantics.ontology.documents.sources import OntologySource
 from dyknow_semantics.ontology.vocabulary import LANGUAGES, OWL, RDF
 
 OwlreadyFormat = Literal['rdfxml', 'owlxml', 'ntriples']
@@ -33,6 +33,9 @@ _BASE: Final = '{http://www.w3.org/XML/1998/namespace}base'
 _TURTLE_EXTENSIONS: Final = ('.ttl', '.turtle')
 _DIRECTIVE: Final = re.compile(rb'(?:\s|#[^\n]*\n)*@?(?:prefix|base)\s', re.IGNORECASE)
 _TURTLE_PREFIX: Final = r'(?im)^[^\S\n]*@?prefix\s+([\w.-]*):\s*<([^>\s]*)>'
+_MAX_REASON: Final = 400
+"""The number of characters of the error of a parser that a message has."""
+
 _REASON: Final = re.compile(r'Bad syntax \((.*)\) at \^', re.DOTALL)
 
 
@@ -141,6 +144,10 @@ def _translate(source: OntologySource, rdflib_format: Literal['turtle', 'xml'], 
         raise _unreadable(source, f'parsing error: {error}') from None
     except UnicodeDecodeError:
         raise _unreadable(source, 'it is not in UTF-8') from None
+    except (MemoryError, RecursionError):
+        raise
+    except Exception as error:  # noqa: BLE001 - rdflib raises any, at malformed texts
+        raise _unreadable(source, f'{type(error).__name__}: {error}') from None
     return graph.serialize(format='nt', encoding='utf-8')
 
 
@@ -156,4 +163,5 @@ def _usable_prefixes(declarations: Iterable[tuple[str, str]]) -> frozenset[tuple
 
 
 def _unreadable(source: OntologySource, reason: str) -> SemanticsError:
-    return SemanticsError(f'cannot read an ontology: {source.location}: {reason}')
+    text = f'cannot read an ontology: {source.location}: {reason[:_MAX_REASON]}'
+    return SemanticsError(text)

@@ -1,34 +1,56 @@
-"""The program that runs a reasoner: it reads an ontology in N-Triples and prints JSON."""
+"""Classification of an ontology by a reasoner, which owlready2 starts in Java."""
 
 from __future__ import annotations
 
-import json
-import os
-import signal
-import sys
-import threading
-from contextlib import redirect_stdout
 from io import BytesIO
 from typing import Any, Final
 
 import owlready2
+import owlready2.reasoning
 from owlready2.base import OwlReadyInconsistentOntologyError, OwlReadyJavaError
 
+from dyknow_common import ExitCode
+from dyknow_semantics.errors import SemanticsError
 from dyknow_semantics.ontology import vocabulary
+from dyknow_semantics.ontology.documents.documents import suppressed_output
 
-_PARENT_CHECK_PERIOD_S: Final = 0.5
 _ENTAILED: Final = 'http://entailed/'
 _TYPE: Final = f'<{vocabulary.TYPE}>'.encode()
 _INDIVIDUAL: Final = f'<{vocabulary.NAMED_INDIVIDUAL}>'.encode()
 _LANGUAGES: Final = tuple(f'<{language}'.encode() for language in vocabulary.LANGUAGES)
 
 
-def classify(text: bytes, reasoner: str) -> dict[str, Any]:
+def classify(text: bytes, reasoner: str, memory: int) -> dict[str, Any]:
     """Return the statements that an ontology entails, or its unsatisfiable classes.
 
+    Args:
+        text: N-Triples.
+        reasoner: `hermit` or `pellet`.
+        memory: the bytes that Java may use for objects.
+
     Raises:
-        OwlReadyJavaError: if the reasoner fails.
+        SemanticsError: UNAVAILABLE, if the reasoner fails.
     """
+    owlready2.reasoning.JAVA_MEMORY = memory // 1024**2
+    try:
+        with suppressed_output():
+            return _classified(text, reasoner)
+    except OwlReadyJavaError as error:
+        _, exception, *_ = [*str(error).splitlines(), '', '']
+        raise SemanticsError(_failure(reasoner, exception), ExitCode.UNAVAILABLE) from None
+
+
+def _failure(reasoner: str, exception: str) -> str:
+    mend = ''
+    if 'UnsupportedClassVersionError' in exception:
+        mend = '; install a newer Java or choose another reasoner'
+    elif 'OutOfMemoryError' in exception:
+        mend = '; increase worker_memory or choose another reasoner'
+    reason = exception or 'it printed no error message'
+    return f"the reasoner '{reasoner}' has failed: {reason}{mend}"
+
+
+def _classified(text: bytes, reasoner: str) -> dict[str, Any]:
     try:
         world = _reason(text, reasoner)
     except OwlReadyInconsistentOntologyError:
@@ -86,31 +108,3 @@ def _entailed(world: Any) -> list[tuple[str, ...]]:
         and subject != _ENTAILED.rstrip('/')
         and not {subject, value} & {vocabulary.THING, vocabulary.NOTHING}
     ]
-
-
-def _exit_with(parent: int) -> None:
-    """Kill this process and Java when the parent process has died."""
-    while os.getppid() == parent:
-        threading.Event().wait(_PARENT_CHECK_PERIOD_S)
-    os.killpg(0, signal.SIGKILL)
-
-
-def main() -> int:
-    """Run the reasoner that the first argument names; the exit code is 1 if it fails.
-
-    The process must lead a process group of its own, which is killed if the parent dies.
-    """
-    threading.Thread(target=_exit_with, args=(os.getppid(),), daemon=True).start()
-    try:
-        with redirect_stdout(sys.stderr):
-            answer = classify(sys.stdin.buffer.read(), sys.argv[1])
-    except OwlReadyJavaError as error:
-        _, exception, *_ = [*str(error).splitlines(), '', '']
-        print(exception, file=sys.stderr)  # noqa: T201 - this is a program
-        return 1
-    print(json.dumps(answer))  # noqa: T201
-    return 0
-
-
-if __name__ == '__main__':
-    sys.exit(main())

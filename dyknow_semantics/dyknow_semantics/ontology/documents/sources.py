@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from http.client import HTTPException
 from importlib.resources import files
 from pathlib import Path
 from typing import Final
-from urllib.error import HTTPError
 from urllib.parse import unquote, urlsplit
-from urllib.request import Request, urlopen
 
-from dyknow_common import ExitCode
+from dyknow_common import ExitCode, shortened
 from dyknow_semantics.errors import SemanticsError
+from dyknow_semantics.ontology.documents.access import Access, cannot_read, read_regular
+from dyknow_semantics.ontology.documents.downloads import download
 from dyknow_semantics.ontology.names import prefix_of
 from dyknow_semantics.ontology.vocabulary import UPPER_ONTOLOGY
 
@@ -23,9 +22,6 @@ _MAX_TEXT: Final = 4 * 1024 * 1024
 """The largest text of an ontology in a request, in bytes."""
 
 _EXTENSIONS: Final = ('.owl', '.rdf', '.xml', '.ttl', '.nt', '.ntriples')
-_ACCEPTED: Final = 'application/rdf+xml, application/n-triples, application/owl+xml, text/turtle'
-_WEB_TIMEOUT_S: Final = 10.0
-"""The longest silence of a web server."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,19 +48,23 @@ def same_ontology(one: str, other: str) -> bool:
     return one.rstrip('#/') == other.rstrip('#/')
 
 
-def read_source(path_or_iri: str) -> OntologySource:
+def read_source(path_or_iri: str, access: Access) -> OntologySource:
     """Read the ontology at a path, at a `file:` IRI or at an address on the web.
 
     Raises:
-        SemanticsError: if it cannot be read.
+        SemanticsError: if it cannot be read, or may not.
     """
     if same_ontology(path_or_iri, UPPER_ONTOLOGY):
         resource = files('dyknow_semantics').joinpath('ontology', 'dyknow.owl')
         return OntologySource(UPPER_ONTOLOGY, resource.read_bytes())
-    parts = urlsplit(path_or_iri)
+    try:
+        parts = urlsplit(path_or_iri)
+    except ValueError as error:
+        message = f"'{shortened(path_or_iri)}' is no path and no address: {error}"
+        raise SemanticsError(message) from None
     if parts.scheme in {'http', 'https'}:
-        return _download(path_or_iri)
-    return _read(Path(unquote(parts.path) if parts.scheme == 'file' else path_or_iri))
+        return _download(path_or_iri, access)
+    return _read(Path(unquote(parts.path) if parts.scheme == 'file' else path_or_iri), access)
 
 
 def source_of_text(text: str, format_: str) -> OntologySource:
@@ -75,7 +75,8 @@ def source_of_text(text: str, format_: str) -> OntologySource:
     """
     if format_ not in {'', *FORMATS}:
         raise SemanticsError(
-            f"the format '{format_}' is unknown; give one of {', '.join(FORMATS)}, or none"
+            f"the format '{shortened(format_)}' is unknown; "
+            f'give one of {", ".join(FORMATS)}, or none'
         )
     content = text.encode()
     if len(content) > _MAX_TEXT:
@@ -86,52 +87,54 @@ def source_of_text(text: str, format_: str) -> OntologySource:
     return OntologySource('the content', content, format=format_)
 
 
-def read_import(iri: str, importer: OntologySource) -> OntologySource:
+def read_import(iri: str, importer: OntologySource, access: Access) -> OntologySource:
     """Read an imported ontology, which lies beside its importer.
 
-    It is downloaded only if its importer was downloaded.
+    It is downloaded only if its importer was downloaded, which never reads a file.
 
     Raises:
-        SemanticsError: if it is not found.
+        SemanticsError: if it is not found, or may not be read.
     """
     if same_ontology(iri, UPPER_ONTOLOGY):
-        return read_source(iri)
+        return read_source(iri, access)
     if importer.is_from_web:
-        return _download(iri)
+        return _download(iri, access)
     if importer.folder is None:
         raise SemanticsError(
-            f'{importer.location} imports <{iri}>, which is not loaded; load it first',
+            f'{importer.location} imports <{shortened(iri)}>, which is not loaded; load it first',
             ExitCode.NOT_FOUND,
         )
     name = prefix_of(iri)
     for path in (importer.folder / (name + extension) for extension in _EXTENSIONS):
-        if path.is_file():
-            return _read(path)
+        if _is_file(path):
+            return _read(path, access)
     raise SemanticsError(
-        f'{importer.location} imports <{iri}>, which is not loaded and not beside it; put it there '
-        f'as {name}.owl (or {", ".join(_EXTENSIONS[1:])}), or load it first by its path or its '
-        'address',
+        f'{importer.location} imports <{shortened(iri)}>, which is not loaded and not beside it; '
+        f'put it there as {shortened(name)}.owl (or {", ".join(_EXTENSIONS[1:])}), or load it '
+        'first by its path or its address',
         ExitCode.NOT_FOUND,
     )
 
 
-def _read(path: Path) -> OntologySource:
+def _is_file(path: Path) -> bool:
     try:
-        return OntologySource(str(path), path.read_bytes(), path.parent)
-    except OSError as error:
-        reason = error.strerror or str(error)
-        raise SemanticsError(
-            f"cannot read the ontology '{path}': {reason}", ExitCode.NOT_FOUND
-        ) from None
+        return path.is_file()
+    except (OSError, ValueError):
+        return False  # The name is too long, or no name of a file.
 
 
-def _download(iri: str) -> OntologySource:
-    request = Request(iri, headers={'Accept': _ACCEPTED})  # noqa: S310 - http and https only
+def _read(path: Path, access: Access) -> OntologySource:
     try:
-        with urlopen(request, timeout=_WEB_TIMEOUT_S) as response:  # noqa: S310
-            return OntologySource(iri, response.read(), is_from_web=True)
-    except (OSError, HTTPException) as error:
-        if isinstance(error, HTTPError):
-            error.close()
-        reason = getattr(error, 'reason', error)
-        raise SemanticsError(f'cannot download <{iri}>: {reason}', ExitCode.UNAVAILABLE) from None
+        access.check_file(path)
+        content = read_regular(path, access.max_bytes)
+    except (OSError, ValueError) as error:
+        raise cannot_read(path, error) from None
+    access.check_size(str(path), len(content))
+    return OntologySource(str(path), content, path.parent)
+
+
+def _download(iri: str, access: Access) -> OntologySource:
+    access.check_download(iri)
+    content = download(iri, access.max_bytes)
+    access.check_size(iri, len(content))
+    return OntologySource(iri, content, is_from_web=True)

@@ -1,0 +1,1 @@
+"""Documents of ontologies: where they are read from, and in which formats."""

@@ -1,0 +1,178 @@
+"""What the ontology manager does in worker processes: reading documents, answering queries."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final
+from urllib.parse import unquote, urlsplit
+
+from dyknow_common import shortened
+from dyknow_common.ros import DyKnowNode
+from dyknow_semantics.ontology.documents.access import Access
+from dyknow_semantics.ontology.documents.documents import Document, read_documents, read_text
+from dyknow_semantics.ontology.ontology import Ontology, Row
+from dyknow_semantics.ontology.queries import answer_query, check_query
+from dyknow_semantics.ros.worker import Worker
+from dyknow_semantics.workers.worker_process import Work, WorkerProcesses
+
+_MEBIBYTE: Final = 1024 * 1024
+_QUERIES: Final = 2
+"""The number of queries that are answered at the same time."""
+
+_WAITING: Final = 16
+"""The number of queries, and of documents, that may wait."""
+
+
+@dataclass(frozen=True, slots=True)
+class Limits:
+    """What requests may cost, and reach; each is a parameter of the node."""
+
+    access: Access
+    load_limit_s: float
+    query_limit_s: float
+    max_solutions: int
+    memory: int
+
+    @classmethod
+    def of(cls, node: DyKnowNode, files: Iterable[str]) -> Limits:
+        """Return the limits that the parameters of a node set; `files` are those it loads."""
+        folders = tuple(
+            Path(folder)
+            for folder in node.parameter(
+                'ontology_path',
+                [''],
+                'Folders from which clients may load ontologies; default: those of the ontologies '
+                'that are loaded at the start, and of the installed packages.',
+            )
+            if folder
+        )
+        configured = tuple(dict.fromkeys(map(_folder, filter(_is_file, files))))
+        access = Access(
+            folders or configured,
+            () if folders else _package_folders(),
+            allow_download=node.parameter(
+                'allow_download', False, 'Clients may load ontologies from the web.'
+            ),
+            max_bytes=node.parameter(
+                'max_bytes', 16 * _MEBIBYTE, 'Bytes of an ontology with its imports.', (1, 2**31)
+            ),
+            max_statements=node.parameter(
+                'max_statements', 20_000, 'Statements of all ontologies together.', (1000, 10**8)
+            ),
+        )
+        return cls(
+            access,
+            node.parameter(
+                'load_limit', 20.0, 'Seconds to read an ontology and its imports.', (0.1, 86400.0)
+            ),
+            node.parameter('query_limit', 5.0, 'Seconds to answer a query.', (0.1, 86400.0)),
+            node.parameter('max_solutions', 100_000, 'Solutions of a query.', (1, 10**8)),
+            _MEBIBYTE
+            * node.parameter(
+                'worker_memory', 512, 'MiB that a worker process may use.', (128, 2**20)
+            ),
+        )
+
+
+class OntologyWork:
+    """Reads documents and answers queries in worker processes, which are killed at their limits.
+
+    Args:
+        node: the node whose callbacks wait.
+        limits: of each request.
+    """
+
+    def __init__(self, node: DyKnowNode, limits: Limits) -> None:
+        self._limits = limits
+        self._readers = WorkerProcesses(1, limits.memory)
+        self._answerers = WorkerProcesses(_QUERIES, limits.memory)
+        self._reading = Worker(node, 'ontologies', max_waiting=_WAITING)
+        self._answering = Worker(node, 'queries', _QUERIES, _WAITING)
+
+    def close(self) -> None:
+        """Kill the processes."""
+        self._readers.stop()
+        self._answerers.stop()
+        self._reading.close()
+        self._answering.close()
+
+    def read_configured(self, path_or_iri: str, known: Iterable[str]) -> tuple[Document, ...]:
+        """Return the documents at a place that the operator has chosen, which may be anywhere."""
+        access = self._limits.access
+        anywhere = Access(max_bytes=access.max_bytes, max_statements=access.max_statements)
+        return self._read(read_documents, path_or_iri, tuple(known), anywhere)
+
+    async def read(self, path_or_iri: str, known: Iterable[str]) -> tuple[Document, ...]:
+        """Return the documents at a path or an address."""
+        return await self._reading.run(
+            self._read, read_documents, path_or_iri, tuple(known), self._limits.access
+        )
+
+    async def read_text(
+        self, text: str, format_: str, known: Iterable[str]
+    ) -> tuple[Document, ...]:
+        """Return the document in a text."""
+        return await self._reading.run(
+            self._read, read_text, text, format_, tuple(known), self._limits.access
+        )
+
+    async def answer(
+        self, ontology: Ontology, copy: Path, sparql: str
+    ) -> tuple[tuple[str, ...], tuple[Row, ...]]:
+        """Answer a query from a copy of the ontology, which is removed then."""
+        try:
+            check_query(sparql)
+            return await self._answering.run(self._answer, ontology, copy, sparql)
+        finally:
+            self._remove(copy)
+
+    @staticmethod
+    def _remove(copy: Path) -> None:
+        copy.unlink(missing_ok=True)
+
+    def _read(
+        self, function: Callable[..., tuple[Document, ...]], *arguments: Any
+    ) -> tuple[Document, ...]:
+        place = 'the content' if function is read_text else f"'{shortened(arguments[0])}'"
+        documents: tuple[Document, ...] = self._readers.run(
+            Work(
+                function,
+                arguments,
+                f'reading {place}',
+                self._limits.load_limit_s,
+                'split or simplify it, or increase load_limit or worker_memory',
+            )
+        )
+        return documents
+
+    def _answer(
+        self, ontology: Ontology, copy: Path, sparql: str
+    ) -> tuple[tuple[str, ...], tuple[Row, ...]]:
+        solutions = self._answerers.run(
+            Work(
+                answer_query,
+                (copy, sparql, self._limits.max_solutions),
+                f"the SPARQL query '{shortened(' '.join(sparql.split()))}'",
+                self._limits.query_limit_s,
+                'simplify it, or increase query_limit or worker_memory',
+            )
+        )
+        return ontology.rows(solutions)
+
+
+def _is_file(path_or_iri: str) -> bool:
+    return urlsplit(path_or_iri).scheme not in {'http', 'https'}
+
+
+def _folder(path_or_iri: str) -> Path:
+    parts = urlsplit(path_or_iri)
+    path = unquote(parts.path) if parts.scheme == 'file' else path_or_iri
+    return Path(path).absolute().parent
+
+
+def _package_folders() -> tuple[Path, ...]:
+    prefixes = filter(None, os.environ.get('AMENT_PREFIX_PATH', '').split(os.pathsep))
+    return tuple(Path(prefix, 'share') for prefix in prefixes)

@@ -1,0 +1,104 @@
+"""SQLite files of the stores: private, checked before they are used, with errors that say more."""
+
+from __future__ import annotations
+
+import os
+import sqlite3
+import stat
+from collections.abc import Iterator
+from contextlib import closing, contextmanager
+from pathlib import Path
+from typing import Final
+
+from dyknow_common import ExitCode, listed
+from dyknow_semantics.errors import SemanticsError
+
+LOCK_TIMEOUT_S: Final = 1.0
+"""The longest wait for another process to release the lock of a file."""
+
+_RESTORE: Final = 'restore it from a backup, or move it away to begin with an empty one'
+_MENDS: Final = {
+    'SQLITE_BUSY': 'another process uses it: stop that, or give this node a store of its own',
+    'SQLITE_CANTOPEN': 'create its folder, and let this user read and write there',
+    'SQLITE_CORRUPT': f'it is damaged: {_RESTORE}',
+    'SQLITE_FULL': 'nothing was changed; free space on its disk',
+    'SQLITE_IOERR': 'nothing was changed; check its disk and the space there',
+    'SQLITE_NOTADB': f'it is damaged or of another kind: {_RESTORE}',
+    'SQLITE_PERM': 'let this user read and write it',
+    'SQLITE_READONLY': 'let this user write it and its folder',
+}
+"""What to do, by the name of an error of SQLite, or by its beginning."""
+
+
+@contextmanager
+def store_errors(kind: str, file: Path | None) -> Iterator[None]:
+    """Raise each error of SQLite in the body with the name of the file and what to do.
+
+    Args:
+        kind: of the store in messages: `ontology store`.
+        file: its file; `None` if it is in memory.
+
+    Raises:
+        SemanticsError: UNAVAILABLE.
+    """
+    try:
+        yield
+    except sqlite3.Error as error:
+        name = getattr(error, 'sqlite_errorname', None) or ''
+        mends = [mend for prefix, mend in _MENDS.items() if name.startswith(prefix)]
+        raise _unusable(kind, file, str(error), *mends) from None
+
+
+def prepare_file(file: Path, kind: str, tables: frozenset[str]) -> None:
+    """Create the file of a store if there is none, or else check it; nothing in it is changed.
+
+    Only its owner may read and write a new file.
+
+    Args:
+        file: the file.
+        kind: of the store in messages.
+        tables: a store has these.
+
+    Raises:
+        SemanticsError: UNAVAILABLE, if it cannot be used, is damaged, or is something else.
+    """
+    try:
+        with open(file, 'ab', opener=_private) as opened:
+            status = os.fstat(opened.fileno())
+    except OSError as error:
+        mend = 'create its folder, and let this user read and write there'
+        raise _unusable(kind, file, str(error.strerror or error), mend) from None
+    if not stat.S_ISREG(status.st_mode):
+        raise _unusable(kind, file, 'it is no regular file', 'give the path of a file')
+    if not status.st_size:
+        return
+    with (
+        store_errors(kind, file),
+        closing(sqlite3.connect(file, timeout=LOCK_TIMEOUT_S)) as connection,
+    ):
+        found = {
+            name
+            for (name,) in connection.execute("SELECT name FROM sqlite_master WHERE type = 'table'")
+        }
+        ((fault, *_), *_) = connection.execute('PRAGMA quick_check(1)').fetchall()
+    if fault != 'ok':
+        raise _unusable(kind, file, fault, _MENDS['SQLITE_CORRUPT'])
+    if found and not tables <= found:
+        reason = f'it has the tables {listed(sorted(found))}, which are not those of such a store'
+        raise _unusable(kind, file, reason, _MENDS['SQLITE_NOTADB'])
+
+
+def newer_version(kind: str, file: Path | None, version: int, known: int) -> SemanticsError:
+    """Return the error for a store of a version that is not known yet."""
+    reason = f'it has version {version}, and this node knows versions up to {known}'
+    return _unusable(kind, file, reason, 'update this node, or give it a store of its own')
+
+
+def _private(path: str, flags: int) -> int:
+    # A pipe without a reader must not make the node wait.
+    return os.open(path, flags | os.O_NONBLOCK, 0o600)
+
+
+def _unusable(kind: str, file: Path | None, reason: str, *mends: str) -> SemanticsError:
+    text = '; '.join([f"cannot open the {kind} '{file}': {reason}", *mends])
+    return SemanticsError(text, ExitCode.UNAVAILABLE)

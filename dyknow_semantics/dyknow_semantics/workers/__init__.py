@@ -1,0 +1,1 @@
+"""Worker processes: work that cannot be interrupted, which is killed at its limits."""

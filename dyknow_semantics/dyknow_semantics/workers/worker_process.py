@@ -1,0 +1,210 @@
+"""A process that runs one function after the other, and is killed at their limits.
+
+Parsers of ontologies, SPARQL and reasoners cannot be interrupted: a regular expression that
+backtracks keeps all threads of its process from running. In a process of their own, they delay
+nobody, and the kernel bounds their memory. A process that has kept its limits is used again.
+"""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import dataclass
+from enum import StrEnum
+from multiprocessing.connection import Pipe
+from queue import SimpleQueue
+from typing import Any, Final, Self
+
+from dyknow_common import ExitCode
+from dyknow_semantics.errors import SemanticsError
+
+PROGRAM: Final = 'dyknow_semantics.workers.worker_program'
+_START_LIMIT_S: Final = 60.0
+"""The time that a process may take to start; on an idle machine it takes 0.5 s."""
+
+
+class Outcome(StrEnum):
+    """How the call of a function has ended; the value of each comes with it."""
+
+    RESULT = 'result'
+    ERROR = 'error'
+    """An error on purpose, which is the same in this process."""
+
+    OUT_OF_MEMORY = 'out of memory'
+    TOO_DEEP = 'too deep'
+    FAULT = 'fault'
+    """Any other exception, with its traceback as a text."""
+
+
+@dataclass(frozen=True, slots=True)
+class Work:
+    """A call of a function in a worker process.
+
+    Args:
+        function: can be imported by its name; arguments and result can be pickled.
+        arguments: of the function.
+        task: what is done, in messages.
+        limit_s: the seconds after which it is killed.
+        mend: what to do if it takes too long.
+    """
+
+    function: Callable[..., Any]
+    arguments: tuple[Any, ...]
+    task: str
+    limit_s: float
+    mend: str
+
+
+class WorkerProcess:
+    """A process that runs one function after the other.
+
+    It starts at once, and again after it was killed. Methods except `stop` are called by one thread
+    at a time.
+
+    Args:
+        memory: the number of bytes that it may use; `None` leaves them unlimited.
+    """
+
+    def __init__(self, memory: int | None = None) -> None:
+        self._memory = memory
+        self._stopped = False
+        self._start()
+
+    def run(self, work: Work) -> Any:
+        """Return the result of a function, or raise its error.
+
+        Raises:
+            SemanticsError: TIMEOUT, if it takes too long; UNAVAILABLE, if the process is stopped or
+                ends by itself; INVALID_ARGUMENT, if it needs too much memory or too deep a stack.
+            RuntimeError: with the traceback of an unexpected exception.
+        """
+        try:
+            outcome, value = self._call(work)
+        except (EOFError, OSError):
+            raise self._failure(work) from None
+        except SemanticsError:
+            self._restart()
+            raise
+        return self._evaluated(work, outcome, value)
+
+    def stop(self) -> None:
+        """Kill the process for good; another thread may be waiting in `run`."""
+        self._stopped = True
+        self._kill()
+        self._process.wait()
+
+    def _start(self) -> None:
+        self._connection, connection = Pipe()
+        self._has_started = False
+        with connection:
+            self._process = subprocess.Popen(
+                # -P: the working folder is no place for modules.
+                [sys.executable, '-P', '-m', PROGRAM, str(connection.fileno())]
+                + ([] if self._memory is None else [str(self._memory)]),
+                pass_fds=(connection.fileno(),),
+                stdin=subprocess.DEVNULL,
+                stdout=subprocess.DEVNULL,
+                stderr=subprocess.DEVNULL,
+                start_new_session=True,  # Its children are in its process group: killed with it.
+            )
+        if self._stopped:
+            self._kill()
+
+    def _call(self, work: Work) -> tuple[Outcome, Any]:
+        self._wait_for_start(work)
+        self._connection.send((work.function, work.arguments, work.limit_s))
+        if not self._connection.poll(work.limit_s):
+            raise SemanticsError(
+                f'{work.task} did not finish within {work.limit_s:g} s; {work.mend}',
+                ExitCode.TIMEOUT,
+            )
+        outcome, value = self._connection.recv()
+        return outcome, value
+
+    def _wait_for_start(self, work: Work) -> None:
+        if self._has_started:
+            return
+        if not self._connection.poll(_START_LIMIT_S):
+            raise SemanticsError(
+                f'{work.task} has failed: its process did not start within {_START_LIMIT_S:g} s; '
+                'try again when the machine is less busy',
+                ExitCode.UNAVAILABLE,
+            )
+        self._connection.recv()
+        self._has_started = True
+
+    def _kill(self) -> None:
+        with suppress(ProcessLookupError):
+            os.killpg(self._process.pid, signal.SIGKILL)
+
+    def _restart(self) -> int:
+        """Replace the process; return the exit code of the old one."""
+        self._kill()
+        self._connection.close()
+        code = self._process.wait()
+        if not self._stopped:
+            self._start()
+        return code
+
+    def _failure(self, work: Work) -> SemanticsError:
+        """Replace a process that has ended; return the error of the function that it ran."""
+        code = self._restart()
+        if self._stopped:
+            reason = 'it was stopped'
+        else:
+            reason = f'its process ended with {_ending(code)}; it may need too much memory'
+        return SemanticsError(f'{work.task} has failed: {reason}', ExitCode.UNAVAILABLE)
+
+    def _evaluated(self, work: Work, outcome: Outcome, value: Any) -> Any:
+        match outcome:
+            case Outcome.RESULT:
+                return value
+            case Outcome.ERROR:
+                raise value
+            case Outcome.OUT_OF_MEMORY:
+                self._restart()
+                megabytes = (self._memory or 0) // 1024**2
+                raise SemanticsError(
+                    f'{work.task} needs more than {megabytes:,} MiB of memory; {work.mend}'
+                )
+            case Outcome.TOO_DEEP:
+                raise SemanticsError(f'{work.task} nests too deeply; make it flatter')
+            case Outcome.FAULT:
+                raise RuntimeError(f'{work.task} has failed:\n{value}')
+
+
+class WorkerProcesses:
+    """Several worker processes for work of one kind; `run` may be called by as many threads."""
+
+    def __init__(self, number: int, memory: int | None = None) -> None:
+        self._all = tuple(WorkerProcess(memory) for _ in range(number))
+        self._idle: SimpleQueue[WorkerProcess] = SimpleQueue()
+        for each in self._all:
+            self._idle.put(each)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.stop()
+
+    def run(self, work: Work) -> Any:
+        """Run a function in the next idle process; see `WorkerProcess.run`."""
+        process = self._idle.get()
+        try:
+            return process.run(work)
+        finally:
+            self._idle.put(process)
+
+    def stop(self) -> None:
+        """Kill all processes for good."""
+        for each in self._all:
+            each.stop()
+
+
+def _ending(code: int) -> str:
+    return f'signal {signal.Signals(-code).name}' if code < 0 else f'code {code}'
