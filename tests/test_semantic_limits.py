@@ -168,7 +168,8 @@ def test_too_many_queries_are_refused(nodes: Nodes) -> None:
     futures = [
         nodes.request(ONTOLOGY, srv.OntologyQuery, sparql=QUERIES['product']) for _ in range(30)
     ]
-    nodes.client.spin_until(lambda: all(each.done() for each in futures), 'the answers')
+    # 18 queries of 3 s each in two processes
+    nodes.client.spin_until(lambda: all(each.done() for each in futures), 'the answers', 90.0)
     codes = [each.result().exit_status.code for each in futures]
     assert codes.count(ExitStatus.UNAVAILABLE) == 30 - codes.count(TIMEOUT) > 0
     nodes.obtain(ONTOLOGY, srv.OntologyQuery, sparql='SELECT ?x { ?x a owl:Class }')

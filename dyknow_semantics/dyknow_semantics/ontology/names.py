@@ -80,8 +80,9 @@ class Prefixes:
         known = {*namespaces, *self._prefixes}
         found = sorted(each for each in known if prefix in self.of(each))
         if len(found) > 1:
+            candidates = ' and '.join(found[:_MAX_LISTED])
             raise SemanticsError(
-                f"the prefix '{shortened(prefix)}' is ambiguous; it stands for {' and '.join(found[:_MAX_LISTED])}: "
+                f"the prefix '{shortened(prefix)}' is ambiguous; it stands for {candidates}: "
                 'give the whole IRI'
             )
         if not found:
