@@ -93,6 +93,14 @@ def test_the_clock_of_a_running_node_stays(nodes: Nodes, node: str) -> None:
     assert set_to(False).successful
 
 
+@pytest.mark.parametrize('node', NODES)
+def test_a_parameter_of_an_unknown_type_ends_no_node(nodes: Nodes, node: str) -> None:
+    wrong = Parameter(name='use_sim_time', value=ParameterValue(type=200))
+    answer = nodes.client.call(SetParameters, f'/{node}/set_parameters', parameters=[wrong])
+    assert not any(each.successful for each in answer.results)
+    assert nodes.client.call(SetParameters, f'/{node}/set_parameters', parameters=[]).results == []
+
+
 def test_the_streams_of_an_engine_are_bounded(nodes: Nodes) -> None:
     engine = 'stream_processing_engine'
 

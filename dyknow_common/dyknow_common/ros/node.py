@@ -109,6 +109,25 @@ class DyKnowNode(Node):
         options = {'event_callbacks': NO_SUBSCRIPTION_EVENTS, **options}
         return super().create_subscription(msg_type, topic, callback, qos_profile, **options)
 
+    def create_service(
+        self, srv_type: Any, srv_name: str, callback: Callable[[Any, Any], Any], **options: Any
+    ) -> Any:
+        """Create a service; arguments as for rclpy.
+
+        A request that the callback cannot handle, such as one of rclpy's own services for
+        parameters with an unknown type, is counted, and gets the response as it is.
+        """
+
+        async def guarded(request: Any, response: Any) -> Any:
+            try:
+                outcome = callback(request, response)
+                return await outcome if isawaitable(outcome) else outcome
+            except Exception as error:  # noqa: BLE001 - it would end the executor
+                self.reject(srv_name, str(error))
+                return response
+
+        return super().create_service(srv_type, srv_name, guarded, **options)
+
     def create_timer(
         self, timer_period_sec: float, callback: Callable[[], Any], *arguments: Any, **options: Any
     ) -> Any:

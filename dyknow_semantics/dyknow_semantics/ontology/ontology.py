@@ -45,7 +45,6 @@ class Ontology:
 
     Args:
         store: the file that keeps the ontology over restarts; `None` keeps nothing.
-        max_statements: the number of statements of all ontologies together.
 
     Raises:
         SemanticsError: if the store cannot be opened; from the methods that load or draft, if a
@@ -61,10 +60,8 @@ class Ontology:
     revision = 0
     """The number of changes, except those of entailed statements."""
 
-    def __init__(
-        self, store: str | Path | None = None, *, max_statements: int = MAX_STATEMENTS
-    ) -> None:
-        self._max_statements = max_statements
+    def __init__(self, store: str | Path | None = None) -> None:
+        self._max_statements = MAX_STATEMENTS
         self._copies = 0
         with ExitStack() as resources:
             # A temporary ontology needs a file too: a change is undone by opening the store again.
@@ -253,6 +250,10 @@ class Ontology:
             raise
         self.revision += 1
         self.knowledge, self.triples = knowledge, triples
+
+    def limit_growth(self, statements: int) -> None:
+        """Limit the number of statements that are added to the present ones."""
+        self._max_statements = len(self.triples) + statements
 
     def _check_size(self, triples: Collection[Triple]) -> None:
         if len(triples) > self._max_statements:

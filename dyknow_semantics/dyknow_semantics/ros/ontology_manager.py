@@ -60,11 +60,12 @@ class OntologyManager(DyKnowNode):
             else ReasonerProcess(self._reasoner, limit_s, limits.memory)
         )
         self._version = VersionPublisher(self)
-        self._ontology = Ontology(store or None, max_statements=limits.access.max_statements)
+        self._ontology = Ontology(store or None)
         self._work = OntologyWork(self, limits)
         for path_or_iri in self._files:
             known = self._ontology.ontologies
             self._ontology.add(self._work.read_configured(path_or_iri, known))
+        self._ontology.limit_growth(limits.access.max_statements)
         self._inference = Inference(self, self._ontology, process, self._report_change)
         self.serve(ConceptCreate, self._create_concept)
         self.serve(ConceptGetInstances, self._get_instances)

@@ -60,7 +60,10 @@ class Limits:
                 'max_bytes', 16 * _MEBIBYTE, 'Bytes of an ontology with its imports.', (1, 2**31)
             ),
             max_statements=node.parameter(
-                'max_statements', 20_000, 'Statements of all ontologies together.', (1000, 10**8)
+                'max_statements',
+                20_000,
+                'Statements that requests may add to those of the start.',
+                (1000, 10**8),
             ),
         )
         return cls(
@@ -101,8 +104,7 @@ class OntologyWork:
 
     def read_configured(self, path_or_iri: str, known: Iterable[str]) -> tuple[Document, ...]:
         """Return the documents at a place that the operator has chosen, which may be anywhere."""
-        access = self._limits.access
-        anywhere = Access(max_bytes=access.max_bytes, max_statements=access.max_statements)
+        anywhere = Access(max_bytes=self._limits.access.max_bytes)
         return self._read(read_documents, path_or_iri, tuple(known), anywhere)
 
     async def read(self, path_or_iri: str, known: Iterable[str]) -> tuple[Document, ...]:

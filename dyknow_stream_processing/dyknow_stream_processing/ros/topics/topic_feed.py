@@ -38,9 +38,12 @@ from dyknow_stream_processing.violation import Violation, ViolationKind
 class TopicsOfNode(Protocol):
     """The topics of a node, as one of them sees them."""
 
-    group: CallbackGroup
     heartbeats: Heartbeats
     watermarks: WatermarkSubscriptions
+
+    @property
+    def group(self) -> CallbackGroup:
+        """The group of the callbacks of all topics."""
 
     @property
     def is_time_simulated(self) -> bool:
