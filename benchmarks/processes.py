@@ -47,7 +47,8 @@ def avoid_shared_memory() -> None:
     FASTDDS_BUILTIN_TRANSPORTS says.
     """
     os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'SYSTEM_DEFAULT'
-    os.environ['FASTRTPS_DEFAULT_PROFILES_FILE'] = str(Path(__file__).with_name('loopback.xml'))
+    profile = Path(__file__).parent.parent / 'tests' / 'loopback.xml'
+    os.environ['FASTRTPS_DEFAULT_PROFILES_FILE'] = str(profile)
 
 
 @contextmanager

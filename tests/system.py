@@ -58,28 +58,28 @@ def private_environment() -> dict[str, str]:
     """Variables for processes that nobody else on this machine or network shall hear."""
     return {
         'ROS_DOMAIN_ID': str(reserve_domain()),
-        'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST',
         # A process that is killed may leave locks in shared memory, for which others wait then.
-        'FASTDDS_BUILTIN_TRANSPORTS': 'UDPv4',
+        # With the range LOCALHOST, rmw_fastrtps would add shared memory to any other transport.
+        'ROS_AUTOMATIC_DISCOVERY_RANGE': 'SYSTEM_DEFAULT',
+        'FASTRTPS_DEFAULT_PROFILES_FILE': str(LOOPBACK),
     }
 
 
+LOOPBACK = Path(__file__).with_name('loopback.xml')
+
 SHORT_LEASE = """\
-<profiles xmlns="http://www.eprosima.com">
-  <participant profile_name="short_lease" is_default_profile="true"><rtps><builtin>
-    <discovery_config>
-      <leaseDuration><sec>5</sec></leaseDuration>
-      <leaseAnnouncement><sec>1</sec></leaseAnnouncement>
-    </discovery_config>
-  </builtin></rtps></participant>
-</profiles>
+        <discovery_config>
+          <leaseDuration><sec>5</sec></leaseDuration>
+          <leaseAnnouncement><sec>1</sec></leaseAnnouncement>
+        </discovery_config>
 """
 
 
 def short_lease_of(folder: Path) -> dict[str, str]:
     """Variables for processes whose end the middleware notices within 5 s rather than 20 s."""
     profile = folder / 'short_lease.xml'
-    profile.write_text(SHORT_LEASE)
+    before, builtin, after = LOOPBACK.read_text(encoding='utf-8').partition('<builtin>\n')
+    profile.write_text(f'{before}{builtin}{SHORT_LEASE}{after}', encoding='utf-8')
     return {'FASTRTPS_DEFAULT_PROFILES_FILE': str(profile)}
 
 

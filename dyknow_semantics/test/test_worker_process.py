@@ -107,6 +107,7 @@ PARENT = """
 import re, sys, threading
 from dyknow_semantics.workers.worker_process import Work, WorkerProcess
 process = WorkerProcess()
+process.run(Work(len, ('',), 'the start', 60.0, ''))
 print(process._process.pid, flush=True)
 process.run(Work(re.match, ('(a+)+$', 'a' * 50 + 'b'), 'the work', {limit_s}, ''))
 """

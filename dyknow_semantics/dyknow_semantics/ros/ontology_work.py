@@ -11,6 +11,7 @@ from urllib.parse import unquote, urlsplit
 
 from dyknow_common import shortened
 from dyknow_common.ros import DyKnowNode
+from dyknow_semantics.errors import SemanticsError
 from dyknow_semantics.ontology.documents.access import Access
 from dyknow_semantics.ontology.documents.documents import Document, read_documents, read_text
 from dyknow_semantics.ontology.ontology import Ontology, Row
@@ -39,35 +40,8 @@ class Limits:
     @classmethod
     def of(cls, node: DyKnowNode, files: Iterable[str]) -> Limits:
         """Return the limits that the parameters of a node set; `files` are those it loads."""
-        folders = tuple(
-            Path(folder)
-            for folder in node.parameter(
-                'ontology_path',
-                [''],
-                'Folders from which clients may load ontologies; default: those of the ontologies '
-                'that are loaded at the start, and of the installed packages.',
-            )
-            if folder
-        )
-        configured = tuple(dict.fromkeys(map(_folder, filter(_is_file, files))))
-        access = Access(
-            folders or configured,
-            () if folders else _package_folders(),
-            allow_download=node.parameter(
-                'allow_download', False, 'Clients may load ontologies from the web.'
-            ),
-            max_bytes=node.parameter(
-                'max_bytes', 16 * _MEBIBYTE, 'Bytes of an ontology with its imports.', (1, 2**31)
-            ),
-            max_statements=node.parameter(
-                'max_statements',
-                20_000,
-                'Statements that requests may add to those of the start.',
-                (1000, 10**8),
-            ),
-        )
         return cls(
-            access,
+            _access(node, files),
             node.parameter(
                 'load_limit', 20.0, 'Seconds to read an ontology and its imports.', (0.1, 86400.0)
             ),
@@ -78,6 +52,36 @@ class Limits:
                 'worker_memory', 512, 'MiB that a worker process may use.', (128, 2**20)
             ),
         )
+
+
+def _access(node: DyKnowNode, files: Iterable[str]) -> Access:
+    folders = tuple(
+        Path(folder)
+        for folder in node.parameter(
+            'ontology_path',
+            [''],
+            'Folders from which clients may load ontologies; default: those of the ontologies '
+            'that are loaded at the start, and of the installed packages.',
+        )
+        if folder
+    )
+    configured = tuple(dict.fromkeys(map(_folder, filter(_is_file, files))))
+    return Access(
+        folders or configured,
+        () if folders else _package_folders(),
+        allow_download=node.parameter(
+            'allow_download', False, 'Clients may load ontologies from the web.'
+        ),
+        max_bytes=node.parameter(
+            'max_bytes', 16 * _MEBIBYTE, 'Bytes of an ontology with its imports.', (1, 2**31)
+        ),
+        max_statements=node.parameter(
+            'max_statements',
+            20_000,
+            'Statements that requests may add to those of the start.',
+            (1000, 10**8),
+        ),
+    )
 
 
 class OntologyWork:
@@ -103,9 +107,15 @@ class OntologyWork:
         self._answering.close()
 
     def read_configured(self, path_or_iri: str, known: Iterable[str]) -> tuple[Document, ...]:
-        """Return the documents at a place that the operator has chosen, which may be anywhere."""
+        """Return the documents at a place that the operator has chosen, which may be anywhere.
+
+        They are read in this process, as no client waits for the node yet.
+        """
         anywhere = Access(max_bytes=self._limits.access.max_bytes)
-        return self._read(read_documents, path_or_iri, tuple(known), anywhere)
+        try:
+            return read_documents(path_or_iri, tuple(known), anywhere)
+        except RecursionError:
+            raise SemanticsError(f"'{path_or_iri}' nests too deeply; make it flatter") from None
 
     async def read(self, path_or_iri: str, known: Iterable[str]) -> tuple[Document, ...]:
         """Return the documents at a path or an address."""

@@ -62,8 +62,8 @@ class Work:
 class WorkerProcess:
     """A process that runs one function after the other.
 
-    It starts at once, and again after it was killed. Methods except `stop` are called by one thread
-    at a time.
+    It starts with the first one, and again after it was killed. Methods except `stop` are called by
+    one thread at a time.
 
     Args:
         memory: the number of bytes that it may use; `None` leaves them unlimited.
@@ -72,7 +72,7 @@ class WorkerProcess:
     def __init__(self, memory: int | None = None) -> None:
         self._memory = memory
         self._stopped = False
-        self._start()
+        self._process: subprocess.Popen[bytes] | None = None
 
     def run(self, work: Work) -> Any:
         """Return the result of a function, or raise its error.
@@ -87,19 +87,20 @@ class WorkerProcess:
         except (EOFError, OSError):
             raise self._failure(work) from None
         except SemanticsError:
-            self._restart()
+            self._end()
             raise
         return self._evaluated(work, outcome, value)
 
     def stop(self) -> None:
         """Kill the process for good; another thread may be waiting in `run`."""
         self._stopped = True
-        self._kill()
-        self._process.wait()
+        process = self._process
+        if process is not None:
+            _kill(process)
+            process.wait()
 
     def _start(self) -> None:
         self._connection, connection = Pipe()
-        self._has_started = False
         with connection:
             self._process = subprocess.Popen(
                 # -P: the working folder is no place for modules.
@@ -112,10 +113,12 @@ class WorkerProcess:
                 start_new_session=True,  # Its children are in its process group: killed with it.
             )
         if self._stopped:
-            self._kill()
+            _kill(self._process)
 
     def _call(self, work: Work) -> tuple[Outcome, Any]:
-        self._wait_for_start(work)
+        if self._process is None:
+            self._start()
+            self._wait_for_start(work)
         self._connection.send((work.function, work.arguments, work.limit_s))
         if not self._connection.poll(work.limit_s):
             raise SemanticsError(
@@ -126,8 +129,6 @@ class WorkerProcess:
         return outcome, value
 
     def _wait_for_start(self, work: Work) -> None:
-        if self._has_started:
-            return
         if not self._connection.poll(_START_LIMIT_S):
             raise SemanticsError(
                 f'{work.task} has failed: its process did not start within {_START_LIMIT_S:g} s; '
@@ -135,24 +136,19 @@ class WorkerProcess:
                 ExitCode.UNAVAILABLE,
             )
         self._connection.recv()
-        self._has_started = True
 
-    def _kill(self) -> None:
-        with suppress(ProcessLookupError):
-            os.killpg(self._process.pid, signal.SIGKILL)
-
-    def _restart(self) -> int:
-        """Replace the process; return the exit code of the old one."""
-        self._kill()
+    def _end(self) -> int:
+        """Kill the process; return its exit code."""
+        process, self._process = self._process, None
+        if process is None:
+            return 0
+        _kill(process)
         self._connection.close()
-        code = self._process.wait()
-        if not self._stopped:
-            self._start()
-        return code
+        return process.wait()
 
     def _failure(self, work: Work) -> SemanticsError:
-        """Replace a process that has ended; return the error of the function that it ran."""
-        code = self._restart()
+        """Clean up after a process that has ended; return the error of the function that it ran."""
+        code = self._end()
         if self._stopped:
             reason = 'it was stopped'
         else:
@@ -166,7 +162,7 @@ class WorkerProcess:
             case Outcome.ERROR:
                 raise value
             case Outcome.OUT_OF_MEMORY:
-                self._restart()
+                self._end()
                 megabytes = (self._memory or 0) // 1024**2
                 raise SemanticsError(
                     f'{work.task} needs more than {megabytes:,} MiB of memory; {work.mend}'
@@ -204,6 +200,11 @@ class WorkerProcesses:
         """Kill all processes for good."""
         for each in self._all:
             each.stop()
+
+
+def _kill(process: subprocess.Popen[bytes]) -> None:
+    with suppress(ProcessLookupError):
+        os.killpg(process.pid, signal.SIGKILL)
 
 
 def _ending(code: int) -> str:
