@@ -114,6 +114,26 @@ def test_a_hiccup_is_no_failure(
     assert 0 < nanoseconds(future.result().decided_at) - surge <= SECOND
 
 
+def test_timeouts_pass_while_the_coordinator_is_stopped(
+    system: System, batteries: Batteries, evaluations: Evaluations
+) -> None:
+    """They are answered before one that begins later, also that of a request that came meanwhile."""
+    before = system.ask(ALWAYS, timeout=2.0)
+    evaluations.wait_for_state()
+    with system.stopped('stream_reasoning_coordinator'):
+        during = system.ask(ALWAYS, timeout=2.0)
+        halt = batteries.stamp
+        system.client.spin_until(lambda: batteries.stamp > halt + 4 * SECOND, 'four seconds')
+        assert not (before.done() or during.done())
+    after = system.ask(ALWAYS, timeout=1.0)
+    system.client.spin_until(after.done, 'the answer')
+    assert before.done()
+    assert during.done()
+    for each in (before, during, after):
+        assert each.result().exit_status.code == ExitStatus.TIMEOUT, each.result().exit_status
+    assert_all_is_well(system)
+
+
 @pytest.fixture
 def far(system: System, tmp_path: Path) -> Iterator[Launcher]:
     """Another engine, in a namespace of its own, which will make the streams of states."""

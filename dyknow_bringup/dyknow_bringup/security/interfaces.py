@@ -206,7 +206,8 @@ def node_interfaces(engines: Collection[str]) -> dict[str, Interfaces]:
             requests=COMMANDS.requests,
         ),
         'stream_reasoning_engine': Interfaces(
-            publishes=frozenset({'~/progress', f'{COORDINATOR}/results_*'}), subscribes=streams
+            publishes=frozenset({'~/progress', f'{COORDINATOR}/results_*'}),
+            subscribes=streams | frozenset(f'{each}/heartbeat' for each in engines),
         ),
         COORDINATOR: _coordinator(engines, streams),
     }

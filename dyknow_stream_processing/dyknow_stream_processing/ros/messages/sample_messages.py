@@ -67,6 +67,8 @@ class SampleWriter:
         if sample.watermark is not None:
             _set_time(self._watermark, max(sample.watermark, 0))
             message.watermark = [self._watermark]
+        elif message.watermark:
+            message.watermark = []
         layout = list(fields), list(map(type, fields.values()))
         if layout != self._layout:
             formats = zip(fields, map(_FORMATS.__getitem__, layout[1]), strict=True)
