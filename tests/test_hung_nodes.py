@@ -117,14 +117,14 @@ def test_a_hiccup_is_no_failure(
 def test_timeouts_pass_while_the_coordinator_is_stopped(
     system: System, batteries: Batteries, evaluations: Evaluations
 ) -> None:
-    """They are answered before one that begins later, also that of a request that came meanwhile."""
+    """They are answered before one that begins later, also for a request that came meanwhile."""
     before = system.ask(ALWAYS, timeout=2.0)
     evaluations.wait_for_state()
     with system.stopped('stream_reasoning_coordinator'):
         during = system.ask(ALWAYS, timeout=2.0)
         halt = batteries.stamp
         system.client.spin_until(lambda: batteries.stamp > halt + 4 * SECOND, 'four seconds')
-        assert not (before.done() or during.done())
+        assert not any(each.done() for each in (before, during))
     after = system.ask(ALWAYS, timeout=1.0)
     system.client.spin_until(after.done, 'the answer')
     assert before.done()
