@@ -11,6 +11,7 @@ LATE_SIGNAL = """
 import ctypes, signal
 from dyknow_main import handle, ignore
 
+signal.signal(signal.{name}, signal.SIG_DFL)  # nohup ignores SIGHUP.
 handle([signal.{name}], lambda *_: None)
 libc = ctypes.CDLL(None)
 libc.signal.restype = ctypes.c_void_p
