@@ -107,10 +107,10 @@ class RemoteNode:
         self._run = 0
         self._is_released = False
         self._status: dict[str, str] = {}
-        self._status_run = 0
+        self._statuses: dict[int, Any] = {}
         self._message = ''
         self.latest: Any = None
-        """The last message on its status topic; None before the first."""
+        """The last message on the status topic of its present run; None before the first."""
         for service_type in services:
             self._client(service_type)
         self._liveliness = node.heartbeats.liveliness(name)
@@ -218,13 +218,18 @@ class RemoteNode:
             await self._node.deadlines.after(POLL_PERIOD_S)
 
     def _on_status(self, message: Any) -> None:
-        status = {value.key: value.value for value in message.values}
-        started_at = int(status.get(STARTED_AT, 0))
-        self._status, self._status_run = status, started_at
-        self._message = message.message
-        self.latest = message
+        self._use(message)
+        started_at = int(self._status.get(STARTED_AT, 0))
+        # A second node of this name ends, and the first one does not publish its status again.
+        others = [each for each in self._statuses.items() if each[0] != started_at]
+        self._statuses = {**dict(others[-1:]), started_at: message}
         self._liveliness.note(started_at)
         self._refresh()
+
+    def _use(self, message: Any) -> None:
+        self._status = {value.key: value.value for value in message.values}
+        self._message = message.message
+        self.latest = message
 
     def _refresh(self) -> None:
         """Report the end of the run that callers know, and the next run once it has a status."""
@@ -234,8 +239,9 @@ class RemoteNode:
             self._fail_calls(self.unavailable('has died'))
             _notify(self.on_lost)
         # If the node was only out of reach, its last status still holds.
-        if run and not self._run and run == self._status_run:
+        if run and not self._run and run in self._statuses:
             self._run = run
+            self._use(self._statuses[run])
             _notify(self.on_found)
 
     def _fail_calls(self, error: DyKnowError) -> None:
