@@ -145,13 +145,7 @@ class FormulaGroup:
         Raises:
             ReasoningError: for too many objects, or a formula that is too large for them.
         """
-        counts = object_counts(domains, self._limits)
-        total = 0
-        for each in tuple(self._formulas.values()):
-            size = formula_size(each.formula, counts)
-            check_size(size, self._limits, others=total)
-            total += size.parts
-        return total
+        return sum(self._sizes_for(object_counts(domains, self._limits)).values())
 
     def begin(self, domains: Domains) -> None:
         """Fix the objects of each sort.
@@ -162,15 +156,13 @@ class FormulaGroup:
         """
         if self._monitor:
             raise ReasoningError('the formula group has begun already', ExitCode.ALREADY_EXISTS)
-        self.parts_for(domains)
+        counts = object_counts(domains, self._limits)
+        sizes = self._sizes_for(counts)
         instances = {
             formula_id: self._instances_of(each.formula, domains)
             for formula_id, each in self._formulas.items()
         }
-        self._domains = domains
-        self._counts = object_counts(domains, self._limits)
-        for formula_id, each in self._formulas.items():
-            self._sizes[formula_id] = formula_size(each.formula, self._counts).parts
+        self._domains, self._counts, self._sizes = domains, counts, sizes
         self._monitor = InstanceMonitor(self._limits.node_limit)
         self._remainders = Remainders(self._monitor)
         for formula_id, found in instances.items():
@@ -288,6 +280,17 @@ class FormulaGroup:
                 f'the formula group has no formula {formula_id}', ExitCode.NOT_FOUND
             )
         return self._formulas[formula_id]
+
+    def _sizes_for(self, counts: Counts) -> dict[int, int]:
+        """Return the number of parts of each formula, after it was checked."""
+        sizes: dict[int, int] = {}
+        total = 0
+        for formula_id, each in tuple(self._formulas.items()):
+            size = formula_size(each.formula, counts)
+            check_size(size, self._limits, others=total)
+            sizes[formula_id] = size.parts
+            total += size.parts
+        return sizes
 
     def _instances_of(self, formula: Formula, domains: Domains) -> list[Instance]:
         instances = instances_of(formula, domains, self._store)
