@@ -100,6 +100,18 @@ def test_a_formula_for_too_many_objects(
     assert evaluate(nodes, group, 2).exit_status.code == ExitStatus.SUCCESS
 
 
+def test_topics_that_the_middleware_refuses(nodes: Nodes) -> None:
+    group = group_of(nodes, PAIRS)
+    same = {**evaluation(group, 2), 'result_topic': 'hostile/same', 'state_stream': '/hostile/same'}
+    refused = nodes.call(ENGINE, srv.FormulaGroupEvaluate, **same)
+    words = ("'/hostile/same' cannot be both states and results",)
+    assert_refused(refused.exit_status, INVALID, *words)
+    # The engine publishes another type of message on this topic.
+    own = {**evaluation(group, 2), 'result_topic': f'/{ENGINE}/status'}
+    refused = nodes.call(ENGINE, srv.FormulaGroupEvaluate, **own)
+    assert_refused(refused.exit_status, INVALID, 'the middleware refuses it: ', f'{ENGINE}/status')
+
+
 def test_others_are_answered_while_a_large_group_is_prepared(nodes: Nodes) -> None:
     large = group_of(nodes, LARGE)
     requests = [

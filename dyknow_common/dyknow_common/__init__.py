@@ -16,7 +16,7 @@ from dyknow_common.durations import (
     round_duration,
     round_time,
 )
-from dyknow_common.errors import DyKnowError, ExitCode, listed, shortened
+from dyknow_common.errors import DyKnowError, ExitCode, listed, one_line, shortened
 from dyknow_common.field_paths import absence, all_elements, listed_as
 from dyknow_common.limits import (
     MAX_CHARACTERS,
@@ -91,6 +91,7 @@ __all__ = [
     'listed',
     'listed_as',
     'number_value',
+    'one_line',
     'open_text',
     'parse_duration',
     'quoted',

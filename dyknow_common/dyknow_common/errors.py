@@ -46,6 +46,11 @@ def shortened(text: object) -> str:
     return found if len(found) <= _MAX_QUOTED else f'{found[:half]}…{found[-half:]}'
 
 
+def one_line(error: object) -> str:
+    """Return the text of an error, as of the middleware, without its line breaks."""
+    return ' '.join(str(error).split())
+
+
 def listed(names: Iterable[object]) -> str:
     """Return names for a message: the first ones, and how many more there are."""
     found = list(names)

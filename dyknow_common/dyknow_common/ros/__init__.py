@@ -2,7 +2,6 @@
 
 from dyknow_common.ros.commands import (
     CommandNode,
-    RCLError,
     duration,
     interruptible,
     run_command,
@@ -47,7 +46,12 @@ from dyknow_common.ros.topics.guards import (
     only_owner,
     only_publishers_of,
 )
-from dyknow_common.ros.topics.names import MAX_TOPIC_LENGTH, absolute_topic, topic_fault
+from dyknow_common.ros.topics.names import (
+    MAX_TOPIC_LENGTH,
+    RCLError,
+    absolute_topic,
+    topic_fault,
+)
 from dyknow_common.ros.topics.senders import GID, full_name
 
 __all__ = [

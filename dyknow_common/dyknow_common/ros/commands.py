@@ -18,15 +18,13 @@ from rclpy.signals import SignalHandlerOptions
 from rclpy.utilities import remove_ros_args
 
 from dyknow_common.durations import parse_duration
-from dyknow_common.errors import DyKnowError
+from dyknow_common.errors import DyKnowError, one_line
 from dyknow_common.executables import SUCCESS, run_main
+from dyknow_common.ros.topics.names import RCLError
 from dyknow_main import TERMINAL_SIGNALS, handle, ignore
 
 TICK_PERIOD_S = 0.1
 """The period in which a waiting command checks its deadline."""
-
-RCLError = rclpy_implementation.RCLError
-"""An error of the middleware: also what its security plugins do not permit."""
 
 ROS_ERRORS = (
     NameValidationException,
@@ -113,7 +111,7 @@ def run_ros_main(command: str, work: Callable[[], int]) -> int:
         except ExternalShutdownException:
             raise KeyboardInterrupt from None
         except ROS_ERRORS as error:
-            raise DyKnowError(' '.join(str(error).split())) from None
+            raise DyKnowError(one_line(error)) from None
 
     return run_main(command, work_of_command)
 

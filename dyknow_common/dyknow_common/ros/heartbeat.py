@@ -34,7 +34,11 @@ from dyknow_common.errors import ExitCode
 from dyknow_common.ros.qos import HEARTBEAT, HEARTBEAT_PERIOD_S
 from dyknow_common.ros.throttle import Throttle
 from dyknow_common.ros.time_messages import nanoseconds_to_time, time_to_nanoseconds
-from dyknow_common.ros.topics.guards import MessageGuard, NodeEndError, only_owner
+from dyknow_common.ros.topics.guards import (
+    NodeEndError,
+    create_guarded_subscription,
+    only_owner,
+)
 from dyknow_common.ros.topics.senders import full_name
 
 SETTLING_HEARTBEATS: Final = 20
@@ -86,12 +90,13 @@ class NodeHeartbeat:
             ),
             callback_group=group,
         )
-        guard: Any = MessageGuard(self._node, topic, self._on_heartbeat, only_owner)
-        self._node.create_subscription(
+        create_guarded_subscription(
+            self._node,
             Heartbeat,
             topic,
-            guard,
+            self._on_heartbeat,
             HEARTBEAT,
+            refusal=only_owner,
             callback_group=group,
         )
         self.publish()

@@ -28,7 +28,7 @@ from rclpy.node import Node
 
 from dyknow_common.ros.qos import HEARTBEAT, HEARTBEAT_PERIOD_S, NO_SUBSCRIPTION_EVENTS
 from dyknow_common.ros.time_messages import time_to_nanoseconds
-from dyknow_common.ros.topics.guards import MessageGuard, only_owner
+from dyknow_common.ros.topics.guards import create_guarded_subscription, only_owner
 from dyknow_common.ros.topics.senders import full_name
 
 MISSED_LIMIT: Final = 5
@@ -87,13 +87,14 @@ class Heartbeats:
         if topic not in self._nodes:
             self._nodes[topic] = NodeLiveliness()
             note = partial(_on_heartbeat, self._nodes[topic])
-            guard: Any = MessageGuard(self.node, topic, note, only_owner)
             self._subscriptions.append(
-                self.node.create_subscription(
+                create_guarded_subscription(
+                    self.node,
                     Heartbeat,
                     topic,
-                    guard,
+                    note,
                     HEARTBEAT,
+                    refusal=only_owner,
                     callback_group=self.group,
                     event_callbacks=NO_SUBSCRIPTION_EVENTS,
                 )

@@ -19,13 +19,14 @@ from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 
-from dyknow_common.errors import DyKnowError, ExitCode, shortened
+from dyknow_common.errors import DyKnowError, ExitCode, one_line, shortened
 from dyknow_common.ros.deadlines import Deadlines
 from dyknow_common.ros.heartbeat import NodeHeartbeat
 from dyknow_common.ros.liveliness import Heartbeats
 from dyknow_common.ros.qos import NO_PUBLISHER_EVENTS, NO_SUBSCRIPTION_EVENTS, SERVICE, STATUS
 from dyknow_common.ros.throttle import Throttle
 from dyknow_common.ros.topics.guards import MessageGuard, NodeEndError, Refusal
+from dyknow_common.ros.topics.names import RCLError
 
 RUNNING = 'running'
 """The message in the status of a node that has everything it needs."""
@@ -253,7 +254,9 @@ class DyKnowNode(Node):
                 outcome = handler(request, response)
                 if isawaitable(outcome):
                     await outcome
-            except DyKnowError as error:
+            except (DyKnowError, RCLError) as error:
+                if isinstance(error, RCLError):
+                    error = DyKnowError(f'the middleware refuses it: {one_line(error)}')
                 fill_exit_status(response.exit_status, error)
                 self.get_logger().info(f'{name}: {error}')
             except Exception as error:  # noqa: BLE001 - the caller must get a response

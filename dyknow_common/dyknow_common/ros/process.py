@@ -19,12 +19,13 @@ from rclpy.exceptions import NameValidationException, ParameterException
 from rclpy.executors import ExternalShutdownException
 from rclpy.signals import SignalHandlerOptions, install_signal_handlers
 
-from dyknow_common.errors import DyKnowError
+from dyknow_common.errors import DyKnowError, one_line
 from dyknow_common.executables import CANNOT_START, FAULT, LAUNCHER
-from dyknow_common.ros.commands import ROS_ERRORS, RCLError
+from dyknow_common.ros.commands import ROS_ERRORS
 from dyknow_common.ros.deadlines import TICK_PERIOD_S
 from dyknow_common.ros.executor import node_executor
 from dyknow_common.ros.node import DyKnowNode
+from dyknow_common.ros.topics.names import RCLError
 from dyknow_common.ros.watchdog import WITHOUT_STDERR, Watchdog
 from dyknow_main import STOP_SIGNALS, handle, ignore
 
@@ -99,7 +100,7 @@ def run(
     try:
         rclpy.init(args=arguments, signal_handler_options=SignalHandlerOptions.NO)
     except ROS_ERRORS as error:
-        print(' '.join(str(error).split()), file=sys.stderr)  # noqa: T201
+        print(one_line(error), file=sys.stderr)  # noqa: T201
         return failure
     _exit_after_stop(stopped, left)
     return _run(make_node, failure, stopped, left)
@@ -151,7 +152,7 @@ def _report(error: Exception, failure: int, *, has_started: bool) -> int:
         return failure
     if isinstance(error, RCLError) and not has_started:
         # Such as: the middleware cannot secure its topics, or refuses one.
-        print(' '.join(str(error).split()), file=sys.stderr)  # noqa: T201
+        print(one_line(error), file=sys.stderr)  # noqa: T201
         return failure
     traceback.print_exception(error)
     return FAULT if has_started else failure

@@ -16,6 +16,7 @@ If a killed node is restarted before 7.2 s, the new time of start shows that, an
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
+from functools import partial
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticStatus
@@ -30,7 +31,7 @@ from dyknow_common.ros.deadlines import Deadlines
 from dyknow_common.ros.liveliness import Heartbeats
 from dyknow_common.ros.node import RUNNING, STARTED_AT, DyKnowNode, snake_case
 from dyknow_common.ros.qos import NO_SUBSCRIPTION_EVENTS, SERVICE, STATUS
-from dyknow_common.ros.topics.guards import MessageGuard, Refusal, only_owner
+from dyknow_common.ros.topics.guards import create_guarded_subscription, only_owner
 
 POLL_PERIOD_S = 0.02
 """The period of checks for a service that discovery has not found yet."""
@@ -53,22 +54,10 @@ class NodeAdapter:
         self.create_timer = node.create_timer
         self.destroy_subscription = node.destroy_subscription
         self.create_client = node.create_client
+        self.create_subscription = partial(create_guarded_subscription, node)
         self.destroy_client = node.destroy_client
         self.deadlines = Deadlines(node, self.wall_clock)
         self.heartbeats = Heartbeats.of(node)
-
-    def create_subscription(
-        self,
-        msg_type: Any,
-        topic: str,
-        callback: Callable[..., Any],
-        qos_profile: Any,
-        refusal: Refusal | None = None,
-        **options: Any,
-    ) -> Any:
-        """Create a subscription with a `MessageGuard`."""
-        guard: Any = MessageGuard(self.node, self.node.resolve_topic_name(topic), callback, refusal)
-        return self.node.create_subscription(msg_type, topic, guard, qos_profile, **options)
 
     def close(self) -> None:
         """End all waits at once, and destroy the timer."""

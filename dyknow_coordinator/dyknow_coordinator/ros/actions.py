@@ -7,11 +7,10 @@ from contextlib import contextmanager
 from typing import Any
 
 from rclpy.action import ActionServer, CancelResponse
-from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.qos import QoSProfile
 
 from dyknow_common import DyKnowError, ExitCode
-from dyknow_common.ros import SERVICE, DyKnowNode, snake_case
+from dyknow_common.ros import SERVICE, DyKnowNode, RCLError, snake_case
 from dyknow_coordinator.ros.client_watch import ClientWatch
 
 
@@ -58,7 +57,7 @@ class CancellingActionServer:
                 goal.canceled()
             else:
                 goal.abort()
-        except rclpy_implementation.RCLError:
+        except RCLError:
             # A node that stops cannot publish the state, which is set all the same.
             if self._context.ok():
                 raise

@@ -13,7 +13,7 @@ from dyknow_interfaces.msg import FormulaProgress
 from dyknow_interfaces.msg import FormulaResult as FormulaResultMessage
 from dyknow_interfaces.msg import Symbol as SymbolMessage
 
-from dyknow_common import SECOND_NS, DyKnowError, ExitCode, listed
+from dyknow_common import SECOND_NS, DyKnowError, ExitCode, listed, shortened
 from dyknow_common.ros import (
     LATCHED_HISTORY,
     Background,
@@ -150,8 +150,9 @@ class GroupEvaluation:
             ReasoningError: for an invalid topic name, a sort without a domain, or a formula that
                 is too large for the domains.
         """
-        absolute_topic(self._node, state_stream, 'state_stream', VIOLATIONS_SUFFIX)
-        absolute_topic(self._node, result_topic, 'result_topic')
+        states = absolute_topic(self._node, state_stream, 'state_stream', VIOLATIONS_SUFFIX)
+        if absolute_topic(self._node, result_topic, 'result_topic') == states:
+            raise ReasoningError(f"'{shortened(states)}' cannot be both states and results")
         self._reserved_parts = self.group.parts_for(domains)
         try:
             await self._work.run(lambda: self.group.begin(domains), self._is_large)

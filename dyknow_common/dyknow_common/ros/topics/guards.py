@@ -64,6 +64,21 @@ def only_publishers_of(node: Node, published: str) -> Refusal:
     return refusal
 
 
+def create_guarded_subscription(
+    node: Node,
+    msg_type: Any,
+    topic: str,
+    callback: Callable[..., Any],
+    qos_profile: Any,
+    *,
+    refusal: Refusal | None = None,
+    **options: Any,
+) -> Any:
+    """Create a subscription with a `MessageGuard`; the other arguments are those of rclpy."""
+    guard: Any = MessageGuard(node, node.resolve_topic_name(topic), callback, refusal)
+    return node.create_subscription(msg_type, topic, guard, qos_profile, **options)
+
+
 class NodeEndError(DyKnowError):
     """An error that ends the node."""
 

@@ -12,6 +12,9 @@ from rclpy.validate_topic_name import validate_topic_name
 
 from dyknow_common.errors import DyKnowError, shortened
 
+RCLError: Final = rclpy_implementation.RCLError
+"""An error of the middleware: also what its security plugins do not permit."""
+
 MAX_TOPIC_LENGTH: Final = 247
 """The number of characters in the absolute name of a topic: 255 in DDS, without prefixes of ROS."""
 
@@ -44,7 +47,7 @@ def topic_fault(node: Node, name: str, suffix: str = '') -> str:
         validate_full_topic_name(absolute)
     except InvalidTopicNameException as error:
         fault = str(error).removeprefix('Invalid topic name: ').partition(':\n')[0]
-    except (ValueError, rclpy_implementation.RCLError) as error:
+    except (ValueError, RCLError) as error:
         fault = str(error).removeprefix('failed to resolve name: ').partition(', at ')[0]
     else:
         fault = '' if len(absolute) + len(suffix) <= MAX_TOPIC_LENGTH else _TOO_LONG

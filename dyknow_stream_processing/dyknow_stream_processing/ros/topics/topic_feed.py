@@ -10,6 +10,7 @@ from rclpy.callback_groups import CallbackGroup
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
 
+from dyknow_common import one_line
 from dyknow_common.ros import (
     NO_SUBSCRIPTION_EVENTS,
     Heartbeats,
@@ -226,7 +227,7 @@ class TopicFeed:
     def _refuse(self, error: Exception) -> None:
         # It is tried again at the next refresh. Other topics must not suffer from this one.
         self.destroy()
-        reason = ' '.join(str(error).split())
+        reason = one_line(error)
         self.refusal = (
             f"topic '{self.topic}' cannot be subscribed to: {reason}; where ROS security is "
             'enabled, the policy of this node must permit it'
