@@ -34,6 +34,9 @@ MAX_WAITING: Final = 10_000
 MAX_TICKS: Final = 10_000
 """The number of ticks that are emitted at once when the time jumps."""
 
+MAX_VALUES: Final = 100_000
+"""The number of values of inputs in all these ticks."""
+
 
 class SynchronisedOperator(Operator):
     """Base of the operators that process the values of all inputs at the same time, a tick.
@@ -58,6 +61,7 @@ class SynchronisedOperator(Operator):
         super().__init__(wiring)
         self._tracks = [self._track(each) for each in self.inputs]
         self._period = period
+        self._max_ticks = min(MAX_TICKS, max(1, MAX_VALUES // len(self.inputs)))
         self._next_tick = None if period is None else start
         self._target: int | None = None
         self._unsettled = 0
@@ -203,7 +207,9 @@ class SynchronisedOperator(Operator):
         """Skip to the last tick that is due if too many are due; return true if so."""
         # The time that the clock has jumped over if it wakes the operator late.
         lateness = 0 if clock is None else self._scheduler.now - clock
-        if not self._is_complete or (emitted < MAX_TICKS and lateness <= MAX_TICKS * period):
+        if not self._is_complete or (
+            emitted < self._max_ticks and lateness <= self._max_ticks * period
+        ):
             return False
         until = max(target + lateness, self._horizon())
         last = until - (until - target) % period
@@ -211,7 +217,7 @@ class SynchronisedOperator(Operator):
         self._wait_for(last)
         message = (
             f'the time jumped by {round_duration(last - target)} at {round_time(target)}: '
-            f'{(last - target) // period} ticks are skipped; the limit is {MAX_TICKS} at once'
+            f'{(last - target) // period} ticks are skipped; the limit is {self._max_ticks} at once'
         )
         self._violate(Fault(ViolationKind.SAMPLE_PERIOD, target, message, last - target, period))
         return True

@@ -12,8 +12,23 @@ from collections.abc import Hashable, Mapping
 from dataclasses import dataclass
 from typing import Final
 
-from dyknow_common import MAX_DEPTH, MAX_STREAM_PARTS
-from dyknow_stream_processing.language.specification import Merge, Select, StreamReference, Term
+from dyknow_common import (
+    MAX_DEPTH,
+    MAX_STREAM_PARTS,
+    SECOND_NS,
+    StreamConstraints,
+    round_duration,
+)
+from dyknow_stream_processing.language.specification import (
+    Merge,
+    Select,
+    Specification,
+    StreamDeclaration,
+    StreamReference,
+    Sync,
+    Term,
+    made,
+)
 
 MAX_PARTS: Final = 20_000
 """The number of parts of one stream, with all streams that it is made of."""
@@ -24,6 +39,12 @@ MAX_COPIES: Final = 100
 MAX_FIELDS: Final = 10_000
 """The number of fields of a stream."""
 
+MAX_TICK_RATE: Final = 10_000
+"""The number of samples of a sync with a `sample_period`, per second."""
+
+MAX_VALUE_RATE: Final = 100_000
+"""The number of values of all inputs in these samples."""
+
 
 @dataclass(frozen=True, slots=True)
 class _Extent:
@@ -33,6 +54,42 @@ class _Extent:
     depth: int
     parts: int
     copies: Mapping[Hashable, int]
+
+
+def check_rates(specification: Specification, constraints: StreamConstraints) -> None:
+    """Check how many samples the synchronisations with a `sample_period` make.
+
+    Args:
+        specification: of a stream.
+        constraints: on the stream, which apply to the last of its operators.
+
+    Raises:
+        LanguageError: for too many samples or values per second, with the position.
+    """
+    last = made(specification)
+    declared = {each.name: each.stream for each in specification.declared(StreamDeclaration)}
+    waiting = [last, *declared.values()]
+    while isinstance(last, StreamReference) and last.name in declared:
+        last = declared.pop(last.name)
+    while waiting:
+        term = waiting.pop()
+        waiting += term.inputs
+        period = term.constraints.sample_period
+        if term is last:
+            period = period or constraints.sample_period
+        if isinstance(term, Sync) and period is not None:
+            _check_rate(specification, term, period)
+
+
+def _check_rate(specification: Specification, sync: Sync, period: int) -> None:
+    count = len(sync.inputs)
+    if max(count, MAX_VALUE_RATE // MAX_TICK_RATE) * SECOND_NS > MAX_VALUE_RATE * period:
+        raise specification.error(
+            f'a sync of {count} inputs each {round_duration(period)} is too fast: the limits are '
+            f'{MAX_TICK_RATE} samples and {MAX_VALUE_RATE} values of inputs per second; use a '
+            'longer sample_period',
+            sync.position,
+        )
 
 
 class TermSizes:

@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Final
 
 from dyknow_common import FUNCTIONS, LanguageError, shortened
 from dyknow_stream_processing.errors import StreamError
 from dyknow_stream_processing.language.parsing import parse_specification
 from dyknow_stream_processing.language.specification import SinkDeclaration, StreamReference
+
+MAX_NAME: Final = 247
+"""The number of characters in the name of a topic."""
 
 _PLACEHOLDER: Final = '<name>'
 
@@ -19,23 +23,30 @@ def check_name(name: str) -> None:
     Raises:
         StreamError: if it cannot.
     """
-    try:
-        declarations = parse_specification(f'sink {name}').declarations
-    except LanguageError:
-        declarations = ()
+    if len(name) > MAX_NAME:
+        raise StreamError(
+            f"the name of a stream, '{shortened(name)}', has {len(name)} characters; that of a "
+            f'topic can have {MAX_NAME} at most'
+        )
     if name in FUNCTIONS:
         raise StreamError(
             f"'{name}' cannot be the name of a stream: formulas would take it for a function"
         )
-    if (
-        name.startswith('_')
-        or name.endswith("'")
-        or declarations != (SinkDeclaration(StreamReference(name)),)
-    ):
+    if name.startswith('_') or name.endswith("'") or not _is_word(name):
         raise StreamError(
             f"'{shortened(name)}' cannot be the name of a stream; use letters, digits and _, "
             'beginning with a letter, and no keyword of the stream language'
         )
+
+
+@lru_cache(maxsize=10_000)
+def _is_word(name: str) -> bool:
+    """Return True if a name is one in the stream language."""
+    try:
+        declarations = parse_specification(f'sink {name}').declarations
+    except LanguageError:
+        return False
+    return declarations == (SinkDeclaration(StreamReference(name)),)
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,11 +74,13 @@ class NamingConvention:
         """Return the possible name of the stream of an absolute topic; `None` if it has none."""
         before, after = self.pattern.split(_PLACEHOLDER)
         _, found, name = topic.removesuffix(after).rpartition('/' + before.lstrip('~/'))
+        if not found or not topic.endswith(after):
+            return None
         try:
             check_name(name)
         except StreamError:
             return None
-        return name if found and topic.endswith(after) else None
+        return name
 
     def matches(self, name: str, topic: str) -> bool:
         """Return true if a topic is that of a stream in some namespace."""

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, Final
 
-from dyknow_common import ExitCode
+from dyknow_common import SECOND_NS, ExitCode, round_duration
 from dyknow_common.ros import DyKnowNode
 from dyknow_stream_processing.errors import StreamError
+
+MAX_LAG_NS: Final = SECOND_NS
+"""The time for which messages may wait in a node that is given more streams."""
 
 
 class StreamLimits:
@@ -28,16 +31,24 @@ class StreamLimits:
             (100, 1_000_000),
         )
 
-    def check(self, count: int, spec: Any = None) -> None:
+    def check(self, count: int, spec: Any = None, lag: int = 0) -> None:
         """Check that another stream is possible.
 
         Args:
             count: the number of streams that the node has.
             spec: the StreamSpec message, if there is one.
+            lag: for how long the oldest message has waited, in nanoseconds.
 
         Raises:
-            StreamError: UNAVAILABLE with too many streams, INVALID_ARGUMENT for a long text.
+            StreamError: UNAVAILABLE with too many streams, or for a node that cannot keep up;
+                INVALID_ARGUMENT for a long text.
         """
+        if lag > MAX_LAG_NS:
+            raise StreamError(
+                f'{self._name} cannot keep up: a message has waited for {round_duration(lag)}; '
+                'destroy streams that are not needed, or start another engine',
+                ExitCode.UNAVAILABLE,
+            )
         if count >= self._streams:
             raise StreamError(
                 f'{self._name} has {count} streams, and its parameter max_streams allows '

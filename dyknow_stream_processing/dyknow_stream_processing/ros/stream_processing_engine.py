@@ -27,6 +27,7 @@ from dyknow_stream_processing.dataflow.computational_units import load_units
 from dyknow_stream_processing.dataflow.dataflow import DEFAULT_MAX_LEAD, Dataflow
 from dyknow_stream_processing.errors import StreamError
 from dyknow_stream_processing.language.parsing import parse_specification
+from dyknow_stream_processing.language.term_sizes import check_rates
 from dyknow_stream_processing.management.naming import check_name
 from dyknow_stream_processing.reporting.stream_report import (
     NO_FLOW,
@@ -115,11 +116,12 @@ class StreamProcessingEngine(DyKnowNode):
     def _create(self, request: Any, response: Any) -> None:
         spec = request.spec
         check_name(spec.name)
-        self._limits.check(len(self._outputs), spec)
+        self._limits.check(len(self._outputs), spec, self._sources.lag())
         topic = f'{self._prefix}/{spec.name}'
         topic = absolute_topic(self, topic, 'the topic of the stream', VIOLATIONS_SUFFIX)
         specification = parse_specification(spec.specification)
         constraints = constraints_from_message(spec.constraints)
+        check_rates(specification, constraints)
         self._dataflow.create(
             spec.name,
             specification,

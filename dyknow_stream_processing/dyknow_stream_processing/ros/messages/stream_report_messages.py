@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable, Iterable
 from math import isfinite
 from typing import Any, Final
@@ -27,6 +28,9 @@ from dyknow_stream_processing.reporting.stream_report import (
 
 REPORT_PERIOD_S: Final = 1.0
 
+_REST: Final = 4
+"""The least time between two reports, in multiples of the time that a report takes."""
+
 _COMMON_FIELDS: Final = (
     'name',
     'message',
@@ -42,6 +46,8 @@ _COMMON_FIELDS: Final = (
 
 class StreamReportPublisher:
     """Publisher of `~/streams`, each second and soon after a change.
+
+    With very many streams it publishes less often, since each report has all of them.
 
     Args:
         engines: returns the names of the stream processing engines that are alive.
@@ -61,6 +67,7 @@ class StreamReportPublisher:
         self._reports = reports
         self._on_period_end = on_period_end
         self._due = False
+        self._cost_s = 0.0
         self._publisher = node.create_publisher(StreamStatusArray, '~/streams', LATCHED)
         node.create_timer(REPORT_PERIOD_S, self._end_period, clock=node.wall_clock)
 
@@ -68,14 +75,16 @@ class StreamReportPublisher:
         """Publish a report soon; simultaneous changes share one."""
         if not self._due:
             self._due = True
-            self._node.deadlines.after(TICK_PERIOD_S).add_done_callback(lambda _: self._publish())
+            wait_s = max(TICK_PERIOD_S, _REST * self._cost_s)
+            self._node.deadlines.after(wait_s).add_done_callback(lambda _: self._publish())
 
     def _end_period(self) -> None:
         self._on_period_end()
-        self._publish()
+        self.publish_soon()
 
     def _publish(self) -> None:
         self._due = False
+        began = time.monotonic()
         reports = sorted(self._reports(), key=lambda report: report.name)
         self._publisher.publish(
             StreamStatusArray(
@@ -84,6 +93,7 @@ class StreamReportPublisher:
                 streams=[report_to_message(report) for report in reports],
             )
         )
+        self._cost_s = time.monotonic() - began
 
 
 def report_to_message(report: StreamReport) -> Any:

@@ -13,6 +13,8 @@ times. For example, a callback of the node takes from 0 to 300 ms:
     150     the middleware receives a message of b
     300     the timer, or the callback of b, runs first: the message of a is processed with the
             time 100, that of b with 150, and then the timed call is made
+
+A node that cannot keep up processes them for SLICE_NS at most; then its other callbacks run.
 """
 
 from __future__ import annotations
@@ -46,6 +48,12 @@ WATCH_PERIOD_NS: Final = SECOND_NS
 LATE_NS: Final = 10 * NANOSECONDS['ms']
 """Time after which messages of other topics may wait that were received earlier than this one."""
 
+SLICE_NS: Final = 100 * NANOSECONDS['ms']
+"""Time after which the processing of messages that wait is interrupted by other callbacks."""
+
+MAX_TAKEN: Final = 1000
+"""The number of messages from which on others stay in the middleware, which drops the oldest."""
+
 
 class NodeTopics:
     """The topics that the streams of a node share; see `of`."""
@@ -63,6 +71,7 @@ class NodeTopics:
         self.watermarks = WatermarkSubscriptions(self._node, self.group, self._feeds.values)
         self._last_activity = time.monotonic_ns()
         self._taken: deque[ReceivedMessage] = deque()
+        self._goes_on = self._node.create_guard_condition(self._go_on, self.group)
         self._pause = PauseWait(self._node, self.group, self._wall_clock, self.catch_up)
         self._timer: Any = None
 
@@ -137,10 +146,10 @@ class NodeTopics:
     def catch_up(self, now: int) -> bool:
         """Process all messages that wait at a time (nanoseconds), in the order of their receipt.
 
-        Returns False if they are processed later, as the process was stopped.
+        Returns False if some are processed later, as there are many or the process was stopped.
         """
         feeds = list(self._feeds.values())
-        for feed in feeds:
+        for feed in feeds if len(self._taken) < MAX_TAKEN else ():
             self._taken += feed.take(now)
         if self._pause.goes_on(now):
             return False
@@ -150,12 +159,23 @@ class NodeTopics:
         for relay in filter(None, [feed.relay for feed in feeds]):
             relay.catch_up()
         self._taken = deque(sorted(self._taken, key=lambda each: each.receipt_time))
+        end = time.monotonic_ns() + SLICE_NS
         # If a listener raises an error, the rest is processed at the next call.
         while self._taken:
             message = self._taken.popleft()
             message.feed.process(message)
+            if self._taken and time.monotonic_ns() > end:
+                self._goes_on.trigger()
+                return False
         self._last_activity = time.monotonic_ns()
         return True
+
+    def lag(self, now: int) -> int:
+        """Return for how long the oldest message has waited at a time, in nanoseconds."""
+        return now - self._taken[0].receipt_time if self._taken else 0
+
+    def _go_on(self) -> None:
+        self.catch_up(self._node.get_clock().now().nanoseconds)
 
     def _in_time(self, message: ReceivedMessage, began: int) -> ReceivedMessage:
         """Return a message with the earliest time, from a pause on, at which it may have come."""

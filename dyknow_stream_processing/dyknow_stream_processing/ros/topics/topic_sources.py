@@ -122,6 +122,10 @@ class TopicSources:
         self._advance(now)
         return True
 
+    def lag(self) -> int:
+        """Return for how long the oldest message has waited, in nanoseconds."""
+        return self._topics.lag(self._node.get_clock().now().nanoseconds)
+
     def report(self, topic: str) -> SourceReport:
         """Return the report of a topic that is subscribed to."""
         source, _ = self._sources[topic]
