@@ -18,7 +18,7 @@ from dyknow_interfaces.msg import ExitStatus, FormulaResult
 from processes import Client
 from rclpy.action import ActionClient
 from rclpy.task import Future
-from running_system import COORDINATOR, EVALUATE, ask
+from running_system import COORDINATOR, EVALUATE, ask, outcome_of
 
 from dyknow_common import SECOND_NS
 from dyknow_common.ros import nanoseconds_to_duration, time_to_nanoseconds
@@ -104,12 +104,7 @@ class Request:
     @property
     def outcome(self) -> str:
         """The outcome in a word or two."""
-        if self.answer is None:
-            return 'lost'
-        code, verdict = self.answer.exit_status.code, self.answer.verdict
-        if code:
-            return f'error {code}'
-        return {FormulaResult.TRUE: 'true', FormulaResult.FALSE: 'false'}.get(verdict, 'undecided')
+        return outcome_of(self.answer)
 
     def fault(self, high: Mapping[str, Sequence[int]]) -> str:
         """Return the defect of the answer; empty if there is none.

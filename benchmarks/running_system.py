@@ -12,7 +12,7 @@ from typing import Any, Self
 
 import robots
 from diagnostic_msgs.msg import DiagnosticStatus
-from dyknow_interfaces.msg import FormulaProgress
+from dyknow_interfaces.msg import FormulaProgress, FormulaResult
 from dyknow_interfaces.srv import EvaluateFormula, ListStreams
 from processes import (
     ENGINE,
@@ -259,6 +259,16 @@ class RunningSystem:
         if report.states_progressed:
             key = (report.formula_group_id, report.formula_id)
             self.progress.setdefault(key, []).append((report.states_progressed, valid))
+
+
+def outcome_of(answer: Any) -> str:
+    """Return the outcome of an `EvaluateFormula` in a word or two; None for no answer."""
+    if answer is None:
+        return 'lost'
+    if answer.exit_status.code:
+        return f'error {answer.exit_status.code}'
+    verdicts = {FormulaResult.TRUE: 'true', FormulaResult.FALSE: 'false'}
+    return verdicts.get(answer.verdict, 'undecided')
 
 
 def ask(client: Client, service: str, formula: str, timeout: float) -> Future:

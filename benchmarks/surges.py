@@ -27,10 +27,10 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from dyknow_interfaces.msg import ExitStatus, FormulaResult, StreamStatusArray
+from dyknow_interfaces.msg import ExitStatus, StreamStatusArray
 from dyknow_interfaces.srv import StreamDestroy
 from processes import ENGINE, MANAGER, use_private_domain
-from running_system import EVALUATE, FAR_ENGINE, RunningSystem, ask
+from running_system import EVALUATE, FAR_ENGINE, RunningSystem, ask, outcome_of
 
 from dyknow_common import NANOSECONDS, SECOND_NS
 from dyknow_common.ros import LATCHED, time_to_nanoseconds
@@ -62,12 +62,7 @@ class Asked:
     @property
     def outcome(self) -> str:
         """The outcome in a word or two."""
-        if self.answer is None:
-            return 'lost'
-        code, verdict = self.answer.exit_status.code, self.answer.verdict
-        if code:
-            return f'error {code}'
-        return {FormulaResult.TRUE: 'true', FormulaResult.FALSE: 'false'}.get(verdict, 'undecided')
+        return outcome_of(self.answer)
 
     def fault(self, high: Sequence[int]) -> str:
         """Return the defect of the answer, given the stamps of high levels; empty if none."""

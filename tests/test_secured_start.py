@@ -68,21 +68,27 @@ def test_commands_run_in_the_enclave_that_is_named(tmp_path: Path) -> None:
     assert f"'{tmp_path}/enclaves/dyknow_client' does not exist" in ended.stderr
 
 
-def test_a_topic_that_may_not_be_read_harms_no_other(
-    client: Client, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """The middleware refuses a subscription that the policy of the node does not permit."""
+def refuse(client: Client, monkeypatch: pytest.MonkeyPatch, refused: str) -> list[str]:
+    """Refuse the first three subscriptions to a topic, as the middleware does; return them."""
     refusals: list[str] = []
-    logged: list[str] = []
     create = client.node.create_subscription
 
     def create_permitted(class_: Any, topic: str, *arguments: Any, **options: Any) -> Any:
-        if topic == '/secret' and len(refusals) < 3:
+        if topic == refused and len(refusals) < 3:
             refusals.append(topic)
             raise RCLError('could not create\n subscription')
         return create(class_, topic, *arguments, **options)
 
     monkeypatch.setattr(client.node, 'create_subscription', create_permitted)
+    return refusals
+
+
+def test_a_topic_that_may_not_be_read_harms_no_other(
+    client: Client, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The middleware refuses a subscription that the policy of the node does not permit."""
+    refusals = refuse(client, monkeypatch, '/secret')
+    logged: list[str] = []
     monkeypatch.setattr(client.node.get_logger(), 'error', logged.append)
     publishers = {
         topic: client.node.create_publisher(Float64, topic, 10) for topic in ('/secret', '/open')
@@ -118,16 +124,7 @@ def test_violations_that_may_not_be_read_harm_no_other(
     client: Client, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """A stream whose violations are unknown is not used."""
-    refusals: list[str] = []
-    create = client.node.create_subscription
-
-    def create_permitted(class_: Any, topic: str, *arguments: Any, **options: Any) -> Any:
-        if topic == '/s/violations' and len(refusals) < 3:
-            refusals.append(topic)
-            raise RCLError('could not create subscription')
-        return create(class_, topic, *arguments, **options)
-
-    monkeypatch.setattr(client.node, 'create_subscription', create_permitted)
+    refusals = refuse(client, monkeypatch, '/s/violations')
     publisher = client.node.create_publisher(Sample, '/s', STREAM)
     samples: list[Any] = []
     specification = 'source (x: int) "/s"; stream a = select x from "/s"; sink a'

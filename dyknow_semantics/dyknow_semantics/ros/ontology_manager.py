@@ -129,8 +129,9 @@ class OntologyManager(DyKnowNode):
             response.variables = list(TRIPLE_VARIABLES)
             response.values = list(chain.from_iterable(self._ontology.triples))
             return
-        copy = await self._inference.copy()
-        variables, rows = await self._work.answer(self._ontology, copy, request.sparql)
+        variables, rows = await self._work.answer(
+            self._ontology, self._inference.copy, request.sparql
+        )
         response.variables = list(variables)
         response.values = list(chain.from_iterable(rows))
 

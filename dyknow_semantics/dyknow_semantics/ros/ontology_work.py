@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterable
+from collections.abc import Awaitable, Callable, Iterable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
@@ -132,11 +132,12 @@ class OntologyWork:
         )
 
     async def answer(
-        self, ontology: Ontology, copy: Path, sparql: str
+        self, ontology: Ontology, make_copy: Callable[[], Awaitable[Path]], sparql: str
     ) -> tuple[tuple[str, ...], tuple[Row, ...]]:
         """Answer a query from a copy of the ontology, which is removed then."""
+        check_query(sparql)
+        copy = await make_copy()
         try:
-            check_query(sparql)
             return await self._answering.run(self._answer, ontology, copy, sparql)
         finally:
             self._remove(copy)
