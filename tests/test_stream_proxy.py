@@ -243,6 +243,27 @@ def test_a_busy_process_breaks_no_period(client: Client) -> None:
     assert recording.proxy.drops == {}
 
 
+def test_a_process_that_cannot_keep_up_runs_its_other_callbacks(client: Client) -> None:
+    publisher = client.node.create_publisher(Float64, '/a', RELIABLE)
+    recording = Recording(client, '/a', quality_of_service=RELIABLE)
+    wait_until_heard(client, recording, publisher, Float64(data=-1.0))
+    slow = StreamProxy(client.node, '/a', on_sample=lambda _: time.sleep(0.03))
+    numbers = [float(number) for number in range(60)]
+    for number in numbers:
+        publisher.publish(Float64(data=number))
+    time.sleep(0.3)  # Now all of them wait, so the first callback finds itself late.
+    received_at_ticks: list[int] = []
+    timer = client.node.create_timer(
+        0.01, lambda: received_at_ticks.append(recording.values().count(numbers[-1]))
+    )
+    client.spin_until(lambda: numbers[-1] in recording.values(), 'the last sample')
+    assert received_at_ticks.count(0) > 3
+    values = [each for each in recording.values() if each != -1.0]
+    assert values == numbers
+    client.node.destroy_timer(timer)
+    slow.destroy()
+
+
 def test_stamps_that_are_zero_negative_or_equal(client: Client) -> None:
     publisher = client.node.create_publisher(Odometry, '/a', RELIABLE)
     recording = Recording(client, 'select pose.pose.position.x as x from "/a" with max_lead = 9 s')
