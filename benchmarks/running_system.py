@@ -234,6 +234,7 @@ class RunningSystem:
         parameters = {
             REASONER: {'progress_period': self._progress_period},
             MANAGER: {'memory': str(folder / 'streams.memory')},
+            'ontology_manager': {'allow_download': True, 'load_limit': 5.0},
         }.get(process.executable, {})
         return replace(process, parameters={**process.parameters, **parameters})
 
