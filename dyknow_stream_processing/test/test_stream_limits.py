@@ -37,6 +37,13 @@ def test_a_sync_of_thousands(flow: Flow, monkeypatch: pytest.MonkeyPatch) -> Non
         flow.create(f'sync({", ".join(inputs)})', 'large')
 
 
+def test_an_operator_of_many_inputs(flow: Flow) -> None:
+    inputs = [f'select x as x{each} from "t{each}"' for each in range(term_sizes.MAX_INPUTS + 1)]
+    flow.create(f'sync({", ".join(inputs[1:])})', 'small')
+    with pytest.raises(LanguageError, match='a merge, sync or unit has 1001 inputs, more than'):
+        flow.create(f'select x0 from sync({", ".join(inputs)})', 'large')
+
+
 def test_a_stream_of_many_fields(flow: Flow) -> None:
     selections = [f'x as x{each}' for each in range(term_sizes.MAX_FIELDS + 1)]
     flow.create(f'select {", ".join(selections[1:])} from "t"', 'small')

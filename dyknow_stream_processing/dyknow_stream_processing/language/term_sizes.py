@@ -33,6 +33,9 @@ from dyknow_stream_processing.language.specification import (
 MAX_PARTS: Final = 20_000
 """The number of parts of one stream, with all streams that it is made of."""
 
+MAX_INPUTS: Final = 1000
+"""The number of inputs of a merge, a sync or a computational unit."""
+
 MAX_COPIES: Final = 100
 """The number of samples of a stream that merges make of one sample of a topic."""
 
@@ -48,11 +51,12 @@ MAX_VALUE_RATE: Final = 100_000
 
 @dataclass(frozen=True, slots=True)
 class _Extent:
-    """The depth of a term, the number of terms in it, and the samples for one of each origin."""
+    """The size of a term: its terms, the most inputs of one, and the samples for each origin."""
 
     term: Term
     depth: int
     parts: int
+    inputs: int
     copies: Mapping[Hashable, int]
 
 
@@ -108,6 +112,8 @@ class TermSizes:
             return f'it is made through more than {MAX_DEPTH} streams, one from the other'
         if max(extent.copies.values()) > MAX_COPIES:
             return f'its merges repeat each sample of a stream more than {MAX_COPIES} times'
+        if extent.inputs > MAX_INPUTS:
+            return f'a merge, sync or unit has {extent.inputs} inputs, more than {MAX_INPUTS}'
         if extent.parts > MAX_PARTS:
             return f'it has more than {MAX_PARTS} parts, with all streams that it is made of'
         if self._total > MAX_STREAM_PARTS:
@@ -119,6 +125,7 @@ class TermSizes:
             extents = [self._extent(each) for each in term.inputs]
             depth = 1 + max((each.depth for each in extents), default=0)
             parts = 1 + sum(each.parts for each in extents)
+            inputs = max([len(extents), *(each.inputs for each in extents)])
             copies: Mapping[Hashable, int] = {id(term): 1}
             match term:
                 case StreamReference():
@@ -131,5 +138,5 @@ class TermSizes:
                         counter.update(each.copies)
                     copies = counter
                 # A sync and a unit emit once for each valid time.
-            self._known[id(term)] = _Extent(term, depth, parts, copies)
+            self._known[id(term)] = _Extent(term, depth, parts, inputs, copies)
         return self._known[id(term)]

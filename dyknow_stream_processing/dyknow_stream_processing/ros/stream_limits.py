@@ -1,12 +1,18 @@
-"""Limits of the streams of a node, as parameters; checked before a request costs anything."""
+"""Limits of the streams of a node, and of the time that a request takes from others."""
 
 from __future__ import annotations
 
+from functools import partial
 from typing import Any, Final
 
 from dyknow_common import SECOND_NS, ExitCode, round_duration
-from dyknow_common.ros import DyKnowNode
+from dyknow_common.ros import Background, DyKnowNode
 from dyknow_stream_processing.errors import StreamError
+from dyknow_stream_processing.language.parsing import parse_specification
+from dyknow_stream_processing.language.specification import Specification
+
+LONG_TEXT: Final = 5000
+"""Characters of a specification that takes tens of milliseconds to parse."""
 
 MAX_LAG_NS: Final = SECOND_NS
 """The time for which messages may wait in a node that is given more streams."""
@@ -26,7 +32,7 @@ class StreamLimits:
         )
         self._characters = node.parameter(
             'max_specification',
-            200_000,
+            100_000,
             'Number of characters of the specification in a request.',
             (100, 1_000_000),
         )
@@ -61,3 +67,8 @@ class StreamLimits:
                 f'the specification has {length} characters, and the parameter max_specification '
                 f'of {self._name} allows {self._characters}; make the stream of several streams'
             )
+
+
+async def parse_beside(background: Background, text: str) -> Specification:
+    """Parse a specification; one that is long in the background."""
+    return await background.run(partial(parse_specification, text), is_long=len(text) > LONG_TEXT)

@@ -17,6 +17,7 @@ from dyknow_interfaces.srv import (
 
 from dyknow_common.ros import (
     RUNNING,
+    Background,
     DyKnowNode,
     Throttle,
     absolute_topic,
@@ -24,7 +25,6 @@ from dyknow_common.ros import (
     run,
 )
 from dyknow_stream_processing.errors import StreamError
-from dyknow_stream_processing.language.parsing import parse_specification
 from dyknow_stream_processing.management.namespaces import Namespaces
 from dyknow_stream_processing.management.naming import NamingConvention, check_name
 from dyknow_stream_processing.management.registry import DEFAULT_CONVENTION, StreamRegistry
@@ -36,7 +36,7 @@ from dyknow_stream_processing.ros.management.persistence_files import Persistenc
 from dyknow_stream_processing.ros.management.placement import Placement
 from dyknow_stream_processing.ros.messages.message_types import message_class
 from dyknow_stream_processing.ros.messages.stream_report_messages import StreamReportPublisher
-from dyknow_stream_processing.ros.stream_limits import StreamLimits
+from dyknow_stream_processing.ros.stream_limits import StreamLimits, parse_beside
 from dyknow_stream_processing.ros.topics.publications import find_publication
 from dyknow_stream_processing.ros.topics.violation_relay import VIOLATIONS_SUFFIX
 
@@ -60,6 +60,7 @@ class StreamManager(DyKnowNode):
             'discovery_period', 0.25, 'Seconds between two searches for new engines.', (0.01, 60.0)
         )
         self._limits = StreamLimits(self, MAX_STREAMS)
+        self._background = Background(self)
         self._registry = self._new_registry()
         self._memory = PersistenceFile(memory, self.get_fully_qualified_name())
         self._memory_error = Throttle(ERROR_PERIOD_S)
@@ -113,7 +114,7 @@ class StreamManager(DyKnowNode):
         spec = request.spec
         check_name(spec.name)
         self._limits.check(len(self._registry.streams()), spec)
-        parse_specification(spec.specification)
+        await parse_beside(self._background, spec.specification)
         constraints = constraints_from_message(spec.constraints)
         created = await self._placement.create(
             CreatedStream(spec.name, spec.specification, constraints)

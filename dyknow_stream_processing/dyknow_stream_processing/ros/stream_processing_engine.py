@@ -14,6 +14,7 @@ from dyknow_common.ros import (
     RUNNING,
     STREAM,
     VIOLATIONS,
+    Background,
     DyKnowNode,
     Throttle,
     absolute_topic,
@@ -26,7 +27,6 @@ from dyknow_common.ros import (
 from dyknow_stream_processing.dataflow.computational_units import load_units
 from dyknow_stream_processing.dataflow.dataflow import DEFAULT_MAX_LEAD, Dataflow
 from dyknow_stream_processing.errors import StreamError
-from dyknow_stream_processing.language.parsing import parse_specification
 from dyknow_stream_processing.language.term_sizes import check_rates
 from dyknow_stream_processing.management.naming import check_name
 from dyknow_stream_processing.reporting.stream_report import (
@@ -38,7 +38,7 @@ from dyknow_stream_processing.reporting.stream_report import (
 )
 from dyknow_stream_processing.ros.messages.sample_messages import SampleWriter
 from dyknow_stream_processing.ros.messages.stream_report_messages import StreamReportPublisher
-from dyknow_stream_processing.ros.stream_limits import StreamLimits
+from dyknow_stream_processing.ros.stream_limits import StreamLimits, parse_beside
 from dyknow_stream_processing.ros.topics.publications import publishers_remark
 from dyknow_stream_processing.ros.topics.topic_sources import TopicSources, source_type
 from dyknow_stream_processing.ros.topics.violation_relay import VIOLATIONS_SUFFIX, violations_topic
@@ -102,6 +102,7 @@ class StreamProcessingEngine(DyKnowNode):
         self._sources = TopicSources(self, self._dataflow)
         self._waiting = WaitingStreams(self, self._dataflow, self._sources)
         self._outputs: dict[str, _Output] = {}
+        self._background = Background(self)
         self._report_publisher = StreamReportPublisher(
             self, lambda: [self.get_fully_qualified_name()], self._reports, self._end_period
         )
@@ -113,13 +114,13 @@ class StreamProcessingEngine(DyKnowNode):
         # Report an empty list too: only engines that have reported are given streams.
         self._report_publisher.publish_soon()
 
-    def _create(self, request: Any, response: Any) -> None:
+    async def _create(self, request: Any, response: Any) -> None:
         spec = request.spec
         check_name(spec.name)
         self._limits.check(len(self._outputs), spec, self._sources.lag())
         topic = f'{self._prefix}/{spec.name}'
         topic = absolute_topic(self, topic, 'the topic of the stream', VIOLATIONS_SUFFIX)
-        specification = parse_specification(spec.specification)
+        specification = await parse_beside(self._background, spec.specification)
         constraints = constraints_from_message(spec.constraints)
         check_rates(specification, constraints)
         self._dataflow.create(
