@@ -24,6 +24,7 @@ from dyknow_common.limits import (
     MAX_FORMULA_PARTS,
     MAX_STREAM_PARTS,
     MAX_WORDS,
+    cached_by_text,
 )
 from dyknow_common.parsing import (
     NOWHERE,
@@ -82,6 +83,7 @@ __all__ = [
     'absence',
     'all_elements',
     'builder',
+    'cached_by_text',
     'check_unit',
     'comparison_value',
     'distinct_settings',

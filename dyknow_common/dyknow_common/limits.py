@@ -1,8 +1,12 @@
-"""Limits of the texts of all languages."""
+"""Limits of the texts of all languages, and of what is kept of them."""
 
 from __future__ import annotations
 
-from typing import Final
+from collections import OrderedDict
+from collections.abc import Callable
+from functools import wraps
+from threading import Lock
+from typing import Any, Concatenate, Final, ParamSpec, TypeVar
 
 MAX_CHARACTERS: Final = 1_000_000
 """The length of a text."""
@@ -18,3 +22,41 @@ MAX_FORMULA_PARTS: Final = 1_000_000
 
 MAX_DEPTH: Final = 100
 """The depth to which a text nests, and so to which functions may recurse over its syntax."""
+
+MAX_CACHED_CHARACTERS: Final = 5_000_000
+"""The length of all texts of a cache; a syntax tree takes some 15 bytes for each character."""
+
+Others = ParamSpec('Others')
+Result = TypeVar('Result')
+
+
+def cached_by_text(
+    function: Callable[Concatenate[str, Others], Result],
+) -> Callable[Concatenate[str, Others], Result]:
+    """Return a function that keeps the results for the texts that were used last.
+
+    Args:
+        function: its first argument is a text, and all can be hashed. Errors are not kept.
+    """
+    known: OrderedDict[Any, Result] = OrderedDict()
+    lock = Lock()
+    total = 0
+
+    @wraps(function)
+    def cached(text: str, /, *others: Others.args, **named: Others.kwargs) -> Result:
+        nonlocal total
+        key = text, others, tuple(named.items())
+        with lock:
+            if key in known:
+                known.move_to_end(key)
+                return known[key]
+        result = function(text, *others, **named)
+        with lock:
+            total += 0 if key in known else len(text)
+            known[key] = result
+            while total > MAX_CACHED_CHARACTERS:
+                (oldest, *_), _ = known.popitem(last=False)
+                total -= len(oldest)
+        return result
+
+    return cached

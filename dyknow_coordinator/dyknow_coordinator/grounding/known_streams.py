@@ -4,10 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
-from functools import lru_cache
 from itertools import chain
 
-from dyknow_common import NO_CONSTRAINTS, DyKnowError, StreamConstraints
+from dyknow_common import NO_CONSTRAINTS, DyKnowError, StreamConstraints, cached_by_text
 from dyknow_coordinator.grounding.feature_sources import FeatureSource
 from dyknow_stream_processing import (
     FreeNames,
@@ -179,20 +178,20 @@ def _names_in(origin: str) -> frozenset[str]:
     return found.streams | found.topics | {origin}
 
 
-@lru_cache(maxsize=4096)
+@cached_by_text
 def _free_names(specification: str) -> FreeNames:
     if not specification:
         return FreeNames(frozenset(), frozenset())
     return free_names(parse_specification(specification))
 
 
-@lru_cache(maxsize=4096)
+@cached_by_text
 def _declared_names(specification: str) -> frozenset[str]:
     declared = parse_specification(specification).declarations if specification else ()
     return frozenset(each.name for each in declared if isinstance(each, StreamDeclaration))
 
 
-@lru_cache(maxsize=4096)
+@cached_by_text
 def _periods(specification: str, added: StreamConstraints) -> tuple[tuple[int, FreeNames], ...]:
     """Return the longest period of each stream that gives a `sample_period`, and its origins.
 

@@ -64,6 +64,10 @@ class StreamRegistry:
         """Return all streams, in the order in which they were added."""
         return tuple(self._streams.values())
 
+    def specifications(self) -> tuple[str, ...]:
+        """Return the specification of each stream; empty for a registered one."""
+        return tuple(getattr(each, 'specification', '') for each in self._streams.values())
+
     def names(self) -> tuple[str, ...]:
         """Return the names of the streams that have a topic, sorted."""
         return tuple(sorted(name for name, stream in self._streams.items() if stream.topic))

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from functools import lru_cache
 
-from dyknow_common import StreamConstraints
+from dyknow_common import StreamConstraints, cached_by_text
 from dyknow_stream_processing.language.parsing import parse_specification
 from dyknow_stream_processing.language.specification import Specification
 from dyknow_stream_processing.reporting.stream_report import SAMPLE_TYPE
@@ -63,13 +62,13 @@ class RegisteredStream:
 Stream = CreatedStream | RegisteredStream
 
 
-@lru_cache(maxsize=4096)
+@cached_by_text
 def parsed(specification: str) -> Specification:
     """Return the syntax tree of a specification."""
     return parse_specification(specification)
 
 
-@lru_cache(maxsize=4096)
+@cached_by_text
 def canonical(specification: str) -> str:
     """Return the canonical text of a specification."""
     return str(parsed(specification))

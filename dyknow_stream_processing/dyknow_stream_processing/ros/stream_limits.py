@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from functools import partial
 from typing import Any, Final
 
 from dyknow_common import SECOND_NS, ExitCode, round_duration
 from dyknow_common.ros import Background, DyKnowNode
 from dyknow_stream_processing.errors import StreamError
-from dyknow_stream_processing.language.parsing import parse_specification
 from dyknow_stream_processing.language.specification import Specification
+from dyknow_stream_processing.management.streams import parsed
+
+MAX_CHARACTERS: Final = 4_000_000
+"""The characters of the specifications of all streams."""
 
 LONG_TEXT: Final = 5000
 """Characters of a specification that takes tens of milliseconds to parse."""
@@ -37,11 +41,11 @@ class StreamLimits:
             (100, 1_000_000),
         )
 
-    def check(self, count: int, spec: Any = None, lag: int = 0) -> None:
+    def check(self, texts: Collection[str], spec: Any = None, lag: int = 0) -> None:
         """Check that another stream is possible.
 
         Args:
-            count: the number of streams that the node has.
+            texts: the specifications of the streams that the node has.
             spec: the StreamSpec message, if there is one.
             lag: for how long the oldest message has waited, in nanoseconds.
 
@@ -49,15 +53,22 @@ class StreamLimits:
             StreamError: UNAVAILABLE with too many streams, or for a node that cannot keep up;
                 INVALID_ARGUMENT for a long text.
         """
+        characters = sum(map(len, texts))
+        if characters > MAX_CHARACTERS:
+            raise StreamError(
+                f'the specifications of the streams of {self._name} have {characters} characters, '
+                f'more than {MAX_CHARACTERS}; destroy unused streams first',
+                ExitCode.UNAVAILABLE,
+            )
         if lag > MAX_LAG_NS:
             raise StreamError(
                 f'{self._name} cannot keep up: a message has waited for {round_duration(lag)}; '
                 'destroy streams that are not needed, or start another engine',
                 ExitCode.UNAVAILABLE,
             )
-        if count >= self._streams:
+        if len(texts) >= self._streams:
             raise StreamError(
-                f'{self._name} has {count} streams, and its parameter max_streams allows '
+                f'{self._name} has {len(texts)} streams, and its parameter max_streams allows '
                 f'{self._streams}; destroy unused ones first',
                 ExitCode.UNAVAILABLE,
             )
@@ -71,4 +82,4 @@ class StreamLimits:
 
 async def parse_beside(background: Background, text: str) -> Specification:
     """Parse a specification; one that is long in the background."""
-    return await background.run(partial(parse_specification, text), is_long=len(text) > LONG_TEXT)
+    return await background.run(partial(parsed, text), is_long=len(text) > LONG_TEXT)

@@ -113,7 +113,7 @@ class StreamManager(DyKnowNode):
     async def _create(self, request: Any, response: Any) -> None:
         spec = request.spec
         check_name(spec.name)
-        self._limits.check(len(self._registry.streams()), spec)
+        self._limits.check(self._registry.specifications(), spec)
         await parse_beside(self._background, spec.specification)
         constraints = constraints_from_message(spec.constraints)
         created = await self._placement.create(
@@ -134,7 +134,7 @@ class StreamManager(DyKnowNode):
             if not getattr(request, name):
                 raise StreamError(f'{name} is empty; a stream needs a name, a topic and its type')
         check_name(request.stream_name)
-        self._limits.check(len(self._registry.streams()))
+        self._limits.check(self._registry.specifications())
         message_class(request.message_type)
         topic = absolute_topic(self, request.topic_name, 'topic_name', VIOLATIONS_SUFFIX)
         self._registry.add(RegisteredStream(request.stream_name, topic, request.message_type))

@@ -117,7 +117,8 @@ class StreamProcessingEngine(DyKnowNode):
     async def _create(self, request: Any, response: Any) -> None:
         spec = request.spec
         check_name(spec.name)
-        self._limits.check(len(self._outputs), spec, self._sources.lag())
+        specifications = list(map(self._dataflow.specification, self._outputs))
+        self._limits.check(specifications, spec, self._sources.lag())
         topic = f'{self._prefix}/{spec.name}'
         topic = absolute_topic(self, topic, 'the topic of the stream', VIOLATIONS_SUFFIX)
         specification = await parse_beside(self._background, spec.specification)
