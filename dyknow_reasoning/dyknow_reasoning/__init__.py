@@ -2,30 +2,43 @@
 
 from dyknow_reasoning.check import CheckResult, check_trace
 from dyknow_reasoning.errors import ReasoningError
+from dyknow_reasoning.explanation.explanation import objects_text
 from dyknow_reasoning.formula_group import FormulaGroup
 from dyknow_reasoning.language.formula import (
     Always,
     And,
+    Arithmetic,
     Comparison,
+    Eventually,
     Feature,
+    FieldReference,
     Forall,
     Formula,
     Interval,
     Number,
+    Term,
+    Until,
+    parts,
 )
 from dyknow_reasoning.language.parsing import parse_formula
 from dyknow_reasoning.language.symbols import symbols_of
 from dyknow_reasoning.language.type_checking import Kind, check_types
+from dyknow_reasoning.progression.atoms import CALCULATE
+from dyknow_reasoning.progression.instances import ground_atoms
 from dyknow_reasoning.progression.sizes import FormulaLimits
 from dyknow_reasoning.results import FormulaResult
 from dyknow_reasoning.trace import RecordedState, read_trace
 
 __all__ = [
+    'CALCULATE',
     'Always',
     'And',
+    'Arithmetic',
     'CheckResult',
     'Comparison',
+    'Eventually',
     'Feature',
+    'FieldReference',
     'Forall',
     'Formula',
     'FormulaGroup',
@@ -36,9 +49,14 @@ __all__ = [
     'Number',
     'ReasoningError',
     'RecordedState',
+    'Term',
+    'Until',
     'check_trace',
     'check_types',
+    'ground_atoms',
+    'objects_text',
     'parse_formula',
+    'parts',
     'read_trace',
     'symbols_of',
 ]

@@ -15,7 +15,7 @@ from typing import Any
 from dyknow_common import ExitCode, Symbol, SymbolKind, Verdict, round_time
 from dyknow_reasoning.errors import ReasoningError
 from dyknow_reasoning.execution import InstanceMonitor, Outcomes, Recording
-from dyknow_reasoning.explanation.explanation import explain
+from dyknow_reasoning.explanation.explanation import VerdictReasons, explain
 from dyknow_reasoning.explanation.remainders import Remainders
 from dyknow_reasoning.language.formula import Formula
 from dyknow_reasoning.language.parsing import parse_formula
@@ -214,12 +214,12 @@ class FormulaGroup:
         monitor = self._begun()
         recording = Recording.read(valid_times, columns)
         usable = recording.increasing(monitor.latest)
-        results = self._known_results() if usable.times else []
+        results = self._known_results() if len(usable) else []
         for index, outcomes in monitor.progress_many(usable):
-            results += self._results(outcomes, usable.times[index], usable.values(index))
-        end = len(usable.times)
-        if end < len(recording.times):
-            results += self.progress(recording.times[end], recording.values(end))
+            results += self._results(outcomes, usable.time(index), usable.values(index))
+        end = len(usable)
+        if end < len(recording):
+            results += self.progress(recording.time(end), recording.values(end))
         return results
 
     def gap(self) -> None:
@@ -327,11 +327,11 @@ class FormulaGroup:
             if formula_id in self._undecided
         ]
 
-    def _known_reason(self, formula_id: int, verdict: Verdict) -> str:
+    def _known_reason(self, formula_id: int, verdict: Verdict) -> VerdictReasons:
         symbols = symbols_of(self._formulas[formula_id].formula)
         sorts = dict.fromkeys(each.name for each in symbols if each.kind is SymbolKind.SORT)
         objects = f' for the objects of {" and ".join(sorts)}' if sorts else ''
-        return f'it is {verdict.name.lower()}{objects}, whatever the states are'
+        return VerdictReasons(f'it is {verdict.name.lower()}{objects}, whatever the states are')
 
     def _results(self, outcomes: Outcomes, valid_time: int, values: Values) -> list[FormulaResult]:
         results = []
@@ -345,18 +345,30 @@ class FormulaGroup:
         return results
 
     def _decided(
-        self, formula_id: int, verdict: Verdict, valid_time: int | None, why: str
+        self, formula_id: int, verdict: Verdict, valid_time: int | None, why: VerdictReasons
     ) -> FormulaResult:
         self._undecided.discard(formula_id)
         self._ends[formula_id] = verdict.name.lower()
-        return FormulaResult(formula_id, self._formulas[formula_id].name, verdict, valid_time, why)
+        return FormulaResult(
+            formula_id,
+            self._formulas[formula_id].name,
+            verdict,
+            valid_time,
+            why.text,
+            objects=why.objects,
+            windows=why.windows,
+            ended_at=valid_time,
+        )
 
     def _failed(self, formula_id: int, error: ReasoningError, valid_time: int) -> FormulaResult:
         self._undecided.discard(formula_id)
         formula = self._formulas[formula_id]
         self._ends[formula_id] = str(formula)
         located = ReasoningError(f'at {round_time(valid_time)}: {error}', error.code)
-        return FormulaResult(formula_id, formula.name, Verdict.UNDECIDED, None, '', located)
+        verdict = Verdict.UNDECIDED
+        return FormulaResult(
+            formula_id, formula.name, verdict, None, '', located, ended_at=valid_time
+        )
 
 
 def _verdict(instances: Sequence[Instance]) -> Verdict:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from dyknow_common import Verdict
 from dyknow_reasoning.errors import ReasoningError
@@ -40,6 +40,11 @@ class FormulaResult:
             or needs no state.
         explanation: the reasons, for those who operate the robot; empty if the formula failed.
         error: the reason why the formula failed.
+        objects: the objects for which the formula is decided, `u = uav1`; empty if there is no
+            choice of them.
+        windows: the intervals of the obligations that the explanation names, in nanoseconds.
+        ended_at: the valid time of the state with which the formula got its result, also by an
+            error; None if it needs no state.
     """
 
     formula_id: int
@@ -48,3 +53,6 @@ class FormulaResult:
     decided_at: int | None
     explanation: str
     error: ReasoningError | None = None
+    objects: str = ''
+    windows: tuple[tuple[int, int], ...] = ()
+    ended_at: int | None = field(default=None, compare=False)

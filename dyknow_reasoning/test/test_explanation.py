@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from dyknow_common import Value
-from dyknow_reasoning import FormulaGroup
+from dyknow_reasoning import FormulaGroup, FormulaResult, ground_atoms, objects_text, parse_formula
 
 POWER = (
     'forall u in UAV: always (Power[u] > 150 -> '
@@ -13,8 +13,10 @@ POWER = (
 )
 
 
-def explained(text: str, columns: dict[str, list[Value]], step: int = 100_000_000) -> str:
-    """The explanation of a formula over states at 10.0 s, 10.1 s, ..., or with another step."""
+def decided(
+    text: str, columns: dict[str, list[Value]], step: int = 100_000_000
+) -> FormulaResult | None:
+    """The result of a formula over states at 10.0 s, 10.1 s, ..., or with another step."""
     group = FormulaGroup()
     group.add_formula('it', text)
     group.begin({'UAV': ['uav1', 'uav2']})
@@ -23,8 +25,14 @@ def explained(text: str, columns: dict[str, list[Value]], step: int = 100_000_00
         values = {name: column[index % len(column)] for name, column in columns.items()}
         for result in group.progress(10_000_000_000 + index * step, values):
             assert result.error is None
-            return f'{result.verdict.name}: {result.explanation}'
-    return 'UNDECIDED'
+            return result
+    return None
+
+
+def explained(text: str, columns: dict[str, list[Value]], step: int = 100_000_000) -> str:
+    """The explanation of that result."""
+    result = decided(text, columns, step)
+    return 'UNDECIDED' if result is None else f'{result.verdict.name}: {result.explanation}'
 
 
 def test_a_surge() -> None:
@@ -277,3 +285,35 @@ def test_no_claim_is_untrue(
     text: str, columns: dict[str, list[Value]], step: int, expected: str
 ) -> None:
     assert explained(text, columns, step) == expected
+
+
+@pytest.mark.parametrize(
+    ('text', 'values', 'objects', 'windows'),
+    [
+        # The whole window of the obligation, though a state within it decided.
+        (POWER, [140.0, 180.0, 190.0, 231.4], 'u = uav2', [(10.1, 15.1)]),
+        (POWER, [160.0] * 60, 'u = uav2', [(10.0, 15.0)]),
+        ('eventually[200 ms, 500 ms] Power[uav2] > 5', [1, 9, 1, 9], '', [(10.2, 10.5)]),
+        # Without an end, to the deciding state.
+        ('always Power[uav2] < 5', [1, 2, 9], '', [(10.0, 10.2)]),
+        ('Power[uav2] < 5', [9], '', []),
+    ],
+)
+def test_the_windows_and_objects_of_a_verdict(
+    text: str, values: list[Value], objects: str, windows: list[tuple[float, float]]
+) -> None:
+    result = decided(text, {'Power[uav1]': [140.0], 'Power[uav2]': values})
+    assert result is not None
+    assert result.objects == objects
+    assert [(start / 1e9, end / 1e9) for start, end in result.windows] == windows
+
+
+def test_the_atoms_of_each_instance_are_those_of_the_text() -> None:
+    formula = parse_formula(
+        'forall u in S: always (u != a -> (exists v in T: F[u, v] >= 2 * G[u]) and p and p)'
+    )
+    found = ground_atoms(formula, {'S': ['a', 'b'], 'T': ['c', 'd']})
+    assert [(objects_text(binding), list(map(str, atoms))) for binding, atoms in found] == [
+        ('u = a', ['a != a', 'F[a, c] >= (2 * G[a])', 'F[a, d] >= (2 * G[a])', 'p']),
+        ('u = b', ['b != a', 'F[b, c] >= (2 * G[b])', 'F[b, d] >= (2 * G[b])', 'p']),
+    ]

@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from dyknow_reasoning import FormulaGroup, FormulaResult
-from dyknow_reasoning.execution import instance_pool, recorded_symbols
+from dyknow_reasoning.execution import instance_monitor, instance_pool
 
 PERIOD_NS = 100_000_000
 
@@ -91,7 +91,7 @@ def test_values_that_are_not_known_in_some_instances(data: st.DataObject) -> Non
             columns[f'{name}[o{thing}]'] = column.tolist()
     with pytest.MonkeyPatch.context() as patch:
         # Few states a block, so that blocks follow on one that cannot be read as a whole.
-        patch.setattr(recorded_symbols, '_MAX_STATES', data.draw(st.sampled_from([1, 2, 5])))
+        patch.setattr(instance_monitor, '_FIRST_STATES', data.draw(st.sampled_from([1, 2, 5])))
         patch.setattr(instance_pool, '_MIN_BATCH_SIZE', data.draw(st.sampled_from([2, 1000])))
         assert_paths_agree(formulas, objects, [PERIOD_NS * n for n in range(states)], columns)
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from math import inf
 
 from dyknow_common import ExitCode, format_time
 from dyknow_reasoning.errors import ReasoningError
@@ -15,12 +16,14 @@ from dyknow_reasoning.execution.automata.instance_states import (
 )
 from dyknow_reasoning.execution.automata.sampling import SamplingRegularity
 from dyknow_reasoning.execution.automata.templates import Template
+from dyknow_reasoning.execution.block_progression import BlockProgression
 from dyknow_reasoning.execution.fast_path import FastPath, Step
 from dyknow_reasoning.execution.instance_pool import InstancePool, Symbols
 from dyknow_reasoning.execution.recorded_symbols import RecordedSymbols
 from dyknow_reasoning.execution.recording import Recording
-from dyknow_reasoning.execution.vectors.atom_vectors import UnreadableError
+from dyknow_reasoning.execution.vectors.atom_vectors import Array, UnreadableError
 from dyknow_reasoning.execution.vectors.batch_keys import batch_key
+from dyknow_reasoning.execution.vectors.instance_vectors import MAX_VECTOR_TIME
 from dyknow_reasoning.language.type_checking import Kinds
 from dyknow_reasoning.progression.atoms import Values
 from dyknow_reasoning.progression.gaps import Gap
@@ -28,6 +31,10 @@ from dyknow_reasoning.progression.instances import Instance
 from dyknow_reasoning.progression.nodes import Constant, Node
 
 _NO_OUTCOMES: Outcomes = {}
+_FIRST_STATES, _FEWEST_STATES, _MOST_STATES = 1 << 12, 1 << 4, 1 << 16
+"""The numbers of states of a recording that are progressed together."""
+_MIN_INSTANCES = 256
+"""The fewest instances that are faster in a batch than one by one, over many states."""
 
 
 class InstanceMonitor:
@@ -122,6 +129,8 @@ class InstanceMonitor:
             gap_outcomes = self._cross_gap(Gap(latest, valid_time))
         if self._new:
             self.prepare()
+        if abs(valid_time) > MAX_VECTOR_TIME:
+            self._pool.dissolve(latest, inf)
         failures: Mapping[int, Outcome] = _NO_OUTCOMES
         try:
             symbols = self._pool.read(values)
@@ -145,36 +154,89 @@ class InstanceMonitor:
         Returns:
             The indices of the states that have outcomes, and the outcomes.
         """
-        times, steps = recording.times, recording.steps(self.latest)
-        index = 0
-        recorded: RecordedSymbols | None = None
-        while index < len(times) and self._aggregation:
+        steps = recording.steps(self.latest)
+        index, size, count = 0, _FIRST_STATES, len(recording)
+        while index < count and self._aggregation:
             self._leave_fast_path()
-            symbols: Symbols | None = None
-            if self._latest is not None and not self._gap_follows and not self._new:
-                if recorded is None or not recorded.is_for(self._pool):
-                    recorded = RecordedSymbols(recording, self._pool)
-                block = recorded.block(index)
-                if self._needs_look_ups_only:
-                    index = block.look_up(index, steps, self._pool.singles)
-                    self._latest = times[index] - steps[index] if index < len(times) else times[-1]
-                if index == block.states.stop:
-                    continue
-                symbols = block.at(index)
-            if symbols is None:
-                outcomes = self.progress(times[index], recording.values(index))
-            else:
-                outcomes = _by_id(self._step(symbols, times[index], steps[index]))
-            if outcomes:
-                yield index, outcomes
-            index += 1
+            end = min(index + min(size, self._pool.most_states), count)
+            reached, outcomes = index, dict[int, Outcomes]()
+            if not (self._latest is None or self._gap_follows or self._new or self._is_large):
+                self._dissolve(recording, count - index)
+                symbols = RecordedSymbols(recording, range(index, end))
+                reached, outcomes = self._progress_block(recording, steps, symbols)
+            if reached == index:
+                now = recording.time(index)
+                outcomes = {index: self.progress(now, recording.values(index))}
+                reached += 1
+            yield from ((each, found) for each, found in outcomes.items() if found)
+            # Where blocks cannot be completed, smaller ones waste less work.
+            size = min(2 * size, _MOST_STATES) if reached == end else max(size // 8, _FEWEST_STATES)
+            index = reached
         self._leave_fast_path()
-        self._latest = times[-1] if times else self._latest
+        self._latest = recording.time(-1) if count else self._latest
 
     def states(self) -> Iterator[InstanceState]:
         """Return the states of all instances."""
         yield from self._pool.states(self.latest or 0)
         yield from self._new
+
+    def _progress_block(
+        self, recording: Recording, steps: Array, symbols: RecordedSymbols
+    ) -> tuple[int, dict[int, Outcomes]]:
+        """Progress all instances over a block of states, or as many of them as is possible.
+
+        Returns:
+            The index of the next state, and the outcomes by the indices of their states.
+        """
+        pool = self._pool
+        for single in pool.singles:
+            symbols.of(single)
+        if not symbols.states:
+            return symbols.states.start, {}
+        if pool.batches:
+            return self._progress_with_batches(recording, steps, symbols)
+        block = BlockProgression(recording.times, steps, symbols)
+        end, pool.singles, verdicts = block.progress(pool.singles)
+        found: dict[int, Outcomes] = {}
+        for index, each in verdicts.items():
+            outcomes, irrelevant = self._aggregation.apply(each)
+            self._remove(outcomes, irrelevant)
+            found[index] = _by_id(outcomes)
+        self._latest = recording.time(end - 1)
+        self._needs_look_ups_only = False
+        if failures := self._check_limits(self._latest):
+            found[end - 1] = _by_id({**found.get(end - 1, {}), **failures})
+        return end, found
+
+    def _progress_with_batches(
+        self, recording: Recording, steps: Array, symbols: RecordedSymbols
+    ) -> tuple[int, dict[int, Outcomes]]:
+        """Do the same state by state, as it is fast for large batches."""
+        pool, fields, states = self._pool, self._pool.fields, symbols.states
+        try:
+            batches = symbols.of_batches(pool)
+        except UnreadableError:
+            return states.start, {}
+        singles = {id(single): symbols.of(single) for single in pool.singles}
+        found: dict[int, Outcomes] = {}
+        for row, index in enumerate(states):
+            if pool.fields is not fields or self._is_large:
+                return index, found
+            now = (
+                [singles[id(single)].values[row] for single in pool.singles],
+                [batch.of_instances(batches[id(batch)][row]) for batch in pool.batches],
+            )
+            if outcomes := self._step(now, recording.time(index), int(steps[index])):
+                found[index] = _by_id(outcomes)
+        return states.stop, found
+
+    def _dissolve(self, recording: Recording, states: int) -> None:
+        """Progress the instances of batches individually if that is faster, or times are large."""
+        latest = self._latest or 0
+        if recording.times.dtype == object:
+            self._pool.dissolve(latest, inf)
+        elif states >= _MIN_INSTANCES:
+            self._pool.dissolve(latest, _MIN_INSTANCES)
 
     def _step(self, symbols: Symbols, now: int, elapsed: int) -> Outcomes:
         """Progress all instances by the truth of their atoms; remove formulas with outcomes."""
@@ -193,11 +255,8 @@ class InstanceMonitor:
         if verdicts:
             outcomes, irrelevant = self._aggregation.apply(verdicts)
             self._remove(outcomes, irrelevant)
-        for template in self._templates.values():
-            if template.automaton.has_grown:
-                self._limit_memory(now)
-        if self._is_large:
-            outcomes = {**outcomes, **self._check_sizes(now)}
+        if failures := self._check_limits(now):
+            outcomes = {**outcomes, **failures}
         self._needs_look_ups_only = (
             regular
             and not (pool.batches or self._is_large or not pool.singles)
@@ -254,6 +313,13 @@ class InstanceMonitor:
         if latest is not None:
             self._latest = latest
 
+    def _check_limits(self, now: int) -> Mapping[int, Outcome]:
+        """Limit memory; return the errors of formulas that are too large, which are removed."""
+        for template in self._templates.values():
+            if template.automaton.has_grown:
+                self._limit_memory(now)
+        return self._check_sizes(now) if self._is_large else _NO_OUTCOMES
+
     def _limit_memory(self, now: int) -> None:
         """Limit the size of automata after one has grown, and check for large instances."""
         for template in self._templates.values():
@@ -262,9 +328,9 @@ class InstanceMonitor:
                 template.forget(self._pool.leave_configurations(template, now))
         self._is_large = any(template.is_large for template in self._templates.values())
 
-    def _check_sizes(self, now: int) -> Mapping[int, ReasoningError]:
+    def _check_sizes(self, now: int) -> Mapping[int, Outcome]:
         """Remove the formulas that exceed the node limit; return their errors."""
-        failures = {
+        failures: dict[int, Outcome] = {
             formula_id: ReasoningError(
                 f'the formula has grown to {size} nodes, more than {self._node_limit}; '
                 'bound its intervals, lengthen the sample period, or raise the node limit',

@@ -14,9 +14,11 @@ from dyknow_reasoning.execution.automata.templates import Template
 from dyknow_reasoning.execution.single_instance import SingleInstance
 from dyknow_reasoning.execution.vectors.atom_vectors import Array, FieldVectors, UnreadableError
 from dyknow_reasoning.execution.vectors.batch import Batch
+from dyknow_reasoning.execution.vectors.instance_vectors import MAX_VECTOR_TIME
 from dyknow_reasoning.progression.atoms import Values
 
 _MIN_BATCH_SIZE = 24
+_MAX_VALUES = 1 << 22
 
 Symbols: TypeAlias = tuple[Sequence[int], Sequence[Array]]
 """The truth of the atoms at a state, as bits: of each individual instance, and of each batch."""
@@ -42,6 +44,11 @@ class InstancePool:
             *(each.template for each in self.batches),
         ]
 
+    @property
+    def most_states(self) -> int:
+        """The most states of a recording whose values should be loaded at once for the batches."""
+        return max(1, _MAX_VALUES // (1 + sum(map(len, self.batches))))
+
     def states(self, latest: int) -> Iterator[InstanceState]:
         """Return the states of the instances."""
         for single in self.singles:
@@ -61,7 +68,11 @@ class InstancePool:
         for key, found in new.items():
             if key in batches:
                 batches[key] = Batch([*batches[key].states(latest), *found])
-            elif key is not None and len(found) + len(singles[key]) >= _MIN_BATCH_SIZE:
+            elif (
+                key is not None
+                and abs(latest) <= MAX_VECTOR_TIME
+                and len(found) + len(singles[key]) >= _MIN_BATCH_SIZE
+            ):
                 others = (single.state(latest) for single in singles.pop(key))
                 batches[key] = Batch([*others, *found])
             else:
@@ -69,6 +80,15 @@ class InstancePool:
         self.singles = list(chain.from_iterable(singles.values()))
         self.batches = list(batches.values())
         self._attach()
+
+    def dissolve(self, latest: int, below: float) -> None:
+        """Progress the instances of batches individually that have fewer than `below` instances."""
+        small = [batch for batch in self.batches if len(batch) < below]
+        if small:
+            states = chain.from_iterable(batch.states(latest) for batch in small)
+            self.singles = [*self.singles, *map(SingleInstance, states)]
+            self.batches = [batch for batch in self.batches if len(batch) >= below]
+            self._attach()
 
     def remove(self, formulas: Collection[int], instances: Iterable[FormulaInstance] = ()) -> None:
         """Remove all instances of some formulas, and some other instances."""

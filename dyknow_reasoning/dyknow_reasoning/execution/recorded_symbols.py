@@ -2,120 +2,173 @@
 
 from __future__ import annotations
 
-import operator
-from collections.abc import Sequence
-from dataclasses import dataclass
+from bisect import bisect_left, bisect_right
+from collections.abc import Iterable, Mapping, Sequence
+from functools import cached_property
+from typing import Any
 
-from dyknow_reasoning.execution.instance_pool import InstancePool, Symbols
+import numpy as np
+
+from dyknow_reasoning.errors import ReasoningError
+from dyknow_reasoning.execution.instance_pool import InstancePool
 from dyknow_reasoning.execution.recording import Recording
 from dyknow_reasoning.execution.single_instance import SingleInstance
 from dyknow_reasoning.execution.vectors.atom_vectors import (
+    Array,
+    FieldVector,
     FieldVectors,
     Truths,
     UnreadableError,
     bits,
+    checked,
 )
 from dyknow_reasoning.execution.vectors.batch_keys import atom_form
+from dyknow_reasoning.language.formula import Atom, Term
+from dyknow_reasoning.language.type_checking import Kind, Kinds
+from dyknow_reasoning.progression.atoms import fields, predicate
 from dyknow_reasoning.progression.nodes import slots
 
-_MAX_VALUES = 1 << 22
-_MAX_STATES = 1 << 12
-
-
-@dataclass(frozen=True, slots=True)
-class Block:
-    """Some states of a recording that are evaluated together.
-
-    Args:
-        states: the indices of the states.
-        symbols: the truth of the atoms at each; None if the values must be read one by one.
-    """
-
-    states: range
-    symbols: Sequence[Symbols] | None
-
-    def at(self, index: int) -> Symbols | None:
-        """Return the truth of the atoms at a state; None if its values must be read one by one."""
-        return self.symbols[index - self.states.start] if self.symbols is not None else None
-
-    def look_up(self, begin: int, steps: Sequence[int], instances: Sequence[SingleInstance]) -> int:
-        """Progress individual instances over states by table look-ups alone.
-
-        Args:
-            begin: the index of the first state.
-            steps: for each state of the recording, the nanoseconds since the previous one.
-            instances: the instances.
-
-        Returns:
-            The index of the first state that needs more, or comes after another step of time.
-        """
-        if self.symbols is None or not all(each.configuration for each in instances):
-            return begin
-        elapsed = steps[begin]
-        configurations = (each.configuration for each in instances)
-        rows = [found.row(elapsed) for found in configurations if found]
-        masks = [each.mask for each in instances]
-        index = begin
-        while index < self.states.stop and steps[index] == elapsed:
-            symbols, _ = self.symbols[index - self.states.start]
-            try:
-                rows = [
-                    row[symbol & mask]
-                    for row, symbol, mask in zip(rows, symbols, masks)  # noqa: B905 - for speed
-                ]
-            except KeyError:
-                break
-            index += 1
-        for instance, row in zip(instances, rows, strict=True):
-            instance.configuration = row.configuration
-        return index
+_MAX_TABLE_BITS = 12
 
 
 class RecordedSymbols:
-    """Evaluates the atoms of the instances of a pool over a recording."""
+    """Evaluates the atoms of instances over some states of a recording, each atom once.
 
-    def __init__(self, recording: Recording, pool: InstancePool) -> None:
-        self._singles, self._batches = pool.singles, pool.batches
-        self._fields = (FieldVectors(), pool.fields)
-        self._end = len(recording.times)
-        self._is_readable = True
-        self._truths: list[Sequence[tuple[int, Truths]]] = []
+    Args:
+        recording: the recording.
+        states: the indices of the states.
+    """
+
+    def __init__(self, recording: Recording, states: range) -> None:
+        self.states = states
+        """Those at which all atoms have a value so far."""
+        self._count = len(states)
+        self._columns = recording.columns
+        self._fields = _StateFields(recording, states)
+        self._truths: dict[Any, Truths] = {}
+        self._found: dict[Any, SymbolSequence] = {}
+
+    def of(self, single: SingleInstance) -> SymbolSequence:
+        """Return the symbols of an instance: the truth of the atoms that it depends on now."""
+        instance = single.instance
+        used = slots(single.mask)
+        truths = [(slot, self._truth(instance.atoms[slot], instance.kinds)) for slot in used]
+        key = tuple((slot, id(truth)) for slot, truth in truths)
+        found = self._found.get(key)
+        if found is None:
+            symbols = bits(truths) if truths else np.zeros(self._count, np.uint8)
+            found = self._found[key] = SymbolSequence(symbols, single.mask)
+        return found
+
+    def of_batches(self, pool: InstancePool) -> Mapping[int, Array]:
+        """Return the loaded symbols at each state of each batch, by its `id`.
+
+        Raises:
+            UnreadableError: if values do not fit into vectors.
+        """
+        pool.fields.select(self._columns, slice(self.states.start, self.states.stop))
+        return {id(batch): batch.loaded_symbols() for batch in pool.batches}
+
+    def _truth(self, atom: Atom, kinds: Kinds) -> Truths:
+        form = atom_form(atom, kinds)
+        found = self._truths.get((atom, form))
+        if found is None:
+            truth = self._evaluated(atom, kinds, form)
+            found = self._truths[atom, form] = lambda: truth
+        return found
+
+    def _evaluated(self, atom: Atom, kinds: Kinds, form: Any) -> Array:
         try:
-            self._truths = [self._truths_of(single) for single in pool.singles]
-            for fields in self._fields:
-                fields.open(recording.columns)
+            if form is not None:
+                return self._fields.truths([atom], kinds)()
         except UnreadableError:
-            self._is_readable = False
-        count = len(pool.singles) + sum(map(len, pool.batches))
-        self._block_size = max(1, min(_MAX_STATES, _MAX_VALUES // count))
-        self._block = Block(range(0), None)
+            pass
+        return self._evaluated_one_by_one(atom, kinds)
 
-    def is_for(self, pool: InstancePool) -> bool:
-        """Return True if the pool has not changed."""
-        known = (self._singles, self._batches, self._fields[1])
-        return all(map(operator.is_, known, (pool.singles, pool.batches, pool.fields)))
+    def _evaluated_one_by_one(self, atom: Atom, kinds: Kinds) -> Array:
+        """Evaluate an atom that numpy would not evaluate exactly; end before the first error."""
+        names = {str(field) for field in fields(atom)}
+        states = slice(self.states.start, self.states.stop)
+        columns = {
+            name: column[states].tolist() for name, column in self._columns.items() if name in names
+        }
+        holds = predicate(atom, kinds)
+        found = np.zeros(self._count, bool)
+        for index in range(len(self.states)):
+            try:
+                found[index] = holds({name: values[index] for name, values in columns.items()})
+            except ReasoningError:
+                self.states = self.states[:index]
+                break
+        return found
 
-    def block(self, index: int) -> Block:
-        """Return the block that holds a state; states must be asked for in their order."""
-        if index not in self._block.states:
-            states = range(index, min(index + self._block_size, self._end))
-            self._block = Block(states, self._symbols(states) if self._is_readable else None)
-        return self._block
 
-    def _symbols(self, states: range) -> Sequence[Symbols] | None:
-        try:
-            for fields in self._fields:
-                fields.select(slice(states.start, states.stop))
-            singles = [bits(truths)[:, 0].tolist() for truths in self._truths]
-            batches = [batch.symbols() for batch in self._batches]
-        except UnreadableError:
-            return None
-        rows = zip(*singles, strict=True) if singles else [()] * len(states)
-        return [(row, [symbols[index] for symbols in batches]) for index, row in enumerate(rows)]
+class _StateFields(FieldVectors):
+    """The values of single fields at some states of a recording."""
 
-    def _truths_of(self, single: SingleInstance) -> Sequence[tuple[int, Truths]]:
-        atoms, kinds = single.instance.atoms, single.instance.kinds
-        found = slots(single.instance.node.mask)
-        if not found or None in {atom_form(atoms[slot], kinds) for slot in found}:
-            raise UnreadableError
-        return [(slot, self._fields[0].truths([atoms[slot]], kinds)) for slot in found]
+    def __init__(self, recording: Recording, states: range) -> None:
+        super().__init__()
+        self._columns = recording.columns
+        self._states = slice(states.start, states.stop)
+
+    def _field(self, terms: Iterable[Term | Atom], kind: Kind | None) -> FieldVector:
+        (name,) = map(str, terms)
+        key = (name,), kind
+        if key not in self._found:
+            if name not in self._columns:
+                raise UnreadableError
+            field = FieldVector((name,), kind)
+            field.values = checked(self._columns[name][self._states], kind)
+            self._found[key] = field
+        return self._found[key]
+
+
+class SymbolSequence:
+    """The symbol of an instance at each state of a part of a recording.
+
+    Args:
+        symbols: the symbols.
+        mask: the bits that they have.
+    """
+
+    def __init__(self, symbols: Array, mask: int) -> None:
+        self._symbols = symbols
+        self._width = 1 << mask.bit_length()
+        self._has_table = mask.bit_length() <= _MAX_TABLE_BITS
+        self._others: dict[frozenset[int], Sequence[int]] = {}
+
+    @cached_property
+    def values(self) -> list[int]:
+        """The symbols."""
+        found: list[int] = self._symbols.tolist()
+        return found
+
+    @cached_property
+    def _changes(self) -> list[int]:
+        """The indices of the states whose symbol is not that of the state before."""
+        return _indices(self._symbols[1:] != self._symbols[:-1], 1)
+
+    def next_other(self, index: int, end: int, known: frozenset[int]) -> int:
+        """Return the index of the next state whose symbol is not one of the known; else the end.
+
+        If there are many atoms, it may return that of an earlier state.
+        """
+        if self._has_table:
+            others = self._others.get(known)
+            if others is None:
+                is_other = np.ones(self._width, bool)
+                is_other[list(known)] = False
+                others = _indices(is_other[self._symbols])
+                self._others[known] = others
+            at = bisect_left(others, index)
+        elif self.values[index] in known:
+            others = self._changes
+            at = bisect_right(others, index)
+        else:
+            return index
+        return min(others[at], end) if at < len(others) else end
+
+
+def _indices(chosen: Array, first: int = 0) -> list[int]:
+    found: list[int] = (np.flatnonzero(chosen) + first).tolist()
+    return found

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import operator
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -10,7 +9,8 @@ from typing import Any
 import numpy as np
 
 from dyknow_reasoning.errors import ReasoningError
-from dyknow_reasoning.execution.vectors.atom_vectors import Columns, column_vector
+from dyknow_reasoning.execution.vectors.atom_vectors import Array, Columns, column_vector
+from dyknow_reasoning.execution.vectors.instance_vectors import MAX_VECTOR_TIME
 from dyknow_reasoning.progression.atoms import Values
 
 
@@ -19,28 +19,41 @@ class Recording:
     """Many states.
 
     Args:
-        times: the valid times of the states, in nanoseconds.
+        times: the valid times of the states, in nanoseconds: 64-bit integers, or objects if they
+            or their differences are larger.
         columns: for each field, its values at these states.
     """
 
-    times: list[int]
+    times: Array
     columns: Columns
+
+    def __len__(self) -> int:
+        return len(self.times)
 
     @classmethod
     def read(cls, times: Iterable[int], columns: Mapping[str, Iterable[Any]]) -> Recording:
         """Return the recording of times and columns, which may be numpy arrays.
 
         Raises:
-            ReasoningError: for a column of another length than the times.
+            ReasoningError: for times that are not integers, or a column that does not have a value
+                for each state.
         """
-        found = times.tolist() if isinstance(times, np.ndarray) else list(times)
+        found = _vector(times)
         vectors = {name: column_vector(column) for name, column in columns.items()}
         for name, vector in vectors.items():
+            if vector.ndim != 1:
+                raise ReasoningError(
+                    f"the column '{name}' has {vector.ndim} dimensions; give one value a state"
+                )
             if len(vector) != len(found):
                 raise ReasoningError(
                     f"the column '{name}' has {len(vector)} values for {len(found)} states"
                 )
         return cls(found, vectors)
+
+    def time(self, index: int) -> int:
+        """Return the valid time of a state, in nanoseconds."""
+        return int(self.times[index])
 
     def values(self, index: int) -> Values:
         """Return the values of a state as plain Python objects."""
@@ -54,13 +67,47 @@ class Recording:
         """
         steps = self.steps(latest)
         first = 1 if latest is None else 0
-        end = next((index for index in range(first, len(steps)) if steps[index] <= 0), len(steps))
+        late = np.flatnonzero(steps[first:] <= 0)
+        if not late.size:
+            return self
+        end = int(late[0]) + first
         columns = {name: column[:end] for name, column in self.columns.items()}
         return Recording(self.times[:end], columns)
 
-    def steps(self, latest: int | None) -> list[int]:
+    def steps(self, latest: int | None) -> Array:
         """Return the nanoseconds from the previous state to each state; `latest` as above."""
-        if not self.times:
-            return []
-        previous = self.times[0] if latest is None else latest
-        return list(map(operator.sub, self.times, [previous, *self.times[:-1]]))
+        if not len(self.times):
+            return self.times
+        is_large = latest is not None and abs(latest) > MAX_VECTOR_TIME
+        times = self.times.astype(object) if is_large else self.times
+        first = 0 if latest is None else times[0] - latest
+        return np.concatenate((np.array([first], times.dtype), times[1:] - times[:-1]))
+
+
+def _vector(times: Iterable[Any]) -> Array:
+    """Return valid times as a vector; raise ReasoningError for those that are no integers."""
+    if not isinstance(times, np.ndarray):
+        times = np.fromiter(_integers(times), object)
+    if times.ndim != 1:
+        raise ReasoningError(f'the valid times have {times.ndim} dimensions; give one time a state')
+    if times.size and times.dtype.kind not in 'iuO':
+        raise _not_integers(times.dtype.name)
+    if times.dtype.kind == 'O' or isinstance(times, np.ma.MaskedArray):
+        times = np.fromiter(_integers(times.tolist()), object)
+    small = times.min(initial=0) >= -MAX_VECTOR_TIME and times.max(initial=0) <= MAX_VECTOR_TIME
+    return times.astype(int if small else object)
+
+
+def _integers(times: Iterable[Any]) -> list[int]:
+    """Return integers of any type as those of Python; raise ReasoningError for other values."""
+    found = list(times)
+    if set(map(type, found)) <= {int}:
+        return found
+    for time in found:
+        if isinstance(time, bool) or not isinstance(time, int | np.integer):
+            raise _not_integers(type(time).__name__)
+    return list(map(int, found))
+
+
+def _not_integers(type_name: str) -> ReasoningError:
+    return ReasoningError(f'the valid times are of type {type_name}; give integers, in nanoseconds')

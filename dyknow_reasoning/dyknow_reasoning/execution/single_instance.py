@@ -20,18 +20,19 @@ from dyknow_reasoning.progression.nodes import Sides, slots
 class SingleInstance:
     """An undecided instance, at a configuration, or at a location with clocks.
 
-    `read` returns the truth of the atoms in `mask`, on which the instance depends now. `latest` is
-    the valid time of the latest state.
+    `read` returns the truth of the atoms in `mask`, on which the instance depends now. `location`
+    and `clocks` are in use if `configuration` is None. `latest` is the valid time of the latest
+    state.
     """
 
     __slots__ = (
-        '_location',
         '_origins',
         '_predicates',
         '_readers',
-        '_times',
+        'clocks',
         'configuration',
         'instance',
+        'location',
         'mask',
         'read',
         'template',
@@ -43,29 +44,36 @@ class SingleInstance:
         self.configuration: Configuration | None = None
         self.mask: int
         self.read: Reader
-        self._location = state.location
-        self._times: Times = state.times
+        self.location = state.location
+        self.clocks: Times = state.times
         self._origins: Mapping[Sides, int] = state.window_origins
         self._predicates = [predicate(atom, instance.kinds) for atom in instance.atoms]
         self._readers: dict[int, Reader] = {}
-        self._read_for(self._location)
+        self._read_for(self.location)
 
     def position(self, latest: int) -> tuple[Location, Times]:
         """Return the location and the clocks."""
         found = self.configuration
         if found is None:
-            return self._location, self._times
+            return self.location, self.clocks
         return found.location, tuple(latest - age for age in found.ages)
 
     def state(self, latest: int) -> InstanceState:
         """Return the state of the instance."""
         return InstanceState(self.instance, self.template, *self.position(latest), self._origins)
 
+    def enter_configurations(self, latest: int) -> Configuration:
+        """Return the configuration; find it if none is in use."""
+        if self.configuration is None:
+            ages = tuple(latest - time for time in self.clocks)
+            self.configuration = self.template.configurations.at(self.location, ages)
+        return self.configuration
+
     def leave_configurations(self, latest: int) -> Location:
         """Stop using configurations; return the location."""
-        self._location, self._times = self.position(latest)
+        self.location, self.clocks = self.position(latest)
         self.configuration = None
-        return self._location
+        return self.location
 
     def step(self, symbol: int, now: int, elapsed: int, *, regular: bool) -> InstanceVerdict | None:
         """Progress the instance over a state; return the verdict, if there is one.
@@ -80,8 +88,8 @@ class SingleInstance:
             return self._step_by_table(symbol, now, elapsed)
         if self.configuration is not None:
             self.leave_configurations(now - elapsed)
-        times = (*self._times, now)
-        location = self._location
+        times = (*self.clocks, now)
+        location = self.location
         move = location.moves.get(symbol)
         if type(move) is not Move:
             move = self.template.automaton.move(location, symbol, times)
@@ -90,15 +98,12 @@ class SingleInstance:
             if target.verdict is not None:
                 return self._verdict(target.verdict, symbol, now, elapsed)
             self._enter(target, location, now)
-            self._location = target
-        self._times = move.select(times)
+            self.location = target
+        self.clocks = move.select(times)
         return None
 
     def _step_by_table(self, symbol: int, now: int, elapsed: int) -> InstanceVerdict | None:
-        before = self.configuration
-        if before is None:
-            ages = tuple(now - elapsed - time for time in self._times)
-            before = self.template.configurations.at(self._location, ages)
+        before = self.enter_configurations(now - elapsed)
         known = before.row(elapsed).get(symbol)
         if known is not None:
             self.configuration = known.configuration

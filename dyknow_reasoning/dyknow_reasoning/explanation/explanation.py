@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections import defaultdict
 from collections.abc import Mapping
+from dataclasses import dataclass
 from functools import cached_property
 
 from dyknow_common import Value, format_time
@@ -54,8 +55,24 @@ _LITERALS = (Number, TextLiteral, Truth)
 _MIRRORED = {'<': '>', '<=': '>=', '>': '<', '>=': '<=', '=': '=', '!=': '!='}
 
 
-def explain(formula: Formula, verdict: InstanceVerdict, values: Values) -> str:
-    """Return the reasons of a verdict: objects, values, and the times of pending obligations.
+@dataclass(frozen=True, slots=True)
+class VerdictReasons:
+    """The reasons of a verdict, for those who operate the robot.
+
+    Args:
+        text: with objects, values, and the times of pending obligations.
+        objects: the instance that decides the formula, `u = uav1`; empty if it has no variables.
+        windows: the intervals in which the operators that the text names must hold or are
+            awaited, in nanoseconds; to the deciding state if they have no end.
+    """
+
+    text: str
+    objects: str = ''
+    windows: tuple[tuple[int, int], ...] = ()
+
+
+def explain(formula: Formula, verdict: InstanceVerdict, values: Values) -> VerdictReasons:
+    """Return the reasons of a verdict.
 
     Args:
         formula: the formula.
@@ -63,15 +80,22 @@ def explain(formula: Formula, verdict: InstanceVerdict, values: Values) -> str:
         values: the values of the deciding state.
     """
     instance, moment = verdict.instance, verdict.moment
+    windows: Mapping[tuple[int, int], None] = {}
     if moment is None:
         why = f'what remained can only be {verdict.holds}'.lower()
     else:
-        why = _Explainer(formula, moment, values).text()
-    objects = ', '.join(f'{variable} = {name}' for variable, name in instance.binding.items())
+        explainer = _Explainer(formula, moment, values)
+        why, windows = explainer.text(), explainer.windows
+    objects = objects_text(instance.binding)
     why = f'for {objects}: {why}' if objects else why
-    if instance.gap is None:
-        return why
-    return f'{why}; so it is whatever the states were that are missing {instance.gap}'
+    if instance.gap is not None:
+        why = f'{why}; so it is whatever the states were that are missing {instance.gap}'
+    return VerdictReasons(why, objects, tuple(windows))
+
+
+def objects_text(binding: Mapping[str, str]) -> str:
+    """Return the text of a choice of objects: `u = uav1, v = uav2`."""
+    return ', '.join(f'{variable} = {name}' for variable, name in binding.items())
 
 
 class _Explainer:
@@ -79,6 +103,8 @@ class _Explainer:
 
     def __init__(self, formula: Formula, moment: DecidingMoment, values: Values) -> None:
         before = moment.before
+        # The intervals of the windows that the reasons name, in their order.
+        self.windows: dict[tuple[int, int], None] = {}
         self._before = before
         self._symbol = moment.symbol
         self._values = values
@@ -148,6 +174,7 @@ class _Explainer:
         start = node.start or Bound(end.state, latest_start)
         first = self._time(start, fresh=fresh)
         span = _span(first, last, Interval(start.offset, end.offset))
+        self.windows[first, last] = None
         # An earlier state was not later than the end, or it would have decided the window.
         if (fresh or self._previous < first) and not first <= self._now <= last:
             return [f'there is no state {span}']
@@ -177,6 +204,8 @@ class _Explainer:
         decided = self._progressed(node, fresh=False)
         due = 'awaited' if decided is TRUE else 'must hold'
         shown = interval.suffix if start else ''
+        end = self._now if node.end is None else self._time(node.end, fresh=False)
+        self.windows[origin + start, end] = None
         return f'{_operator(node)}{shown} {due} since {format_time(origin)}'
 
     def _origin(self, node: Window) -> int | None:

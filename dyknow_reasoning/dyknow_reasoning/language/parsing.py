@@ -5,7 +5,8 @@ from __future__ import annotations
 import re
 from collections.abc import Callable
 from dataclasses import replace
-from typing import Any
+from functools import lru_cache
+from typing import Any, Final
 
 from lark import Token
 
@@ -25,6 +26,9 @@ from dyknow_reasoning.language.formula import Formula, Interval, Term
 from dyknow_reasoning.language.grammar import LANGUAGE
 from dyknow_reasoning.language.names import resolve
 
+_MAX_KEPT: Final = 1000
+"""The length of a text whose abstract syntax is kept: one formula is often asked for again."""
+
 
 def parse_formula(text: str) -> Formula:
     """Return the abstract syntax of a formula.
@@ -36,10 +40,17 @@ def parse_formula(text: str) -> Formula:
     Raises:
         LanguageError: with the position, for a text that is not a formula.
     """
+    return _parse_again(text) if len(text) <= _MAX_KEPT else _parse(text)
+
+
+def _parse(text: str) -> Formula:
     with LANGUAGE.errors_in(text):
         formula = _formula(LANGUAGE.parse(text, _FormulaBuilder()))
         LANGUAGE.check_depth(formula, syntax.parts)
     return resolve(formula)
+
+
+_parse_again = lru_cache(1024)(_parse)
 
 
 def _shown(node: Formula | Term) -> str:

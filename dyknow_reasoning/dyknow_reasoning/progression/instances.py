@@ -34,6 +34,7 @@ from dyknow_reasoning.language.formula import (
     Truth,
     Until,
     Variable,
+    parts,
 )
 from dyknow_reasoning.language.symbols import feature_symbol
 from dyknow_reasoning.progression.atoms import NEGATED_COMPARISONS, fields, predicate
@@ -84,6 +85,32 @@ def required_features(instances: Iterable[Instance]) -> list[Symbol]:
     return list(
         dict.fromkeys(feature_symbol(field, {}) for atom in atoms for field in fields(atom))
     )
+
+
+def ground_atoms(formula: Formula, domains: Domains) -> list[tuple[Binding, tuple[Atom, ...]]]:
+    """Return the choice of objects and the atoms of each instance, as the text has them.
+
+    Raises:
+        ReasoningError: for a sort without a domain.
+    """
+    return [
+        (binding, tuple(dict.fromkeys(_ground_atoms(body, binding, domains))))
+        for binding, body in _instances(formula, domains, {})
+    ]
+
+
+def _ground_atoms(formula: Formula, binding: Binding, domains: Domains) -> Iterator[Atom]:
+    match formula:
+        case Feature() | FieldReference():
+            yield cast('Atom', _substitute(formula, binding))
+        case Comparison(operator, left, right):
+            yield Comparison(operator, _substitute(left, binding), _substitute(right, binding))
+        case Forall(variable, sort, body) | Exists(variable, sort, body):
+            for name in _objects(sort, domains):
+                yield from _ground_atoms(body, {**binding, variable: name}, domains)
+        case _:
+            for part in parts(formula):
+                yield from _ground_atoms(cast('Formula', part), binding, domains)
 
 
 def _instances(

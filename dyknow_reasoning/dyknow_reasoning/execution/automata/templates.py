@@ -33,6 +33,11 @@ class Template:
         """True if an instance may be larger than `safe_size`."""
         return self.automaton.max_size > self.safe_size
 
+    @property
+    def needs_attention(self) -> bool:
+        """True if it has grown, and a limit is to be checked before the next state."""
+        return self.automaton.has_grown and (self.is_full or self.is_large)
+
     def forget(self, locations: Iterable[Location]) -> None:
         """Drop all configurations, and the automaton but for some locations if it is full."""
         self.uses_configurations &= not self.configurations.are_too_many

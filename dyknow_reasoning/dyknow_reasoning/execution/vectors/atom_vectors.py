@@ -43,7 +43,8 @@ Truths: TypeAlias = Callable[[], Array]
 Columns: TypeAlias = Mapping[str, Array]
 """For each field, its values at the states of a recording."""
 
-_WIDE: Mapping[str, type] = {'b': bool, 'i': int, 'f': float}
+_WIDE: Mapping[str, type] = {'i': int, 'f': float}
+_MAX_INT = (1 << 63) - 1
 
 
 class UnreadableError(Exception):
@@ -60,7 +61,6 @@ class FieldVector:
 
     def __init__(self, fields: Sequence[str], kind: Kind | None) -> None:
         self.values: Array = np.empty(0)
-        self._recorded: Array = np.empty((0, 0))
         self._fields = fields
         self._kind = kind
         self._items: Callable[[Values], Any] = itemgetter(*fields)
@@ -73,20 +73,15 @@ class FieldVector:
             raise UnreadableError from None
         self.values = _array(items if len(self._fields) > 1 else (items,), self._kind)
 
-    def open(self, recording: Columns) -> None:
-        """Set the recording for `select`; raise UnreadableError if its values do not fit."""
+    def select(self, recording: Columns, states: slice) -> None:
+        """Load states of a recording, as rows; raise UnreadableError if they do not fit."""
         try:
-            arrays = [recording[name] for name in self._fields]
+            arrays = [recording[name][states] for name in self._fields]
         except KeyError:
             raise UnreadableError from None
         if len({array.dtype for array in arrays}) > 1:
             raise UnreadableError
-        self._recorded = np.stack(arrays)
-
-    def select(self, states: slice) -> None:
-        """Load states of the recording, as rows; raise UnreadableError if they do not fit."""
-        selected = np.ascontiguousarray(self._recorded[:, states].T)
-        self.values = _checked(selected, self._kind)
+        self.values = checked(np.ascontiguousarray(np.stack(arrays).T), self._kind)
 
 
 class FieldVectors:
@@ -113,15 +108,10 @@ class FieldVectors:
         for field in self._found.values():
             field.load(values)
 
-    def open(self, recording: Columns) -> None:
-        """Set the recording for `select`; raise UnreadableError if its values do not fit."""
+    def select(self, recording: Columns, states: slice) -> None:
+        """Load states of a recording; raise UnreadableError if they do not fit."""
         for field in self._found.values():
-            field.open(recording)
-
-    def select(self, states: slice) -> None:
-        """Load states of the recording; raise UnreadableError if they do not fit."""
-        for field in self._found.values():
-            field.select(states)
+            field.select(recording, states)
 
     def _field(self, terms: Iterable[Term | Atom], kind: Kind | None) -> FieldVector:
         fields = tuple(map(str, terms))
@@ -170,20 +160,35 @@ def _integer_for(slot: int) -> type:
 
 def column_vector(column: Iterable[Any]) -> Array:
     """Return a column of a recording as a vector of numbers or booleans, or else of objects."""
+    if isinstance(column, np.ma.MaskedArray):
+        unmasked: Array = column.data.astype(object)
+        unmasked[np.ma.getmaskarray(column)] = None
+        return unmasked
     if isinstance(column, np.ndarray):
-        wide = _WIDE.get(column.dtype.kind)
-        is_narrow = wide is not None and column.dtype.itemsize <= np.dtype(wide).itemsize
-        return column.astype(wide if is_narrow else object, copy=False)
+        return _plain(column)
     values = list(column)
-    if set(map(type, values)) in ({bool}, {float}):
+    types = set(map(type, values))
+    if types in ({bool}, {float}):
         return np.array(values)
+    if types == {int} and min(values) >= -_MAX_INT and max(values) <= _MAX_INT:
+        return np.array(values, int)
     return _object_vector(values)
 
 
+def _plain(column: Array) -> Array:
+    """Return numbers and booleans in the types that Python has, other values as objects."""
+    kind, size = column.dtype.kind, column.dtype.itemsize
+    if kind == 'b':
+        # A truth may be any byte but 0 if it was read from a message.
+        return np.not_equal(column.view(np.uint8), 0)
+    if kind == 'u' and (size < np.dtype(int).itemsize or int(column.max(initial=0)) <= _MAX_INT):
+        return column.astype(int)
+    is_narrow = kind in _WIDE and size <= np.dtype(_WIDE[kind]).itemsize
+    return column.astype(_WIDE[kind] if is_narrow else object, copy=False)
+
+
 def _object_vector(values: Sequence[Any]) -> Array:
-    found = np.empty(len(values), dtype=object)
-    found[:] = values
-    return found
+    return np.fromiter(values, object, len(values))
 
 
 def _array(items: Sequence[Any], kind: Kind | None) -> Array:
@@ -197,10 +202,10 @@ def _array(items: Sequence[Any], kind: Kind | None) -> Array:
         found = np.array(items, dtype=object)
     else:
         raise UnreadableError
-    return _checked(found, kind)
+    return checked(found, kind)
 
 
-def _checked(found: Array, kind: Kind | None) -> Array:
+def checked(found: Array, kind: Kind | None) -> Array:
     """Return a vector of one type; raise UnreadableError if the kind does not allow its values."""
     match found.dtype.kind:
         case 'f' if kind in {Kind.NUMBER, None}:
@@ -224,7 +229,7 @@ def _checked_objects(found: Array, kind: Kind | None) -> Array:
         return found
     if types == {int}:
         try:
-            return _checked(found.astype(int), kind)
+            return checked(found.astype(int), kind)
         except OverflowError:
             pass
     raise UnreadableError

@@ -70,8 +70,15 @@ class Batch:
 
     def symbols(self) -> Array:
         """Return the truth of the atoms as bits, from the values that were last loaded."""
-        found = bits(self._truths)
-        return found if self._rows is None else found[..., self._rows]
+        return self.of_instances(self.loaded_symbols())
+
+    def loaded_symbols(self) -> Array:
+        """Return the same for all instances for which values are loaded, also those gone."""
+        return bits(self._truths)
+
+    def of_instances(self, loaded: Array) -> Array:
+        """Return the symbols of the instances among those for which values are loaded."""
+        return loaded if self._rows is None else loaded[..., self._rows]
 
     def read(self, values: Values) -> tuple[Array, list[tuple[FormulaInstance, ReasoningError]]]:
         """Return the truth of the atoms, read value by value, and errors of instances."""

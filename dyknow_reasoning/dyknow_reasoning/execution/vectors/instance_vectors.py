@@ -22,7 +22,7 @@ in ClockedVectors, at a state at 6 s; times are in seconds:
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from typing import NamedTuple, TypeAlias
+from typing import Final, NamedTuple, TypeAlias
 
 import numpy as np
 
@@ -38,6 +38,9 @@ from dyknow_reasoning.execution.automata.configurations import Configuration, Co
 from dyknow_reasoning.execution.vectors.atom_vectors import Array
 
 _UNKNOWN = -1
+
+MAX_VECTOR_TIME: Final = 1 << 62
+"""The largest absolute time whose differences from others fit into vectors, in nanoseconds."""
 
 Indices: TypeAlias = 'slice | Array'
 

@@ -1,0 +1,200 @@
+"""Progression of individual instances over many states of a recording, one instance at a time.
+
+An instance skips the states that change nothing: at which its location, with its clocks, stays the
+same. Example, `always (p -> eventually[0, 2 s] q)` (see `automata.automaton`): location A skips to
+the next state with p and without q; location B to the next one with q, or later than 2 s after its
+clock. Where few states can be skipped, it looks up its configurations in their table instead.
+"""
+
+from __future__ import annotations
+
+from bisect import bisect_left
+from collections.abc import Mapping, Sequence
+from functools import cached_property
+from math import inf
+from operator import length_hint
+
+import numpy as np
+
+from dyknow_reasoning.execution.automata.automaton import Decision, Guard, Location, Move, Times
+from dyknow_reasoning.execution.automata.instance_states import InstanceVerdict
+from dyknow_reasoning.execution.recorded_symbols import RecordedSymbols, SymbolSequence
+from dyknow_reasoning.execution.single_instance import SingleInstance
+from dyknow_reasoning.execution.vectors.atom_vectors import Array
+
+_MAX_LOOK_UPS = 2048
+_FEW_STATES = 8
+"""If fewer can be skipped on average, the table is faster."""
+_NONE = frozenset[int]()
+_MAX_SYMBOLS = 16
+"""The most symbols for which the effect of a location with clocks is worked out together."""
+
+
+class BlockProgression:
+    """Progresses instances over the states of a block, which count from 0 here.
+
+    Args:
+        times: the valid times of all states of the recording, in nanoseconds.
+        steps: for each, the nanoseconds since the previous one.
+        symbols: the truth of the atoms at the states of the block.
+    """
+
+    def __init__(self, times: Array, steps: Array, symbols: RecordedSymbols) -> None:
+        states = slice(symbols.states.start, symbols.states.stop)
+        self._time_vector, self._step_vector = times[states], steps[states]
+        self._symbols = symbols
+        # The symbols that change nothing at a location without clocks, and when that was found out.
+        self._idle: dict[Location, tuple[int, frozenset[int]]] = {}
+        self._verdicts: dict[int, list[InstanceVerdict]] = {}
+
+    def progress(
+        self, singles: Sequence[SingleInstance]
+    ) -> tuple[int, list[SingleInstance], Mapping[int, Sequence[InstanceVerdict]]]:
+        """Progress instances up to the end of the block, or until a template needs attention.
+
+        Returns:
+            The index of the next state in the recording, the same instances there, and the verdicts
+            by the indices of their states.
+        """
+        latest = int(self._time_vector[0] - self._step_vector[0])
+        before = [single.state(latest) for single in singles]
+        states = self._symbols.states
+        end = len(states)
+        for single in singles:
+            end = self._progress(single, end, is_repeated=False)
+        if end < len(states):
+            # Some instances were progressed further: all begin again, and go as far as one could.
+            self._verdicts.clear()
+            singles = list(map(SingleInstance, before))
+            for single in singles:
+                self._progress(single, end, is_repeated=True)
+        found = {states[index]: self._verdicts[index] for index in sorted(self._verdicts)}
+        return states.start + end, list(singles), found
+
+    def _progress(self, single: SingleInstance, end: int, *, is_repeated: bool) -> int:
+        """Progress an instance up to a state, its verdict, or the limits; return the new end."""
+        sequence, mask = self._symbols.of(single), single.mask
+        index, skipped = 0, float(_FEW_STATES)
+        while index < end:
+            if single.mask != mask:
+                sequence, mask = self._symbols.of(single), single.mask
+            before, is_dense = index, skipped < _FEW_STATES
+            index = self._skip(single, sequence, (index, end), is_dense=is_dense)
+            skipped += (index - before - skipped) / 8
+            is_dense = skipped < _FEW_STATES
+            uses_table = is_dense and self._is_regular and single.template.uses_configurations
+            if uses_table:
+                index = self._look_up(single, sequence, index, end)
+            if index == end:
+                break
+            elapsed, symbol = self._steps[index], sequence.values[index]
+            regular = uses_table and elapsed == self._period
+            verdict = single.step(symbol, self._times[index], elapsed, regular=regular)
+            if verdict:
+                self._verdicts.setdefault(index, []).append(verdict)
+            index += 1
+            if not is_repeated and single.template.needs_attention:
+                return index
+            if verdict:
+                break
+        return end
+
+    def _skip(
+        self,
+        single: SingleInstance,
+        sequence: SymbolSequence,
+        states: tuple[int, int],
+        *,
+        is_dense: bool,
+    ) -> int:
+        """Return the index of the next of some states that changes the location or the clocks."""
+        index, end = states
+        if single.configuration:
+            single.leave_configurations(self._times[index] - self._steps[index])
+        location = single.location
+        if not location.clocks:
+            count, known = self._idle.get(location, (-1, _NONE))
+            if count != len(location.moves):
+                moves = location.moves.items()
+                known = frozenset(symbol for symbol, move in moves if _is_idle(move, location))
+                self._idle[location] = len(location.moves), known
+            return sequence.next_other(index, end, known) if known else index
+        times = (*single.clocks, self._times[index])
+        symbol = sequence.values[index]
+        move, until = _answered(location.moves.get(symbol), location.clocks, times)
+        if not _is_idle(move, location):
+            return index
+        idle = [symbol]
+        if not is_dense and len(location.moves) <= _MAX_SYMBOLS:
+            for other in location.moves:
+                move, valid_until = _answered(location.moves[other], location.clocks, times)
+                if _is_idle(move, location):
+                    idle.append(other)
+                    until = min(until, valid_until)
+        found = sequence.next_other(index, end, frozenset(idle))
+        return bisect_left(self._times, until, index, found)
+
+    def _look_up(
+        self, single: SingleInstance, sequence: SymbolSequence, index: int, end: int
+    ) -> int:
+        """Progress over some states by table look-ups alone; return the index of the next state."""
+        at = bisect_left(self._irregular, index)
+        stop = min(index + _MAX_LOOK_UPS, end, *self._irregular[at : at + 1])
+        if stop <= index:
+            return index
+        latest = self._times[index] - self._steps[index]
+        row = single.enter_configurations(latest).row(self._period)
+        symbols = iter(sequence.values[index:stop])
+        try:
+            for symbol in symbols:
+                row = row[symbol]
+        except KeyError:
+            stop -= length_hint(symbols) + 1
+        single.configuration = row.configuration
+        return stop
+
+    @cached_property
+    def _times(self) -> list[int]:
+        found: list[int] = self._time_vector.tolist()
+        return found
+
+    @cached_property
+    def _steps(self) -> list[int]:
+        found: list[int] = self._step_vector.tolist()
+        return found
+
+    @cached_property
+    def _period(self) -> int:
+        """The step of time that most states have, if there is one."""
+        return int(np.sort(self._step_vector)[len(self._step_vector) // 2])
+
+    @cached_property
+    def _irregular(self) -> list[int]:
+        """The indices of the states that come after another step of time."""
+        found: list[int] = np.flatnonzero(self._step_vector != self._period).tolist()
+        return found
+
+    @cached_property
+    def _is_regular(self) -> bool:
+        return 4 * len(self._irregular) < len(self._step_vector)
+
+
+def _is_idle(decision: Decision | None, location: Location) -> bool:
+    """Return True for a move that changes neither the location nor the clocks."""
+    if type(decision) is not Move or decision.target is not location:
+        return False
+    return not decision.kept or decision.kept[-1] < location.clocks
+
+
+def _answered(decision: Decision | None, now: int, times: Times) -> tuple[Decision | None, float]:
+    """Return the move at the time of number `now`, and from when on there may be another one."""
+    until = inf
+    while type(decision) is Guard:
+        later, earlier, more_than = decision.later, decision.earlier, decision.more_than
+        answer = times[later] - times[earlier] > more_than
+        if later == now and not answer:
+            until = min(until, times[earlier] + more_than + 1)
+        elif earlier == now and answer:
+            until = min(until, times[later] - more_than)
+        decision = decision.yes if answer else decision.no
+    return decision, until
