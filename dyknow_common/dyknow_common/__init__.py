@@ -44,7 +44,13 @@ from dyknow_common.parsing import (
     text_value,
 )
 from dyknow_common.symbol import FORMULA_WORDS, FUNCTIONS, SSL_WORDS, Symbol, SymbolKind
-from dyknow_common.text_files import open_text, read_file, read_text, replace_private
+from dyknow_common.text_files import (
+    open_text,
+    read_file,
+    read_text,
+    replace_private,
+    replace_text,
+)
 from dyknow_common.units import check_unit, unit_conversion
 from dyknow_common.values import Value, ValueType
 from dyknow_common.verdict import Verdict
@@ -100,6 +106,7 @@ __all__ = [
     'read_file',
     'read_text',
     'replace_private',
+    'replace_text',
     'round_duration',
     'round_time',
     'shortened',

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import copyreg
 import re
 from collections.abc import Iterable
 from enum import IntEnum
-from typing import Final
+from typing import Any, Final
 
 _MAX_QUOTED: Final = 100
 """The number of characters of a name or a text that a message quotes."""
@@ -73,6 +74,10 @@ class DyKnowError(Exception):
         brief = _LONG_QUOTATION.sub(lambda quotation: shortened(quotation[0]), message)
         super().__init__(_UNSENDABLE.sub('\ufffd', brief))
         self.code = code
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Return how it is pickled: a subclass may be constructed from something else."""
+        return copyreg.__newobj__, (type(self), *self.args), self.__dict__  # type: ignore[attr-defined]
 
     @property
     def message(self) -> str:

@@ -8,13 +8,13 @@ from __future__ import annotations
 
 import os
 import sys
-from collections.abc import Callable, Collection
-from contextlib import suppress
+from collections.abc import Callable, Collection, Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from traceback import extract_tb
 
 from dyknow_common.errors import DyKnowError
-from dyknow_main import INTERRUPTED
+from dyknow_main import INTERRUPTED, TERMINAL_SIGNALS, handle, ignore
 
 SUCCESS, FALSE, ERROR = 0, 1, 2
 
@@ -26,6 +26,9 @@ FAULT = 70
 
 LAUNCHER = 'DYKNOW_LAUNCHER'
 """The variable with the id of the process that started a node and that it must not outlive."""
+
+SIGNALLED = 128
+"""The exit code of a command that a signal has stopped, without the number of the signal."""
 
 UNREAD = 141
 """The exit code of a command whose output is a pipe that nothing reads any more, such as `head`."""
@@ -82,12 +85,53 @@ def run_main(command: str, work: Callable[[], int]) -> int:
     except Exception as error:  # noqa: BLE001 - a traceback and exit code 1 would mean false
         code = ERROR
         with suppress(OSError):
-            sys.stderr.write(f'{command}: {_description(error)}\n')
+            sys.stderr.write(f'{command}: {error_text(error)}\n')
     _discard_output()
     return code
 
 
-def _description(error: Exception) -> str:
+class Interruption:
+    """The handler of the first signal that stops a command; later ones are ignored."""
+
+    def __init__(self) -> None:
+        self._number: int | None = None
+        self._is_deferred = False
+
+    def __call__(self, number: int, _: object) -> None:
+        """Raise KeyboardInterrupt(number), unless that is deferred."""
+        ignore(TERMINAL_SIGNALS)
+        self._number = number
+        if not self._is_deferred:
+            raise KeyboardInterrupt(number)
+
+    @contextmanager
+    def deferred(self) -> Iterator[None]:
+        """Raise KeyboardInterrupt at the end of a block instead, which is done as a whole."""
+        self._is_deferred = True
+        try:
+            yield
+        finally:
+            self._is_deferred = False
+        if self._number is not None:
+            raise KeyboardInterrupt(self._number)
+
+
+@contextmanager
+def interruptible() -> Iterator[Interruption]:
+    """Raise KeyboardInterrupt(number) in a block at the first signal that stops a command.
+
+    Later signals are ignored, so that they do not disturb the cleanup.
+    """
+    interruption = Interruption()
+    handle(TERMINAL_SIGNALS, interruption)
+    try:
+        yield interruption
+    finally:
+        ignore(TERMINAL_SIGNALS)
+
+
+def error_text(error: Exception) -> str:
+    """Return the line that a command prints for an error."""
     match error:
         case DyKnowError():
             return error.message

@@ -6,11 +6,14 @@ import os
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import TextIO, TypeVar
+from typing import Final, TextIO, TypeVar
 
 from dyknow_common.errors import DyKnowError, ExitCode
 
 Content = TypeVar('Content')
+
+NO_WAIT: Final = getattr(os, 'O_NONBLOCK', 0)
+"""Opens a pipe without a wait for its other end; Windows has no such files."""
 
 
 @contextmanager
@@ -56,10 +59,15 @@ def read_file(
         raise error_class(f'{path}: {error.message}', error.code) from None
 
 
-def replace_private(path: Path, text: str) -> None:
-    """Replace the content of a file, which its owner alone may read.
+def replace_text(path: Path, text: str, rights: int = 0o666) -> None:
+    """Replace the content of a file.
 
     An interrupted replacement leaves the old content.
+
+    Args:
+        path: of the file.
+        text: the new content.
+        rights: of the file, from which the umask of the process takes some.
 
     Raises:
         OSError: if it cannot be written; the old content is left.
@@ -67,7 +75,7 @@ def replace_private(path: Path, text: str) -> None:
     draft = path.with_name(f'{path.name}.new')
     try:
         draft.unlink(missing_ok=True)  # It may be a link, or that of an interrupted replacement.
-        descriptor = os.open(draft, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)
+        descriptor = os.open(draft, os.O_WRONLY | os.O_CREAT | os.O_EXCL, rights)
         with open(descriptor, 'w', encoding='utf-8') as file:  # noqa: PTH123 - with its rights
             file.write(text)
             file.flush()
@@ -77,3 +85,8 @@ def replace_private(path: Path, text: str) -> None:
         with suppress(OSError):
             draft.unlink(missing_ok=True)
         raise
+
+
+def replace_private(path: Path, text: str) -> None:
+    """Replace the content of a file, which its owner alone may read; see `replace_text`."""
+    replace_text(path, text, 0o600)

@@ -23,7 +23,11 @@ INTERRUPTED = 130
 STOP_SIGNALS = (signal.SIGINT, signal.SIGTERM)
 """The signals that stop a node."""
 
-TERMINAL_SIGNALS = (*STOP_SIGNALS, signal.SIGHUP)
+# Windows has no SIGHUP.
+TERMINAL_SIGNALS = (
+    *STOP_SIGNALS,
+    *(number for number in signal.Signals if number.name == 'SIGHUP'),
+)
 """The signals that stop a command, which also ends with its terminal."""
 
 
@@ -53,20 +57,23 @@ def load(package: str, name: str, *, is_node: bool) -> Callable[[], int]:
     return run
 
 
-def handle(numbers: Iterable[int], handler: Callable[[int, FrameType | None], None]) -> None:
+def handle(
+    numbers: Iterable[signal.Signals], handler: Callable[[int, FrameType | None], None]
+) -> None:
     """Handle signals, except SIGHUP in a process that was started by nohup."""
     for number in numbers:
-        if number != signal.SIGHUP or signal.getsignal(number) is not signal.SIG_IGN:
+        if number.name != 'SIGHUP' or signal.getsignal(number) is not signal.SIG_IGN:
             signal.signal(number, handler)
 
 
 def ignore(numbers: Iterable[int]) -> None:
     """Ignore signals."""
-    libc = ctypes.CDLL(None)
+    libc = ctypes.CDLL(None) if os.name == 'posix' else None
     for number in numbers:
         # Python prints an error for a signal that is ignored and that it has received before, as
         # another thread may have without having told it yet. Python is told at its end alone, when
         # it would else set the default action.
         signal.signal(number, lambda *_: None)
-        libc.signal(number, ctypes.c_void_p(signal.SIG_IGN))
+        if libc is not None:
+            libc.signal(number, ctypes.c_void_p(signal.SIG_IGN))
         atexit.register(signal.signal, number, signal.SIG_IGN)

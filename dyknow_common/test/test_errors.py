@@ -1,10 +1,12 @@
-"""The length of messages."""
+"""The length of messages, and errors in other processes."""
 
 from __future__ import annotations
 
+import pickle
+
 import pytest
 
-from dyknow_common import DyKnowError
+from dyknow_common import NOWHERE, DyKnowError, ExitCode, LanguageError
 
 
 @pytest.mark.parametrize(
@@ -26,3 +28,15 @@ def test_messages_quote_little(quoted: str) -> None:
 def test_messages_of_many_words_stay_whole() -> None:
     message = "it isn't known; " * 100
     assert DyKnowError(message).message == message
+
+
+@pytest.mark.parametrize(
+    'error',
+    [
+        DyKnowError('a', ExitCode.NOT_FOUND),
+        LanguageError('a', 'formula', 'b c', NOWHERE, ExitCode.TIMEOUT),
+    ],
+)
+def test_errors_are_pickled(error: DyKnowError) -> None:
+    copy = pickle.loads(pickle.dumps(error))  # noqa: S301
+    assert (type(copy), copy.message, vars(copy)) == (type(error), error.message, vars(error))

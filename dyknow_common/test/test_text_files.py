@@ -2,11 +2,20 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 
 import pytest
 
-from dyknow_common import DyKnowError, ExitCode, open_text, read_file, read_text
+from dyknow_common import (
+    DyKnowError,
+    ExitCode,
+    open_text,
+    read_file,
+    read_text,
+    replace_private,
+    replace_text,
+)
 
 
 def test_a_missing_file(tmp_path: Path) -> None:
@@ -37,3 +46,17 @@ def test_errors_of_the_parser_name_the_file(tmp_path: Path) -> None:
     with pytest.raises(DyKnowError, match=f'^{path}: b$') as error:
         read_file(path, 'streams', parse, DyKnowError)
     assert error.value.code is ExitCode.ALREADY_EXISTS
+
+
+def test_replacements_have_their_rights(tmp_path: Path) -> None:
+    path = tmp_path / 'a'
+    for replace, rights in ((replace_private, 0o600), (replace_text, 0o644)):
+        umask = os.umask(0o022)
+        try:
+            replace(path, 'text ä\n')
+        finally:
+            os.umask(umask)
+        assert path.stat().st_mode & 0o777 == rights
+    assert path.read_text(encoding='utf-8') == 'text ä\n'
+    with pytest.raises(FileNotFoundError):
+        replace_text(tmp_path / 'missing' / 'a', 'text')

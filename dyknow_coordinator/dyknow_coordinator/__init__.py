@@ -3,7 +3,27 @@
 from dyknow_coordinator.errors import CoordinationError
 from dyknow_coordinator.evaluation.answer import Answer, Progress
 from dyknow_coordinator.evaluation.evaluation import EvaluationPhase
-from dyknow_coordinator.grounding.feature_sources import Grounding, SymbolGrounding
+from dyknow_coordinator.grounding.candidate_search import CandidateSearch
+from dyknow_coordinator.grounding.feature_sources import (
+    Candidates,
+    FeatureSource,
+    Grounding,
+    SymbolGrounding,
+    parse_sources,
+)
+from dyknow_coordinator.grounding.known_streams import KnownStream, KnownStreams, stream_topic
+from dyknow_coordinator.grounding.sorts import infer_sorts, with_sorts
+from dyknow_coordinator.grounding.source_choice import (
+    TRANSIENT,
+    SourceChoice,
+    StateFault,
+    describe_violation,
+    silent_topics,
+    worst_fault,
+)
+from dyknow_coordinator.grounding.state_specification import FormulaInputs, state_specification
+from dyknow_coordinator.grounding.stream_fields import field_names
+from dyknow_coordinator.grounding.symbols import check_symbols, feature_symbols, sort_names
 from dyknow_coordinator.plans.plan import (
     Event,
     FormulaPosition,
@@ -19,14 +39,21 @@ from dyknow_coordinator.plans.plan import (
 from dyknow_coordinator.reporting.evaluation_status import EvaluationStatus, Level, diagnose
 
 __all__ = [
+    'TRANSIENT',
     'Answer',
+    'CandidateSearch',
+    'Candidates',
     'CoordinationError',
     'EvaluationPhase',
     'EvaluationStatus',
     'Event',
+    'FeatureSource',
+    'FormulaInputs',
     'FormulaPosition',
     'Grounding',
     'Holds',
+    'KnownStream',
+    'KnownStreams',
     'Level',
     'Plan',
     'PlanAction',
@@ -36,6 +63,20 @@ __all__ = [
     'PlanPhase',
     'PlanVerdict',
     'Progress',
+    'SourceChoice',
+    'StateFault',
     'SymbolGrounding',
+    'check_symbols',
+    'describe_violation',
     'diagnose',
+    'feature_symbols',
+    'field_names',
+    'infer_sorts',
+    'parse_sources',
+    'silent_topics',
+    'sort_names',
+    'state_specification',
+    'stream_topic',
+    'with_sorts',
+    'worst_fault',
 ]

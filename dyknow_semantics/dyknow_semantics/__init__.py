@@ -13,6 +13,7 @@ from dyknow_semantics.annotations.annotation_store import AnnotationStore
 from dyknow_semantics.annotations.checking import check_annotation, check_concept
 from dyknow_semantics.annotations.field_checking import check_fields
 from dyknow_semantics.annotations.parsing import parse_annotations, parse_concept
+from dyknow_semantics.annotations.rechecking import AnnotationFaults, Origin, check_annotations
 from dyknow_semantics.errors import SemanticsError
 from dyknow_semantics.matching.bridges import Bridge, Relation, bridged, parse_bridges
 from dyknow_semantics.matching.matching import Matcher, match
@@ -27,6 +28,7 @@ __all__ = [
     'ALL_TRIPLES',
     'UPPER_ONTOLOGY',
     'Annotation',
+    'AnnotationFaults',
     'AnnotationStore',
     'Bridge',
     'Concept',
@@ -39,6 +41,7 @@ __all__ = [
     'Match',
     'Matcher',
     'Ontology',
+    'Origin',
     'Range',
     'Reasoner',
     'ReasonerProcess',
@@ -47,6 +50,7 @@ __all__ = [
     'Triple',
     'bridged',
     'check_annotation',
+    'check_annotations',
     'check_concept',
     'check_fields',
     'match',

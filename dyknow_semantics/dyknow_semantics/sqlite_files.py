@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Final
 
 from dyknow_common import ExitCode, listed
+from dyknow_common.text_files import NO_WAIT
 from dyknow_semantics.errors import SemanticsError
 
 LOCK_TIMEOUT_S: Final = 1.0
@@ -96,7 +97,7 @@ def newer_version(kind: str, file: Path | None, version: int, known: int) -> Sem
 
 def _private(path: str, flags: int) -> int:
     # A pipe without a reader must not make the node wait.
-    return os.open(path, flags | os.O_NONBLOCK, 0o600)
+    return os.open(path, flags | NO_WAIT, 0o600)
 
 
 def _unusable(kind: str, file: Path | None, reason: str, *mends: str) -> SemanticsError:

@@ -2,7 +2,7 @@
 
 from dyknow_stream_processing.dataflow.computational_units import load_units
 from dyknow_stream_processing.dataflow.dataflow import Dataflow, SourceType, Statistics
-from dyknow_stream_processing.errors import StreamError
+from dyknow_stream_processing.errors import StreamError, unknown_stream
 from dyknow_stream_processing.language.parsing import parse_specification
 from dyknow_stream_processing.language.required_fields import ALL
 from dyknow_stream_processing.language.resolution import FreeNames, free_names, resolve
@@ -29,6 +29,8 @@ from dyknow_stream_processing.language.specification import (
 )
 from dyknow_stream_processing.language.type_rules import Unit
 from dyknow_stream_processing.management.relocation import in_namespace
+from dyknow_stream_processing.management.stream_files import read_streams
+from dyknow_stream_processing.reporting.silence import joined_reasons, nearest_topics
 from dyknow_stream_processing.sample import PartialFields, Sample
 from dyknow_stream_processing.violation import Violation, ViolationKind
 
@@ -62,10 +64,14 @@ __all__ = [
     'ViolationKind',
     'free_names',
     'in_namespace',
+    'joined_reasons',
     'load_units',
     'made',
+    'nearest_topics',
     'parse_specification',
+    'read_streams',
     'resolve',
     'specifications_by_sink',
     'subterms',
+    'unknown_stream',
 ]

@@ -3,7 +3,6 @@
 from dyknow_common.ros.commands import (
     CommandNode,
     duration,
-    interruptible,
     run_command,
     run_ros_main,
 )
@@ -91,7 +90,6 @@ __all__ = [
     'duration',
     'fill_exit_status',
     'full_name',
-    'interruptible',
     'nanoseconds_to_duration',
     'nanoseconds_to_time',
     'only_from',

@@ -5,8 +5,8 @@ from __future__ import annotations
 import argparse
 import os
 import sys
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import closing, contextmanager
+from collections.abc import Callable, Sequence
+from contextlib import closing
 
 import rclpy
 from rclpy.clock import Clock, ClockType
@@ -19,9 +19,8 @@ from rclpy.utilities import remove_ros_args
 
 from dyknow_common.durations import parse_duration
 from dyknow_common.errors import DyKnowError, one_line
-from dyknow_common.executables import SUCCESS, run_main
+from dyknow_common.executables import SUCCESS, interruptible, run_main
 from dyknow_common.ros.topics.names import RCLError
-from dyknow_main import TERMINAL_SIGNALS, handle, ignore
 
 TICK_PERIOD_S = 0.1
 """The period in which a waiting command checks its deadline."""
@@ -114,24 +113,6 @@ def run_ros_main(command: str, work: Callable[[], int]) -> int:
             raise DyKnowError(one_line(error)) from None
 
     return run_main(command, work_of_command)
-
-
-@contextmanager
-def interruptible() -> Iterator[None]:
-    """Raise KeyboardInterrupt in a block at the first signal that stops a command.
-
-    Later signals are ignored, so that they do not disturb the cleanup.
-    """
-
-    def interrupt(*_: object) -> None:
-        ignore(TERMINAL_SIGNALS)
-        raise KeyboardInterrupt
-
-    handle(TERMINAL_SIGNALS, interrupt)
-    try:
-        yield
-    finally:
-        ignore(TERMINAL_SIGNALS)
 
 
 def duration(text: str) -> int:

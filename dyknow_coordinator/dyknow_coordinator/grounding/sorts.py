@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import re
 from collections import defaultdict
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Awaitable, Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Final
 
@@ -56,6 +56,25 @@ def places_of_variables(symbols: Iterable[Symbol]) -> dict[str, tuple[ArgumentPl
             if argument.startswith('?'):
                 places[argument[1:]][ArgumentPlace(symbol.name, number)] = None
     return {variable: tuple(found) for variable, found in places.items()}
+
+
+async def infer_sorts(
+    symbols: Iterable[Symbol], query: Callable[[str], Awaitable[Sequence[tuple[str, ...]]]]
+) -> dict[str, str]:
+    """Return the sort of each variable whose quantifier names none.
+
+    Args:
+        symbols: of the formula.
+        query: returns the solutions of a SPARQL query of the ontology.
+
+    Raises:
+        DyKnowError: for a variable with no possible sort or several, or if the query fails.
+    """
+    sorts = {}
+    for variable, places in places_of_variables(symbols).items():
+        found = {place: declared_sorts(place, await query(place.query)) for place in places}
+        sorts[variable] = only_sort(variable, found)
+    return sorts
 
 
 def declared_sorts(place: ArgumentPlace, rows: Sequence[tuple[str, ...]]) -> frozenset[str]:

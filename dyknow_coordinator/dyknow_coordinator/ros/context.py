@@ -38,9 +38,13 @@ class CoordinatorContext:
     limits: CoordinatorLimits
     names: Iterator[str]
 
+    def wall_time(self) -> int:
+        """Return the time of a clock that does not depend on simulated time, in nanoseconds."""
+        return int(self.node.wall_clock.now().nanoseconds)
+
     def wall_time_s(self) -> float:
-        """Return the time of a clock that does not depend on simulated time."""
-        return float(self.node.wall_clock.now().nanoseconds) / SECOND_NS
+        """Return the same time in seconds."""
+        return self.wall_time() / SECOND_NS
 
     def state_topic(self, name: str) -> str:
         """Return the topic of a state stream, if an engine in the coordinator's namespace has it.

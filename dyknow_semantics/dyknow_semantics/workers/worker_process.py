@@ -27,7 +27,7 @@ _START_LIMIT_S: Final = 60.0
 """The time that a process may take to start; on an idle machine it takes 0.5 s."""
 
 
-class Outcome(StrEnum):
+class CallOutcome(StrEnum):
     """How the call of a function has ended; the value of each comes with it."""
 
     RESULT = 'result'
@@ -115,7 +115,7 @@ class WorkerProcess:
         if self._stopped:
             _kill(self._process)
 
-    def _call(self, work: Work) -> tuple[Outcome, Any]:
+    def _call(self, work: Work) -> tuple[CallOutcome, Any]:
         if self._process is None:
             self._start()
             self._wait_for_start(work)
@@ -155,21 +155,21 @@ class WorkerProcess:
             reason = f'its process ended with {_ending(code)}; it may need too much memory'
         return SemanticsError(f'{work.task} has failed: {reason}', ExitCode.UNAVAILABLE)
 
-    def _evaluated(self, work: Work, outcome: Outcome, value: Any) -> Any:
+    def _evaluated(self, work: Work, outcome: CallOutcome, value: Any) -> Any:
         match outcome:
-            case Outcome.RESULT:
+            case CallOutcome.RESULT:
                 return value
-            case Outcome.ERROR:
+            case CallOutcome.ERROR:
                 raise value
-            case Outcome.OUT_OF_MEMORY:
+            case CallOutcome.OUT_OF_MEMORY:
                 self._end()
                 megabytes = (self._memory or 0) // 1024**2
                 raise SemanticsError(
                     f'{work.task} needs more than {megabytes:,} MiB of memory; {work.mend}'
                 )
-            case Outcome.TOO_DEEP:
+            case CallOutcome.TOO_DEEP:
                 raise SemanticsError(f'{work.task} nests too deeply; make it flatter')
-            case Outcome.FAULT:
+            case CallOutcome.FAULT:
                 raise RuntimeError(f'{work.task} has failed:\n{value}')
 
 

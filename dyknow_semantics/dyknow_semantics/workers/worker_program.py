@@ -13,24 +13,24 @@ from multiprocessing.connection import Connection
 from typing import Any, Final
 
 from dyknow_common import DyKnowError
-from dyknow_semantics.workers.worker_process import Outcome
+from dyknow_semantics.workers.worker_process import CallOutcome
 
 _PARENT_CHECK_PERIOD_S: Final = 0.5
 _GRACE_S: Final = 2
 """Seconds of the processor beyond the limit of a function, for a parent that cannot kill it."""
 
 
-def _outcome(function: Callable[..., Any], arguments: tuple[Any, ...]) -> tuple[Outcome, Any]:
+def _outcome(function: Callable[..., Any], arguments: tuple[Any, ...]) -> tuple[CallOutcome, Any]:
     try:
-        return Outcome.RESULT, function(*arguments)
+        return CallOutcome.RESULT, function(*arguments)
     except DyKnowError as error:
-        return Outcome.ERROR, error
+        return CallOutcome.ERROR, error
     except MemoryError:
-        return Outcome.OUT_OF_MEMORY, None
+        return CallOutcome.OUT_OF_MEMORY, None
     except RecursionError:
-        return Outcome.TOO_DEEP, None
+        return CallOutcome.TOO_DEEP, None
     except Exception:  # noqa: BLE001 - the parent reports it
-        return Outcome.FAULT, traceback.format_exc()
+        return CallOutcome.FAULT, traceback.format_exc()
 
 
 def _serve(connection: Connection) -> None:
@@ -44,7 +44,7 @@ def _serve(connection: Connection) -> None:
         try:
             connection.send(_outcome(function, arguments))
         except MemoryError:
-            connection.send((Outcome.OUT_OF_MEMORY, None))
+            connection.send((CallOutcome.OUT_OF_MEMORY, None))
 
 
 def _limit_processor(seconds: float) -> None:

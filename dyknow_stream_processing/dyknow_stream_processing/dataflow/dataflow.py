@@ -16,7 +16,7 @@ from dyknow_stream_processing.dataflow.waiting import waiting_reasons
 from dyknow_stream_processing.errors import StreamError, unknown_stream
 from dyknow_stream_processing.language.required_fields import total_demand
 from dyknow_stream_processing.language.resolution import Fields, Resolved, resolve
-from dyknow_stream_processing.language.specification import Specification
+from dyknow_stream_processing.language.specification import Specification, Term
 from dyknow_stream_processing.language.type_rules import Unit
 from dyknow_stream_processing.sample import Sample
 from dyknow_stream_processing.violation import Fault, Violation
@@ -137,6 +137,10 @@ class Dataflow:
         """Return the canonical text of a stream's specification."""
         return self._find(name).specification
 
+    def term(self, name: str) -> Term:
+        """Return what a stream computes, down to the topics that it is made of."""
+        return self._find(name).resolved.term
+
     def statistics(self, name: str) -> Statistics:
         """Return the counts of a stream."""
         stream = self._find(name)
@@ -226,12 +230,16 @@ class Dataflow:
         Args:
             violation: is reported by every stream; the statistics are kept.
         """
+        self.rewind()
+        for stream in self._streams.values():
+            stream.report(violation)
+
+    def rewind(self) -> None:
+        """Discard all samples and times, so that earlier samples can be pushed again."""
         self._reset()
         for stream in self._streams.values():
             stream.restart(self._scheduler, self._graph.connect(stream.resolved.term))
         self._graph.sweep()
-        for stream in self._streams.values():
-            stream.report(violation)
 
     def advance(self, now: int) -> None:
         """Do the work that is due until a time, nanoseconds; an earlier time is ignored."""

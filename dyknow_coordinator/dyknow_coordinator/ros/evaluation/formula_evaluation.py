@@ -23,14 +23,13 @@ from dyknow_coordinator.evaluation.evaluation import Evaluation, EvaluationPhase
 from dyknow_coordinator.evaluation.history import History
 from dyknow_coordinator.evaluation.request import EvaluationRequest
 from dyknow_coordinator.grounding.feature_sources import SymbolGrounding
-from dyknow_coordinator.grounding.sorts import with_sorts
+from dyknow_coordinator.grounding.sorts import infer_sorts, with_sorts
 from dyknow_coordinator.grounding.state_specification import FormulaInputs
 from dyknow_coordinator.grounding.symbols import check_symbols, feature_symbols, sort_names
 from dyknow_coordinator.reporting.evaluation_status import EvaluationStatus
 from dyknow_coordinator.ros.context import CoordinatorContext
 from dyknow_coordinator.ros.evaluation.candidates import find_candidates
 from dyknow_coordinator.ros.evaluation.evaluation_group import EvaluationGroup, EvaluationGroups
-from dyknow_coordinator.ros.evaluation.sort_inference import infer_sorts
 
 _MAX_SHOWN: Final = 100
 """The most groundings in the status of an evaluation, which is published each second."""
@@ -269,7 +268,7 @@ class FormulaEvaluation(Evaluation):
         # Step 3: the symbols of the formula.
         symbols = await clients.symbols(group_id)
         check_symbols(symbols, self.request.grounding)
-        sorts = await infer_sorts(self._context, symbols)
+        sorts = await infer_sorts(symbols, clients.query)
         if not sorts:
             return formula_id, symbols
         await clients.remove_formula(group_id, formula_id)

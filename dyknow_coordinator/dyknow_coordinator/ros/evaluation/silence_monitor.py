@@ -7,6 +7,7 @@ from typing import Final
 
 from dyknow_common import SECOND_NS
 from dyknow_common.ros import LogOnce
+from dyknow_coordinator.grounding.source_choice import silent_topics
 from dyknow_coordinator.ros.context import CoordinatorContext
 from dyknow_coordinator.ros.evaluation.evaluation_group import EvaluationGroup, EvaluationGroups
 
@@ -51,18 +52,13 @@ class SilenceMonitor:
         stream = known.get(group.states.stream.name)
         if stream is None:
             return
-        first_seen = self._first_seen[stream.name]
         oldest = self._context.node.now() - round(self._limit_s * SECOND_NS)
-        silences = {
-            topic: oldest - max(latest, first_seen) for topic, latest in stream.received.items()
-        }
-        started = {topic: each for topic, each in silences.items() if stream.received[topic]}
-        for topic in [topic for topic, silence in silences.items() if silence > 0]:
-            silent = known.affected(group.states.chosen, topic)
+        since = self._first_seen[stream.name]
+        for silent in silent_topics(group.states.chosen, known, stream.received, since, oldest):
             group.states.replace_silent(
-                silent,
-                f"topic '{topic}' has been silent for {self._limit_s:g} s",
-                is_overdue=any(known.is_overdue(each, started) for each in silent),
+                silent.sources,
+                f"topic '{silent.topic}' has been silent for {self._limit_s:g} s",
+                is_overdue=silent.is_overdue,
             )
 
     def _report_waiting(self, groups: Iterable[EvaluationGroup]) -> None:

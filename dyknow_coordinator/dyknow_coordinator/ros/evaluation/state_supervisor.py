@@ -7,7 +7,7 @@ another one replaces it (step 13); when a better one appears, it replaces the on
 With a gap, because a stream breaks:
 
      0.0 s  state stream states_1, made from a, is created; the phase is RUNNING
-     4.0 s  a breaks max_delay: states_1 is destroyed, a is excluded for EXCLUSION_S, INTERRUPTED
+     4.0 s  a breaks max_delay: states_1 is destroyed, a is excluded for EXCLUSION_NS, INTERRUPTED
      4.1 s  the reasoning engine is switched to states_2, with a gap
      4.2 s  states_2, made from b, is created: RUNNING. If this is not achieved RESUME_TIMEOUT_S
             after the violation, the formulas fail
@@ -24,24 +24,27 @@ Without a gap, because a better stream is available:
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any, Final, Protocol
 
-from dyknow_common import DyKnowError, ExitCode, round_duration
+from dyknow_common import DyKnowError, ExitCode
 from dyknow_common.ros import time_to_nanoseconds
 from dyknow_coordinator.errors import CoordinationError
 from dyknow_coordinator.evaluation.evaluation import EvaluationPhase
 from dyknow_coordinator.grounding.feature_sources import Candidates, FeatureSource
+from dyknow_coordinator.grounding.source_choice import (
+    TRANSIENT,
+    SourceChoice,
+    StateFault,
+    describe_violation,
+    worst_fault,
+)
 from dyknow_coordinator.grounding.state_specification import FormulaInputs, state_specification
 from dyknow_coordinator.ros.context import CoordinatorContext
 from dyknow_coordinator.ros.evaluation.state_stream import StateStream
-from dyknow_stream_processing import ViolationKind
 
 RESUME_TIMEOUT_S: Final = 1.5
 """Time within which other streams must replace those that failed."""
-
-EXCLUSION_S: Final = 10.0
-"""Time for which a stream that failed is not chosen again."""
 
 ABSENCE_TIMEOUT_S: Final = 1.0
 """Time for which a feature may have no annotation: they are replaced one after the other."""
@@ -50,9 +53,6 @@ NEXT_REPORT_S: Final = 1.2
 """Time after which the stream manager has reported the current status of all streams."""
 
 POLL_PERIOD_S: Final = 0.1
-
-_TRANSIENT: Final = frozenset({ViolationKind.LOST, ViolationKind.SOURCE})
-"""Violations on the way of the samples: the stream itself may be chosen again."""
 
 
 class StateObserver(Protocol):
@@ -66,19 +66,6 @@ class StateObserver(Protocol):
 
     def fail(self, error: DyKnowError) -> None:
         """Record that there are no more states."""
-
-
-@dataclass(frozen=True, slots=True)
-class StateFault:
-    """Reason to replace the streams in use.
-
-    Args:
-        error: the error of the formulas if nothing can replace them.
-        transient: True if the streams themselves are not at fault, and may be chosen again.
-    """
-
-    error: CoordinationError
-    transient: bool
 
 
 class StateSupervisor:
@@ -101,7 +88,7 @@ class StateSupervisor:
         self._context = context
         self._group_id = group_id
         self._observer = observer
-        self._failed: dict[FeatureSource, float] = {}
+        self._choice = SourceChoice()
         self._faults: list[StateFault] = []
         self._obstacle = ''
         """Why the last attempt to recover has failed."""
@@ -160,13 +147,12 @@ class StateSupervisor:
     ) -> None:
         """Replace silent sources, if others are available; if not, and `is_overdue`, fail."""
         self._exclude(silent)
-        others = set(self._choose(self.inputs.candidates)) - set(self.chosen)
-        available = all(map(self._context.streams.known.is_available, others))
-        # Sources that have failed would be replaced again at once, without end.
-        can_replace = others and available and not any(map(self._is_excluded, others))
+        others = self._choose(self.inputs.candidates)
+        known, now = self._context.streams.known, self._context.wall_time()
+        can_replace = self._choice.can_replace(self.chosen, others, known, now)
         if can_replace or is_overdue:
             error = CoordinationError(reason, ExitCode.UNAVAILABLE)
-            self._interrupt(StateFault(error, transient=bool(can_replace)))
+            self._interrupt(StateFault(error, transient=can_replace))
 
     def _on_missing(self, error: CoordinationError) -> None:
         now = self._context.wall_time_s()
@@ -179,18 +165,14 @@ class StateSupervisor:
         return StateStream(self._context, name, self._on_violation, self._on_engine_lost)
 
     def _choose(self, candidates: Candidates) -> tuple[FeatureSource, ...]:
-        return candidates.choose(
-            self.inputs.features,
-            lambda source: not self._is_excluded(source),
-            self._context.streams.known.is_available,
-        )
+        known, now = self._context.streams.known, self._context.wall_time()
+        return self._choice.choose(self.inputs.features, candidates, known, now)
 
     def _exclude(self, sources: Iterable[FeatureSource]) -> None:
-        self._failed.update(dict.fromkeys(sources, self._context.wall_time_s()))
+        self._choice.exclude(sources, self._context.wall_time())
 
     def _is_excluded(self, source: FeatureSource) -> bool:
-        limit = self._context.wall_time_s() - EXCLUSION_S
-        return self._failed.get(source, limit) > limit
+        return self._choice.is_excluded(source, self._context.wall_time())
 
     def _is_obsolete(self, stream: StateStream) -> bool:
         return self._has_ended or stream not in (self.stream, *self._others)
@@ -198,7 +180,7 @@ class StateSupervisor:
     def _on_violation(self, stream: StateStream, violation: Any) -> None:
         if self._is_obsolete(stream):
             return
-        if violation.constraint in _TRANSIENT:
+        if violation.constraint in TRANSIENT:
             error = CoordinationError(_describe(violation), ExitCode.UNAVAILABLE)
             self._interrupt(StateFault(error, transient=True))
         elif violation.stream_name == stream.name:
@@ -247,7 +229,7 @@ class StateSupervisor:
         limit = self._context.node.deadlines.after(RESUME_TIMEOUT_S)
         limit.add_done_callback(lambda _: self._give_up())
         while self._faults and not self._has_ended:
-            fault, count = _worst(self._faults), len(self._faults)
+            fault, count = worst_fault(self._faults), len(self._faults)
             chosen = self._choose(self.inputs.candidates)
             if not fault.transient and any(map(self._is_excluded, chosen)):
                 self._observer.fail(fault.error)
@@ -268,7 +250,7 @@ class StateSupervisor:
 
     def _give_up(self) -> None:
         if self._faults and not self._has_ended:
-            error = _worst(self._faults).error
+            error = worst_fault(self._faults).error
             reason = f'; no other states: {self._obstacle}' if self._obstacle else ''
             self._observer.fail(CoordinationError(f'{error.message}{reason}', error.code))
 
@@ -348,18 +330,7 @@ class StateSupervisor:
         return f'states are made of {", ".join(sorted(map(str, self.chosen)))}'
 
 
-def _worst(faults: Sequence[StateFault]) -> StateFault:
-    """Return the latest fault of the streams themselves; if there is none, the latest."""
-    return next((each for each in reversed(faults) if not each.transient), faults[-1])
-
-
 def _describe(violation: Any) -> str:
     """Return the description of a violation for clients."""
     observed, allowed = map(time_to_nanoseconds, (violation.observed, violation.allowed))
-    measured = (
-        f' ({violation.constraint}: {round_duration(observed)} observed, '
-        f'{round_duration(allowed)} allowed)'
-        if observed or allowed
-        else f' ({violation.constraint})'
-    )
-    return f'{violation.message}{measured}'
+    return describe_violation(violation.message, violation.constraint, observed, allowed)

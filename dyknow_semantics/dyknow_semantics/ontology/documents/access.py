@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Final
 
 from dyknow_common import ExitCode, listed, shortened
+from dyknow_common.text_files import NO_WAIT
 from dyknow_semantics.errors import SemanticsError
 
 MAX_BYTES: Final = 16 * 1024 * 1024
@@ -98,7 +99,7 @@ def read_regular(path: Path, max_bytes: int) -> bytes:
         OSError: also if it is a folder, a pipe or a device, which is not read.
     """
     # Without a wait: a pipe may have no writer.
-    with open(path, 'rb', opener=lambda *_: os.open(path, os.O_RDONLY | os.O_NONBLOCK)) as file:
+    with open(path, 'rb', opener=lambda name, flags: os.open(name, flags | NO_WAIT)) as file:
         if not stat.S_ISREG(os.fstat(file.fileno()).st_mode):
             raise OSError(0, 'it is no regular file')
         return file.read(max_bytes + 1)

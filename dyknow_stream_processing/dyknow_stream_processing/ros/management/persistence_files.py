@@ -1,38 +1,15 @@
-"""The files from which a stream manager restores and makes streams at its start."""
+"""The file from which a stream manager restores its streams."""
 
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable
 from pathlib import Path
 
-from dyknow_common import NO_CONSTRAINTS, ExitCode, read_file, replace_private
+from dyknow_common import ExitCode, read_file, replace_private
 from dyknow_stream_processing.errors import StreamError
-from dyknow_stream_processing.language.parsing import parse_specification
-from dyknow_stream_processing.language.sinks import specifications_by_sink
-from dyknow_stream_processing.language.specification import Specification
 from dyknow_stream_processing.management.persistence import streams_from_json, streams_to_json
-from dyknow_stream_processing.management.streams import CreatedStream, Stream
-
-
-def read_streams(paths: Iterable[str]) -> Iterator[CreatedStream]:
-    """Yield a stream for each sink in files in the stream language.
-
-    Raises:
-        StreamError: naming a file that cannot be read or parsed.
-    """
-    known: set[str] = set()
-    for path in map(Path, paths):
-        for name, part in read_file(path, 'streams', _specifications, StreamError).items():
-            if name in known:
-                message = f"{path}: there is a sink '{name}' in another file already; keep one"
-                raise StreamError(message, ExitCode.ALREADY_EXISTS)
-            known.add(name)
-            yield CreatedStream(name, str(part), NO_CONSTRAINTS)
-
-
-def _specifications(text: str) -> Mapping[str, Specification]:
-    return specifications_by_sink(parse_specification(text))
+from dyknow_stream_processing.management.streams import Stream
 
 
 class PersistenceFile:

@@ -1,0 +1,128 @@
+"""The choice among the sources of the ground features, and the faults that lead to another one."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Final
+
+from dyknow_common import SECOND_NS, round_duration
+from dyknow_coordinator.errors import CoordinationError
+from dyknow_coordinator.grounding.feature_sources import Candidates, FeatureSource
+from dyknow_coordinator.grounding.known_streams import KnownStreams
+from dyknow_stream_processing import ViolationKind
+
+EXCLUSION_NS: Final = 10 * SECOND_NS
+"""Time for which a source that failed is not chosen again."""
+
+TRANSIENT: Final = frozenset({ViolationKind.LOST, ViolationKind.SOURCE})
+"""Violations on the way of the samples: the stream itself may be chosen again."""
+
+
+@dataclass(frozen=True, slots=True)
+class StateFault:
+    """Reason to replace the streams in use.
+
+    Args:
+        error: the error of the formulas if nothing can replace them.
+        transient: True if the streams themselves are not at fault, and may be chosen again.
+    """
+
+    error: CoordinationError
+    transient: bool
+
+
+@dataclass(frozen=True, slots=True)
+class SilentTopic:
+    """A topic that has been silent for too long.
+
+    Args:
+        sources: the sources in use that are made from it.
+        is_overdue: True if one of them should have had a sample by now.
+    """
+
+    topic: str
+    sources: tuple[FeatureSource, ...]
+    is_overdue: bool
+
+
+class SourceChoice:
+    """Chooses the best available source of each ground feature that has not failed recently.
+
+    All times are those of one clock, in nanoseconds.
+    """
+
+    def __init__(self) -> None:
+        self._failed: dict[FeatureSource, int] = {}
+
+    def choose(
+        self, features: Iterable[str], candidates: Candidates, known: KnownStreams, now: int
+    ) -> tuple[FeatureSource, ...]:
+        """Return a source for each ground feature; see `Candidates.choose`."""
+        return candidates.choose(
+            features, lambda source: not self.is_excluded(source, now), known.is_available
+        )
+
+    def exclude(self, sources: Iterable[FeatureSource], now: int) -> None:
+        """Record that sources have failed."""
+        self._failed.update(dict.fromkeys(sources, now))
+
+    def is_excluded(self, source: FeatureSource, now: int) -> bool:
+        """Return True if a source has failed recently."""
+        return source in self._failed and now - self._failed[source] < EXCLUSION_NS
+
+    def can_replace(
+        self,
+        chosen: Iterable[FeatureSource],
+        others: Iterable[FeatureSource],
+        known: KnownStreams,
+        now: int,
+    ) -> bool:
+        """Return True if other sources are available that have not failed recently.
+
+        Sources that have failed would be replaced again at once, without end.
+        """
+        new = set(others) - set(chosen)
+        available = all(map(known.is_available, new))
+        return bool(new) and available and not any(self.is_excluded(each, now) for each in new)
+
+
+def silent_topics(
+    chosen: Sequence[FeatureSource],
+    known: KnownStreams,
+    received: Mapping[str, int],
+    since: int,
+    oldest: int,
+) -> list[SilentTopic]:
+    """Return the topics of a state stream that have been silent for too long.
+
+    Args:
+        chosen: the sources in use.
+        known: all streams.
+        received: when the latest message of each topic was received; 0 before the first.
+        since: when the state stream was created.
+        oldest: a topic is silent if its latest message is older. All times are in nanoseconds.
+    """
+    silences = {topic: oldest - max(latest, since) for topic, latest in received.items()}
+    started = {topic: silence for topic, silence in silences.items() if received[topic]}
+    silent = []
+    for topic in [topic for topic, silence in silences.items() if silence > 0]:
+        sources = known.affected(chosen, topic)
+        is_overdue = any(known.is_overdue(each, started) for each in sources)
+        silent.append(SilentTopic(topic, sources, is_overdue))
+    return silent
+
+
+def worst_fault(faults: Sequence[StateFault]) -> StateFault:
+    """Return the latest fault of the streams themselves; if there is none, the latest."""
+    return next((each for each in reversed(faults) if not each.transient), faults[-1])
+
+
+def describe_violation(message: str, constraint: str, observed: int, allowed: int) -> str:
+    """Return the description of a violation for clients; durations are in nanoseconds."""
+    measured = (
+        f' ({constraint}: {round_duration(observed)} observed, {round_duration(allowed)} allowed)'
+        if observed or allowed
+        else f' ({constraint})'
+    )
+    return f'{message}{measured}'

@@ -1,0 +1,135 @@
+"""The choice among sources: preferences, failures and silence."""
+
+from __future__ import annotations
+
+import asyncio
+
+import pytest
+
+from dyknow_common import SECOND_NS, DyKnowError, ExitCode, Symbol, SymbolKind
+from dyknow_coordinator import (
+    Candidates,
+    CandidateSearch,
+    CoordinationError,
+    FeatureSource,
+    Grounding,
+    KnownStream,
+    KnownStreams,
+    SourceChoice,
+    StateFault,
+    describe_violation,
+    infer_sorts,
+    parse_sources,
+    silent_topics,
+    worst_fault,
+)
+
+
+def source(topic: str, constraints: str = '') -> FeatureSource:
+    name = topic.strip('/')
+    return FeatureSource('F', name, f'stream {name} = select x as F from "{topic}"{constraints}')
+
+
+A, B, C = source('/a'), source('/b'), source('/c')
+CANDIDATES = Candidates((A, B, C))
+KNOWN = KnownStreams([], {'/b', '/c'}.__contains__)
+
+
+def test_available_sources_come_first() -> None:
+    choice = SourceChoice()
+    assert choice.choose(['F'], CANDIDATES, KNOWN, 0) == (B,)
+    everything = KnownStreams([], lambda _: True)
+    assert choice.choose(['F'], CANDIDATES, everything, 0) == (A,)
+
+
+def test_failed_sources_are_excluded_for_ten_seconds() -> None:
+    choice = SourceChoice()
+    choice.exclude([B], 0)
+    assert choice.choose(['F'], CANDIDATES, KNOWN, 10 * SECOND_NS - 1) == (C,)
+    assert choice.is_excluded(B, 10 * SECOND_NS - 1)
+    assert choice.choose(['F'], CANDIDATES, KNOWN, 10 * SECOND_NS) == (B,)
+
+
+def test_replacements_must_be_available_and_well() -> None:
+    choice = SourceChoice()
+    assert choice.can_replace([B], [C], KNOWN, 0)
+    assert not choice.can_replace([B], [B], KNOWN, 0)
+    assert not choice.can_replace([B], [A], KNOWN, 0)
+    choice.exclude([C], 0)
+    assert not choice.can_replace([B], [C], KNOWN, 0)
+
+
+def test_silent_topics() -> None:
+    received = {'/a': 4, '/b': 9, '/c': 0}
+    silent = silent_topics([A, B, C], KNOWN, received, since=2, oldest=5)
+    assert [(each.topic, each.sources, each.is_overdue) for each in silent] == [
+        ('/a', (A,), False),
+        ('/c', (C,), False),
+    ]
+
+
+def test_a_periodic_stream_is_overdue_if_it_has_begun() -> None:
+    periodic = source('/a', ' with sample_period = 2 ns')
+    known = KnownStreams([KnownStream('unrelated')], lambda _: True)
+    (silent,) = silent_topics([periodic], known, {'/a': 4}, since=0, oldest=7)
+    assert silent.is_overdue
+    (silent,) = silent_topics([periodic], known, {'/a': 0}, since=0, oldest=7)
+    assert not silent.is_overdue
+
+
+def test_the_worst_fault_is_one_of_the_streams_themselves() -> None:
+    lost, broken = (
+        StateFault(CoordinationError(text), transient=text == 'lost') for text in ('lost', 'broken')
+    )
+    assert worst_fault([broken, lost]) is broken
+    assert worst_fault([lost]) is lost
+
+
+def test_violations_are_described_with_what_was_measured() -> None:
+    assert describe_violation('late', 'max_delay', 3 * SECOND_NS, SECOND_NS) == (
+        'late (max_delay: 3 s observed, 1 s allowed)'
+    )
+    assert describe_violation('no field x', 'fields', 0, 0) == 'no field x (fields)'
+
+
+async def matching(concept: str) -> tuple[FeatureSource, ...]:
+    if concept == 'Broken':
+        raise CoordinationError('the matching engine is gone', ExitCode.UNAVAILABLE)
+    if concept != 'Power[object1] for every object1 in UAV':
+        raise CoordinationError(f'no stream carries {concept}', ExitCode.NOT_FOUND)
+    return parse_sources(['stream p = select p as "Power[u1]" from "/p"'])
+
+
+async def fields(name: str) -> tuple[str, ...]:
+    if name != 'speed':
+        raise CoordinationError(f"there is no stream '{name}'", ExitCode.NOT_FOUND)
+    return ('v',)
+
+
+def symbol(name: str, *arguments: str) -> Symbol:
+    return Symbol(SymbolKind.FEATURE, name, arguments)
+
+
+def test_the_search_for_candidates() -> None:
+    search = CandidateSearch(matching, fields)
+    symbols = [
+        Symbol(SymbolKind.SORT, 'UAV'),
+        symbol('Power', 'UAV'),
+        symbol('speed'),
+        symbol('other.x'),
+        symbol('Height', 'u1'),
+    ]
+    found = asyncio.run(search.find(symbols, Grounding.AUTO))
+    assert [each.feature for each in found.found] == ['Power[u1]', 'speed', 'other.x']
+    assert found.nearest == {'Height[u1]': 'no stream carries Height[u1]'}
+    with pytest.raises(DyKnowError, match='is gone'):
+        asyncio.run(search.find([symbol('Broken')], Grounding.AUTO))
+
+
+def test_sorts_are_inferred_from_a_query() -> None:
+    async def query(sparql: str) -> list[tuple[str, ...]]:
+        assert '#argument1>' in sparql
+        return [('Power', 'UAV')]
+
+    symbols = [Symbol(SymbolKind.SORT, '?u'), symbol('Power', '?u')]
+    assert asyncio.run(infer_sorts(symbols, query)) == {'u': 'UAV'}
