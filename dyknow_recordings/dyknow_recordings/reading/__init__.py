@@ -1,0 +1,1 @@
+"""Recordings on disk: their topics, and the fields of their messages as columns."""

@@ -1,0 +1,266 @@
+"""Rosbag2 bags, read without ROS: their topics, and their messages as bytes or as columns."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from contextlib import ExitStack
+from dataclasses import dataclass
+from functools import cache, cached_property
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dyknow_common import ExitCode, ValueType
+from dyknow_recordings.errors import RecordingError
+from dyknow_recordings.reading.bags.bag_files import open_files
+from dyknow_recordings.reading.bags.merging import merged
+from dyknow_recordings.reading.bags.storage import StoredChannel
+from dyknow_recordings.reading.columns import MessageColumns
+from dyknow_recordings.reading.contents import TopicContent
+from dyknow_recordings.reading.messages.cdr import CdrReader, DecodedFields
+from dyknow_recordings.reading.messages.definitions import TypeLayout
+from dyknow_recordings.reading.messages.stored_messages import StoredMessages
+from dyknow_recordings.reading.recording import (
+    FaultCounter,
+    QualityOfService,
+    RecordedTopic,
+    RecordingReader,
+)
+
+_layout = cache(TypeLayout)
+
+
+@dataclass(frozen=True, slots=True)
+class RecordedMessage:
+    """A message of a bag.
+
+    Args:
+        log_time: the time of recording, in nanoseconds since the epoch.
+        topic: its name.
+        message_type: such as `nav_msgs/msg/Odometry`.
+        data: the message as serialised by CDR.
+    """
+
+    log_time: int
+    topic: str
+    message_type: str
+    data: bytes
+
+
+class Bag(RecordingReader):
+    """A bag of rosbag2, in the storage formats mcap and sqlite3, with or without compression.
+
+    Args:
+        path: a folder with `metadata.yaml`, or a single `.mcap` or `.db3` file.
+
+    Raises:
+        RecordingError: for a bag that is missing (NOT_FOUND), or of which nothing can be read.
+    """
+
+    def __init__(self, path: Path) -> None:
+        super().__init__(path)
+        self._stack = ExitStack()
+        try:
+            self._files = open_files(path, self._opening, self._stack)
+        except BaseException:
+            self._stack.close()
+            raise
+        counts: Counter[StoredChannel] = Counter()
+        for file in self._files:
+            counts.update(file.counts)
+        self._counts = counts
+        self._channels = list(counts)
+        self._numbers = {channel: number for number, channel in enumerate(self._channels)}
+        self._topics = _topics(counts)
+        for topic, channels in self._by_topic().items():
+            types = dict.fromkeys(each.definition.name for each in channels if counts[each])
+            if len(types) > 1:
+                self._opening.add(f"topic '{topic}'", f'it changes its type: {", ".join(types)}')
+        self._is_open = True
+
+    def close(self) -> None:
+        """Close the files."""
+        self._stack.close()
+        self._is_open = False
+
+    @property
+    def topics(self) -> tuple[RecordedTopic, ...]:
+        """The recorded topics, sorted by name."""
+        return self._topics
+
+    @cached_property
+    def contents(self) -> Mapping[str, TopicContent]:
+        """What the messages of each topic hold, by its name; sorted by name."""
+        return {
+            topic: self._content(channels) for topic, channels in sorted(self._by_topic().items())
+        }
+
+    def messages(self, topics: Collection[str] = ()) -> Iterator[RecordedMessage]:
+        """Return the messages in the order of their log times.
+
+        Args:
+            topics: the topics to read; all if empty.
+
+        Raises:
+            RecordingError: for a topic that the bag does not have.
+        """
+        self._check_topics(topics)
+        return self._messages(
+            [each for each in self._channels if not topics or each.topic in topics]
+        )
+
+    def fields(self, topic: str) -> Mapping[str, ValueType]:
+        """Return the fields of a topic; see `RecordingReader`."""
+        self._check_topics([topic])
+        found: dict[str, ValueType] = {}
+        for channel in self._channels:
+            if channel.topic == topic:
+                found |= _layout(self._readable(channel).definition).fields
+        return found
+
+    def columns(self, fields: Mapping[str, Collection[str]]) -> Iterator[MessageColumns]:
+        """Return fields of the messages of some topics; see `RecordingReader`."""
+        self._check_topics(fields)
+        readers: dict[int, _ChannelReader] = {}
+        left_out: dict[int, RecordingError] = {}
+        for topic, paths in fields.items():
+            channels = [self._readable(each) for each in self._channels if each.topic == topic]
+            for channel in channels:
+                try:
+                    readers[self._numbers[channel]] = _ChannelReader(channel, paths)
+                except RecordingError as error:
+                    left_out[self._numbers[channel]] = error
+                    readers[self._numbers[channel]] = _ChannelReader(channel, None)
+            errors = [left_out.get(self._numbers[channel]) for channel in channels]
+            if (first := errors[0]) and all(errors):
+                raise RecordingError(f"{self.path}: topic '{topic}': {first}", first.code)
+        return self._columns(readers, left_out)
+
+    def _times(self) -> tuple[int, int] | None:
+        spans = [file.span for file in self._files if file.span is not None]
+        return (min(span[0] for span in spans), max(span[1] for span in spans)) if spans else None
+
+    def _by_topic(self) -> dict[str, list[StoredChannel]]:
+        found: dict[str, list[StoredChannel]] = {}
+        for channel in self._channels:
+            found.setdefault(channel.topic, []).append(channel)
+        return found
+
+    def _content(self, channels: Sequence[StoredChannel]) -> TopicContent:
+        count = sum(self._counts[each] for each in channels)
+        used = [each for each in channels if self._counts[each]] or channels
+        for channel in used:
+            try:
+                layout = _layout(self._readable(channel).definition)
+            except RecordingError:
+                continue
+            return TopicContent(layout.name, layout.fields, bool(layout.stamp_fields), count)
+        return TopicContent(used[0].definition.name, None, has_stamp=False, count=count)
+
+    def _readable(self, channel: StoredChannel) -> StoredChannel:
+        if channel.serialisation != 'cdr':
+            raise RecordingError(
+                f"{self.path}: topic '{channel.topic}' is serialised as "
+                f"'{channel.serialisation}'; DyKnow reads cdr, the serialisation of ROS 2",
+                ExitCode.INVALID_ARGUMENT,
+            )
+        return channel
+
+    def _batches(self, channels: Collection[StoredChannel]) -> Iterator[StoredMessages]:
+        if not self._is_open:
+            raise RecordingError(f'{self.path}: the recording is closed')
+        self._reading = FaultCounter()
+        for file in self._files:
+            file.faults = self._reading
+        sources = [file.blocks(channels, self._numbers) for file in self._files]
+        return merged(sources, str(self.path), self._reading)
+
+    def _messages(self, channels: Collection[StoredChannel]) -> Iterator[RecordedMessage]:
+        for batch in self._batches(channels):
+            numbers = batch.channels.tolist()
+            rows = zip(batch.times.tolist(), numbers, batch.contents(), strict=True)
+            for time, number, data in rows:
+                channel = self._channels[number]
+                yield RecordedMessage(time, channel.topic, channel.definition.name, data)
+
+    def _columns(
+        self, readers: Mapping[int, _ChannelReader], left_out: Mapping[int, RecordingError]
+    ) -> Iterator[MessageColumns]:
+        position = 0
+        batches = self._batches([self._channels[number] for number in readers])
+        for number, error in left_out.items():
+            channel = self._channels[number]
+            reason = f'its messages of another type cannot be used: {error}'
+            self._reading.add(f"topic '{channel.topic}'", reason, self._counts[channel])
+        for batch in batches:
+            intact = np.zeros(len(batch), np.bool_)
+            parts: list[tuple[_ChannelReader, NDArray[np.int64], DecodedFields]] = []
+            for number in np.unique(batch.channels).tolist():
+                rows = np.flatnonzero(batch.channels == number)
+                fields = readers[number].read(batch.rows(rows), self._reading)
+                intact[rows] = fields.intact
+                parts.append((readers[number], rows[fields.intact], fields))
+            positions = position + np.cumsum(intact) - 1
+            position += int(intact.sum())
+            for reader, rows, fields in parts:
+                if len(rows):
+                    yield reader.part(batch.times[rows], positions[rows], fields)
+
+
+class _ChannelReader:
+    """Reader of some fields of the messages of a channel.
+
+    Args:
+        channel: the channel.
+        paths: of the fields; None to read no message, only the times.
+
+    Raises:
+        RecordingError: if the type is unknown, or lacks a field (NOT_FOUND).
+    """
+
+    def __init__(self, channel: StoredChannel, paths: Collection[str] | None) -> None:
+        self._channel = channel
+        self._paths = sorted(paths or ())
+        self._stamp: tuple[str, ...] = ()
+        self._reader: CdrReader | None = None
+        if paths is not None:
+            layout = _layout(channel.definition)
+            layout.check(paths)
+            self._stamp = layout.stamp_fields
+            self._reader = CdrReader(layout, {*paths, *self._stamp})
+
+    def read(self, messages: StoredMessages, faults: FaultCounter) -> DecodedFields:
+        """Return the fields of some messages, and count those that cannot be read."""
+        if self._reader is None:
+            return DecodedFields(np.ones(len(messages), np.bool_))
+        fields, found = self._reader.read(messages)
+        name = self._channel.definition.name
+        for reason, count in found.items():
+            faults.add(f"topic '{self._channel.topic}'", f'{reason}, {name}', count)
+        return fields
+
+    def part(
+        self, log_times: NDArray[np.int64], positions: NDArray[np.int64], fields: DecodedFields
+    ) -> MessageColumns:
+        """Return the fields of the messages that could be read."""
+        fields = fields.intact_rows()
+        stamps = None
+        if self._stamp:
+            seconds, nanoseconds = (fields.values[path].astype(np.int64) for path in self._stamp)
+            stamps = seconds * 1_000_000_000 + nanoseconds
+        values = {path: fields.values[path] for path in self._paths}
+        name = self._channel.definition.name
+        topic = self._channel.topic
+        return MessageColumns(topic, name, log_times, stamps, values, positions, fields.absent)
+
+
+def _topics(counts: Mapping[StoredChannel, int]) -> tuple[RecordedTopic, ...]:
+    totals: Counter[tuple[str, str]] = Counter()
+    qualities: dict[tuple[str, str], QualityOfService | None] = {}
+    for channel, count in counts.items():
+        key = channel.topic, channel.definition.name
+        totals[key] += count
+        qualities[key] = qualities.get(key) or channel.quality_of_service
+    return tuple(RecordedTopic(*key, totals[key], qualities[key]) for key in sorted(totals))

@@ -1,0 +1,166 @@
+"""The records of MCAP files; see https://mcap.dev/spec.
+
+A file is a sequence of records: an operation code, a length, and that many bytes.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterator
+from contextlib import suppress
+from dataclasses import dataclass
+from enum import IntEnum
+from struct import Struct
+from struct import error as struct_error
+from typing import Final
+from zlib import crc32
+
+from lz4 import frame as lz4
+
+from dyknow_common import shortened
+from dyknow_recordings.reading.messages.stored_messages import MessageBuffer
+
+if sys.version_info >= (3, 14):
+    from compression import zstd
+else:
+    from backports import zstd
+
+MCAP_MAGIC: Final = b'\x89MCAP0\r\n'
+"""The first and the last bytes of a file."""
+
+RECORD: Final = Struct('<BQ')
+"""The operation code, and the length of the content."""
+
+MESSAGE_RECORD: Final = Struct('<BQHIQQ')
+"""A record of a message up to its data: channel, sequence number, log time, time of publication."""
+
+UNKNOWN_CODES: Final = {0, *range(0x10, 0x80)}
+"""The operation codes that no record has; those from 0x80 on are of other programs."""
+
+U16: Final = Struct('<H')
+U32: Final = Struct('<I')
+U64: Final = Struct('<Q')
+
+_CHUNK_HEADER: Final = Struct('<QQQI')
+_DECOMPRESSORS: Final = {b'zstd': zstd.ZstdDecompressor, b'lz4': lz4.LZ4FrameDecompressor}
+
+
+class McapCode(IntEnum):
+    """The operation codes of the records that are used."""
+
+    FOOTER = 0x02
+    SCHEMA = 0x03
+    CHANNEL = 0x04
+    MESSAGE = 0x05
+    CHUNK = 0x06
+    MESSAGE_INDEX = 0x07
+    CHUNK_INDEX = 0x08
+    DATA_END = 0x0F
+
+
+@dataclass(frozen=True, slots=True)
+class ChunkContent:
+    """The records in a chunk.
+
+    Args:
+        data: where they are.
+        begin: the position of the first.
+        end: the position after the last.
+        fault: the reason why some, or all, cannot be read; empty if there is none.
+    """
+
+    data: MessageBuffer
+    begin: int
+    end: int
+    fault: str = ''
+
+    @property
+    def is_lost(self) -> bool:
+        """True if no record can be read."""
+        return self.begin == self.end
+
+
+def records(data: MessageBuffer, position: int, end: int) -> Iterator[tuple[int, int, int]]:
+    """Yield the code, the begin and the end of the content of each whole record."""
+    while position + RECORD.size <= end:
+        code, size = RECORD.unpack_from(data, position)
+        begin, stop = position + RECORD.size, position + RECORD.size + size
+        if code in UNKNOWN_CODES or stop > end:
+            return
+        yield code, begin, stop
+        position = stop
+
+
+def chunk_times(data: MessageBuffer, begin: int) -> tuple[int, int]:
+    """Return the log times of the first and last message of a chunk, as its header has them."""
+    start, stop, _, _ = _CHUNK_HEADER.unpack_from(data, begin)
+    return start, stop
+
+
+def chunk_content(data: MessageBuffer, begin: int, end: int) -> ChunkContent:
+    """Return the content of a chunk; of an incomplete chunk, as much as there is.
+
+    Args:
+        data: the file.
+        begin: the position of the content of its record.
+        end: the position after it.
+    """
+    try:
+        _, _, size, checksum = _CHUNK_HEADER.unpack_from(data, begin)
+        position = begin + _CHUNK_HEADER.size
+        (length,) = U32.unpack_from(data, position)
+        compression = data[position + U32.size : position + U32.size + length]
+        position += U32.size + length
+        (stored,) = U64.unpack_from(data, position)
+    except struct_error:
+        return ChunkContent(b'', 0, 0, 'has no header: its messages are lost')
+    position += U64.size
+    end = min(position + stored, end)
+    content = ChunkContent(data, position, end)
+    if compression:
+        if compression not in _DECOMPRESSORS:
+            name = shortened(str(compression, 'utf-8', 'replace'))
+            reason = f'is compressed by {name}, not by zstd or lz4: its messages are lost'
+            return ChunkContent(b'', 0, 0, reason)
+        content = _decompressed(data[position:end], compression, size)
+    if checksum and content.end - content.begin == size and not _is_intact(content, checksum):
+        return ChunkContent(b'', 0, 0, 'is damaged: its messages are lost')
+    return content
+
+
+def _decompressed(data: bytes, compression: bytes, size: int) -> ChunkContent:
+    decompressor = _DECOMPRESSORS[compression]()
+    content = b''
+    with suppress(zstd.ZstdError, RuntimeError, OverflowError, MemoryError):
+        content = decompressor.decompress(data, size)
+    fault = 'is incomplete: some of its messages are lost' if len(content) != size else ''
+    return ChunkContent(content, 0, len(content), fault)
+
+
+def _is_intact(content: ChunkContent, checksum: int) -> bool:
+    with memoryview(content.data) as whole, whole[content.begin : content.end] as part:
+        return crc32(part) == checksum
+
+
+def read_string(record: bytes, position: int) -> tuple[str, int]:
+    """Return a text, and the position after it.
+
+    Raises:
+        ValueError, struct.error: if there is none.
+    """
+    (size,) = U32.unpack_from(record, position)
+    end = position + U32.size + size
+    if end > len(record):
+        raise ValueError('the text is longer than its record')
+    return record[position + U32.size : end].decode(), end
+
+
+def read_strings(record: bytes, position: int) -> dict[str, str]:
+    """Return texts by their names; the errors are those of `read_string`."""
+    (size,) = U32.unpack_from(record, position)
+    position, end = position + U32.size, position + U32.size + size
+    texts: dict[str, str] = {}
+    while position < end:
+        key, position = read_string(record, position)
+        texts[key], position = read_string(record, position)
+    return texts

@@ -1,0 +1,210 @@
+"""Files of the storage format sqlite3."""
+
+from __future__ import annotations
+
+import sqlite3
+from collections import Counter
+from collections.abc import Collection, Iterator, Mapping
+from contextlib import ExitStack, closing
+from functools import partial
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dyknow_recordings.errors import RecordingError
+from dyknow_recordings.reading.bags.storage import (
+    StoredChannel,
+    offered_quality,
+)
+from dyknow_recordings.reading.messages.definitions import TypeDefinition
+from dyknow_recordings.reading.messages.stored_messages import StoredBlock, StoredMessages
+from dyknow_recordings.reading.recording import MAX_TIME, FaultCounter, count_steps_back
+
+SQLITE_MAGIC: Final = b'SQLite format 3\0'
+
+_BLOCK_SIZE: Final = 4096
+_BLOCK_BYTES: Final = 1 << 18
+_PAGE_SIZE_AT: Final = 16
+_SMALLEST_PAGE: Final = 512
+_ERRORS: Final = (sqlite3.Error, LookupError, UnicodeDecodeError)
+"""Raised where a damaged database has other tables than a bag."""
+
+
+def partial_page(path: Path) -> int:
+    """Return the number of bytes after the last whole page, which SQLite would fill with zeros."""
+    with path.open('rb') as file:
+        header = file.read(_PAGE_SIZE_AT + 2)
+    if not header.startswith(SQLITE_MAGIC):
+        return 0
+    size = int.from_bytes(header[_PAGE_SIZE_AT:], 'big')
+    # The size 65536 is written as 1.
+    page = max(_SMALLEST_PAGE, 1 << 16 if size == 1 else size)
+    length = path.stat().st_size
+    return length % page if length > page else 0
+
+
+def _open(path: Path) -> sqlite3.Connection:
+    # Immutable: also readable in a folder that is not writable, where SQLite makes no lock.
+    # What a crashed recorder has left in a log beside the file is only read without it.
+    has_log = path.with_name(f'{path.name}-wal').exists()
+    options = '?mode=ro' if has_log else '?mode=ro&immutable=1'
+    database = sqlite3.connect(f'{path.absolute().as_uri()}{options}', uri=True)
+    database.text_factory = lambda text: str(text, 'utf-8', 'replace')
+    return database
+
+
+class SqliteFile:
+    """A file of the storage format sqlite3.
+
+    Args:
+        path: of the file.
+        name: of the file in errors and faults.
+        faults: where faults are counted.
+
+    Raises:
+        RecordingError: if the file is empty, no database, or no part of a bag.
+    """
+
+    def __init__(self, path: Path, name: str, faults: FaultCounter) -> None:
+        self._name = name
+        self.faults = faults
+        with path.open('rb') as file:
+            start = file.read(len(SQLITE_MAGIC))
+        if start != SQLITE_MAGIC:
+            reason = 'is no database of SQLite' if start else 'is empty'
+            raise RecordingError(f'{name}: the file {reason}; was it copied completely?')
+        with ExitStack() as stack:
+            try:
+                self._database = stack.enter_context(closing(_open(path)))
+                self._channels = self._read_channels()
+            except _ERRORS as error:
+                raise RecordingError(f'{name}: not a readable bag: {error}') from None
+            self._is_damaged = False
+            self._count()
+            stack.pop_all()
+
+    def close(self) -> None:
+        """Close the file."""
+        self._database.close()
+
+    def blocks(
+        self, wanted: Collection[StoredChannel], numbers: Mapping[StoredChannel, int]
+    ) -> Iterator[StoredBlock]:
+        """Yield the messages of some channels; the arguments are those of `StorageFile`."""
+        ids = {
+            key: numbers[channel] for key, channel in self._channels.items() if channel in wanted
+        }
+        if self._is_damaged:
+            return self._salvaged_blocks(ids)
+        return self._ordered_blocks(ids)
+
+    def _read_channels(self) -> dict[int, StoredChannel]:
+        definitions: dict[str, TypeDefinition] = {}
+        # Bags of ROS 2 Humble and before have no definitions.
+        if self._rows("SELECT name FROM sqlite_master WHERE name = 'message_definitions'"):
+            definitions = {
+                row['topic_type']: TypeDefinition(
+                    str(row['topic_type']),
+                    str(row['encoding']),
+                    str(row['encoded_message_definition']),
+                )
+                for row in self._rows('SELECT * FROM message_definitions')
+            }
+        return {
+            row['id']: StoredChannel(
+                str(row['name']),
+                definitions.get(row['type'], TypeDefinition(str(row['type']))),
+                str(row['serialization_format']),
+                offered_quality(row.get('offered_qos_profiles', '')),
+            )
+            for row in self._rows('SELECT * FROM topics')
+        }
+
+    def _rows(self, query: str) -> list[dict[str, Any]]:
+        cursor = self._database.execute(query)
+        names = [column[0] for column in cursor.description]
+        return [dict(zip(names, row, strict=True)) for row in cursor]
+
+    def _count(self) -> None:
+        try:
+            query = 'SELECT topic_id, timestamp FROM messages NOT INDEXED'
+            kind = np.dtype([('topic', np.int64), ('time', np.int64)])
+            found = np.fromiter(self._database.execute(query), kind)
+            # Reading in order uses the index of times.
+            self._database.execute('SELECT COUNT(timestamp) FROM messages').fetchone()
+        except (*_ERRORS, TypeError, ValueError) as error:
+            self._is_damaged = True
+            self.faults.add(self._name, f'the database is damaged: {error}')
+            found = self._readable_messages()
+        counts = Counter(found['topic'].tolist())
+        self.counts: dict[StoredChannel, int] = {}
+        for key, channel in self._channels.items():
+            self.counts[channel] = self.counts.get(channel, 0) + counts[key]
+        times = found['time']
+        self.span = (int(times.min()), int(times.max())) if len(times) else None
+        count_steps_back(times, self._name, self.faults)
+
+    def _ordered_blocks(self, ids: Mapping[int, int]) -> Iterator[StoredBlock]:
+        marks = ', '.join('?' * len(ids))
+        query = f'SELECT timestamp, topic_id, data FROM messages WHERE topic_id IN ({marks})'
+        try:
+            cursor = self._database.execute(f'{query} ORDER BY timestamp', list(ids))
+            count = 1
+            while rows := cursor.fetchmany(count):
+                yield from self._block(rows, ids)
+                size = sum(len(row[-1] or b'') for row in rows)
+                count = min(max(1, _BLOCK_BYTES * len(rows) // (size + 1)), 4 * count, _BLOCK_SIZE)
+        except sqlite3.Error as error:
+            reason = f'the database is damaged, the rest of it is lost: {error}'
+            self.faults.add(self._name, reason)
+
+    def _salvaged_blocks(self, ids: Mapping[int, int]) -> Iterator[StoredBlock]:
+        """Read each message by its number, in the order of their times."""
+        found = self._readable_messages()
+        found = found[np.isin(found['topic'], list(ids))]
+        found = found[np.argsort(found['time'], kind='stable')]
+        for start in range(0, len(found), _BLOCK_SIZE):
+            rows = []
+            for row, time, topic in found[start : start + _BLOCK_SIZE].tolist():
+                try:
+                    query = 'SELECT data FROM messages WHERE id = ?'
+                    rows += [
+                        (time, topic, data) for (data,) in self._database.execute(query, [row])
+                    ]
+                except sqlite3.Error:
+                    self.faults.add(self._name, 'a message cannot be read')
+            yield from self._block(rows, ids)
+
+    def _readable_messages(self) -> NDArray[np.void]:
+        """Return the number, time and topic of the messages up to the first damage."""
+        found: list[tuple[int, int, int]] = []
+        try:
+            query = 'SELECT id, timestamp, topic_id FROM messages NOT INDEXED'
+            found.extend(
+                row
+                for row in self._database.execute(query)
+                if all(isinstance(value, int) for value in row)
+            )
+        except sqlite3.Error:
+            pass  # The caller has reported the damage.
+        kind = [('id', np.int64), ('time', np.int64), ('topic', np.int64)]
+        return np.array(found, np.dtype(kind))
+
+    def _block(self, rows: list[Any], ids: Mapping[int, int]) -> Iterator[StoredBlock]:
+        found = rows
+        times, keys, data = zip(*rows, strict=True) if rows else ((), (), ())
+        if {*map(type, times)} != {int} or {*map(type, data)} != {bytes} or min(times) < 0:
+            found = [row for row in rows if _is_whole(row)]
+            times, keys, data = zip(*found, strict=True) if found else ((), (), ())
+        if len(found) < len(rows):
+            reason = 'a message has no time or no data'
+            self.faults.add(self._name, reason, len(rows) - len(found))
+        if found:
+            yield times[0], partial(StoredMessages.of, times, [ids[key] for key in keys], data)
+
+
+def _is_whole(row: tuple[Any, Any, Any]) -> bool:
+    time, _, data = row
+    return type(time) is int and type(data) is bytes and 0 <= time < MAX_TIME

@@ -1,0 +1,37 @@
+"""Fields of the messages of a topic, as columns."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+
+@dataclass(frozen=True, slots=True)
+class MessageColumns:
+    """A part of the messages of a topic, in the order of their log times.
+
+    Args:
+        topic: its name.
+        message_type: such as `nav_msgs/msg/Odometry`.
+        log_times: the time of recording of each message, in nanoseconds since the epoch; of
+            shape (n,).
+        stamps: the stamp of the header of each message in nanoseconds, 0 where it is unset; of
+            shape (n,). None if the type has no header.
+        values: by the path of the field, such as `pose.pose.position.z`; of shape (n,). Numbers
+            keep their type, texts are objects.
+        positions: the number of each message among all messages that are read, in the order of
+            their log times; of shape (n,).
+        absent: by the path of a field: the messages without this field, by their number in this
+            part, with the reason, such as `'ranges' has 3 elements, not one at [5]`.
+    """
+
+    topic: str
+    message_type: str
+    log_times: NDArray[np.int64]
+    stamps: NDArray[np.int64] | None
+    values: Mapping[str, NDArray[np.generic]]
+    positions: NDArray[np.int64]
+    absent: Mapping[str, Mapping[int, str]] = field(default_factory=dict)

@@ -1,0 +1,26 @@
+"""What the messages of a recorded topic hold."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from dyknow_common import ValueType
+
+
+@dataclass(frozen=True, slots=True)
+class TopicContent:
+    """The messages of a topic; of one that changes its type, those of the first type.
+
+    Args:
+        message_type: such as `nav_msgs/msg/Odometry`.
+        fields: the paths to the single values with their types, see `dyknow_common.field_paths`;
+            None if they cannot be read.
+        has_stamp: True if the messages have a stamp, False if they are valid when received.
+        count: the number of messages, of all types.
+    """
+
+    message_type: str
+    fields: Mapping[str, ValueType] | None
+    has_stamp: bool
+    count: int

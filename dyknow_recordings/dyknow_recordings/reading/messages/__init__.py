@@ -1,0 +1,1 @@
+"""Serialised messages: their types, and their fields as columns."""

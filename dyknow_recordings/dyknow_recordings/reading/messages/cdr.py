@@ -1,0 +1,338 @@
+"""Fields of serialised messages, read as columns.
+
+ROS 2 serialises messages by CDR: fields follow each other, each aligned to its size. A `CdrReader`
+moves through all messages of a part at once, field by field, and so depends on the number of
+messages little. Fields of a fixed size that nobody asked for are one addition.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any, Final, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+from rosbags.interfaces import Nodetype
+
+from dyknow_recordings.reading.messages.cdr_cursor import (
+    CdrCursor,
+    SerialisedMessages,
+    SizeTables,
+    followed_by,
+    primitive_sizes,
+)
+from dyknow_recordings.reading.messages.definitions import TypeLayout
+from dyknow_recordings.reading.messages.stored_messages import StoredMessages
+
+HEADER_SIZE: Final = 4
+"""The bytes of the encapsulation header: the byte order, and options."""
+
+_PADDING: Final = bytes(8)
+_ORDERS: Final = {0: '>', 1: '<'}
+_CODES: Final = {'bool': 'u1', 'byte': 'u1', 'char': 'u1', 'float32': 'f4', 'float64': 'f8'} | {
+    f'{sign}int{8 * size}': f'{code}{size}'
+    for sign, code in (('', 'i'), ('u', 'u'))
+    for size in (1, 2, 4, 8)
+}
+_STEP: Final = re.compile(r'\w+', re.ASCII)
+_MIN_TEXT: Final = 4
+
+Wanted = dict[str | int, Any]
+"""Requested paths as a tree: by the name or index of each step, a tree or the path itself."""
+
+
+@dataclass(slots=True)
+class DecodedFields:
+    """Fields of some messages.
+
+    Args:
+        intact: False for messages that are too short for their type; the rest has no rows for them.
+        values: by the path of the field.
+        absent: the reasons why messages lack a field, by its path and the number of the message.
+    """
+
+    intact: NDArray[np.bool_]
+    values: dict[str, NDArray[np.generic]] = field(default_factory=dict)
+    absent: dict[str, dict[int, str]] = field(default_factory=dict)
+
+    def set(self, path: str, rows: NDArray[np.int64], values: NDArray[np.generic]) -> None:
+        """Set the values of a field in some messages."""
+        if len(rows) == len(self.intact):
+            self.values[path] = values
+            return
+        empty: Any = '' if values.dtype == np.object_ else 0
+        column = np.full(len(self.intact), empty, values.dtype)
+        column[rows] = values
+        self.values[path] = column
+
+    def intact_rows(self) -> DecodedFields:
+        """Return the fields of the messages that are intact, with new numbers."""
+        if self.intact.all():
+            return self
+        kept = np.flatnonzero(self.intact)
+        numbers = {row: number for number, row in enumerate(kept.tolist())}
+        values = {path: column[kept] for path, column in self.values.items()}
+        absent = {
+            path: {numbers[row]: reason for row, reason in reasons.items() if row in numbers}
+            for path, reasons in self.absent.items()
+        }
+        return DecodedFields(self.intact[kept], values, absent)
+
+
+class _Step(Protocol):
+    def run(self, cursor: CdrCursor, rows: NDArray[np.int64], fields: DecodedFields) -> None: ...
+
+
+class CdrReader:
+    """Reader of some fields of the messages of one type.
+
+    Args:
+        layout: of the type.
+        paths: of the fields, which the type has.
+    """
+
+    def __init__(self, layout: TypeLayout, paths: Collection[str]) -> None:
+        self._steps = _Compiler(layout).message(layout.name, _tree(paths))
+
+    def read(self, messages: StoredMessages) -> tuple[DecodedFields, Mapping[str, int]]:
+        """Return the fields of the messages, and the number of unreadable ones by their reason."""
+        origins, sizes, data = messages.starts, messages.sizes, messages.data
+        if len(data) < len(_PADDING):
+            data = bytes(data[:]) + _PADDING
+        headed = sizes >= HEADER_SIZE
+        codes = SerialisedMessages(data, '>').values('u2', np.where(headed, origins, 0))
+        encapsulation = np.where(headed, codes.astype(np.int64), -1)
+        kinds = np.unique(encapsulation).tolist()
+        parts = [
+            (rows, self._read(SerialisedMessages(data, _ORDERS[kind]), origins[rows], sizes[rows]))
+            for kind in kinds
+            if kind in _ORDERS
+            for rows in [np.flatnonzero(encapsulation == kind)]
+        ]
+        fields = parts[0][1] if len(kinds) == len(parts) == 1 else _joined(len(messages), parts)
+        unknown = sum(
+            int((encapsulation == kind).sum()) for kind in kinds if kind not in (-1, 0, 1)
+        )
+        short = len(messages) - int(fields.intact.sum()) - unknown
+        faults = {
+            'a message is shorter than its type': short,
+            'a message is not serialised by CDR': unknown,
+        }
+        return fields, {reason: count for reason, count in faults.items() if count}
+
+    def _read(
+        self,
+        messages: SerialisedMessages,
+        origins: NDArray[np.int64],
+        sizes: NDArray[np.int64],
+    ) -> DecodedFields:
+        cursor = CdrCursor(messages, origins + HEADER_SIZE, sizes - HEADER_SIZE)
+        fields = DecodedFields(cursor.intact)
+        rows = np.arange(len(origins))
+        for step in self._steps:
+            step.run(cursor, rows, fields)
+        return fields
+
+
+def _joined(count: int, parts: Sequence[tuple[NDArray[np.int64], DecodedFields]]) -> DecodedFields:
+    """Return the fields of messages of several byte orders."""
+    joined = DecodedFields(np.zeros(count, np.bool_))
+    for rows, part in parts:
+        joined.intact[rows] = part.intact
+        for path, values in part.values.items():
+            if path not in joined.values:
+                joined.values[path] = np.zeros(count, values.dtype)
+            joined.values[path][rows] = values
+        for path, reasons in part.absent.items():
+            known = joined.absent.setdefault(path, {})
+            known.update((int(rows[row]), reason) for row, reason in reasons.items())
+    return joined
+
+
+def _tree(paths: Collection[str]) -> Wanted:
+    tree: Wanted = {}
+    for path in paths:
+        steps = [int(step) if step.isdigit() else step for step in _STEP.findall(path)]
+        branch = tree
+        for step in steps[:-1]:
+            branch = branch.setdefault(step, {})
+        branch[steps[-1]] = path
+    return tree
+
+
+class _Compiler:
+    """Makes the steps that read a message."""
+
+    def __init__(self, layout: TypeLayout) -> None:
+        self._layout = layout
+
+    def message(self, name: str, wanted: Wanted, path: str = '') -> list[_Step]:
+        steps: list[_Step] = []
+        for member, kind in self._layout.members(name):
+            below = wanted.get(member, {})
+            steps += self._field(kind, below, f'{path}.{member}' if path else member)
+        return _merged(steps)
+
+    def _field(self, kind: Any, wanted: Any, path: str) -> list[_Step]:
+        if kind[0] == Nodetype.NAME:
+            return self.message(kind[1], wanted, path)
+        if kind[0] == Nodetype.BASE:
+            return [_primitive(kind[1][0], wanted)]
+        element, size = kind[1]
+        members = {
+            index: self._field(element, below, f'{path}[{index}]')
+            for index, below in sorted(wanted.items() if wanted else ())
+        }
+        other = _merged(self._field(element, {}, path))
+        if kind[0] == Nodetype.SEQUENCE:
+            return [_Sequence(path, members, other)]
+        steps: list[_Step] = []
+        done = 0
+        for index, member in members.items():
+            steps += _repeated(other, index - done) + member
+            done = index + 1
+        return steps + _repeated(other, size - done)
+
+
+def _primitive(name: str, wanted: str | Wanted) -> _Step:
+    path = wanted if isinstance(wanted, str) else None
+    if name in {'string', 'wstring'}:
+        return _Text(path, wide=name == 'wstring')
+    code = _CODES[name]
+    return _Skip(primitive_sizes(int(code[1]))) if path is None else _Value(path, name, code)
+
+
+def _repeated(element: list[_Step], count: int) -> list[_Step]:
+    if count and len(element) == 1 and isinstance(element[0], _Skip):
+        return [_Skip(SizeTables(element[0].sizes).total(count))]
+    return element * count
+
+
+def _merged(steps: Sequence[_Step]) -> list[_Step]:
+    """Return the steps with one skip for several after each other."""
+    merged: list[_Step] = []
+    for step in steps:
+        if isinstance(step, _Skip) and merged and isinstance(merged[-1], _Skip):
+            merged[-1] = _Skip(followed_by(merged[-1].sizes, step.sizes))
+        else:
+            merged.append(step)
+    return merged
+
+
+@dataclass(frozen=True, slots=True)
+class _Skip:
+    """Moves over fields of a fixed size, given by the residue of their position."""
+
+    sizes: NDArray[np.int64]
+
+    def run(self, cursor: CdrCursor, rows: NDArray[np.int64], fields: DecodedFields) -> None:
+        del rows, fields
+        cursor.skip(self.sizes)
+
+
+@dataclass(frozen=True, slots=True)
+class _Value:
+    """Reads a number or a boolean."""
+
+    path: str
+    kind: str
+    code: str
+
+    def run(self, cursor: CdrCursor, rows: NDArray[np.int64], fields: DecodedFields) -> None:
+        values = cursor.value(self.code, int(self.code[1]))
+        fields.set(self.path, rows, values != 0 if self.kind == 'bool' else values)
+
+
+@dataclass(frozen=True, slots=True)
+class _Text:
+    """Reads a string; without a path, only moves over it."""
+
+    path: str | None
+    wide: bool
+
+    def run(self, cursor: CdrCursor, rows: NDArray[np.int64], fields: DecodedFields) -> None:
+        texts = cursor.text(wide=self.wide, wanted=self.path is not None)
+        if self.path is not None:
+            column = np.empty(len(rows), np.object_)
+            column[:] = texts
+            fields.set(self.path, rows, column)
+
+
+class _Elements:
+    """Moves over elements of an array that nobody asked for."""
+
+    def __init__(self, element: Sequence[_Step]) -> None:
+        self._element = element
+        self._fixed = None
+        if len(element) == 1 and isinstance(element[0], _Skip):
+            self._fixed = SizeTables(element[0].sizes)
+
+    def skip(self, cursor: CdrCursor, count: NDArray[np.int64], fields: DecodedFields) -> None:
+        """Move over a number of elements in each message."""
+        if self._fixed is not None:
+            cursor.move(self._fixed.after(cursor.position, count))
+            return
+        for done in range(int(np.max(count, initial=0))):
+            rows = np.flatnonzero((count > done) & cursor.intact)
+            part = cursor.part(rows)
+            for step in self._element:
+                step.run(part, rows, fields)
+            cursor.follow(part, rows)
+
+
+class _Sequence:
+    """Reads elements of an array whose number of elements differs between messages."""
+
+    def __init__(
+        self, path: str, members: Mapping[int, Sequence[_Step]], other: Sequence[_Step]
+    ) -> None:
+        self._path = path
+        self.members = members
+        self._other = _Elements(other)
+        self._smallest = sum(_smallest(step) for step in other)
+
+    def run(self, cursor: CdrCursor, rows: NDArray[np.int64], fields: DecodedFields) -> None:
+        counts = cursor.limit(cursor.length(), self._smallest)
+        done = np.zeros(len(rows), np.int64)
+        for index, steps in self.members.items():
+            self._other.skip(cursor, np.minimum(counts, index) - done, fields)
+            having = np.flatnonzero(counts > index)
+            part = cursor.part(having)
+            for step in steps:
+                step.run(part, rows[having], fields)
+            cursor.follow(part, having)
+            self._report(index, steps, rows, counts, fields)
+            done = np.minimum(counts, index + 1)
+        self._other.skip(cursor, counts - done, fields)
+
+    def _report(
+        self,
+        index: int,
+        steps: Sequence[_Step],
+        rows: NDArray[np.int64],
+        counts: NDArray[np.int64],
+        fields: DecodedFields,
+    ) -> None:
+        lacking = np.flatnonzero(counts <= index)
+        reasons = {
+            row: f"'{self._path}' has {count} element{'s' * (count != 1)}, not one at [{index}]"
+            for row, count in zip(rows[lacking].tolist(), counts[lacking].tolist(), strict=True)
+        }
+        for path in _paths(steps) if reasons else ():
+            fields.absent.setdefault(path, {}).update(reasons)
+
+
+def _paths(steps: Sequence[_Step]) -> list[str]:
+    found: list[str] = []
+    for step in steps:
+        if isinstance(step, _Value | _Text) and step.path is not None:
+            found.append(step.path)
+        elif isinstance(step, _Sequence):
+            found += [path for each in step.members.values() for path in _paths(each)]
+    return found
+
+
+def _smallest(step: _Step) -> int:
+    return int(step.sizes.min()) if isinstance(step, _Skip) else _MIN_TEXT

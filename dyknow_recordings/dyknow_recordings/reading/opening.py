@@ -1,0 +1,47 @@
+"""Opens a recording, whatever its format."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Final
+
+from dyknow_common import ExitCode
+from dyknow_recordings.errors import RecordingError
+from dyknow_recordings.reading.bags.bag import Bag
+from dyknow_recordings.reading.recording import RecordingReader
+from dyknow_recordings.reading.trace_recording import TraceRecording
+from dyknow_recordings.reading.ulog import UlogRecording
+
+_FORMATS: Final[Mapping[str, Callable[[Path], RecordingReader]]] = {
+    '.mcap': Bag,
+    '.db3': Bag,
+    '.zstd': Bag,
+    '.ulg': UlogRecording,
+    '.csv': TraceRecording,
+}
+
+
+def open_recording(path: Path) -> RecordingReader:
+    """Open a recording: a bag of rosbag2, a log of PX4, or a trace of comma-separated values.
+
+    Args:
+        path: of a folder with `metadata.yaml`, or of a `.mcap`, `.db3`, `.ulg` or `.csv` file.
+
+    Raises:
+        RecordingError: if the recording is missing (NOT_FOUND), has another format, or if no part
+            of it can be read.
+    """
+    try:
+        is_folder = path.is_dir()
+        if not path.exists():
+            raise RecordingError(f'{path}: no such recording', ExitCode.NOT_FOUND)
+    except OSError as error:
+        raise RecordingError(f'{path}: cannot be read: {error.strerror}') from None
+    format_class = Bag if is_folder else _FORMATS.get(path.suffix.lower())
+    if format_class is None:
+        raise RecordingError(
+            f'{path}: not a recording; DyKnow reads folders of rosbag2, and files that end in '
+            '.mcap, .db3, .ulg or .csv'
+        )
+    return format_class(path)

@@ -1,0 +1,287 @@
+"""A recording on disk, whatever its format: topics, faults, and messages as columns."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections import Counter
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dyknow_common import SECOND_NS, ExitCode, ValueType, format_time, round_duration, shortened
+from dyknow_recordings.errors import RecordingError
+from dyknow_recordings.reading.columns import MessageColumns
+from dyknow_recordings.reading.contents import TopicContent
+
+MAX_SILENCE_NS: Final = 3600 * SECOND_NS
+"""The longest time without a message that is no fault."""
+
+MAX_STEP_BACK_NS: Final = SECOND_NS
+"""The longest step back of the log time that is no fault: recorders write from several threads."""
+
+MAX_TIME: Final = 2**63
+"""All times in nanoseconds are below."""
+
+
+@dataclass(frozen=True, slots=True)
+class QualityOfService:
+    """Quality of service that a topic was offered with.
+
+    Args:
+        reliable: True if lost messages were sent again.
+        transient_local: True if late subscribers got the latest messages.
+        depth: the number of messages that were kept; 0 for all or unknown.
+    """
+
+    reliable: bool
+    transient_local: bool
+    depth: int
+
+
+@dataclass(frozen=True, slots=True)
+class RecordedTopic:
+    """A topic of a recording; a topic that changes its type is one for each type.
+
+    Args:
+        message_type: such as `nav_msgs/msg/Odometry`.
+        quality_of_service: None if the recording does not contain it.
+    """
+
+    name: str
+    message_type: str
+    message_count: int
+    quality_of_service: QualityOfService | None
+
+
+@dataclass(frozen=True, slots=True)
+class RecordingFault:
+    """A fault of a recording, in spite of which the rest of it was read.
+
+    Args:
+        place: a file, a byte in a file, or a topic.
+        reason: such as `the file ends within a record`.
+        count: how often the fault was found; for messages that were lost, their number.
+    """
+
+    place: str
+    reason: str
+    count: int
+
+    def __str__(self) -> str:
+        return f'{self.place}: {self.reason}' + f' ({self.count} times)' * (self.count > 1)
+
+
+class FaultCounter:
+    """Faults in the order in which they are found first."""
+
+    def __init__(self) -> None:
+        self._counts: Counter[tuple[str, str]] = Counter()
+        self._details: dict[tuple[str, str], str] = {}
+
+    def add(self, place: str, reason: str, count: int = 1, detail: str = '') -> None:
+        """Count a fault.
+
+        Args:
+            place: a file, a byte in a file, or a topic.
+            reason: the kind of the fault; faults of one kind at one place are counted together.
+            count: for messages that were lost, their number.
+            detail: only that of the first fault of a kind is kept.
+        """
+        self._counts[place, reason] += count
+        self._details.setdefault((place, reason), f', first {detail}' if detail else '')
+
+    @property
+    def faults(self) -> tuple[RecordingFault, ...]:
+        """The faults."""
+        return tuple(
+            RecordingFault(place, f'{reason}{self._details[place, reason]}', count)
+            for (place, reason), count in self._counts.items()
+        )
+
+
+def count_silences(times: NDArray[np.int64], place: str, faults: FaultCounter) -> None:
+    """Count long times without a message, given all log times in order."""
+    _count_steps(times, np.diff(times) > MAX_SILENCE_NS, 'no message is recorded', place, faults)
+
+
+def count_steps_back(times: NDArray[np.int64], place: str, faults: FaultCounter) -> None:
+    """Count jumps back, given log times in the order in which they were recorded."""
+    found = np.diff(times) < -MAX_STEP_BACK_NS
+    _count_steps(times, found, 'the log time jumps back', place, faults)
+
+
+def _count_steps(
+    times: NDArray[np.int64],
+    found: NDArray[np.bool_],
+    reason: str,
+    place: str,
+    faults: FaultCounter,
+) -> None:
+    if found.any():
+        before, after = times[int(np.argmax(found)) :].tolist()[:2]
+        detail = f'for {round_duration(abs(after - before))} after {format_time(before)}'
+        faults.add(place, reason, int(found.sum()), detail)
+
+
+class RecordingReader(ABC):
+    """A recording on disk, opened for reading; a context manager that closes it.
+
+    Args:
+        path: of the file or folder.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self._opening = FaultCounter()
+        self._reading = FaultCounter()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def close(self) -> None:  # noqa: B027 - most formats need not close anything
+        """Close the files."""
+
+    @property
+    def faults(self) -> tuple[RecordingFault, ...]:
+        """The faults found on opening, and those that the latest reading has found so far."""
+        return self._opening.faults + self._reading.faults
+
+    @property
+    @abstractmethod
+    def topics(self) -> tuple[RecordedTopic, ...]:
+        """The recorded topics, sorted by name."""
+
+    @property
+    @abstractmethod
+    def contents(self) -> Mapping[str, TopicContent]:
+        """What the messages of each topic hold, by its name; sorted by name."""
+
+    @property
+    def start_time(self) -> int:
+        """The log time of the first message, in nanoseconds since the epoch.
+
+        Raises:
+            RecordingError: for a recording without messages.
+        """
+        return self._span()[0]
+
+    @property
+    def end_time(self) -> int:
+        """The log time of the last message, in nanoseconds since the epoch.
+
+        Raises:
+            RecordingError: for a recording without messages.
+        """
+        return self._span()[1]
+
+    @abstractmethod
+    def fields(self, topic: str) -> Mapping[str, ValueType]:
+        """Return the paths of the single values in the messages of a topic, with their types.
+
+        The elements of an array are one entry, see `dyknow_common.field_paths`.
+
+        Raises:
+            RecordingError: for a topic that was not recorded, or whose messages cannot be read.
+        """
+
+    @abstractmethod
+    def columns(self, fields: Mapping[str, Collection[str]]) -> Iterator[MessageColumns]:
+        """Return fields of the messages of some topics, in parts of bounded size.
+
+        Parts follow each other in batches: no message of a batch has an earlier log time than one
+        of the batches before. `in_order` returns single messages in order.
+
+        Args:
+            fields: paths of fields by the name of the topic. A topic may have no path: then there
+                are only the times of its messages. There are only the times, too, of messages
+                that have another type than the first of the topic and lack one of the fields.
+
+        Raises:
+            RecordingError: for topics or fields that the recording lacks, or cannot be read.
+        """
+
+    @abstractmethod
+    def _times(self) -> tuple[int, int] | None:
+        """Return the log times of the first and last message; None if there is no message."""
+
+    def _span(self) -> tuple[int, int]:
+        times = self._times()
+        if times is None:
+            raise RecordingError(f'{self.path}: the recording has no messages')
+        return times
+
+    def _check_topics(self, topics: Collection[str]) -> None:
+        recorded = sorted({topic.name for topic in self.topics})
+        for topic in topics:
+            if topic not in recorded:
+                known = ', '.join(recorded) or 'none'
+                raise RecordingError(
+                    f"{self.path}: no topic '{shortened(topic)}' (it has: {known})",
+                    ExitCode.NOT_FOUND,
+                )
+
+
+@dataclass(frozen=True, slots=True)
+class RecordedFields:
+    """Fields of a message.
+
+    Args:
+        log_time: the time of recording, in nanoseconds since the epoch.
+        topic: its name.
+        message_type: such as `nav_msgs/msg/Odometry`.
+        stamp: the stamp of the header in nanoseconds; None if the type has no header.
+        values: by the path of the field; without those that the message lacks.
+        absent: the reasons for those that it lacks, by the path of the field.
+    """
+
+    log_time: int
+    topic: str
+    message_type: str
+    stamp: int | None
+    values: Mapping[str, Any]
+    absent: Mapping[str, str]
+
+
+def in_order(columns: Iterator[MessageColumns]) -> Iterator[RecordedFields]:
+    """Yield the messages of several topics one by one, in the order of their log times."""
+    for batch in batches(columns):
+        yield from rows_of(batch)
+
+
+def batches(columns: Iterator[MessageColumns]) -> Iterator[Sequence[MessageColumns]]:
+    """Yield the parts of each batch: no message is earlier than one of the batches before."""
+    batch: list[MessageColumns] = []
+    next_position = waiting = 0
+    for part in columns:
+        batch.append(part)
+        waiting += len(part.positions)
+        # A batch is complete if no position between its messages is missing.
+        if max(int(each.positions[-1]) for each in batch) + 1 == next_position + waiting:
+            yield batch
+            next_position, waiting, batch = next_position + waiting, 0, []
+
+
+def rows_of(batch: Sequence[MessageColumns]) -> Iterator[RecordedFields]:
+    """Yield the messages of a batch one by one, in the order of their log times."""
+    rows = [row for each in batch for row in _rows(each)]
+    return (row for _, row in sorted(rows, key=lambda pair: pair[0]))
+
+
+def _rows(part: MessageColumns) -> Iterator[tuple[int, RecordedFields]]:
+    stamps = [None] * len(part.positions) if part.stamps is None else part.stamps.tolist()
+    values = {path: column.tolist() for path, column in part.values.items()}
+    times = zip(part.positions.tolist(), part.log_times.tolist(), stamps, strict=True)
+    for row, (position, log_time, stamp) in enumerate(times):
+        absent = {path: found[row] for path, found in part.absent.items() if row in found}
+        present = {path: value[row] for path, value in values.items() if path not in absent}
+        yield (
+            position,
+            RecordedFields(log_time, part.topic, part.message_type, stamp, present, absent),
+        )

@@ -1,0 +1,141 @@
+"""Traces as comma-separated values: a topic `/trace` with a message for each row."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from itertools import islice
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dyknow_common import ExitCode, ValueType, absence, open_text
+from dyknow_reasoning.errors import ReasoningError
+from dyknow_reasoning.trace import RecordedState, read_trace
+from dyknow_recordings.errors import RecordingError
+from dyknow_recordings.reading.columns import MessageColumns
+from dyknow_recordings.reading.contents import TopicContent
+from dyknow_recordings.reading.recording import (
+    FaultCounter,
+    RecordedTopic,
+    RecordingReader,
+    count_silences,
+)
+
+TRACE_TOPIC: Final = '/trace'
+TRACE_TYPE: Final = 'csv/row'
+
+_BATCH_ROWS: Final = 1 << 14
+_DTYPES: Final = {bool: np.bool_, int: np.int64, float: np.float64}
+
+
+class TraceRecording(RecordingReader):
+    """A trace, one row after the other; the columns are the fields of the topic `/trace`.
+
+    Args:
+        path: of the file.
+
+    Raises:
+        RecordingError: if the file is missing (NOT_FOUND), or its first row cannot be read.
+    """
+
+    def __init__(self, path: Path) -> None:
+        super().__init__(path)
+        self._count = 0
+        self._fields: dict[str, ValueType] = {}
+        self._first = self._last = 0
+        for states in self._batches(self._opening):
+            times = np.array([self._last, *(state.valid_time for state in states)], np.int64)
+            count_silences(times[self._count == 0 :], str(path), self._opening)
+            self._first = self._first if self._count else int(times[1])
+            self._last = int(times[-1])
+            self._count += len(states)
+            for state in states:
+                self._see(state)
+
+    @property
+    def topics(self) -> tuple[RecordedTopic, ...]:
+        """The topic of the rows."""
+        return (RecordedTopic(TRACE_TOPIC, TRACE_TYPE, self._count, None),)
+
+    @property
+    def contents(self) -> Mapping[str, TopicContent]:
+        """What the rows hold."""
+        content = TopicContent(TRACE_TYPE, self._fields, has_stamp=True, count=self._count)
+        return {TRACE_TOPIC: content}
+
+    def fields(self, topic: str) -> Mapping[str, ValueType]:
+        """Return the columns that have values; see `RecordingReader`."""
+        self._check_topics([topic])
+        return self._fields
+
+    def columns(self, fields: Mapping[str, Collection[str]]) -> Iterator[MessageColumns]:
+        """Return some columns; see `RecordingReader`."""
+        self._check_topics(fields)
+        paths = sorted({path for some in fields.values() for path in some})
+        for path in paths:
+            if path not in self._fields:
+                lack = absence('the trace', self._fields, path)
+                raise RecordingError(f'{self.path}: {lack}', ExitCode.NOT_FOUND)
+        return self._columns(paths) if fields else iter(())
+
+    def _times(self) -> tuple[int, int] | None:
+        return (self._first, self._last) if self._count else None
+
+    def _see(self, state: RecordedState) -> None:
+        for path, value in state.values.items():
+            kind = ValueType.of(value)
+            if not self._fields.setdefault(path, kind).accepts(kind):
+                self._fields[path] = kind
+
+    def _columns(self, paths: Sequence[str]) -> Iterator[MessageColumns]:
+        position = 0
+        # The faults were counted on opening.
+        for states in self._batches(FaultCounter()):
+            times = np.array([state.valid_time for state in states], np.int64)
+            positions = position + np.arange(len(states))
+            position += len(states)
+            values = {path: _column(states, path) for path in paths}
+            absent = {path: _empty_cells(states, path) for path in paths}
+            found = {path: rows for path, rows in absent.items() if rows}
+            yield MessageColumns(TRACE_TOPIC, TRACE_TYPE, times, times, values, positions, found)
+
+    def _batches(self, faults: FaultCounter) -> Iterator[list[RecordedState]]:
+        """Yield the rows up to the first that cannot be read."""
+        with open_text(self.path, 'trace', RecordingError) as file:
+            states = _until_fault(read_trace(file), self.path, faults)
+            while batch := list(islice(states, _BATCH_ROWS)):
+                yield batch
+
+
+def _until_fault(
+    states: Iterator[RecordedState], path: Path, faults: FaultCounter
+) -> Iterator[RecordedState]:
+    is_first = True
+    try:
+        for state in states:
+            yield state
+            is_first = False
+    except ReasoningError as error:
+        if is_first:
+            raise RecordingError(f'{path}: {error}', error.code) from None
+        faults.add(str(path), f'the rest of the file is left out: {error}')
+    except UnicodeDecodeError:
+        if is_first:
+            raise
+        faults.add(str(path), 'the rest of the file is left out: it is not in UTF-8')
+
+
+def _column(states: Sequence[RecordedState], path: str) -> NDArray[np.generic]:
+    values = [state.values[path] for state in states if path in state.values]
+    kinds = {type(value) for value in values}
+    dtype = _DTYPES.get(kinds.pop(), np.object_) if len(kinds) == 1 else np.object_
+    column: NDArray[Any] = np.zeros(len(states), dtype)
+    column[[row for row, state in enumerate(states) if path in state.values]] = values
+    return column
+
+
+def _empty_cells(states: Sequence[RecordedState], path: str) -> dict[int, str]:
+    reason = f"the cell of '{path}' is empty"
+    return {row: reason for row, state in enumerate(states) if path not in state.values}
