@@ -1,0 +1,1 @@
+"""Formulas over recordings, with the verdicts of the running system."""

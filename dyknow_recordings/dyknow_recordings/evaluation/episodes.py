@@ -1,0 +1,303 @@
+"""The episodes of formulas: from which states on each is evaluated, and how that ends."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from enum import StrEnum
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dyknow_common import DyKnowError, Value, Verdict
+from dyknow_reasoning import FormulaGroup, FormulaResult
+from dyknow_recordings.errors import RecordingError
+from dyknow_recordings.evaluation.grounding import GroundedFormula
+from dyknow_recordings.evaluation.observation import EvaluationObserver
+from dyknow_recordings.evaluation.results import Episode, StateGap
+from dyknow_stream_processing import Violation
+
+FIRST_BEGIN: Final = -(1 << 63)
+"""A time before all states, in nanoseconds."""
+
+
+class Every(StrEnum):
+    """The states from which a formula is evaluated."""
+
+    FIRST = 'first'
+    """The first one alone."""
+
+    STATE = 'state'
+    """Every state."""
+
+    TRIGGER = 'trigger'
+    """Every state at which another formula begins to hold."""
+
+
+@dataclass(frozen=True, slots=True)
+class EpisodeStart:
+    """From when formulas are evaluated.
+
+    Args:
+        begin: states that are valid earlier do not count, in nanoseconds since the epoch.
+        every: which of the others begin an episode.
+        trigger: the formula, if `every` is TRIGGER.
+    """
+
+    begin: int = FIRST_BEGIN
+    every: Every = Every.FIRST
+    trigger: str = ''
+
+
+FROM_FIRST_STATE: Final = EpisodeStart()
+
+
+@dataclass(eq=False)
+class FormulaEpisodes:
+    """The episodes of one formula.
+
+    Args:
+        grounded: the formula.
+        every: which states begin an episode.
+    """
+
+    grounded: GroundedFormula
+    every: Every
+    episodes: list[Episode] = field(default_factory=list)
+    error: DyKnowError | None = None
+    states: int = 0
+    violations: list[Violation] = field(default_factory=list)
+    gaps: list[StateGap] = field(default_factory=list)
+    events: list[str] = field(default_factory=list)
+    open_episodes: dict[int, int] = field(default_factory=dict)
+    """The index in `episodes` of those that are not decided, by the id of the formula."""
+
+    @property
+    def has_ended(self) -> bool:
+        """True if no state can change anything any more."""
+        is_asked_again = self.every is not Every.FIRST and self.error is None
+        return not (is_asked_again or self.open_episodes)
+
+
+class EpisodeGroup:
+    """The episodes of formulas over the same states.
+
+    Args:
+        formulas: with the same features.
+        domains: the objects of each sort.
+        observer: receives the states.
+    """
+
+    def __init__(
+        self,
+        formulas: Sequence[FormulaEpisodes],
+        domains: Mapping[str, tuple[str, ...]],
+        observer: EvaluationObserver | None = None,
+    ) -> None:
+        self.formulas = formulas
+        self.observer = observer
+        self.has_ended = False
+        """True if no state can change anything any more."""
+        self._group = FormulaGroup()
+        self._triggers = {
+            each.grounded.trigger: _Trigger(each.grounded.trigger, domains)
+            for each in formulas
+            if each.every is Every.TRIGGER
+        }
+        self._is_asked_again = any(each.every is not Every.FIRST for each in formulas)
+        self._states = 0
+        self._owners: dict[int, FormulaEpisodes] = {}
+        # The ids of the formulas that have seen no state yet.
+        self._fresh: set[int] = set()
+        for each in formulas:
+            if each.every is Every.FIRST:
+                self._open(each)
+        self._group.begin(domains)
+        self._close(self._group.decided_at_once())
+
+    def progress(self, valid_time: int, values: Mapping[str, Value]) -> None:
+        """Begin the episodes of a state, and progress all of them over it."""
+        self._states += 1
+        if self.observer is not None:
+            columns = {name: (value,) for name, value in values.items()}
+            self.observer.states((valid_time,), columns)
+        if self._is_asked_again:
+            self._begin_episodes(valid_time, values)
+        for formula_id in self._fresh:
+            formula = self._owners[formula_id]
+            formula.episodes[formula.open_episodes[formula_id]] = Episode(valid_time)
+        self._fresh.clear()
+        if self._group.undecided:
+            self._close(self._group.progress(valid_time, values))
+
+    def progress_many(
+        self, valid_times: NDArray[np.int64], columns: Mapping[str, NDArray[np.generic]]
+    ) -> None:
+        """Progress over many states, with the same results as one by one.
+
+        Args:
+            valid_times: of the states in nanoseconds, increasing; of shape (n,).
+            columns: the values of each feature at these states; of shape (n,).
+        """
+        start = 0
+        if self._is_asked_again or not all(map(_is_plain, columns.values())):
+            start = len(valid_times)
+        elif self._fresh:
+            start = 1
+        times = valid_times[:start].tolist()
+        names, values = list(columns), [each[:start].tolist() for each in columns.values()]
+        rows = zip(*values, strict=True) if values else ([()] * len(times))
+        for time, row in zip(times, rows, strict=True):
+            if self.has_ended and not self.observer:
+                return
+            self.progress(time, dict(zip(names, row, strict=True)))
+        if start < len(valid_times) and (self.observer or not self.has_ended):
+            self._progress_columns(
+                valid_times[start:], {name: each[start:] for name, each in columns.items()}
+            )
+
+    def _progress_columns(
+        self, valid_times: NDArray[np.int64], columns: Mapping[str, NDArray[np.generic]]
+    ) -> None:
+        if self.observer is not None:
+            self.observer.states(valid_times, columns)
+        before = self._states
+        results = self._group.progress_many(valid_times, columns) if self._group.undecided else []
+        for result in results:
+            self._states = before
+            if result.ended_at is not None:
+                self._states += int(np.searchsorted(valid_times, result.ended_at, 'right'))
+            self._close([result])
+        self._states = before + len(valid_times)
+
+    def _begin_episodes(self, valid_time: int, values: Mapping[str, Value]) -> None:
+        rising = {text: each.rises(valid_time, values) for text, each in self._triggers.items()}
+        for each in self.formulas:
+            if each.has_ended:
+                continue
+            begins = rising.get(each.grounded.trigger, False)
+            if isinstance(begins, DyKnowError):
+                self._fail(each, begins)
+            elif begins or each.every is Every.STATE:
+                self._open(each)
+
+    def gap(self, after: int) -> None:
+        """Record that states may be missing after one that is valid at a time, nanoseconds."""
+        self._group.gap()
+        if self.observer is not None:
+            self.observer.gap()
+        for each in self._running:
+            each.gaps.append(StateGap(after, None))
+
+    def end_gap(self, before: int) -> None:
+        """Record the valid time of the first state after a gap, in nanoseconds."""
+        for each in self._running:
+            if each.gaps:
+                each.gaps[-1] = replace(each.gaps[-1], before=before)
+
+    def add_violation(self, violation: Violation) -> None:
+        """Record a violation in the streams of the states."""
+        for each in self._running:
+            each.violations.append(violation)
+
+    def add_event(self, event: str) -> None:
+        """Record a change of the streams of the states."""
+        for each in self._running:
+            each.events.append(event)
+
+    def fail(self, error: DyKnowError) -> None:
+        """End all episodes with an error."""
+        for each in self._running:
+            self._fail(each, error)
+
+    def finish(self) -> None:
+        """Record what remains of the undecided episodes."""
+        for each in self.formulas:
+            if not each.has_ended:
+                each.states = self._states
+            for formula_id, index in each.open_episodes.items():
+                each.episodes[index] = Episode(
+                    each.episodes[index].begin,
+                    residual_formula=self._group.residual(formula_id),
+                    presumably_false=self._group.presumably_false(formula_id),
+                )
+
+    def _open(self, formula: FormulaEpisodes) -> None:
+        text = formula.grounded.formula
+        formula_id = self._group.add_formula(text, text)
+        formula.open_episodes[formula_id] = len(formula.episodes)
+        formula.episodes.append(Episode(None))
+        self._owners[formula_id] = formula
+        self._fresh.add(formula_id)
+
+    def _close(self, results: Iterable[FormulaResult]) -> None:
+        for result in results:
+            formula = self._owners.pop(result.formula_id)
+            index = formula.open_episodes.pop(result.formula_id)
+            formula.episodes[index] = Episode(
+                formula.episodes[index].begin,
+                result.verdict,
+                result.decided_at,
+                result.explanation,
+                result.error,
+                objects=result.objects,
+                windows=result.windows,
+            )
+            if self.observer is not None and result.decided_at is not None:
+                self.observer.decided(result.decided_at)
+            self._forget(result.formula_id)
+            if formula.has_ended:
+                self._end(formula)
+
+    def _fail(self, formula: FormulaEpisodes, error: DyKnowError) -> None:
+        formula.error = error
+        for formula_id, index in formula.open_episodes.items():
+            formula.episodes[index] = Episode(formula.episodes[index].begin, error=error)
+            del self._owners[formula_id]
+            self._forget(formula_id)
+        formula.open_episodes.clear()
+        self._end(formula)
+
+    @property
+    def _running(self) -> list[FormulaEpisodes]:
+        return [each for each in self.formulas if not each.has_ended]
+
+    def _end(self, formula: FormulaEpisodes) -> None:
+        formula.states = self._states
+        self.has_ended = all(each.has_ended for each in self.formulas)
+
+    def _forget(self, formula_id: int) -> None:
+        self._fresh.discard(formula_id)
+        self._group.remove_formula(formula_id)
+
+
+class _Trigger:
+    """A formula that each state alone decides, and the states at which it begins to hold."""
+
+    def __init__(self, text: str, domains: Mapping[str, tuple[str, ...]]) -> None:
+        self._text = text
+        self._group = FormulaGroup()
+        self._group.begin(domains)
+        self._held = False
+
+    def rises(self, valid_time: int, values: Mapping[str, Value]) -> bool | DyKnowError:
+        """Return True if it holds now and did not before; its error if it has no verdict."""
+        formula_id = self._group.add_formula(self._text, self._text)
+        results = self._group.progress(valid_time, values) or self._group.decided_at_once()
+        self._group.remove_formula(formula_id)
+        if not results:
+            return RecordingError(
+                f"the trigger '{self._text}' is not decided by one state; leave out always, "
+                'eventually and until'
+            )
+        (result,) = results
+        if result.error is not None:
+            return result.error
+        held, self._held = self._held, result.verdict is Verdict.TRUE
+        return self._held and not held
+
+
+def _is_plain(column: NDArray[np.generic]) -> bool:
+    """Return True for numbers and booleans, but for a column with a NaN."""
+    return column.dtype.kind in 'biu' or (column.dtype.kind == 'f' and not np.isnan(column).any())

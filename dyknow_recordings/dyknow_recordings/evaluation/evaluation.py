@@ -1,0 +1,250 @@
+"""Evaluation of formulas over a recording, with the verdicts of the running system.
+
+The parts are those of the nodes: a vocabulary (ontology manager and matching), streams (stream
+manager and processing engine), and groups of formulas over the same states (coordinator and
+reasoning engine). One loop drives all of them by the log times of the recording:
+
+    log time    event
+    10.00 s     a deadline of the dataflow: a sample of /b that should have come is missing. The
+                group whose states need it switches to another stream, with a gap, or fails
+    10.02 s     a message of /a: the states that it completes are progressed
+    10.50 s     every SILENCE_PERIOD_NS: topics that have been silent for too long are replaced
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from contextlib import closing
+from dataclasses import dataclass
+from typing import Final
+
+from dyknow_common import NANOSECONDS, SECOND_NS, DyKnowError, ExitCode
+from dyknow_recordings.errors import RecordingError
+from dyknow_recordings.evaluation.column_states import ColumnStates
+from dyknow_recordings.evaluation.episodes import (
+    FROM_FIRST_STATE,
+    EpisodeGroup,
+    EpisodeStart,
+    FormulaEpisodes,
+)
+from dyknow_recordings.evaluation.grounding import FormulaGrounder, GroundedFormula
+from dyknow_recordings.evaluation.loading import load_vocabulary
+from dyknow_recordings.evaluation.observation import EvaluationObserver, SignalRecorder, terms_of
+from dyknow_recordings.evaluation.results import FormulaReport, RecordingReport, RequestedFormula
+from dyknow_recordings.evaluation.state_group import StateGroup
+from dyknow_recordings.evaluation.streams import RecordedStreams
+from dyknow_recordings.evaluation.vocabulary import NO_FILES, MonitoringFiles
+from dyknow_recordings.reading.columns import MessageColumns
+from dyknow_recordings.reading.recording import RecordingReader, batches, rows_of
+
+SILENCE_PERIOD_NS: Final = 500 * NANOSECONDS['ms']
+"""The period in which silent topics are looked for."""
+
+SILENCE_LOOKS_NS: Final = 60 * SECOND_NS
+"""The time after a message in which they are: later, the silence of all topics is known."""
+
+
+@dataclass(slots=True)
+class _Request:
+    """A requested formula with its group, or with the error of its grounding."""
+
+    requested: RequestedFormula
+    grounded: GroundedFormula | None = None
+    error: DyKnowError | None = None
+    episodes: FormulaEpisodes | None = None
+    group: StateGroup | None = None
+
+
+def evaluate_recording(
+    recording: RecordingReader,
+    formulas: Sequence[RequestedFormula],
+    files: MonitoringFiles = NO_FILES,
+    start: EpisodeStart = FROM_FIRST_STATE,
+    *,
+    keep_signals: bool = False,
+) -> RecordingReport:
+    """Evaluate formulas over a recording.
+
+    Args:
+        recording: the recording.
+        formulas: an error of one does not affect the others.
+        files: the ontologies, annotations and streams of the running system.
+        start: from when the formulas are evaluated.
+        keep_signals: True to keep the signals of the states, for pictures.
+
+    Raises:
+        DyKnowError: naming a file that cannot be read, or a recording that cannot be read.
+    """
+    return RecordingEvaluation(recording, formulas, files, start, keep_signals=keep_signals).run()
+
+
+class RecordingEvaluation:
+    """The evaluation of formulas over one recording; see `evaluate_recording`."""
+
+    def __init__(
+        self,
+        recording: RecordingReader,
+        formulas: Sequence[RequestedFormula],
+        files: MonitoringFiles,
+        start: EpisodeStart,
+        *,
+        keep_signals: bool = False,
+    ) -> None:
+        self._recording = recording
+        self._keep_signals = keep_signals
+        self._start = start
+        self._streams = RecordedStreams(recording.contents, files.streams)
+        self._pending: list[StateGroup] = []
+        with closing(load_vocabulary(files, recording.contents)) as vocabulary:
+            self._vocabulary_notes = tuple(vocabulary.notes)
+            grounder = FormulaGrounder(vocabulary, self._streams)
+            self._requests = [self._ground(grounder, each) for each in formulas]
+        grounded = [each.grounded.inputs for each in self._requests if each.grounded]
+        self._fields = self._streams.prepare(
+            dict.fromkeys(source for inputs in grounded for source in inputs.candidates.found)
+        )
+        self._columns = ColumnStates(self._streams, recording.start_time)
+        self._groups = self._make_groups()
+        self._running = [group for group in self._groups if not group.has_ended]
+        self._has_started = False
+        self._next_look = max(recording.start_time, start.begin)
+
+    def run(self) -> RecordingReport:
+        """Read the recording and return the results."""
+        recording = self._recording
+        start, end = recording.start_time, recording.end_time
+        if self._running:
+            self._advance(start)
+            for batch in batches(recording.columns(self._fields)):
+                self._progress(batch)
+                if not self._running:
+                    break
+            else:
+                self._columns.resume()
+                self._react(end)
+                self._advance(end)
+        for group in self._groups:
+            group.finish(start, end)
+        return RecordingReport(
+            recording=str(recording.path),
+            start_time=start,
+            end_time=end,
+            formulas=tuple(self._report(each) for each in self._requests),
+            notes=(*self._vocabulary_notes, *self._streams.notes, *map(str, recording.faults)),
+        )
+
+    def _progress(self, batch: Sequence[MessageColumns]) -> None:
+        """Progress over a batch, as columns if that gives the same results."""
+        end = max(int(part.log_times[-1]) for part in batch)
+        if self._columns.progress(batch, self._running):
+            looks = (end - self._next_look) // SILENCE_PERIOD_NS + 1
+            self._next_look += max(looks, 0) * SILENCE_PERIOD_NS
+            self._react(end)
+            return
+        self._columns.resume()
+        for message in rows_of(batch):
+            self._advance(message.log_time)
+            self._streams.push(message)
+            self._react(message.log_time)
+            if not self._running:
+                return
+        self._columns.follow(batch, self._running)
+
+    def _ground(self, grounder: FormulaGrounder, requested: RequestedFormula) -> _Request:
+        try:
+            return _Request(requested, grounder.ground(requested.text, self._start.trigger))
+        except DyKnowError as error:
+            return _Request(requested, error=error)
+
+    def _make_groups(self) -> list[StateGroup]:
+        """Make a group for all formulas over the same streams."""
+        members: dict[tuple[str, ...], list[tuple[_Request, GroundedFormula]]] = {}
+        for request in self._requests:
+            if request.grounded is not None:
+                features = tuple(sorted(request.grounded.inputs.features))
+                members.setdefault(features, []).append((request, request.grounded))
+        return [
+            self._make_group(f'states {number}', found)
+            for number, found in enumerate(members.values(), start=1)
+        ]
+
+    def _make_group(
+        self, name: str, members: Sequence[tuple[_Request, GroundedFormula]]
+    ) -> StateGroup:
+        domains: dict[str, tuple[str, ...]] = {}
+        for request, grounded in members:
+            domains |= grounded.inputs.domains
+            request.episodes = FormulaEpisodes(grounded, self._start.every)
+        observer: EvaluationObserver | None = None
+        if self._keep_signals:
+            terms = terms_of((grounded.formula for _, grounded in members), domains)
+            observer = SignalRecorder(terms, domains)
+        episodes = EpisodeGroup(
+            [each.episodes for each, _ in members if each.episodes], domains, observer
+        )
+        group = StateGroup(
+            name,
+            members[0][1].inputs,
+            episodes,
+            self._streams,
+            self._start.begin,
+            lambda: self._pending.append(group),
+        )
+        for request, _ in members:
+            request.group = group
+        return group
+
+    def _advance(self, until: int) -> None:
+        """Do what is due before a time, each at its own time."""
+        last_look = min(until, self._next_look + SILENCE_LOOKS_NS)
+        while True:
+            deadline = self._streams.dataflow.next_deadline()
+            due = self._next_look if deadline is None else min(deadline, self._next_look)
+            if due > until:
+                return
+            self._streams.dataflow.advance(due)
+            self._react(due)
+            if due == self._next_look:
+                self._look(due)
+                self._next_look = max(due if due < last_look else until, due) + SILENCE_PERIOD_NS
+
+    def _look(self, now: int) -> None:
+        """Start the groups, the first time; then look for silent topics."""
+        for group in self._running:
+            if self._has_started:
+                group.check_silence(now)
+            else:
+                group.start(now)
+        self._has_started = True
+        self._react(now)
+
+    def _react(self, now: int) -> None:
+        if self._pending:
+            while self._pending:
+                self._pending.pop().react(now)
+            self._running = [group for group in self._running if not group.has_ended]
+
+    def _report(self, request: _Request) -> FormulaReport:
+        requested, group, episodes = request.requested, request.group, request.episodes
+        if group is None or episodes is None:
+            text = requested.text
+            return FormulaReport(requested.name or text, text, error=request.error)
+        error = episodes.error
+        if error is None and not (episodes.states or episodes.has_ended):
+            # Nothing is known of the formula: to call that undecided would hide it.
+            reason = group.waits_for or 'it ends too early'
+            error = RecordingError(f'the recording has no state: {reason}', ExitCode.NOT_FOUND)
+        formula = episodes.grounded.formula
+        return FormulaReport(
+            requested.name or formula,
+            formula,
+            episodes=tuple(episodes.episodes),
+            error=error,
+            states=episodes.states,
+            groundings=group.groundings,
+            violations=tuple(episodes.violations),
+            gaps=tuple(episodes.gaps),
+            events=tuple(episodes.events),
+            waits_for=group.waits_for,
+            signals=observer.result() if (observer := group.episodes.observer) else None,
+        )

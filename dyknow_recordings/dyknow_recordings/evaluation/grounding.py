@@ -1,0 +1,101 @@
+"""Grounding of formulas: the steps of the coordinator, without its nodes."""
+
+from __future__ import annotations
+
+from collections.abc import Coroutine, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, TypeVar
+
+from dyknow_common import NO_CONSTRAINTS, Symbol
+from dyknow_coordinator import (
+    CandidateSearch,
+    FeatureSource,
+    FormulaInputs,
+    Grounding,
+    check_symbols,
+    feature_symbols,
+    infer_sorts,
+    parse_sources,
+    sort_names,
+    with_sorts,
+)
+from dyknow_reasoning import FormulaGroup
+from dyknow_recordings.evaluation.streams import RecordedStreams
+from dyknow_recordings.evaluation.vocabulary import Vocabulary
+
+Result = TypeVar('Result')
+
+
+@dataclass(frozen=True, slots=True)
+class GroundedFormula:
+    """A formula and what its states are made of.
+
+    Args:
+        formula: the canonical text, with all sorts.
+        trigger: the canonical text of the formula that begins its episodes; empty without one.
+        inputs: of the state stream, for both.
+    """
+
+    formula: str
+    trigger: str
+    inputs: FormulaInputs
+
+
+class FormulaGrounder:
+    """Finds the objects and streams of formulas."""
+
+    def __init__(self, vocabulary: Vocabulary, streams: RecordedStreams) -> None:
+        self._vocabulary = vocabulary
+        self._streams = streams
+        self._search = CandidateSearch(self._matching_sources, streams.fields)
+
+    def ground(self, formula: str, trigger: str = '') -> GroundedFormula:
+        """Return the inputs of a formula, and of the trigger of its episodes.
+
+        Raises:
+            DyKnowError: if a text is no formula, or has a sort or a feature that is not found.
+        """
+        group = FormulaGroup()
+        texts = [self._with_sorts(text) for text in filter(None, (formula, trigger))]
+        for text in texts:
+            group.add_formula(text, text)
+        symbols = tuple(group.symbols())
+        domains = {sort: self._vocabulary.instances(sort) for sort in sort_names(symbols)}
+        candidates = _finished(self._search.find(symbols, Grounding.AUTO))
+        group.begin(domains)
+        features = tuple(map(str, feature_symbols(group.symbols())))
+        # A recording without annotations, such as a table, has features for fields.
+        fields = (self._streams.source_of_field(each) for each in features)
+        found = {each.feature for each in candidates.found}
+        more = tuple(each for each in fields if each is not None and each.feature not in found)
+        candidates = replace(candidates, found=(*candidates.found, *more))
+        candidates.choose(features)
+        inputs = FormulaInputs(
+            symbols, Grounding.AUTO, features, candidates, domains, NO_CONSTRAINTS
+        )
+        return GroundedFormula(texts[0], texts[1] if trigger else '', inputs)
+
+    def _with_sorts(self, text: str) -> str:
+        """Return the canonical text of a formula, in which every quantifier has a sort."""
+        group = FormulaGroup()
+        formula_id = group.add_formula(text, text)
+        symbols: Sequence[Symbol] = group.symbols()
+        check_symbols(symbols, Grounding.AUTO)
+        canonical = str(group.formulas[formula_id])
+        return with_sorts(canonical, _finished(infer_sorts(symbols, self._query)))
+
+    async def _matching_sources(self, concept: str) -> tuple[FeatureSource, ...]:
+        return parse_sources(self._vocabulary.matching_streams(concept))
+
+    async def _query(self, sparql: str) -> Sequence[tuple[str, ...]]:
+        return self._vocabulary.query(sparql)
+
+
+def _finished(coroutine: Coroutine[Any, Any, Result]) -> Result:
+    """Return the result of a coroutine that waits for nothing."""
+    try:
+        coroutine.send(None)
+    except StopIteration as end:
+        result: Result = end.value
+        return result
+    raise AssertionError('a coroutine of offline grounding waits')

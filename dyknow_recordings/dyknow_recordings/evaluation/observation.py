@@ -1,0 +1,303 @@
+"""The signals of an evaluation: the values of its states, in bounded memory."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any, Final, Protocol, TypeAlias
+
+import numpy as np
+import numpy.typing as npt
+
+from dyknow_reasoning import (
+    CALCULATE,
+    Arithmetic,
+    Comparison,
+    Feature,
+    FieldReference,
+    Formula,
+    Number,
+    Term,
+    ground_atoms,
+    parse_formula,
+    parts,
+)
+
+Times: TypeAlias = npt.NDArray[np.int64]
+Numbers: TypeAlias = npt.NDArray[np.float64]
+
+Column: TypeAlias = Sequence[Any] | npt.NDArray[Any]
+"""The values of a feature at some states."""
+
+MAX_SPANS: Final = 500
+"""The spans of time into which a long signal is divided; each keeps its extremes."""
+
+MAX_POINTS: Final = 5 * MAX_SPANS
+"""The number of points of a signal: all, or the first, last, least, greatest and a missing one."""
+
+MAX_SIGNALS: Final = 200
+"""The number of signals of one stream of states that are kept."""
+
+MAX_DECIDING_STATES: Final = 100
+"""The number of deciding states whose values are kept."""
+
+_BLOCK: Final = 4096
+"""The number of single states that are collected to be added together."""
+
+_MAX_WORDS: Final = 20
+"""The number of different texts of a signal that are kept; all others are one."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Signal:
+    """The values of a term over time, with all extremes.
+
+    Args:
+        name: the canonical text of the term.
+        times: the valid times, in nanoseconds.
+        values: NaN where a value is missing. A boolean is 0 or 1, a text is its index in `words`.
+        words: the values of a signal that is not a number, by index.
+    """
+
+    name: str
+    times: Times
+    values: Numbers
+    words: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class StateSignals:
+    """The signals of the states that formulas with the same features were evaluated over.
+
+    Args:
+        signals: by name.
+        domains: the objects of each sort.
+        deciding: the values of the signals at the first deciding states, by valid time.
+        omitted: the number of signals that were not kept, as there were too many.
+    """
+
+    signals: Mapping[str, Signal]
+    domains: Mapping[str, tuple[str, ...]]
+    deciding: Mapping[int, Mapping[str, float]]
+    omitted: int
+
+
+class EvaluationObserver(Protocol):
+    """Receives the states that formulas are evaluated over."""
+
+    def states(self, valid_times: Sequence[int] | Times, columns: Mapping[str, Column]) -> None:
+        """Receive states that are about to be progressed.
+
+        Args:
+            valid_times: in nanoseconds, increasing.
+            columns: for each feature, its values at these states; may be numpy arrays.
+        """
+
+    def gap(self) -> None:
+        """Receive that states may be missing before the next one."""
+
+    def decided(self, valid_time: int) -> None:
+        """Receive the time of a deciding state, before the states of a later call."""
+
+    def result(self) -> StateSignals | None:
+        """Return the signals so far, if they are kept."""
+
+
+def features_of(node: Formula | Term) -> list[Feature | FieldReference]:
+    """Return the features in a term, or in an atom without variables."""
+    if isinstance(node, Feature | FieldReference):
+        return [node]
+    return [each for part in parts(node) for each in features_of(part)]
+
+
+def terms_of(formulas: Iterable[str], domains: Mapping[str, Sequence[str]]) -> list[Term]:
+    """Return the terms that the atoms of formulas compare, without those that are constant."""
+    found: dict[Term, None] = {}
+    for text in formulas:
+        for _, atoms in ground_atoms(parse_formula(text), domains):
+            for atom in atoms:
+                sides = (atom.left, atom.right) if isinstance(atom, Comparison) else (atom,)
+                found |= {side: None for side in sides if features_of(side)}
+    return list(found)
+
+
+class SignalRecorder:
+    """Keeps the signals of some terms.
+
+    Args:
+        terms: the features of the states and what is calculated of them.
+        domains: the objects of each sort.
+    """
+
+    def __init__(self, terms: Iterable[Term], domains: Mapping[str, tuple[str, ...]]) -> None:
+        named = {str(each): each for each in terms}
+        self._terms = dict(list(named.items())[:MAX_SIGNALS])
+        self._omitted = len(named) - len(self._terms)
+        self._domains = domains
+        self._signals = {name: _GrowingSignal(name) for name in self._terms}
+        self._times: list[int] = []
+        features = (str(each) for term in self._terms.values() for each in features_of(term))
+        self._single: dict[str, list[Any]] = {name: [] for name in features}
+        self._latest_time = -1
+        # All formulas over these states share it.
+        self._result: StateSignals | None = None
+        self._latest: tuple[Times, dict[str, Numbers]] | None = None
+        self._deciding: dict[int, dict[str, float]] = {}
+
+    def states(self, valid_times: Sequence[int] | Times, columns: Mapping[str, Column]) -> None:
+        """Add states; single ones are collected first."""
+        if len(valid_times) > 1:
+            self._flush()
+            self._add(np.asarray(valid_times, np.int64), columns)
+            return
+        self._times.extend(map(int, valid_times))
+        for name, single in self._single.items():
+            single.extend(columns.get(name, (None,)))
+        if len(self._times) >= _BLOCK:
+            self._flush()
+
+    def gap(self) -> None:
+        """Add a missing value after the states so far, which interrupts the lines of signals."""
+        self._flush()
+        if self._latest_time >= 0:
+            self._result = None
+            self._latest_time += 1
+            for each in self._signals.values():
+                each.add(np.array([self._latest_time], np.int64), np.array([np.nan]))
+
+    def decided(self, valid_time: int) -> None:
+        """Keep the values of a deciding state."""
+        if valid_time in self._deciding or len(self._deciding) >= MAX_DECIDING_STATES:
+            return
+        self._flush()
+        if self._latest is None:
+            return
+        times, values = self._latest
+        found = np.flatnonzero(times == valid_time)
+        if len(found):
+            index = int(found[0])
+            self._deciding[valid_time] = {name: float(each[index]) for name, each in values.items()}
+
+    def result(self) -> StateSignals:
+        """Return the signals so far."""
+        self._flush()
+        if self._result is None:
+            signals = {name: each.signal() for name, each in self._signals.items()}
+            self._result = StateSignals(signals, self._domains, self._deciding, self._omitted)
+        return self._result
+
+    def _flush(self) -> None:
+        if self._times:
+            times, self._times = np.array(self._times, np.int64), []
+            columns, self._single = self._single, {name: [] for name in self._single}
+            self._add(times, columns)
+
+    def _add(self, times: Times, columns: Mapping[str, Column]) -> None:
+        """Add states; those that are not later than all before them are errors of the formulas."""
+        before = np.maximum.accumulate(np.concatenate([[self._latest_time], times[:-1]]))
+        if not (is_later := times > before).all():
+            times = times[is_later]
+            columns = {name: np.asarray(each)[is_later] for name, each in columns.items()}
+        if not len(times):
+            return
+        self._result = None
+        self._latest_time = int(times[-1])
+        features = _Features(self._signals, columns)
+        values: dict[str, Numbers] = {}
+        for name, term in self._terms.items():
+            values[name] = np.broadcast_to(features.numbers(term), times.shape)
+            self._signals[name].add(times, values[name])
+        self._latest = times, values
+
+
+class _Features:
+    """The values of terms over some states, as numbers."""
+
+    def __init__(
+        self, signals: Mapping[str, _GrowingSignal], columns: Mapping[str, Column]
+    ) -> None:
+        self._signals = signals
+        self._columns = columns
+
+    def numbers(self, term: Term) -> Numbers:
+        match term:
+            case Number(value):
+                return np.array(float(value))
+            case Arithmetic(operator, left, right):
+                with np.errstate(all='ignore'):
+                    result: Numbers = CALCULATE[operator](self.numbers(left), self.numbers(right))
+                return result
+            case _:
+                name = str(term)
+                if name not in self._columns:
+                    return np.array(np.nan)
+                signal = self._signals.get(name) or _GrowingSignal(name)
+                return signal.numbers(self._columns[name])
+
+
+@dataclass(eq=False)
+class _GrowingSignal:
+    """A signal in bounded memory: long ones keep the extremes of each span of time."""
+
+    name: str
+    times: Times = field(default_factory=lambda: np.empty(0, np.int64))
+    values: Numbers = field(default_factory=lambda: np.empty(0))
+    width: int = 1
+    words: dict[str, int] = field(default_factory=dict)
+
+    def numbers(self, column: Column) -> Numbers:
+        """Return values as numbers; texts are numbered in the order of their first uses."""
+        array = np.asarray(column)
+        if array.dtype.kind == 'b' and not self.words:
+            self.words = {'false': 0, 'true': 1}
+        if array.dtype.kind in 'biuf':
+            return array.astype(np.float64)
+        return np.array([self._number(each) for each in column], np.float64)
+
+    def add(self, times: Times, values: Numbers) -> None:
+        """Add the values of some states."""
+        self.times = np.concatenate([self.times, times])
+        self.values = np.concatenate([self.values, values])
+        if len(self.times) > MAX_POINTS:
+            self._thin_out()
+
+    def signal(self) -> Signal:
+        """Return the signal so far."""
+        return Signal(self.name, self.times, self.values, tuple(self.words))
+
+    def _number(self, value: Any) -> float:
+        if value is None or isinstance(value, int | float):
+            return np.nan if value is None else float(value)
+        word = str(value)
+        if word not in self.words and len(self.words) > _MAX_WORDS:
+            word = '(another)'
+        return self.words.setdefault(word, len(self.words))
+
+    def _thin_out(self) -> None:
+        spans = self.times // self.width
+        while spans[-1] - spans[0] >= MAX_SPANS:
+            self.width *= 2
+            spans = self.times // self.width
+        kept = extremes(spans, self.values)
+        self.times, self.values = self.times[kept], self.values[kept]
+
+
+def extremes(spans: Times, values: Numbers) -> npt.NDArray[np.intp]:
+    """Return the indices of the points that show a signal.
+
+    These are the first, the last, a least and a greatest value of each span, and a missing one.
+
+    Args:
+        spans: the number of the span of each point, in order.
+        values: NaN where one is missing.
+    """
+    is_missing = np.isnan(values)
+    known, missing = np.flatnonzero(~is_missing), np.flatnonzero(is_missing)
+    _, first_missing = np.unique(spans[missing], return_index=True)
+    ends = [missing[first_missing]]
+    if len(known):
+        order = np.lexsort((values[known], spans[known]))
+        starts = np.flatnonzero(np.diff(spans[known], prepend=spans[known[0]] - 1))
+        stops = np.append(starts[1:], len(known)) - 1
+        ends += [known[starts], known[stops], known[order[starts]], known[order[stops]]]
+    return np.unique(np.concatenate(ends))

@@ -1,0 +1,146 @@
+"""Results of formulas over a recording."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import StrEnum
+
+from dyknow_common import DyKnowError, Verdict
+from dyknow_coordinator import SymbolGrounding
+from dyknow_recordings.evaluation.observation import StateSignals
+from dyknow_stream_processing import Violation
+
+
+class Outcome(StrEnum):
+    """The outcome of a formula, or of all; of several episodes the worst counts.
+
+    A formula without an episode is undecided if it has had a state, as its trigger never held.
+    """
+
+    ERROR = 'error'
+    FALSE = 'false'
+    UNDECIDED = 'undecided'
+    TRUE = 'true'
+
+
+@dataclass(frozen=True, slots=True)
+class RequestedFormula:
+    """A formula to evaluate.
+
+    Args:
+        text: in the formula language.
+        name: for people; empty for its text.
+    """
+
+    text: str
+    name: str = ''
+
+
+@dataclass(frozen=True, slots=True)
+class Episode:
+    """The evaluation of a formula from one state on.
+
+    Args:
+        begin: the valid time of the first state in nanoseconds; None if it needs no state.
+        verdict: undecided if it has failed, or at the end of the recording.
+        decided_at: the valid time of the deciding state in nanoseconds; None without a verdict, or
+            if the verdict needs no state.
+        explanation: the reason for the verdict, for people.
+        error: why it has failed.
+        residual_formula: what is left of an undecided formula: what further states must satisfy.
+        presumably_false: True if an undecided formula would be false without further states: an
+            obligation that was not met. False for an invariant that was not broken.
+        objects: the objects that decide the formula, `u = uav1`; empty if there is no choice.
+        windows: the intervals of the obligations that the explanation names, in nanoseconds.
+    """
+
+    begin: int | None
+    verdict: Verdict = Verdict.UNDECIDED
+    decided_at: int | None = None
+    explanation: str = ''
+    error: DyKnowError | None = None
+    residual_formula: str = ''
+    presumably_false: bool = False
+    objects: str = ''
+    windows: tuple[tuple[int, int], ...] = ()
+
+    @property
+    def outcome(self) -> Outcome:
+        """The outcome."""
+        return Outcome.ERROR if self.error is not None else Outcome(self.verdict.name.lower())
+
+
+@dataclass(frozen=True, slots=True)
+class StateGap:
+    """A time in which states may be missing, between the valid times of two states.
+
+    Args:
+        after: the valid time of the last state before it, in nanoseconds.
+        before: of the first state after it; None if none came.
+    """
+
+    after: int
+    before: int | None
+
+
+@dataclass(frozen=True, slots=True)
+class FormulaReport:
+    """All that is known of a formula after a recording.
+
+    Args:
+        name: for people.
+        formula: its canonical text; the requested one if that is no formula.
+        episodes: in the order of their begins.
+        error: why the formula could not be evaluated, or no longer.
+        states: the number of states that it was progressed over.
+        groundings: the streams of its ground features.
+        violations: of the constraints of these streams.
+        gaps: between its states.
+        events: the changes of its streams, for people.
+        waits_for: why no more states came, if that is known.
+        signals: of the states, if they were to be kept.
+    """
+
+    name: str
+    formula: str
+    episodes: tuple[Episode, ...] = ()
+    error: DyKnowError | None = None
+    states: int = 0
+    groundings: tuple[SymbolGrounding, ...] = ()
+    violations: tuple[Violation, ...] = ()
+    gaps: tuple[StateGap, ...] = ()
+    events: tuple[str, ...] = ()
+    waits_for: str = ''
+    signals: StateSignals | None = None
+
+    @property
+    def outcome(self) -> Outcome:
+        """The worst outcome of its episodes."""
+        found = {each.outcome for each in self.episodes}
+        if self.error is not None:
+            found.add(Outcome.ERROR)
+        return next((each for each in Outcome if each in found), Outcome.UNDECIDED)
+
+    @property
+    def presumably_false(self) -> bool:
+        """True if one of its episodes is undecided, and false without further states."""
+        return any(each.presumably_false for each in self.episodes)
+
+
+@dataclass(frozen=True, slots=True)
+class RecordingReport:
+    """The results of formulas over one recording.
+
+    Args:
+        recording: its name.
+        start_time: the log time of its first message, in nanoseconds.
+        end_time: the log time of its last message.
+        formulas: in the order of the requests.
+        notes: faults of the recording and of the configuration that are no errors.
+    """
+
+    recording: str
+    start_time: int
+    end_time: int
+    formulas: tuple[FormulaReport, ...]
+    notes: tuple[str, ...] = ()

@@ -1,0 +1,94 @@
+"""Ontologies, annotations and matching: the answers of the semantic nodes, without them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+from dyknow_common import ExitCode, read_file
+from dyknow_recordings.errors import RecordingError
+from dyknow_recordings.evaluation.vocabulary import MonitoringFiles
+from dyknow_recordings.reading.contents import TopicContent
+from dyknow_semantics import (
+    ALL_TRIPLES,
+    Annotation,
+    Matcher,
+    Ontology,
+    Origin,
+    SemanticsError,
+    bridged,
+    check_annotations,
+    parse_annotations,
+    parse_bridges,
+    parse_concept,
+)
+
+
+class SemanticVocabulary:
+    """The objects of ontologies, and the streams that annotations name.
+
+    Args:
+        files: the configuration.
+        topics: the recorded topics, against whose fields the annotations are checked.
+
+    Raises:
+        DyKnowError: naming a file that cannot be read.
+    """
+
+    def __init__(self, files: MonitoringFiles, topics: Mapping[str, TopicContent]) -> None:
+        origins: dict[str, Origin] = {}
+        for path in files.annotations:
+            read = read_file(path, 'annotations', parse_annotations, SemanticsError)
+            origins = {str(each): Origin(path, each) for each in read} | origins
+        bridges = tuple(
+            bridge
+            for path in files.bridges
+            for bridge in read_file(path, 'bridges', parse_bridges, SemanticsError)
+        )
+        self._domains = files.domains
+        self._ontology = Ontology()
+        try:
+            for path in files.ontologies:
+                self._ontology.load(path)
+            _, triples = self._ontology.query(ALL_TRIPLES)
+            known = bridged(((s, p, o) for s, p, o in triples), bridges)
+        except BaseException:
+            self._ontology.close()
+            raise
+        annotations = {text: origin.annotation for text, origin in origins.items()}
+        fields = {
+            text: (content.message_type, content.fields)
+            for text, each in annotations.items()
+            if (content := _topic_of(each, topics)) is not None and content.fields is not None
+        }
+        checks = check_annotations(annotations, fields, known.stated, origins)
+        self.notes: Sequence[str] = (*known.faults, *checks.messages)
+        self._matcher = Matcher(known.known, known.stated)
+        self._matcher.set_annotations(annotations, checks.field_faults)
+
+    def instances(self, sort: str) -> tuple[str, ...]:
+        """Return the objects of a sort."""
+        if sort in self._domains:
+            return self._domains[sort]
+        return self._ontology.knowledge.instances(sort)
+
+    def query(self, sparql: str) -> Sequence[tuple[str, ...]]:
+        """Return the solutions of a query of the ontologies."""
+        return self._ontology.query(sparql)[1]
+
+    def matching_streams(self, concept: str) -> tuple[str, ...]:
+        """Return the specifications of the streams that match a concept, best first."""
+        parsed = parse_concept(concept)
+        found = self._matcher.match(parsed)
+        if not found:
+            raise RecordingError(self._matcher.nearest(parsed), ExitCode.NOT_FOUND)
+        return tuple(each.specification for each in found)
+
+    def close(self) -> None:
+        """Close the store of the ontology."""
+        self._ontology.close()
+
+
+def _topic_of(annotation: Annotation, topics: Mapping[str, TopicContent]) -> TopicContent | None:
+    if not annotation.is_topic:
+        return None
+    return topics.get(annotation.stream) or topics.get(f'/{annotation.stream}')

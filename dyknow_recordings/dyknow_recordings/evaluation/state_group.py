@@ -1,0 +1,310 @@
+"""Formulas over the same states, and the supervision of these states.
+
+The rules are those of the coordinator (`StateSupervisor`, `SilenceMonitor`) and of the reasoning
+engine (`GroupEvaluation`), with one clock: the log time of the recording. Other streams replace
+those that failed at once, where nodes need a few hundred milliseconds.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dyknow_common import NANOSECONDS, SECOND_NS, DyKnowError, ExitCode
+from dyknow_coordinator import (
+    TRANSIENT,
+    CoordinationError,
+    FeatureSource,
+    FormulaInputs,
+    SourceChoice,
+    StateFault,
+    SymbolGrounding,
+    describe_violation,
+    silent_topics,
+    state_specification,
+    worst_fault,
+)
+from dyknow_recordings.evaluation.episodes import EpisodeGroup
+from dyknow_recordings.evaluation.streams import RecordedStreams
+from dyknow_stream_processing import Sample, Violation
+
+SILENCE_LIMIT_NS: Final = 5 * SECOND_NS
+"""The default `silence_limit` of the coordinator."""
+
+WAITING_LIMIT_NS: Final = 3 * SECOND_NS
+"""The time without states after which a formula is waiting for them."""
+
+REPORT_NS: Final = 1200 * NANOSECONDS['ms']
+"""Time after which it is known which topics are silent when states break a constraint."""
+
+
+@dataclass(frozen=True, slots=True)
+class ColumnStream:
+    """A state stream whose states may be made as columns.
+
+    Args:
+        name: of the stream.
+        created_at: the log time from which on it receives samples, in nanoseconds.
+        latest: the valid time of its latest state; None before the first.
+        is_replaceable: True if another stream may replace it when a topic is silent.
+    """
+
+    name: str
+    created_at: int
+    latest: int | None
+    is_replaceable: bool
+
+
+class StateGroup:
+    """Formulas over one state stream after another.
+
+    Args:
+        name: of the group; its streams are named after it. No stream of a file has a space in it.
+        inputs: of all its formulas.
+        episodes: of these formulas.
+        streams: of the recording.
+        begin: states that are valid earlier do not count, in nanoseconds.
+        on_fault: called when `react` has something to do.
+    """
+
+    def __init__(
+        self,
+        name: str,
+        inputs: FormulaInputs,
+        episodes: EpisodeGroup,
+        streams: RecordedStreams,
+        begin: int,
+        on_fault: Callable[[], None],
+    ) -> None:
+        self.episodes = episodes
+        self.groundings: tuple[SymbolGrounding, ...] = ()
+        self.waits_for = ''
+        self._name = name
+        self._inputs = inputs
+        self._streams = streams
+        self._begin = begin
+        self._on_fault = on_fault
+        self._choice = SourceChoice()
+        found = Counter(each.feature for each in inputs.candidates.found)
+        self._is_replaceable = any(found[each] > 1 for each in inputs.features)
+        self._faults: list[StateFault] = []
+        self._chosen: tuple[FeatureSource, ...] = ()
+        self._stream = ''
+        self._created_at = 0
+        self._streams_made = 0
+        # The valid time of the latest state of the stream in use.
+        self._latest_tick: int | None = None
+        self._latest: int | None = None
+        self._latest_receipt = -1
+        # True from a change of streams to the first state after the last one before.
+        self._is_in_gap = False
+        self._latest_error = CoordinationError('')
+        # States after a violation may be wrong: none is progressed before the next stream.
+        self._is_paused = False
+        self._silence: tuple[int, Violation] | None = None
+
+    def start(self, now: int) -> None:
+        """Make the states, unless no formula needs them."""
+        if self.episodes.has_ended:
+            return
+        try:
+            chosen = self._choose(now)
+            if not chosen:
+                raise CoordinationError('the formula names no feature, so it has no states')
+            self._switch(chosen, now)
+        except DyKnowError as error:
+            self._fail(error)
+            self._on_fault()
+
+    @property
+    def has_ended(self) -> bool:
+        """True if all formulas have their results, and nobody observes the states."""
+        return self.episodes.has_ended and not (self._stream and self.episodes.observer)
+
+    @property
+    def column_stream(self) -> ColumnStream | None:
+        """The stream, if its states may be made as columns, and nothing is the matter with it."""
+        is_well = self._stream and not (self._is_in_gap or self._is_paused or self._faults)
+        if not is_well or self.has_ended:
+            return None
+        return ColumnStream(self._stream, self._created_at, self._latest_tick, self._is_replaceable)
+
+    def receive_many(
+        self, valid_times: NDArray[np.int64], columns: Mapping[str, NDArray[np.generic]]
+    ) -> None:
+        """Process states of the stream in use that were made as columns.
+
+        Args:
+            valid_times: in nanoseconds, increasing; of shape (n,).
+            columns: the values of each feature at these states; of shape (n,).
+        """
+        if not len(valid_times):
+            return
+        self._latest_tick = int(valid_times[-1])
+        first = int(np.searchsorted(valid_times, self._begin))
+        if first < len(valid_times):
+            self._latest = self._latest_tick
+            rest = {name: column[first:] for name, column in columns.items()}
+            self.episodes.progress_many(valid_times[first:], rest)
+            if self.episodes.has_ended and not self.episodes.observer:
+                self._on_fault()
+
+    def react(self, now: int) -> None:
+        """Replace streams that have failed, or fail; free the states at the end."""
+        while self._faults and not self.episodes.has_ended:
+            fault, count = worst_fault(self._faults), len(self._faults)
+            chosen = self._choose(now)
+            if not fault.transient and any(self._choice.is_excluded(each, now) for each in chosen):
+                self._fail(fault.error)
+                break
+            try:
+                self._switch(chosen, now)
+            except DyKnowError as error:
+                reason = f'{fault.error.message}; no other states: {error.message}'
+                self._fail(CoordinationError(reason, fault.error.code))
+                break
+            del self._faults[:count]
+            self._latest_error = fault.error
+            made_of = ', '.join(sorted(map(str, chosen)))
+            self.episodes.add_event(f'{fault.error.message}; states are made of {made_of}')
+        # States that are only observed any more are not made of other streams.
+        if self.episodes.has_ended and (self._faults or not self.episodes.observer):
+            self._faults.clear()
+            self._destroy()
+
+    def check_silence(self, now: int) -> None:
+        """Replace the sources of topics that have been silent for too long."""
+        if not self._stream:
+            return
+        self._find_silent_sources(now)
+        received = self._streams.received(self._stream)
+        oldest, known = now - SILENCE_LIMIT_NS, self._streams.known
+        for silent in silent_topics(self._chosen, known, received, self._created_at, oldest):
+            self._choice.exclude(silent.sources, now)
+            others = self._choose(now)
+            can_replace = self._choice.can_replace(self._chosen, others, known, now)
+            if can_replace or silent.is_overdue:
+                limit = SILENCE_LIMIT_NS / SECOND_NS
+                text = f"topic '{silent.topic}' has been silent for {limit:g} s"
+                error = CoordinationError(text, ExitCode.UNAVAILABLE)
+                self._interrupt(StateFault(error, transient=can_replace))
+
+    def finish(self, start: int, end: int) -> None:
+        """Record what remains undecided, and why no states came lately, if that is known.
+
+        Args:
+            start: of the recording, in nanoseconds.
+            end: of the recording.
+        """
+        if not self._stream or self.episodes.has_ended:
+            return
+        # What would pass for an undecided formula may be one whose states have failed.
+        if self._silence is not None:
+            text = _description(self._silence[1])
+            self.episodes.fail(CoordinationError(text, ExitCode.CONSTRAINT_VIOLATION))
+        elif self._is_in_gap:
+            reason = self._streams.waits_for(self._stream, start - 1) or 'no state has come since'
+            error = self._latest_error
+            self.episodes.fail(CoordinationError(f'{error.message}; {reason}', error.code))
+        self.episodes.finish()
+        since = start - 1 if self._latest is None else end - WAITING_LIMIT_NS
+        if self._latest_receipt <= since:
+            self.waits_for = self._streams.waits_for(self._stream, since)
+
+    def _choose(self, now: int) -> tuple[FeatureSource, ...]:
+        inputs, known = self._inputs, self._streams.known
+        return self._choice.choose(inputs.features, inputs.candidates, known, now)
+
+    def _switch(self, chosen: tuple[FeatureSource, ...], now: int) -> None:
+        """Make the states of other sources from now on."""
+        self._destroy()
+        self._streams_made += 1
+        name = f'{self._name}.{self._streams_made}'
+        if self._latest is not None:
+            self.episodes.gap(self._latest)
+            self._is_in_gap = True
+        specification = state_specification(chosen)
+        constraints = self._inputs.constraints
+        self._streams.create(name, specification, constraints, self._receive, self._on_violation)
+        self._stream, self._chosen, self._created_at = name, chosen, now
+        self._latest_tick = None
+        self._is_paused, self._silence = False, None
+        self.groundings = self._inputs.candidates.symbol_groundings(chosen)
+
+    def _destroy(self) -> None:
+        if self._stream:
+            self._streams.destroy(self._stream)
+            self._stream = ''
+
+    def _fail(self, error: DyKnowError) -> None:
+        self._faults.clear()
+        self.episodes.fail(error)
+        self._destroy()
+
+    def _receive(self, state: Sample) -> None:
+        if self._latest_tick is not None and state.valid_time <= self._latest_tick:
+            # A state that was made as a column before.
+            if state.valid_time == self._latest:
+                self._latest_receipt = state.available_time
+            return
+        self._latest_tick = state.valid_time
+        if self._is_paused or state.valid_time < self._begin or self.has_ended:
+            return
+        if self._is_in_gap and self._latest is not None:
+            # The new stream may begin with states that the former one had already.
+            if state.valid_time <= self._latest:
+                return
+            self._is_in_gap = False
+            self.episodes.end_gap(state.valid_time)
+        self._latest, self._latest_receipt = state.valid_time, state.available_time
+        self.episodes.progress(state.valid_time, state.fields)
+        if self.episodes.has_ended and not self.episodes.observer:
+            self._on_fault()
+
+    def _on_violation(self, violation: Violation) -> None:
+        if self.has_ended:
+            return
+        self._is_paused = True
+        self.episodes.add_violation(violation)
+        if violation.constraint in TRANSIENT:
+            error = CoordinationError(_description(violation), ExitCode.UNAVAILABLE)
+            self._interrupt(StateFault(error, transient=True))
+        elif violation.stream_name == self._stream:
+            self._silence = self._silence or (violation.available_time + REPORT_NS, violation)
+        else:
+            known = self._streams.known
+            self._replace(known.affected(self._chosen, violation.stream_name), violation)
+
+    def _find_silent_sources(self, now: int) -> None:
+        """Find the sources because of which the states broke a constraint some time ago."""
+        if self._silence is None or self._silence[0] > now:
+            return
+        violation, self._silence = self._silence[1], None
+        received = self._streams.received(self._stream)
+        oldest = max(received.values(), default=0) - violation.allowed
+        known = self._streams.known
+        silent = [topic for topic, latest in received.items() if latest < oldest]
+        self._replace(
+            [each for topic in silent for each in known.affected(self._chosen, topic)], violation
+        )
+
+    def _replace(self, sources: Sequence[FeatureSource], violation: Violation) -> None:
+        error = CoordinationError(_description(violation), ExitCode.CONSTRAINT_VIOLATION)
+        # If the source at fault is unknown, all are excluded: the fault must not go unnoticed.
+        self._choice.exclude(sources or self._chosen, violation.available_time)
+        self._interrupt(StateFault(error, transient=False))
+
+    def _interrupt(self, fault: StateFault) -> None:
+        self._faults.append(fault)
+        self._on_fault()
+
+
+def _description(violation: Violation) -> str:
+    return describe_violation(
+        violation.message, violation.constraint, violation.observed, violation.allowed
+    )

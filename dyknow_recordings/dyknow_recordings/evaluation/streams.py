@@ -1,0 +1,324 @@
+"""The streams of a recording: what stream manager, processing engine and topics are when live."""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from dyknow_common import NO_CONSTRAINTS, DyKnowError, StreamConstraints, listed_as
+from dyknow_coordinator import FeatureSource, KnownStream, KnownStreams, field_names, stream_topic
+from dyknow_recordings.evaluation.plain_streams import (
+    PlainInputs,
+    plain_inputs,
+    selected_fields,
+)
+from dyknow_recordings.evaluation.topic_history import TopicHistory, history_of
+from dyknow_recordings.reading.columns import MessageColumns
+from dyknow_recordings.reading.contents import TopicContent
+from dyknow_recordings.reading.recording import RecordedFields
+from dyknow_stream_processing import (
+    ALL,
+    Dataflow,
+    PartialFields,
+    Sample,
+    SourceType,
+    StreamError,
+    Violation,
+    ViolationKind,
+    free_names,
+    joined_reasons,
+    load_units,
+    nearest_topics,
+    parse_specification,
+    read_streams,
+    unknown_stream,
+)
+
+
+class RecordedStreams:
+    """All streams that are made of the topics of a recording.
+
+    Args:
+        topics: the recorded topics by absolute name.
+        files: in the stream language; each sink in them is a stream.
+
+    Raises:
+        StreamError: naming a file that cannot be read or parsed.
+    """
+
+    def __init__(self, topics: Mapping[str, TopicContent], files: Iterable[Path]) -> None:
+        self._topics = topics
+        self._units = load_units()
+        self._requested = {each.name: each for each in read_streams(map(str, files))}
+        self.dataflow = self._new_dataflow()
+        self._faults: dict[str, str] = {}
+        self._consumers: Mapping[str, Collection[str]] = {}
+        self._received: dict[str, int] = dict.fromkeys(topics, 0)
+        self._rejected: dict[str, str] = {}
+        self._unstamped: set[str] = set()
+        # None after a change of the streams.
+        self._are_plain: bool | None = None
+        self.known = self._known_streams()
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """The faults of streams and messages that are no errors."""
+        faults = (f"stream '{name}' cannot be made: {text}" for name, text in self._faults.items())
+        zero = (
+            f"topic '{topic}' leaves stamps at zero: the time of recording is used"
+            for topic in sorted(self._unstamped)
+        )
+        return (*faults, *zero)
+
+    async def fields(self, name: str) -> tuple[str, ...]:
+        """Return the fields of the stream with a name.
+
+        Raises:
+            StreamError: NOT_FOUND.
+        """
+        return self._fields_of(name)
+
+    def source_of_field(self, feature: str) -> FeatureSource | None:
+        """Return the source of a feature that is a field of just one recorded topic."""
+        topics = [name for name, each in self._topics.items() if feature in (each.fields or ())]
+        if len(topics) != 1:
+            return None
+        quoted = f'"{feature}"'
+        text = str(
+            parse_specification(f'stream recorded = select {quoted} as {quoted} from "{topics[0]}"')
+        )
+        return FeatureSource(feature, 'recorded', text)
+
+    def prepare(self, candidates: Iterable[FeatureSource]) -> Mapping[str, frozenset[str]]:
+        """Make the streams that some sources are made of; return the fields that these read.
+
+        The streams run from the beginning of the recording, as those of a stream manager do.
+
+        Returns:
+            The fields by absolute topic.
+        """
+        sources = list(candidates)
+        origins = {name for source in sources for name in self.known.origins(source)}
+        self._make([each for each in self._requested if each in origins])
+        self.known = self._known_streams()
+        demand: dict[str, set[str]] = defaultdict(set)
+        trial = self._new_dataflow()
+        for name in self.dataflow.names():
+            specification = parse_specification(self.dataflow.specification(name))
+            trial.create(name, specification, NO_CONSTRAINTS, _ignore, _ignore)
+        for number, source in enumerate(sources):
+            specification = parse_specification(';\n'.join([*source.units, source.declaration]))
+            try:
+                trial.create(f'candidate {number}', specification, NO_CONSTRAINTS, _ignore, _ignore)
+            except DyKnowError:
+                continue  # It is an error of the formulas that choose it.
+        for topic, fields in trial.sources().items():
+            demand[self.absolute(topic)] |= fields
+        return {
+            topic: self._recorded_fields(content.fields, demand[topic])
+            for topic, content in self._topics.items()
+            if topic in demand and content.fields is not None
+        }
+
+    @staticmethod
+    def _recorded_fields(fields: Collection[str], demand: Collection[str]) -> frozenset[str]:
+        found = {each for each in demand if listed_as(fields, each)}
+        if ALL in demand:
+            found |= {each for each in fields if '[' not in each}
+        return frozenset(found)
+
+    def create(
+        self,
+        name: str,
+        specification: str,
+        constraints: StreamConstraints,
+        on_sample: Callable[[Sample], None],
+        on_violation: Callable[[Violation], None],
+    ) -> None:
+        """Create a stream; see `Dataflow.create`."""
+        parsed = parse_specification(specification)
+        for each in sorted(free_names(parsed).streams & self._faults.keys()):
+            raise StreamError(f"stream '{each}' cannot be made: {self._faults[each]}")
+        self.dataflow.create(name, parsed, constraints, on_sample, on_violation)
+        self._connect()
+
+    def destroy(self, name: str) -> None:
+        """Destroy a stream."""
+        self.dataflow.destroy(name)
+        self._connect()
+
+    def push(self, recorded: RecordedFields) -> None:
+        """Process a message at the time of its recording."""
+        topic, now, content = recorded.topic, recorded.log_time, self._topics[recorded.topic]
+        self._received[topic] = now
+        valid_time = now if recorded.stamp is None else recorded.stamp
+        fields, fault = recorded.values, ''
+        if recorded.absent:
+            fields = PartialFields(fields, recorded.absent)
+        if recorded.message_type != content.message_type:
+            fault = 'the type of the topic has changed'
+        elif valid_time < 0:
+            fault = 'it is stamped with a time before 1970'
+        elif valid_time == 0 < now:
+            self._unstamped.add(topic)
+            valid_time = now
+        for name in self._consumers.get(topic, ()):
+            if fault:
+                self._reject(name, valid_time, now, fault)
+            else:
+                self.dataflow.push(name, Sample(valid_time, now, fields))
+
+    def plain_messages(self, topic: str, parts: Sequence[MessageColumns]) -> TopicHistory | None:
+        """Return messages that the dataflow would take without a fault; None if there is doubt.
+
+        They have all fields, and increasing valid times that are not too far ahead.
+        """
+        content = self._topics[topic]
+        for part in parts:
+            is_stamped = part.stamps is not None
+            is_known = part.message_type == content.message_type and is_stamped is content.has_stamp
+            if not is_known or part.absent or part.values.keys() != parts[0].values.keys():
+                return None
+        found = history_of(parts)
+        times = found.valid_times
+        if (times <= 0).any() or (np.diff(times) <= 0).any():
+            return None
+        return None if (times - found.log_times).max() > self.dataflow.max_lead else found
+
+    def plain_inputs(self, name: str) -> PlainInputs | None:
+        """Return the inputs of a plain state stream by absolute topic; None for others."""
+        inputs = plain_inputs(self.dataflow.term(name))
+        if inputs is None:
+            return None
+        by_topic: dict[str, dict[str, str]] = {}
+        for topic, fields in inputs.items():
+            by_topic.setdefault(self.absolute(topic), {}).update(fields)
+        return by_topic
+
+    @property
+    def are_plain(self) -> bool:
+        """True if all streams are plain: state streams, and selections from topics."""
+        if self._are_plain is None:
+            terms = [self.dataflow.term(name) for name in self.dataflow.names()]
+            self._are_plain = all(plain_inputs(term) or selected_fields(term) for term in terms)
+        return self._are_plain
+
+    def rewind(self, messages: Iterable[RecordedFields]) -> None:
+        """Make all streams anew of their latest messages, which have no fault."""
+        self.dataflow.rewind()
+        for each in messages:
+            sample = Sample(each.stamp or 0, each.log_time, each.values)
+            for name in self._consumers.get(each.topic, ()):
+                self.dataflow.push(name, sample)
+
+    def note_received(self, times: Mapping[str, int]) -> None:
+        """Note when the latest message of some topics was received, in nanoseconds."""
+        self._received |= times
+
+    def received_at(self, topic: str) -> int:
+        """Return when the latest message of a topic was received, in nanoseconds; or 0."""
+        return self._received.get(topic, 0)
+
+    def has_stamp(self, topic: str) -> bool:
+        """Return True if the messages of a topic have a stamp."""
+        return topic in self._topics and self._topics[topic].has_stamp
+
+    def received(self, name: str) -> dict[str, int]:
+        """Return when the latest message of each topic of a stream was received, in ns; or 0."""
+        topics = map(self.absolute, self.dataflow.topics(name))
+        return {topic: self._received.get(topic, 0) for topic in topics}
+
+    def waits_for(self, name: str, since: int) -> str:
+        """Return why a stream has had no samples since a time, nanoseconds."""
+        reasons = self.dataflow.waits_for(
+            name, since, lambda topic: self._topic_reason(topic, since)
+        )
+        return joined_reasons(reasons)
+
+    def absolute(self, topic: str) -> str:
+        """Return the absolute name of a topic."""
+        return topic if topic.startswith('/') or topic in self._topics else f'/{topic}'
+
+    def _new_dataflow(self) -> Dataflow:
+        return Dataflow(self._units, self._source_type)
+
+    def _source_type(self, topic: str) -> SourceType | None:
+        content = self._topics.get(self.absolute(topic))
+        if content is None:
+            return None
+        return SourceType(content.fields, receipt_time=not content.has_stamp)
+
+    def _make(self, names: Sequence[str]) -> None:
+        """Make requested streams; one may be made of another that comes later."""
+        self._faults = {}
+        for name in names:
+            specification = parse_specification(self._requested[name].specification)
+            try:
+                self.dataflow.create(name, specification, NO_CONSTRAINTS, _ignore, _ignore)
+            except DyKnowError as error:
+                self._faults[name] = error.message
+        self._connect()
+        if 0 < len(self._faults) < len(names):
+            self._make(list(self._faults))
+
+    def _known_streams(self) -> KnownStreams:
+        made = (
+            KnownStream(
+                name,
+                specification=each.specification,
+                topic='' if name in self._faults else self.absolute(stream_topic(name)),
+            )
+            for name, each in self._requested.items()
+        )
+        published = {self.absolute(stream_topic(name)) for name in self._requested} | set(
+            self._topics
+        )
+        return KnownStreams(made, lambda topic: self.absolute(topic) in published, self.absolute)
+
+    def _fields_of(self, name: str) -> tuple[str, ...]:
+        stream = self._requested.get(name)
+        if stream is None:
+            raise unknown_stream(name, self._requested)
+        return field_names(stream.specification, self._fields_of, self._fields_of_topic)
+
+    def _fields_of_topic(self, topic: str) -> tuple[str, ...]:
+        content = self._topics.get(self.absolute(topic))
+        return tuple(content.fields or ()) if content else ()
+
+    def _connect(self) -> None:
+        consumers = defaultdict(list)
+        for topic in self.dataflow.sources():
+            consumers[self.absolute(topic)].append(topic)
+        self._consumers = consumers
+        self._are_plain = None
+
+    def _reject(self, name: str, valid_time: int, now: int, fault: str) -> None:
+        self._rejected.setdefault(self.absolute(name), fault)
+        text = f"stream '{name}': a message cannot be used: {fault}"
+        self.dataflow.advance(now)
+        self.dataflow.drop(name, ViolationKind.MESSAGE)
+        self.dataflow.report(
+            name, Violation(name, ViolationKind.MESSAGE, valid_time, now, 0, 0, text)
+        )
+
+    def _topic_reason(self, name: str, since: int) -> str:
+        topic = self.absolute(name)
+        content = self._topics.get(topic)
+        if content is None:
+            nearest = nearest_topics(topic, self._topics)
+            hint = f' (did you mean {" or ".join(nearest)}?)' if nearest else ''
+            return f'the recording has no topic {topic}{hint}'
+        if not content.count:
+            return f'the recording has no message of {topic}'
+        if content.fields is None:
+            return f'the message type {content.message_type} of {topic} is not defined'
+        if topic in self._rejected:
+            return f'messages of {topic} cannot be used: {self._rejected[topic]}'
+        return f'{topic} has fallen silent' if self._received[topic] <= since else ''
+
+
+def _ignore(_: object) -> None:
+    """Ignore a sample or a violation."""

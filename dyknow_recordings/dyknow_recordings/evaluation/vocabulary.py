@@ -1,0 +1,91 @@
+"""Objects and matching streams: from an ontology with annotations, or without any."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Final, Protocol
+
+from dyknow_common import ExitCode
+from dyknow_recordings.errors import RecordingError
+
+
+@dataclass(frozen=True, slots=True)
+class MonitoringFiles:
+    """The files that `dyknow up` is started with.
+
+    Args:
+        ontologies: OWL files.
+        annotations: files in SSL.
+        streams: files in the stream language.
+        bridges: files of bridge rules between the ontologies.
+        domains: the objects of sorts, which take precedence over those of the ontologies.
+    """
+
+    ontologies: tuple[Path, ...] = ()
+    annotations: tuple[Path, ...] = ()
+    streams: tuple[Path, ...] = ()
+    bridges: tuple[Path, ...] = ()
+    domains: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+
+
+NO_FILES: Final = MonitoringFiles()
+
+
+class Vocabulary(Protocol):
+    """The answers of the semantic nodes. All methods but `close` raise DyKnowError."""
+
+    @property
+    def notes(self) -> Sequence[str]:
+        """Annotations and bridges that are not used, with the reasons."""
+
+    def instances(self, sort: str) -> tuple[str, ...]:
+        """Return the objects of a sort."""
+
+    def query(self, sparql: str) -> Sequence[tuple[str, ...]]:
+        """Return the solutions of a query."""
+
+    def matching_streams(self, concept: str) -> tuple[str, ...]:
+        """Return the specifications of the streams that match a concept, best first."""
+
+    def close(self) -> None:
+        """Free all files."""
+
+
+class NoVocabulary:
+    """The answers without an ontology: formulas name their streams, and sorts have domains.
+
+    Args:
+        domains: the objects of each sort.
+    """
+
+    notes: Sequence[str] = ()
+
+    def __init__(self, domains: Mapping[str, tuple[str, ...]]) -> None:
+        self._domains = domains
+
+    def instances(self, sort: str) -> tuple[str, ...]:
+        """Return the objects of a sort, if they were given."""
+        if sort not in self._domains:
+            raise RecordingError(
+                f"the objects of the sort '{sort}' are unknown; give an ontology, or the objects: "
+                f'{sort}=object1,object2',
+                ExitCode.NOT_FOUND,
+            )
+        return self._domains[sort]
+
+    def query(self, sparql: str) -> Sequence[tuple[str, ...]]:  # noqa: ARG002
+        """Return no solution."""
+        return ()
+
+    def matching_streams(self, concept: str) -> tuple[str, ...]:
+        """Raise an error: there are no annotations."""
+        raise RecordingError(
+            f'no stream carries {concept}: no annotations are given; name a topic and a field '
+            'instead, such as "/uav1/battery".voltage',
+            ExitCode.NOT_FOUND,
+        )
+
+    def close(self) -> None:
+        """Do nothing."""

@@ -1,0 +1,1 @@
+"""Formulas as markers in a three-dimensional view."""

@@ -1,0 +1,184 @@
+"""Formulas in a three-dimensional view: fences, lines between vehicles, and texts."""
+
+from __future__ import annotations
+
+import re
+import textwrap
+from collections import Counter
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass, replace
+from enum import IntEnum
+from typing import Final
+
+from dyknow_common import SECOND_NS, ExitCode, Verdict
+from dyknow_coordinator import EvaluationStatus, Level, SymbolGrounding, diagnose
+from dyknow_recordings.markers.fences import Point, closed, fences
+
+Axes = tuple[str, str, str]
+"""The features that are the x, y and z of a vehicle."""
+
+DEFAULT_AXES: Final[Axes] = ('East', 'North', 'Altitude')
+
+ODOMETRY: Final = '<vehicle>/odometry'
+"""The topic with the positions of a vehicle."""
+
+PERIOD_NS: Final = SECOND_NS // 5
+"""Time between two sets of markers."""
+
+LIFETIME_NS: Final = SECOND_NS
+"""Viewers remove markers that are not published again within this time."""
+
+Colour = tuple[float, float, float, float]
+"""Red, green, blue and opacity, from 0 to 1."""
+
+COLOURS: Final[dict[Level, Colour]] = {
+    Level.OK: (0.1, 0.8, 0.2, 1.0),
+    Level.WARN: (1.0, 0.8, 0.0, 1.0),
+    Level.ERROR: (1.0, 0.1, 0.1, 1.0),
+}
+NOT_RESPONSIBLE: Final[Colour] = (0.6, 0.6, 0.6, 0.5)
+"""The colour of ground features that did not make a formula false."""
+
+SILENCE_LIMIT_NS: Final = 5 * SECOND_NS
+"""Time without a new state after which a formula gets a warning."""
+
+_PAIR = 2
+_OPACITY = 0.1
+_LINE = (0.2, 0.0, 0.0)
+_EDGE = (0.1, 0.0, 0.0)
+_TEXT_HEIGHT = 1.0
+_TEXT_COLUMNS = 60
+_ABOVE = 3.0
+_LINE_SPACING = 1.3
+_GROUND_FEATURE = re.compile(r"[A-Za-z_]\w*'*\[([A-Za-z_]\w*'*(?:, [A-Za-z_]\w*'*)*)\]", re.ASCII)
+
+
+class MarkerShape(IntEnum):
+    """The shape of a marker; the numbers are those of visualization_msgs/msg/Marker."""
+
+    BOX = 1
+    LINES = 5
+    TEXT = 9
+
+
+@dataclass(frozen=True, slots=True)
+class Marker:
+    """A shape to draw; lengths are in m.
+
+    Args:
+        name: of the formula.
+        number: unique among the markers with the same name.
+        position: of the centre of a box or of a text.
+        scale: the size of a box; the width of lines as x; the height of a text as z.
+        points: the ends of lines, two for each line.
+    """
+
+    name: str
+    shape: MarkerShape
+    colour: Colour
+    number: int = 0
+    position: Point = (0.0, 0.0, 0.0)
+    scale: Point = (0.0, 0.0, 0.0)
+    points: tuple[Point, ...] = ()
+    text: str = ''
+
+
+def formula_markers(
+    statuses: Iterable[EvaluationStatus], positions: Mapping[str, Point], axes: Axes, now: int
+) -> tuple[Marker, ...]:
+    """Return the markers of all formulas; a cancelled formula has none.
+
+    Args:
+        statuses: of the evaluations.
+        positions: of the vehicles, by their names.
+        axes: the features that are the x, y and z of a vehicle.
+        now: the time, nanoseconds.
+    """
+    numbers: Counter[str] = Counter()
+    markers: list[Marker] = []
+    lines_of_text = 0
+    for status in statuses:
+        if status.error is not None and status.error.code is ExitCode.CANCELLED:
+            continue
+        diagnosis = diagnose(status, now, SILENCE_LIMIT_NS)
+        colour = COLOURS[diagnosis.level]
+        text = _text(status, diagnosis.text)
+        drawn = [
+            *_fences(status, positions, axes, colour),
+            *_pairs(status, positions, colour),
+            *_label(status, positions, text, lines_of_text, colour),
+        ]
+        lines_of_text += text.count('\n') + 2
+        for marker in drawn:
+            markers.append(replace(marker, number=numbers[status.name]))
+            numbers[status.name] += 1
+    return tuple(markers)
+
+
+def objects_of(groundings: Iterable[SymbolGrounding]) -> frozenset[str]:
+    """Return the arguments of ground features: uav1 and uav2 for `XYDist[uav1, uav2]`."""
+    return frozenset(name for each in groundings for name in _arguments(each.symbol))
+
+
+def _arguments(symbol: str) -> tuple[str, ...]:
+    match = _GROUND_FEATURE.fullmatch(symbol)
+    return () if match is None else tuple(match[1].split(', '))
+
+
+def _fences(
+    status: EvaluationStatus, positions: Mapping[str, Point], axes: Axes, colour: Colour
+) -> Iterator[Marker]:
+    for fence in fences(status.formula, axes):
+        box = closed(fence, positions.values())
+        if box is not None:
+            faint = (*colour[:3], _OPACITY)
+            yield Marker(status.name, MarkerShape.BOX, faint, position=box.centre, scale=box.size)
+            yield Marker(status.name, MarkerShape.LINES, colour, scale=_EDGE, points=box.edges)
+
+
+def _pairs(
+    status: EvaluationStatus, positions: Mapping[str, Point], colour: Colour
+) -> Iterator[Marker]:
+    """Yield a line for each ground feature of two vehicles."""
+    symbols = [each.symbol for each in status.groundings]
+    responsible = [symbol for symbol in symbols if symbol in status.explanation]
+    if status.verdict is not Verdict.FALSE or not responsible:
+        responsible = symbols
+    for symbol in symbols:
+        arguments = _arguments(symbol)
+        ends = tuple(positions[name] for name in arguments if name in positions)
+        if len(arguments) == len(ends) == _PAIR:
+            line_colour = colour if symbol in responsible else NOT_RESPONSIBLE
+            yield Marker(status.name, MarkerShape.LINES, line_colour, scale=_LINE, points=ends)
+
+
+def _label(
+    status: EvaluationStatus,
+    positions: Mapping[str, Point],
+    text: str,
+    lines_below: int,
+    colour: Colour,
+) -> Iterator[Marker]:
+    """Yield a text above all vehicles and above the texts of other formulas."""
+    about = [positions[name] for name in objects_of(status.groundings) & positions.keys()]
+    if not about:
+        return
+    x, y = (sum(position[axis] for position in about) / len(about) for axis in (0, 1))
+    top = max(position[2] for position in positions.values()) + _ABOVE
+    height = (lines_below + text.count('\n') / 2) * _TEXT_HEIGHT * _LINE_SPACING
+    yield Marker(
+        status.name,
+        MarkerShape.TEXT,
+        colour,
+        position=(x, y, top + height),
+        scale=(0.0, 0.0, _TEXT_HEIGHT),
+        text=text,
+    )
+
+
+def _text(status: EvaluationStatus, diagnosis: str) -> str:
+    """Return the name of a formula, its diagnosis, and its text if that is not its name."""
+    lines = [f'{status.name}: {diagnosis}']
+    if status.formula != status.name:
+        lines.append(status.formula)
+    return '\n'.join(textwrap.fill(line, _TEXT_COLUMNS) for line in lines)
