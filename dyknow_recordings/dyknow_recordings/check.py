@@ -1,0 +1,342 @@
+"""The command `dyknow check`: formulas over recordings, without ROS."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Generator, Iterator, Sequence
+from contextlib import closing
+from pathlib import Path
+
+from dyknow_common import DyKnowError, parse_duration
+from dyknow_common.executables import (
+    ERROR,
+    SIGNALLED,
+    SUCCESS,
+    Interruption,
+    interruptible,
+    run_main,
+)
+from dyknow_common.tables import Terminal
+from dyknow_recordings.configuration import merged, read_configuration, read_formulas
+from dyknow_recordings.errors import RecordingError
+from dyknow_recordings.evaluation.episodes import Every
+from dyknow_recordings.evaluation.results import RequestedFormula
+from dyknow_recordings.evaluation.vocabulary import NO_FILES, MonitoringFiles
+from dyknow_recordings.jobs.processes import run_in_processes
+from dyknow_recordings.jobs.progress import ProgressBar
+from dyknow_recordings.jobs.recording_job import JobResult, RecordingJob, run_here
+from dyknow_recordings.reading.opening import open_recording
+from dyknow_recordings.reporting.documents import failure_document, topics_document
+from dyknow_recordings.reporting.judgement import Judgement
+from dyknow_recordings.reporting.outputs import (
+    AllOutputs,
+    CheckOutput,
+    ExitStatus,
+    JsonLines,
+    Messages,
+    Tables,
+    print_document,
+    print_notes,
+)
+from dyknow_recordings.reporting.pictures.files import PictureFiles
+from dyknow_recordings.reporting.table import topics_table
+
+_EPILOG = """\
+Formulas name topics and fields of the recording, as in 'always "/uav1/battery".voltage > 10', or
+features of an ontology that annotations connect to topics. All files are those of `dyknow up`.
+
+Examples:
+  dyknow check flight.mcap --topics
+  dyknow check flight.mcap --formula 'always "/uav1/battery".voltage > 10'
+  dyknow check flight1 flight2 --config monitoring.yaml --json
+
+Exit code: 0 if all is well, 1 if a formula is false, or undecided and that is a failure, 2 for an
+error."""
+
+
+def add_check_options(parser: argparse.ArgumentParser) -> None:
+    """Add the options of the command."""
+    parser.set_defaults(command=check)
+    parser.description = 'Check formulas over recordings, with the verdicts of the running system.'
+    parser.epilog = _EPILOG
+    parser.formatter_class = argparse.RawDescriptionHelpFormatter
+    _add_inputs(parser)
+    parser.add_argument(
+        '--topics', action='store_true', help='list the topics of the recordings, and end'
+    )
+    parser.add_argument(
+        '--undecided',
+        type=Judgement,
+        choices=list(Judgement),
+        default=Judgement.AUTO,
+        help='whether formulas pass that are undecided at the end (default: invariants that were '
+        'not broken pass, obligations that were not met fail)',
+    )
+    parser.add_argument(
+        '--begin',
+        type=_duration,
+        metavar='TIME',
+        help="evaluate from this time after the start of the recording on, such as '12 s'",
+    )
+    parser.add_argument(
+        '--every',
+        default=Every.FIRST.value,
+        metavar='state|FORMULA',
+        help='evaluate from every state on, or from every state at which a formula begins to hold '
+        '(default: from the first state on)',
+    )
+    _add_outputs(parser)
+    _add_executors(parser)
+
+
+def _add_inputs(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        'recording',
+        nargs='+',
+        type=Path,
+        help='a rosbag2 folder, or a .mcap, .db3, .ulg or .csv file',
+    )
+    parser.add_argument(
+        '--config', type=Path, metavar='FILE', help='a YAML file that names all other files'
+    )
+    for name, description in (
+        ('ontology', 'OWL files'),
+        ('annotations', 'files in SSL'),
+        ('streams', 'files in the stream language'),
+        ('bridges', 'files of bridge rules between the ontologies'),
+        ('formulas', 'files with formulas: YAML, or one a line'),
+    ):
+        parser.add_argument(
+            f'--{name}',
+            nargs='+',
+            action='extend',
+            type=Path,
+            default=[],
+            metavar='FILE',
+            help=description,
+        )
+    parser.add_argument(
+        '--formula', action='append', default=[], metavar='TEXT', help='a formula; repeatable'
+    )
+    parser.add_argument(
+        '--domain',
+        action='append',
+        default=[],
+        metavar='SORT=OBJECT,...',
+        help='the objects of a sort, such as UAV=uav1,uav2; once for each sort',
+    )
+
+
+def _add_outputs(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        '--json', action='store_true', help='print a line of JSON for each recording'
+    )
+    parser.add_argument(
+        '--junit',
+        type=Path,
+        metavar='FILE',
+        help='write a report of JUnit: a test suite for each recording',
+    )
+    parser.add_argument(
+        '--html', type=Path, metavar='FILE', help='write an interactive page about all recordings'
+    )
+    parser.add_argument(
+        '--png', type=Path, metavar='FILE', help='write an image of all recordings, for documents'
+    )
+    parser.add_argument(
+        '--verdicts',
+        type=Path,
+        metavar='FILE.mcap',
+        help='write verdicts, diagnostics and markers as messages at their times; with several '
+        'recordings, give a folder',
+    )
+
+
+def _add_executors(parser: argparse.ArgumentParser) -> None:
+    where = parser.add_mutually_exclusive_group()
+    where.add_argument(
+        '--jobs',
+        type=_number,
+        default=1,
+        metavar='N',
+        help='check N recordings at a time, each in a process of its own (default: 1)',
+    )
+    where.add_argument(
+        '--cluster',
+        metavar='ADDRESS',
+        help='check the recordings on a Dask cluster, such as tcp://scheduler:8786, whose workers '
+        'have this package, and the files under the same paths',
+    )
+
+
+def check(options: argparse.Namespace) -> int:
+    """Check formulas over recordings, and print the results; return the exit code."""
+    if options.topics:
+        if _draws(options):
+            raise RecordingError('--topics draws nothing; leave out --html and --png')
+        return _list_topics(options)
+    status = ExitStatus(options.undecided)
+    try:
+        outputs = AllOutputs([*_outputs(options), status])
+    except DyKnowError as error:
+        if options.json:
+            print_document(failure_document(None, error))
+        raise
+    try:
+        with interruptible() as interruption:
+            _check(options, outputs, interruption)
+    except KeyboardInterrupt as interrupt:
+        return SIGNALLED + int(interrupt.args[0])
+    return status.code
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the command by itself."""
+    parser = argparse.ArgumentParser(prog='dyknow check')
+    add_check_options(parser)
+    return run_main('dyknow check', lambda: check(parser.parse_args(arguments)))
+
+
+def _outputs(options: argparse.Namespace) -> Iterator[CheckOutput]:
+    """Yield the outputs that were asked for."""
+    yield JsonLines(options.undecided) if options.json else Tables(options.undecided)
+    yield Messages('dyknow check', with_notes=not options.json)
+    if options.junit is not None:
+        # Libraries that few checks need are imported by those alone.
+        from dyknow_recordings.reporting.junit import JUnitReport  # noqa: PLC0415
+
+        yield JUnitReport(options.junit, options.undecided)
+    if _draws(options):
+        yield PictureFiles(options.html, options.png, options.undecided)
+    if options.verdicts is not None:
+        from dyknow_recordings.reporting.verdicts.verdict_recording import (  # noqa: PLC0415
+            VerdictRecordings,
+        )
+
+        yield VerdictRecordings(options.verdicts, len(options.recording))
+
+
+def _draws(options: argparse.Namespace) -> bool:
+    return options.html is not None or options.png is not None
+
+
+def _jobs(options: argparse.Namespace) -> tuple[RecordingJob, ...]:
+    files, formulas = _configuration(options)
+    return tuple(
+        RecordingJob(
+            str(path), path, formulas, files, options.begin, options.every, _draws(options)
+        )
+        for path in options.recording
+    )
+
+
+def _results(
+    jobs: Sequence[RecordingJob], options: argparse.Namespace
+) -> Generator[tuple[int, JobResult], None, None]:
+    """Return the indices and results of jobs, as they come."""
+    if options.cluster is not None:
+        from dyknow_recordings.jobs.cluster import run_on_cluster  # noqa: PLC0415
+
+        return run_on_cluster(jobs, options.cluster)
+    if min(options.jobs, len(jobs)) > 1:
+        return run_in_processes(jobs, options.jobs)
+    return run_here(jobs)
+
+
+def _check(options: argparse.Namespace, outputs: CheckOutput, interruption: Interruption) -> None:
+    """Add the results to the outputs in the order of the recordings, each as soon as it can be."""
+    waiting: dict[int, RecordingJob] = {}
+    early: dict[int, JobResult] = {}
+    try:
+        try:
+            jobs = _jobs(options)
+            waiting.update(enumerate(jobs))
+            results = _results(jobs, options)
+        except DyKnowError as error:
+            waiting.clear()
+            outputs.add_failure(None, error)
+            return
+        with closing(results), ProgressBar(len(jobs)) as progress:
+            for index, result in results:
+                progress.advance()
+                early[index] = result
+                while (first := next(iter(waiting), -1)) in early:
+                    with progress.hidden(), interruption.deferred():
+                        _add(outputs, waiting.pop(first), early.pop(first))
+    finally:
+        # After an interruption, later ones may have been finished before the first that was not.
+        for index in sorted(early):
+            _add(outputs, waiting.pop(index), early.pop(index))
+        outputs.close([each.name for each in waiting.values()])
+
+
+def _add(outputs: CheckOutput, job: RecordingJob, result: JobResult) -> None:
+    if isinstance(result, DyKnowError):
+        outputs.add_failure(job.name, result)
+    else:
+        outputs.add(result)
+
+
+def _list_topics(options: argparse.Namespace) -> int:
+    code = SUCCESS
+    for path in options.recording:
+        try:
+            with open_recording(path) as recording:
+                if options.json:
+                    print_document(topics_document(recording))
+                else:
+                    Terminal(highlight=False).print(topics_table(recording))
+                    print_notes(str(path), recording.faults)
+        except DyKnowError as error:
+            code = ERROR
+            if options.json:
+                print_document(failure_document(str(path), error))
+            sys.stderr.write(f'dyknow check: {error.message}\n')
+    return code
+
+
+def _configuration(
+    options: argparse.Namespace,
+) -> tuple[MonitoringFiles, tuple[RequestedFormula, ...]]:
+    files: MonitoringFiles = NO_FILES
+    formulas: tuple[RequestedFormula, ...] = ()
+    if options.config is not None:
+        files, formulas = read_configuration(options.config)
+    own = MonitoringFiles(
+        ontologies=tuple(options.ontology),
+        annotations=tuple(options.annotations),
+        streams=tuple(options.streams),
+        bridges=tuple(options.bridges),
+        domains=_domains(options.domain),
+    )
+    read = (formula for path in options.formulas for formula in read_formulas(path))
+    formulas = (*formulas, *read, *map(RequestedFormula, options.formula))
+    if not formulas:
+        raise RecordingError('there is no formula to check; give --formula, --formulas or --config')
+    return merged(files, own), formulas
+
+
+def _domains(options: Sequence[str]) -> dict[str, tuple[str, ...]]:
+    domains: dict[str, tuple[str, ...]] = {}
+    for option in options:
+        sort, found, objects = (part.strip() for part in option.partition('='))
+        if not found or not sort:
+            raise RecordingError(f"'{option}' is not a domain; write it as UAV=uav1,uav2")
+        if sort in domains:
+            raise RecordingError(f"the sort '{sort}' has two domains; give it one")
+        domains[sort] = tuple(name.strip() for name in objects.split(',') if name.strip())
+    return domains
+
+
+def _number(text: str) -> int:
+    if not text.isdecimal() or not int(text):
+        raise argparse.ArgumentTypeError(f"'{text}' is not a positive number")
+    return int(text)
+
+
+def _duration(text: str) -> int:
+    try:
+        return parse_duration(text)
+    except ValueError as error:
+        raise argparse.ArgumentTypeError(str(error)) from None

@@ -1,0 +1,1 @@
+"""Checks of recordings, one after the other or several at a time."""

@@ -1,0 +1,69 @@
+"""The check of one recording, as a process of its own or another machine can run it."""
+
+from __future__ import annotations
+
+from collections.abc import Generator, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from dyknow_common import DyKnowError, ExitCode
+from dyknow_common.executables import error_text
+from dyknow_recordings.errors import RecordingError
+from dyknow_recordings.evaluation.episodes import FIRST_BEGIN, EpisodeStart, Every
+from dyknow_recordings.evaluation.evaluation import evaluate_recording
+from dyknow_recordings.evaluation.results import RecordingReport, RequestedFormula
+from dyknow_recordings.evaluation.vocabulary import MonitoringFiles
+from dyknow_recordings.reading.opening import open_recording
+
+JobResult = RecordingReport | DyKnowError
+"""The results of a recording, or why there are none."""
+
+
+@dataclass(frozen=True, slots=True)
+class RecordingJob:
+    """The check of one recording. It and its result can be pickled.
+
+    Args:
+        name: of the recording, for people.
+        path: of the recording.
+        formulas: to evaluate.
+        files: the configuration.
+        begin: evaluate from this time after the start of the recording on, in nanoseconds; None for
+            all of it.
+        every: `first`, `state`, or the formula of a trigger.
+        keep_signals: True to keep the signals of the states, for pictures.
+    """
+
+    name: str
+    path: Path
+    formulas: tuple[RequestedFormula, ...]
+    files: MonitoringFiles
+    begin: int | None = None
+    every: str = Every.FIRST.value
+    keep_signals: bool = False
+
+    def run(self) -> JobResult:
+        """Check the recording. A fault of any kind is an error of this recording alone."""
+        try:
+            with open_recording(self.path) as recording:
+                start = self._start(recording.start_time)
+                report = evaluate_recording(
+                    recording, self.formulas, self.files, start, keep_signals=self.keep_signals
+                )
+        except DyKnowError as error:
+            return error
+        except Exception as error:  # noqa: BLE001 - other recordings are checked all the same
+            return RecordingError(f'{self.path}: {error_text(error)}', ExitCode.INTERNAL_ERROR)
+        return replace(report, recording=self.name)
+
+    def _start(self, start_time: int) -> EpisodeStart:
+        begin = FIRST_BEGIN if self.begin is None else start_time + self.begin
+        if self.every in {Every.FIRST, Every.STATE}:
+            return EpisodeStart(begin, Every(self.every))
+        return EpisodeStart(begin, Every.TRIGGER, self.every)
+
+
+def run_here(jobs: Sequence[RecordingJob]) -> Generator[tuple[int, JobResult], None, None]:
+    """Run jobs one after the other in this process; yield their indices and results."""
+    for index, job in enumerate(jobs):
+        yield index, job.run()

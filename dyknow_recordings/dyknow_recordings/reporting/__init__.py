@@ -1,0 +1,1 @@
+"""Results as tables, files for machines, and pages for people."""

@@ -1,0 +1,126 @@
+"""Results as a report of JUnit, which systems for continuous integration show.
+
+All times are those of the recordings, so that the same recordings have the same report.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from datetime import UTC, datetime
+from pathlib import Path, PurePath
+from typing import Final
+
+from junitparser import Error, Failure, JUnitXml, TestCase, TestSuite
+
+from dyknow_common import SECOND_NS, DyKnowError, ExitCode, replace_text
+from dyknow_recordings.errors import RecordingError
+from dyknow_recordings.evaluation.results import FormulaReport, Outcome, RecordingReport
+from dyknow_recordings.reporting.judgement import Judgement
+from dyknow_recordings.reporting.reasons import decisive_episode, reasons
+
+_INVALID: Final = re.compile('[^\t\n\r -\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]')
+"""The characters that XML cannot contain."""
+
+_CONFIGURATION: Final = 'configuration'
+
+
+class JUnitReport:
+    """A file with a test suite for each recording, and in it a test case for each formula.
+
+    The file is written at the end.
+
+    Args:
+        path: of the file.
+        judgement: of undecided formulas.
+
+    Raises:
+        RecordingError: if its folder does not exist.
+    """
+
+    def __init__(self, path: Path, judgement: Judgement) -> None:
+        if not path.parent.is_dir():
+            raise RecordingError(f'{path}: its folder does not exist', ExitCode.NOT_FOUND)
+        self._path = path
+        self._judgement = judgement
+        self._suites: list[TestSuite] = []
+
+    def add(self, report: RecordingReport) -> None:
+        """Add the suite of a recording."""
+        suite = _suite(report.recording, [self._case(each, report) for each in report.formulas])
+        suite.time = _seconds(report.end_time - report.start_time)
+        start = datetime.fromtimestamp(report.start_time // SECOND_NS, UTC)
+        suite.timestamp = f'{start:%Y-%m-%dT%H:%M:%S}'
+        self._suites.append(suite)
+
+    def add_failure(self, recording: str | None, error: DyKnowError) -> None:
+        """Add the suite of a recording that could not be checked: a test case with the error."""
+        name = _CONFIGURATION if recording is None else recording
+        case = TestCase(_valid(name), _class_name(name))
+        case.result = _result(Error, error.code.name, error.message)
+        self._suites.append(_suite(name, [case]))
+
+    def close(self, unchecked: Sequence[str]) -> None:
+        """Write the file. What was not checked is an error: else all would seem to be well."""
+        for recording in unchecked:
+            error = RecordingError('not checked: the command was interrupted', ExitCode.CANCELLED)
+            self.add_failure(recording, error)
+        document = JUnitXml('dyknow check')
+        for suite in self._suites:
+            document.append(suite)
+        document.tests = sum(each.tests for each in self._suites)
+        document.failures = sum(each.failures for each in self._suites)
+        document.errors = sum(each.errors for each in self._suites)
+        document.time = round(sum(each.time for each in self._suites), 3)
+        content = document.tostring().decode()
+        replace_text(self._path, f'<?xml version="1.0" encoding="utf-8"?>\n{content}\n')
+
+    def _case(self, formula: FormulaReport, recording: RecordingReport) -> TestCase:
+        decisive = decisive_episode(formula)
+        at = None if decisive is None else decisive.decided_at
+        end = recording.end_time if at is None else at
+        case = TestCase(
+            _valid(formula.name),
+            _class_name(recording.recording),
+            _seconds(end - recording.start_time),
+        )
+        lines = '\n'.join(reasons(formula, decisive)), f'formula: {formula.formula}'
+        if formula.outcome is Outcome.ERROR:
+            error = formula.error or (decisive and decisive.error)
+            kind = error.code.name if error else ''
+            case.result = _result(Error, kind, *lines)
+        elif not self._judgement.passes(formula):
+            case.result = _result(Failure, formula.outcome, *lines)
+        return case
+
+
+def _suite(name: str, cases: Sequence[TestCase]) -> TestSuite:
+    suite = TestSuite(_valid(name))
+    for case in cases:
+        suite.append(case)
+    suite.update_statistics()
+    return suite
+
+
+def _result(kind: type[Error | Failure], name: str, message: str, *more: str) -> Error | Failure:
+    result = kind(_valid(message), name)
+    result.text = _valid('\n'.join([message, *more]))
+    return result
+
+
+def _class_name(recording: str) -> str:
+    """Return the name of a recording as that of a class, whose packages are the folders.
+
+    Jenkins takes what stands before the last dot for the package.
+    """
+    path = PurePath(recording)
+    folders = path.relative_to(path.anchor).parts
+    return _valid('.'.join(each.replace('.', '_') for each in folders))
+
+
+def _valid(text: str) -> str:
+    return _INVALID.sub('\ufffd', text)
+
+
+def _seconds(duration: int) -> float:
+    return round(max(duration, 0) / SECOND_NS, 3)

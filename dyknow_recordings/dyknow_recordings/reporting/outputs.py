@@ -1,0 +1,155 @@
+"""Outputs of a check: each gets the results of the recordings as they come."""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Iterable, Sequence
+from contextlib import ExitStack
+from typing import Any, Protocol
+
+from dyknow_common import DyKnowError
+from dyknow_common.executables import ERROR, SUCCESS
+from dyknow_common.tables import Terminal
+from dyknow_recordings.evaluation.results import RecordingReport
+from dyknow_recordings.reporting.documents import failure_document, recording_document
+from dyknow_recordings.reporting.judgement import Judgement
+from dyknow_recordings.reporting.table import recording_table
+
+
+class CheckOutput(Protocol):
+    """A place for results. They come in the order of the recordings on the command line."""
+
+    def add(self, report: RecordingReport) -> None:
+        """Add the results of a recording."""
+
+    def add_failure(self, recording: str | None, error: DyKnowError) -> None:
+        """Add a recording that could not be checked; None if the configuration is wrong."""
+
+    def close(self, unchecked: Sequence[str]) -> None:
+        """End the output.
+
+        Args:
+            unchecked: the recordings that were not checked because of an interruption.
+        """
+
+
+class AllOutputs:
+    """Several outputs as one."""
+
+    def __init__(self, outputs: Iterable[CheckOutput]) -> None:
+        self._outputs = tuple(outputs)
+
+    def add(self, report: RecordingReport) -> None:
+        """Add the results of a recording to each."""
+        for each in self._outputs:
+            each.add(report)
+
+    def add_failure(self, recording: str | None, error: DyKnowError) -> None:
+        """Add a recording that could not be checked to each."""
+        for each in self._outputs:
+            each.add_failure(recording, error)
+
+    def close(self, unchecked: Sequence[str]) -> None:
+        """End each, in their order, also if one of them fails."""
+        with ExitStack() as stack:
+            for each in reversed(self._outputs):
+                stack.callback(each.close, unchecked)
+
+
+class JsonLines:
+    """A line of JSON for each recording, on the standard output."""
+
+    def __init__(self, judgement: Judgement) -> None:
+        self._judgement = judgement
+
+    def add(self, report: RecordingReport) -> None:
+        """Print the line of a recording."""
+        print_document(recording_document(report, self._judgement))
+
+    def add_failure(self, recording: str | None, error: DyKnowError) -> None:
+        """Print the line of a recording that could not be checked."""
+        print_document(failure_document(recording, error))
+
+    def close(self, unchecked: Sequence[str]) -> None:
+        """Do nothing: each line has been written."""
+
+
+class Tables:
+    """A table for each recording, on the standard output; errors go elsewhere."""
+
+    def __init__(self, judgement: Judgement) -> None:
+        self._judgement = judgement
+
+    def add(self, report: RecordingReport) -> None:
+        """Print the table of a recording."""
+        Terminal(highlight=False).print(recording_table(report, self._judgement))
+        sys.stdout.flush()
+
+    def add_failure(self, recording: str | None, error: DyKnowError) -> None:
+        """Do nothing: there is no result."""
+
+    def close(self, unchecked: Sequence[str]) -> None:
+        """Do nothing: each table has been printed."""
+
+
+class Messages:
+    """Errors of recordings and faults that are no errors, on the standard error output.
+
+    Args:
+        command: begins the lines of errors.
+        with_notes: True to print faults that are no errors.
+    """
+
+    def __init__(self, command: str, *, with_notes: bool) -> None:
+        self._command = command
+        self._with_notes = with_notes
+
+    def add(self, report: RecordingReport) -> None:
+        """Print the notes of a recording."""
+        if self._with_notes:
+            print_notes(report.recording, report.notes)
+
+    def add_failure(self, recording: str | None, error: DyKnowError) -> None:  # noqa: ARG002
+        """Print an error, which names the recording."""
+        sys.stderr.write(f'{self._command}: {error.message}\n')
+
+    def close(self, unchecked: Sequence[str]) -> None:
+        """Say what an interruption has left out."""
+        if unchecked:
+            sys.stderr.write(f'{self._command}: interrupted; not checked: {len(unchecked)}\n')
+
+
+class ExitStatus:
+    """The exit code of the command: that of its worst recording.
+
+    Args:
+        judgement: of undecided formulas.
+    """
+
+    def __init__(self, judgement: Judgement) -> None:
+        self._judgement = judgement
+        self.code = SUCCESS
+
+    def add(self, report: RecordingReport) -> None:
+        """Regard the results of a recording."""
+        self.code = max(self.code, self._judgement.exit_code((report,)))
+
+    def add_failure(self, recording: str | None, error: DyKnowError) -> None:  # noqa: ARG002
+        """Regard a recording that could not be checked."""
+        self.code = ERROR
+
+    def close(self, unchecked: Sequence[str]) -> None:
+        """Do nothing: an interruption has an exit code of its own."""
+
+
+def print_notes(recording: str, notes: Iterable[object]) -> None:
+    """Print faults of a recording and of the configuration; those of its file name it already."""
+    for note in map(str, notes):
+        sys.stderr.write(f'{note if note.startswith(recording) else f"{recording}: {note}"}\n')
+
+
+def print_document(document: dict[str, Any]) -> None:
+    """Print a line of JSON."""
+    sys.stdout.write(f'{json.dumps(document, ensure_ascii=False)}\n')
+    sys.stdout.flush()

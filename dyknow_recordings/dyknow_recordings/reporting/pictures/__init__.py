@@ -1,0 +1,1 @@
+"""Results as pictures: an interactive page, and a static image for documents."""

@@ -1,0 +1,76 @@
+"""The files of pictures of a check."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from dyknow_common import DyKnowError
+from dyknow_recordings.errors import RecordingError
+from dyknow_recordings.evaluation.results import RecordingReport
+from dyknow_recordings.reporting.judgement import Judgement
+from dyknow_recordings.reporting.pictures.libraries import picture_library
+
+
+class PictureFiles:
+    """A page and an image with the results of recordings. They are written at the end.
+
+    Args:
+        html: the file of the page; None for none.
+        png: the file of the image; None for none.
+        judgement: of undecided formulas.
+
+    Raises:
+        RecordingError: if a file could not be written, or a library is missing; before the
+            recordings are read.
+    """
+
+    def __init__(self, html: Path | None, png: Path | None, judgement: Judgement) -> None:
+        for option, path, library in (('--html', html, 'plotly'), ('--png', png, 'matplotlib')):
+            if path is not None:
+                picture_library(library, option)
+                _check_place(option, path)
+        self._html = html
+        self._png = png
+        self._judgement = judgement
+        self._reports: list[RecordingReport] = []
+        self._failures: list[str] = []
+
+    def add(self, report: RecordingReport) -> None:
+        """Add the results of a recording, with its signals."""
+        self._reports.append(report)
+
+    def add_failure(self, recording: str | None, error: DyKnowError) -> None:  # noqa: ARG002
+        """Add a recording that could not be checked, which the error names."""
+        self._failures.append(error.message)
+
+    def close(self, unchecked: Sequence[str]) -> None:
+        """Write the files.
+
+        Args:
+            unchecked: the recordings that were not checked because of an interruption.
+
+        Raises:
+            RecordingError: naming a file that cannot be written.
+        """
+        self._failures += (f'{each}: not checked: interrupted' for each in unchecked)
+        # The modules are imported here, as most checks draw nothing.
+        try:
+            if self._html is not None:
+                from dyknow_recordings.reporting.pictures.page import report_page  # noqa: PLC0415
+
+                page = report_page(self._reports, self._failures, self._judgement)
+                self._html.write_text(page, encoding='utf-8')
+            if self._png is not None:
+                from dyknow_recordings.reporting.pictures.image import write_image  # noqa: PLC0415
+
+                write_image(self._png, self._reports, self._judgement)
+        except OSError as error:
+            raise RecordingError(f'{error.filename}: cannot be written: {error.strerror}') from None
+
+
+def _check_place(option: str, path: Path) -> None:
+    if path.is_dir():
+        raise RecordingError(f'{option} {path}: is a folder; give the name of a file')
+    if not path.parent.is_dir():
+        raise RecordingError(f'{option} {path}: there is no folder {path.parent}; make it')

@@ -1,0 +1,183 @@
+"""The signals of a formula as panels: for each choice of objects, what its atoms compare."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from dyknow_reasoning import (
+    Comparison,
+    Feature,
+    FieldReference,
+    Number,
+    ground_atoms,
+    objects_text,
+    parse_formula,
+)
+from dyknow_recordings.evaluation.observation import Signal, StateSignals
+from dyknow_recordings.evaluation.results import FormulaReport
+from dyknow_recordings.reporting.pictures.timeline import (
+    MAX_MARKS,
+    Span,
+    episode_runs,
+    gaps,
+    last_state,
+    pending_windows,
+)
+from dyknow_recordings.reporting.reasons import decisive_episode
+
+MAX_PANELS: Final = 24
+"""The number of panels that are shown of one formula."""
+
+_MIRRORED: Final = {'<': '>', '<=': '>=', '>': '<', '>=': '<='}
+
+
+@dataclass(frozen=True, slots=True)
+class Threshold:
+    """A constant that a signal is compared with.
+
+    Args:
+        value: the constant.
+        text: the comparisons, `> 10`.
+    """
+
+    value: float
+    text: str
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Panel:
+    """The signals that some atoms of a formula compare.
+
+    Args:
+        objects: the choice of objects, `u = uav1`; empty without one.
+        atoms: their texts.
+        signals: drawn together, as an atom compares them.
+        thresholds: of these signals.
+        is_decisive: True if these objects decided the formula.
+    """
+
+    objects: str
+    atoms: tuple[str, ...]
+    signals: tuple[Signal, ...]
+    thresholds: tuple[Threshold, ...]
+    is_decisive: bool
+
+
+@dataclass(frozen=True, slots=True)
+class DecidingState:
+    """A state that decided an episode: its time, the verdict, and the values of the signals."""
+
+    time: int
+    verdict: str
+    values: Mapping[str, float]
+
+
+@dataclass(frozen=True, slots=True)
+class Marks:
+    """What is marked in all panels of a formula.
+
+    Args:
+        deciding: the states that decided the first episode of each run with the worst outcome.
+        windows: the intervals of time that the explanation names.
+        pending: those in which the formula still awaits something.
+        gaps: times in which states may be missing.
+        violations: the times at which streams broke their constraints.
+    """
+
+    deciding: tuple[DecidingState, ...] = ()
+    windows: tuple[Span, ...] = ()
+    pending: tuple[Span, ...] = ()
+    gaps: tuple[Span, ...] = ()
+    violations: tuple[int, ...] = ()
+
+
+def panels(formula: FormulaReport) -> tuple[list[Panel], int]:
+    """Return the panels of a formula, the decisive ones first, and the number of omitted ones."""
+    if formula.signals is None:
+        return [], 0
+    decisive = decisive_episode(formula)
+    deciding_objects = '' if decisive is None else decisive.objects
+    found: list[Panel] = []
+    for binding, atoms in ground_atoms(parse_formula(formula.formula), formula.signals.domains):
+        objects = objects_text(binding)
+        is_decisive = objects == deciding_objects
+        found += _panels_of(objects, atoms, formula.signals, is_decisive=is_decisive)
+    found.sort(key=lambda each: not each.is_decisive)
+    return found[:MAX_PANELS], max(len(found) - MAX_PANELS, 0)
+
+
+def marks(formula: FormulaReport, whole: Span) -> Marks:
+    """Return what is marked in the panels of a formula."""
+    decisive = decisive_episode(formula)
+    values = {} if formula.signals is None else formula.signals.deciding
+    worst = [run.first for run in episode_runs(formula) if run.first.outcome is formula.outcome]
+    deciding = {
+        each.decided_at: DecidingState(
+            each.decided_at, each.outcome, values.get(each.decided_at, {})
+        )
+        for each in worst[:MAX_MARKS]
+        if each.decided_at is not None
+    }
+    now = last_state(formula, whole)
+    return Marks(
+        deciding=tuple(deciding.values()),
+        windows=() if decisive is None else tuple(Span(*each) for each in decisive.windows),
+        pending=() if decisive is None else tuple(pending_windows(decisive, now)[:MAX_MARKS]),
+        gaps=gaps(formula, whole),
+        violations=tuple(each.valid_time for each in formula.violations[:MAX_MARKS]),
+    )
+
+
+def last_shown(whole: Span, found: Marks) -> int:
+    """Return the time up to which panels show pending windows: a third of the whole at most."""
+    latest = whole.end + (whole.end - whole.start) // 3
+    return max([whole.end, *(min(each.end, latest) for each in found.pending)])
+
+
+def _panels_of(
+    objects: str,
+    atoms: Iterable[Comparison | Feature | FieldReference],
+    known: StateSignals,
+    *,
+    is_decisive: bool,
+) -> list[Panel]:
+    """Return a panel for each set of signals that atoms compare."""
+    texts: dict[tuple[str, ...], list[str]] = {}
+    thresholds: dict[tuple[str, ...], dict[float, dict[str, None]]] = {}
+    for atom in atoms:
+        sides = (atom.left, atom.right) if isinstance(atom, Comparison) else (atom,)
+        named = dict.fromkeys(map(str, sides))
+        # A feature that the formula does not depend on after its simplification has no values.
+        names = tuple(name for name in named if _has_values(known.signals.get(name)))
+        if names:
+            texts.setdefault(names, []).append(str(atom))
+            found = thresholds.setdefault(names, {})
+            if isinstance(atom, Comparison) and (threshold := _threshold(atom)):
+                found.setdefault(threshold.value, {})[threshold.text] = None
+    return [
+        Panel(
+            objects,
+            tuple(found),
+            tuple(known.signals[name] for name in names),
+            tuple(Threshold(value, ', '.join(each)) for value, each in thresholds[names].items()),
+            is_decisive,
+        )
+        for names, found in texts.items()
+    ]
+
+
+def _has_values(signal: Signal | None) -> bool:
+    return signal is not None and not np.isnan(signal.values).all()
+
+
+def _threshold(atom: Comparison) -> Threshold | None:
+    if isinstance(atom.right, Number):
+        return Threshold(float(atom.right.value), f'{atom.operator} {atom.right}')
+    if isinstance(atom.left, Number):
+        operator = _MIRRORED.get(atom.operator, atom.operator)
+        return Threshold(float(atom.left.value), f'{operator} {atom.left}')
+    return None

@@ -1,0 +1,210 @@
+"""Verdicts over time: the outcomes of the episodes of a formula, as segments of a line."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from itertools import groupby, pairwise
+from typing import Final
+
+from dyknow_common import NANOSECONDS, DyKnowError
+from dyknow_reasoning import Always, Eventually, Formula, Term, Until, parse_formula, parts
+from dyknow_recordings.evaluation.results import Episode, FormulaReport, Outcome, RecordingReport
+
+MAX_SEGMENTS: Final = 200
+"""The segments that can be seen; of more, those in one place become one with the worst outcome."""
+
+MAX_MARKS: Final = 20
+"""The number of gaps, violations and the like that are marked in one place."""
+
+_SEVERITY: Final = {outcome: rank for rank, outcome in enumerate(Outcome)}
+_UNITS: Final = ((2 * NANOSECONDS['h'], 'h'), (5 * NANOSECONDS['min'], 'min'))
+_TICKS: Final = 5
+
+
+@dataclass(frozen=True, slots=True)
+class Span:
+    """A span of valid time, in nanoseconds."""
+
+    start: int
+    end: int
+
+    @property
+    def unit(self) -> str:
+        """The unit in which people read times from its start."""
+        length = self.end - self.start
+        return next((unit for limit, unit in _UNITS if length >= limit), 's')
+
+    def place(self, time: int) -> float:
+        """Return where a time is in the span: 0 for its start, 1 for its end."""
+        return min(max((time - self.start) / max(self.end - self.start, 1), 0.0), 1.0)
+
+    def since_start(self, time: int) -> float:
+        """Return the time since the start, in the unit of the span."""
+        return (time - self.start) / NANOSECONDS[self.unit]
+
+    def text(self, time: int) -> str:
+        """Return the time since the start, for people."""
+        return f'{self.since_start(time):.3f} {self.unit}'
+
+    @property
+    def ticks(self) -> tuple[int, ...]:
+        """Some round times in the span."""
+        unit = NANOSECONDS[self.unit]
+        length = max(self.end - self.start, 1)
+        steps = (
+            max(unit * factor * 10**power // 1000, 1) for power in range(10) for factor in (1, 2, 5)
+        )
+        step = next(each for each in steps if length <= each * _TICKS)
+        return tuple(self.start + number * step for number in range(length // step + 1))
+
+
+@dataclass(frozen=True, slots=True)
+class OutcomeSegment:
+    """A time in which a formula has an outcome; undecided before it is decided."""
+
+    span: Span
+    outcome: Outcome
+
+
+def extent(report: RecordingReport) -> Span:
+    """Return the valid times of a recording, which log times may be far away from."""
+    times = [
+        time
+        for formula in report.formulas
+        for time in (*_episode_times(formula), *_signal_times(formula))
+    ]
+    if not times:
+        return Span(report.start_time, report.end_time)
+    start, end = min(times), max(times)
+    if start <= report.end_time and report.start_time <= end:
+        start, end = min(start, report.start_time), max(end, report.end_time)
+    return Span(start, max(end, start + 1))
+
+
+def last_state(formula: FormulaReport, whole: Span) -> int:
+    """Return the valid time of the last state of a formula; the end if that is not known."""
+    return max((*_signal_times(formula), *_episode_times(formula)), default=whole.end)
+
+
+def segments(formula: FormulaReport, whole: Span) -> list[OutcomeSegment]:
+    """Return the outcomes of a formula over time, in order, and with gaps before its states."""
+    has_states = bool(formula.episodes and (formula.states or formula.error is None))
+    if not has_states:
+        outcome = formula.outcome
+        return [OutcomeSegment(whole, outcome)] if outcome is Outcome.ERROR else []
+    if len(formula.episodes) == 1:
+        return list(_progress(formula, formula.episodes[0], whole))
+    begins = [whole.start if each.begin is None else each.begin for each in formula.episodes]
+    ends = [*begins[1:], max(last_state(formula, whole), begins[-1])]
+    found = [
+        OutcomeSegment(Span(begin, end), each.outcome)
+        for begin, end, each in zip(begins, ends, formula.episodes, strict=True)
+    ]
+    return _merged(_seen(found, whole))
+
+
+@dataclass(frozen=True, slots=True)
+class EpisodeRun:
+    """Some episodes one after another with the same outcome."""
+
+    episodes: tuple[Episode, ...]
+
+    @property
+    def first(self) -> Episode:
+        """The first one."""
+        return self.episodes[0]
+
+
+def episode_runs(formula: FormulaReport) -> list[EpisodeRun]:
+    """Return the episodes of a formula in runs, those with the worst outcome first."""
+    runs = [
+        EpisodeRun(tuple(each))
+        for _, each in groupby(formula.episodes, lambda episode: episode.outcome)
+    ]
+    return sorted(runs, key=lambda run: _SEVERITY[run.first.outcome])
+
+
+def gaps(formula: FormulaReport, whole: Span) -> tuple[Span, ...]:
+    """Return the times in which states of a formula may be missing."""
+    return tuple(
+        Span(each.after, whole.end if each.before is None else each.before)
+        for each in formula.gaps[:MAX_MARKS]
+    )
+
+
+def pending_windows(episode: Episode, now: int) -> list[Span]:
+    """Return the times in which an undecided formula awaits something, as far as they have ends.
+
+    Args:
+        episode: of the formula.
+        now: the time of the last state.
+    """
+    if not episode.residual_formula or '...' in episode.residual_formula:
+        return []
+    try:
+        found = list(_intervals(parse_formula(episode.residual_formula)))
+    except DyKnowError:  # What remains of a formula may be too deep to be read again.
+        return []
+    return list(dict.fromkeys(Span(now + start, now + end) for start, end in found))
+
+
+def _intervals(formula: Formula | Term) -> Iterator[tuple[int, int]]:
+    """Yield the intervals that count from the last state, those of the outermost operators."""
+    if isinstance(formula, Always | Eventually | Until):
+        if formula.interval.end is not None:
+            yield formula.interval.start, formula.interval.end
+        return
+    for part in parts(formula):
+        yield from _intervals(part)
+
+
+def _progress(formula: FormulaReport, episode: Episode, whole: Span) -> Iterator[OutcomeSegment]:
+    begin = whole.start if episode.begin is None else episode.begin
+    decided_at = episode.decided_at
+    outcome = episode.outcome if formula.error is None else Outcome.ERROR
+    if outcome in {Outcome.UNDECIDED, Outcome.ERROR}:
+        decided_at = last_state(formula, whole)
+    if decided_at is not None and decided_at > begin:
+        yield OutcomeSegment(Span(begin, decided_at), Outcome.UNDECIDED)
+    if outcome is not Outcome.UNDECIDED:
+        first = begin if decided_at is None else decided_at
+        yield OutcomeSegment(Span(first, max(whole.end, first)), outcome)
+
+
+def _seen(found: Sequence[OutcomeSegment], whole: Span) -> Sequence[OutcomeSegment]:
+    """Return the worst outcome in each place of the line, if there are too many segments."""
+    if len(found) <= MAX_SEGMENTS:
+        return found
+    places = groupby(found, lambda each: int(whole.place(each.span.start) * MAX_SEGMENTS))
+    cells = [list(each) for _, each in places]
+    worst = [min(cell, key=lambda each: _SEVERITY[each.outcome]).outcome for cell in cells]
+    starts = [cell[0].span.start for cell in cells]
+    ends = [*starts[1:], found[-1].span.end]
+    return [
+        OutcomeSegment(Span(start, end), outcome)
+        for start, end, outcome in zip(starts, ends, worst, strict=True)
+    ]
+
+
+def _merged(found: Sequence[OutcomeSegment]) -> list[OutcomeSegment]:
+    """Join neighbours with the same outcome."""
+    merged = list(found[:1])
+    for before, each in pairwise(found):
+        if before.outcome is each.outcome:
+            merged[-1] = replace(merged[-1], span=Span(merged[-1].span.start, each.span.end))
+        else:
+            merged.append(each)
+    return merged
+
+
+def _episode_times(formula: FormulaReport) -> Iterator[int]:
+    for each in formula.episodes:
+        yield from (time for time in (each.begin, each.decided_at) if time is not None)
+
+
+def _signal_times(formula: FormulaReport) -> Iterator[int]:
+    if formula.signals is not None:
+        for each in formula.signals.signals.values():
+            if len(each.times):
+                yield from (int(each.times[0]), int(each.times[-1]))

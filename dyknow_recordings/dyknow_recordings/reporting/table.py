@@ -1,0 +1,46 @@
+"""Results of a check as tables on a terminal."""
+
+from __future__ import annotations
+
+from rich.table import Table
+from rich.text import Text
+
+from dyknow_common import round_duration, round_time
+from dyknow_common.tables import figure, fixed, folded, framed_table
+from dyknow_recordings.evaluation.results import FormulaReport, Outcome, RecordingReport
+from dyknow_recordings.reading.recording import RecordingReader
+from dyknow_recordings.reporting.judgement import Judgement
+from dyknow_recordings.reporting.reasons import decisive_episode, reasons
+
+_STYLES = {Outcome.TRUE: 'green', Outcome.FALSE: 'red', Outcome.ERROR: 'red'}
+
+
+def recording_table(report: RecordingReport, judgement: Judgement) -> Table:
+    """Return the results of one recording: a row for each formula."""
+    duration = round_duration(report.end_time - report.start_time)
+    return framed_table(
+        [folded('formula'), fixed('outcome'), fixed('at'), folded('why')],
+        (_row(each, judgement) for each in report.formulas),
+        title=Text(f'{report.recording} ({duration})'),
+        title_justify='left',
+    )
+
+
+def topics_table(recording: RecordingReader) -> Table:
+    """Return the topics of a recording."""
+    contents = recording.contents.items()
+    rows = ((name, each.message_type, str(each.count)) for name, each in contents)
+    columns = [folded('topic'), folded('message type'), figure('messages')]
+    return framed_table(columns, rows, title=Text(str(recording.path)), title_justify='left')
+
+
+def _row(report: FormulaReport, judgement: Judgement) -> tuple[Text, Text, Text, Text]:
+    style = _STYLES.get(report.outcome, 'green' if judgement.passes(report) else 'red')
+    decisive = decisive_episode(report)
+    at = '' if decisive is None or decisive.decided_at is None else round_time(decisive.decided_at)
+    return (
+        Text(report.name),
+        Text(report.outcome, style=style),
+        Text(at),
+        Text('\n'.join(reasons(report, decisive))),
+    )

@@ -1,0 +1,1 @@
+"""Verdicts as a recording: messages at their times."""

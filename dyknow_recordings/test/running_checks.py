@@ -1,0 +1,96 @@
+"""Checks that run as processes, and recordings that keep them busy."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from typing import Any
+
+LIMIT_S = 60
+CODE = 'import sys; from dyknow_recordings.check import main; sys.exit(main(sys.argv[1:]))'
+FORMULAS = ('always "/odom".pose.pose.position.z < 58', 'always x.y = 1', 'always "/armed".data')
+OPTIONS = [word for each in FORMULAS for word in ('--formula', each)]
+
+
+class EndlessRecording:
+    """A named pipe: a process that reads it waits until it is killed."""
+
+    def __init__(self, path: Path) -> None:
+        os.mkfifo(path)
+        self.path = path
+
+    def wait_for_reader(self) -> None:
+        wait_for(self._has_reader, f'a reader of {self.path}')
+
+    def reader(self) -> int:
+        """Return the process that reads it."""
+        self.wait_for_reader()
+        return wait_for(self._reader, f'the process that reads {self.path}')
+
+    def _has_reader(self) -> bool:
+        try:
+            # It stays open: without a writer, the reader would find the end of the pipe.
+            os.open(self.path, os.O_WRONLY | os.O_NONBLOCK)
+        except OSError:
+            return False
+        return True
+
+    def _reader(self) -> int | None:
+        for descriptor in Path('/proc').glob('[0-9]*/fd/*'):
+            with suppress(OSError):
+                process = int(descriptor.parts[2])
+                if process != os.getpid() and Path.readlink(descriptor) == self.path:
+                    return process
+        return None
+
+
+def wait_for(condition: Callable[[], Any], description: str) -> Any:
+    deadline = time.monotonic() + LIMIT_S
+    while not (found := condition()):
+        assert time.monotonic() < deadline, f'no {description}'
+        time.sleep(0.01)
+    return found
+
+
+@contextmanager
+def checking(*arguments: str) -> Iterator[subprocess.Popen[str]]:
+    """A running check; it has left no process when the block ends."""
+    process = subprocess.Popen(
+        [sys.executable, '-c', CODE, *arguments, *OPTIONS],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    try:
+        yield process
+        process.wait(LIMIT_S)
+        wait_for(lambda: not workers_of(process.pid), 'end of the processes')
+    finally:
+        for worker in workers_of(process.pid):
+            os.kill(worker, signal.SIGKILL)
+        process.kill()
+        process.communicate()
+
+
+def workers_of(parent: int) -> list[int]:
+    """The running processes that have a parent."""
+    found = []
+    for stat in Path('/proc').glob('[0-9]*/stat'):
+        with suppress(OSError):
+            state, ppid = stat.read_text().rpartition(')')[2].split()[:2]
+            if int(ppid) == parent and state != 'Z':
+                found.append(int(stat.parts[2]))
+    return found
+
+
+def names(lines: str) -> list[tuple[str, str | None]]:
+    """The recordings of JSON lines, with the codes of their errors."""
+    documents = [json.loads(line) for line in lines.splitlines()]
+    return [(each['recording'], each['error'] and each['error']['code']) for each in documents]

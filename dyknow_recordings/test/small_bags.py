@@ -1,0 +1,151 @@
+"""Small recordings: written by rosbags, or record by record."""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+from typing import Any
+from zlib import crc32
+
+import numpy as np
+from backports import zstd
+from lz4 import frame as lz4
+from rosbags.rosbag2 import CompressionFormat, CompressionMode, Reader, StoragePlugin, Writer
+from rosbags.typesys import Stores, get_typestore
+
+STORE = get_typestore(Stores.ROS2_JAZZY)
+START = 1_700_000_000_000_000_000
+ODOMETRY, BOOL, SCAN = 'nav_msgs/msg/Odometry', 'std_msgs/msg/Bool', 'sensor_msgs/msg/LaserScan'
+TOPICS = {'/odom': ODOMETRY, '/armed': BOOL, '/scan': SCAN}
+FIELDS = {
+    '/odom': ['header.frame_id', 'pose.pose.position.z', 'pose.covariance[35]'],
+    '/armed': ['data'],
+    '/scan': ['ranges[2]', 'range_max', 'header.stamp.nanosec'],
+}
+COMPRESSIONS = [
+    ('mcap', 'none'),
+    ('mcap', 'storage'),
+    ('mcap', 'message'),
+    ('mcap', 'file'),
+    ('sqlite3', 'none'),
+    ('sqlite3', 'message'),
+    ('sqlite3', 'file'),
+]
+
+Message = tuple[int, str, bytes]
+
+
+def message(number: int) -> Message:
+    """Return a message on one of the topics, with values that depend on its number."""
+    types = STORE.types
+    time = START + number * 10_000_000
+    stamp = types['builtin_interfaces/msg/Time'](*divmod(time - 5_000_000, 10**9))
+    header = types['std_msgs/msg/Header'](stamp, 'map' * (number % 3))
+    topic = list(TOPICS)[number % 3]
+    made: Any
+    if topic == '/odom':
+        vector = types['geometry_msgs/msg/Vector3'](1.0, 2.0, 3.0)
+        point = types['geometry_msgs/msg/Point'](4.0, 5.0, float(number))
+        pose = types['geometry_msgs/msg/Pose'](
+            point, types['geometry_msgs/msg/Quaternion'](0.0, 0.0, 0.0, 1.0)
+        )
+        matrix = np.arange(36.0) + number
+        made = types[ODOMETRY](
+            header,
+            'base',
+            types['geometry_msgs/msg/PoseWithCovariance'](pose, matrix),
+            types['geometry_msgs/msg/TwistWithCovariance'](
+                types['geometry_msgs/msg/Twist'](vector, vector), matrix
+            ),
+        )
+    elif topic == '/armed':
+        made = types[BOOL](number % 2 == 0)
+    else:
+        ranges = np.arange(number % 7, dtype=np.float32)
+        made = types[SCAN](header, 0.0, 1.0, 0.5, 0.0, 0.1, 0.1, 30.0 + number, ranges, ranges)
+    return time, topic, bytes(STORE.serialize_cdr(made, TOPICS[topic]))
+
+
+def messages(count: int, first: int = 0) -> list[Message]:
+    return [message(number) for number in range(first, first + count)]
+
+
+def write(path: Path, storage: str, mode: str, recorded: Iterable[Message]) -> None:
+    """Write a bag by rosbags."""
+    writer = Writer(path, version=9, storage_plugin=StoragePlugin[storage.upper()])
+    if mode != 'none':
+        writer.set_compression(CompressionMode[mode.upper()], CompressionFormat.ZSTD)
+    with writer:
+        connections = {
+            topic: writer.add_connection(topic, type_name, typestore=STORE)
+            for topic, type_name in TOPICS.items()
+        }
+        for time, topic, data in recorded:
+            writer.write(connections[topic], time, data)
+
+
+def read_by_rosbags(path: Path) -> list[Message]:
+    with Reader(path) as reader:
+        return [(time, each.topic, bytes(data)) for each, time, data in reader.messages()]
+
+
+def value_at(decoded: Any, path: str) -> Any:
+    """Return a value of a message that rosbags has decoded; None if it has no such element."""
+    for step in path.replace('[', '.').replace(']', '').split('.'):
+        if not step.isdigit():
+            decoded = getattr(decoded, step)
+        elif int(step) < len(decoded):
+            decoded = decoded[int(step)]
+        else:
+            return None
+    return decoded
+
+
+MAGIC = b'\x89MCAP0\r\n'
+
+
+def record(code: int, body: bytes) -> bytes:
+    return struct.pack('<BQ', code, len(body)) + body
+
+
+def text(content: str) -> bytes:
+    return struct.pack('<I', len(content.encode())) + content.encode()
+
+
+def schema(key: int, name: str, definition: str = '', encoding: str = 'ros2msg') -> bytes:
+    return record(3, struct.pack('<H', key) + text(name) + text(encoding) + text(definition))
+
+
+def channel(key: int, schema_key: int, topic: str, serialisation: str = 'cdr') -> bytes:
+    body = struct.pack('<HH', key, schema_key) + text(topic) + text(serialisation)
+    return record(4, body + struct.pack('<I', 0))
+
+
+def stored(key: int, time: int, data: bytes) -> bytes:
+    return record(5, struct.pack('<HIQQ', key, 0, time, time) + data)
+
+
+def chunk(
+    records: Sequence[bytes],
+    times: tuple[int, int],
+    compression: str = '',
+    *,
+    checksum: bool = True,
+) -> bytes:
+    content = b''.join(records)
+    header = struct.pack('<QQQI', *times, len(content), crc32(content) if checksum else 0)
+    compress = {'': bytes, 'zstd': zstd.compress, 'lz4': lz4.compress}
+    packed = compress[compression](content)
+    return record(6, header + text(compression) + struct.pack('<Q', len(packed)) + packed)
+
+
+def index(key: int, count: int) -> bytes:
+    return record(7, struct.pack('<HI', key, 16 * count) + bytes(16 * count))
+
+
+def mcap(*records: bytes) -> bytes:
+    """Return a file without a summary."""
+    header = record(1, text('ros2') + text(''))
+    footer = record(15, bytes(4)) + record(2, bytes(20))
+    return MAGIC + header + b''.join(records) + footer + MAGIC

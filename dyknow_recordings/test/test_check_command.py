@@ -1,0 +1,225 @@
+"""The command `dyknow check`: its outputs, exit codes and errors."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from rosbags.rosbag2 import StoragePlugin, Writer
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+
+from dyknow_common import SECOND_NS
+from dyknow_recordings.check import main
+
+START = 1_700_000_000 * SECOND_NS
+SCAN = """
+std_msgs/Header header
+string<=9 id
+bool ready
+byte mode
+float32[] ranges
+my_msgs/Point[2] points
+================================================================================
+MSG: my_msgs/Point
+int64 x
+================================================================================
+MSG: std_msgs/Header
+builtin_interfaces/Time stamp
+string frame_id
+"""
+
+
+@pytest.fixture
+def bag(tmp_path: Path) -> Path:
+    """Three messages of a type that is not installed, one a second."""
+    types = get_typestore(Stores.ROS2_JAZZY)
+    types.register(get_types_from_msg(SCAN, 'my_msgs/msg/Scan'))
+    scan, point, header, time = (
+        types.types[name]
+        for name in (
+            'my_msgs/msg/Scan',
+            'my_msgs/msg/Point',
+            'std_msgs/msg/Header',
+            'builtin_interfaces/msg/Time',
+        )
+    )
+    path = tmp_path / 'bag'
+    with Writer(path, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
+        connection = writer.add_connection('/scan', 'my_msgs/msg/Scan', typestore=types)
+        for n in range(3):
+            message = scan(
+                header=header(stamp=time(sec=1_700_000_000 + n, nanosec=0), frame_id=''),
+                id='a',
+                ready=True,
+                mode=3,
+                ranges=np.arange(n, dtype=np.float32) + 0.5,
+                points=[point(x=n), point(x=-n)],
+            )
+            data = types.serialize_cdr(message, 'my_msgs/msg/Scan')
+            writer.write(connection, START + n * SECOND_NS, data)
+    return path
+
+
+def lines(capsys: pytest.CaptureFixture[str]) -> list[Any]:
+    return [json.loads(line) for line in capsys.readouterr().out.splitlines()]
+
+
+def test_a_type_that_is_not_installed(bag: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main([str(bag), '--topics', '--json']) == 0
+    (document,) = lines(capsys)
+    (topic,) = document['topics']
+    assert (topic['name'], topic['message_type']) == ('/scan', 'my_msgs/msg/Scan')
+    assert (topic['messages'], topic['has_stamp'], document['notes']) == (3, True, [])
+    assert topic['fields'] == {
+        'header.stamp.sec': 'int',
+        'header.stamp.nanosec': 'int',
+        'header.frame_id': 'string',
+        'id': 'string',
+        'ready': 'boolean',
+        'mode': 'int',
+        'ranges[0..]': 'float',
+        'points[0..1].x': 'int',
+    }
+    formula = 'always "/scan".ranges[1] < 2'
+    assert main([str(bag), '--formula', formula, '--json']) == 2
+    (document,) = lines(capsys)
+    assert "'ranges' has 0 elements, not one at [1]" in document['formulas'][0]['error']['message']
+
+
+@pytest.mark.parametrize(
+    ('options', 'code'),
+    [
+        (['--formula', 'eventually "/scan".points[0].x = 2'], 0),
+        (['--formula', 'always "/scan".points[0].x < 2'], 1),
+        (['--formula', 'always "/scan".mode = 3'], 0),
+        (['--formula', 'always "/scan".mode = 3', '--undecided', 'fail'], 1),
+        (['--formula', 'eventually "/scan".mode = 4'], 1),
+        (['--formula', 'eventually "/scan".mode = 4', '--undecided', 'pass'], 0),
+        (['--formula', 'always "/scan".mode = 3', '--formula', 'always'], 2),
+        (['--formula', 'always "/scan".ranges[0] < 2'], 2),
+        (['--formula', 'always "/skan".mode = 3'], 2),
+        (['--formula', '"/scan".points[0].x = 1', '--begin', '1 s'], 0),
+        (['--formula', '"/scan".points[0].x < 2', '--every', 'state'], 1),
+        (['--formula', 'false', '--every', '"/scan".mode = 4'], 0),
+        (['--every', 'state'], 2),
+        (['--formula', 'true', '--domain', 'UAV'], 2),
+        (['--formula', 'true', '--streams', 'nowhere'], 2),
+        (['--topics'], 0),
+    ],
+)
+def test_exit_codes(
+    bag: Path, options: list[str], code: int, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main([str(bag), *options]) == code
+    plain = capsys.readouterr()
+    assert main([str(bag), *options, '--json']) == code
+    (document,) = lines(capsys)
+    assert 'Traceback' not in plain.out + plain.err
+    if code == 2 and 'formulas' not in document:
+        assert document['error']['message'] in plain.err
+
+
+def test_the_document(bag: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main([str(bag), '--formula', 'always "/scan".points[0].x < 2', '--json']) == 1
+    (document,) = lines(capsys)
+    (formula,) = document['formulas']
+    (episode,) = formula['episodes']
+    assert document['recording'] == str(bag)
+    assert (document['error'], formula['error'], episode['error']) == (None, None, None)
+    assert (formula['outcome'], formula['passed'], formula['states']) == ('false', False, 3)
+    assert (episode['begin_ns'], episode['decided_at_ns']) == (START, START + 2 * SECOND_NS)
+
+
+@pytest.mark.parametrize('damage', ['missing', 'empty', 'text', 'truncated'])
+def test_recordings_that_cannot_be_read(
+    bag: Path, tmp_path: Path, damage: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / 'damaged.mcap'
+    if damage != 'missing':
+        (data,) = (each.read_bytes() for each in bag.glob('*.mcap'))
+        path.write_bytes({'empty': b'', 'text': b'hello', 'truncated': data[:200]}[damage])
+    options = ['--formula', 'eventually "/scan".points[0].x = 2', '--json']
+    # The other recording is checked all the same.
+    assert main([str(path), str(bag), *options]) == 2
+    broken, whole = lines(capsys)
+    assert broken['recording'] == str(path)
+    assert str(path) in broken['error']['message']
+    assert whole['formulas'][0]['outcome'] == 'true'
+
+
+def test_a_configuration(bag: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (tmp_path / 's.streams').write_text('stream m = select mode from "/scan"; sink m')
+    (tmp_path / 'more.txt').write_text('# a comment\n\nalways m.mode = 3\n')
+    path = tmp_path / 'monitoring.yaml'
+    path.write_text(
+        'streams: s.streams\ndomains: {Robot: [r1]}\nformulas:\n'
+        "  - {name: mode, formula: 'always m.mode < 4', description: It is three.}\n"
+    )
+    more = ['--formulas', str(tmp_path / 'more.txt')]
+    assert main([str(bag), '--config', str(path), '--json', *more]) == 0
+    (document,) = lines(capsys)
+    names = [each['name'] for each in document['formulas']]
+    assert names == ['mode', 'always (m.mode = 3)']
+
+
+@pytest.mark.parametrize(
+    ('text', 'message'),
+    [
+        ('- a', 'write a mapping with some of the keys'),
+        ('stream: a', "unknown key 'stream'; the keys are ontology, annotations, streams"),
+        ('streams: 3', 'streams: write a text or a list of texts instead of 3'),
+        ('domains: [a]', 'domains: write a mapping from sorts to lists of objects'),
+        ('domains: {UAV: 3}', 'domains.UAV: write a text or a list of texts instead of 3'),
+        ('formulas: [{name: a}]', 'formulas[0].formula: write a text instead of None'),
+        ('formulas: [{name: a, text: b}]', 'formulas[0]: write a mapping with name and formula'),
+        (
+            'formulas: [{name: a, formula: b}, {name: a, formula: b}]',
+            "formulas[1]: the name 'a' is taken",
+        ),
+        ('a: [', ':1:5: not YAML'),
+        ('a: 2026-13-45', 'not YAML'),
+        ('"\\x07', 'not YAML'),
+    ],
+)
+def test_bad_configurations(
+    bag: Path, tmp_path: Path, text: str, message: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / 'bad.yaml'
+    path.write_text(text)
+    assert main([str(bag), '--config', str(path)]) == 2
+    error = capsys.readouterr().err
+    assert message in error
+    assert str(path) in error
+
+
+def test_all_runs_have_the_same_output(bag: Path) -> None:
+    code = 'import sys; from dyknow_recordings.check import main; sys.exit(main(sys.argv[1:]))'
+    formulas = ['always "/scan".mode = 3', 'always "/scan".points[0].x < 2', 'always x.y = 1']
+    options = [word for each in formulas for word in ('--formula', each)]
+    outputs = {
+        subprocess.run(
+            [sys.executable, '-c', code, str(bag), *options, '--json'],
+            env={**os.environ, 'PYTHONHASHSEED': str(seed)},
+            capture_output=True,
+            check=False,
+        ).stdout
+        for seed in range(3)
+    }
+    assert len(outputs) == 1
+    assert b'"outcome": "false"' in outputs.pop()
+
+
+def test_ros_is_not_imported() -> None:
+    code = (
+        'import sys; import dyknow_recordings.check, dyknow_recordings.evaluation.semantics; '
+        'print([each for each in sys.modules if each.partition(".")[0] in '
+        '("rclpy", "dyknow_interfaces", "builtin_interfaces", "dyknow_bringup")])'
+    )
+    done = subprocess.run([sys.executable, '-c', code], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == '[]'

@@ -1,0 +1,186 @@
+"""What a check writes: JSON lines that their schema describes, and reports of JUnit."""
+
+from __future__ import annotations
+
+import json
+import xml.etree.ElementTree as ET
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+import pytest
+from small_bags import START, messages, write
+
+from dyknow_common import SECOND_NS, ExitCode, Verdict
+from dyknow_recordings import Episode, FormulaReport, RecordingError, RecordingReport, StateGap
+from dyknow_recordings.check import main
+from dyknow_recordings.reporting.documents import recording_document
+from dyknow_recordings.reporting.judgement import Judgement
+from dyknow_recordings.reporting.junit import JUnitReport
+from dyknow_recordings.reporting.outputs import AllOutputs
+from dyknow_stream_processing import Violation
+
+GOLDEN = Path(__file__).parent / 'golden'
+SCHEMA = Path(__file__).parents[2] / 'docs' / 'recordings.schema.json'
+TYPES = {
+    'object': dict,
+    'array': list,
+    'string': str,
+    'boolean': bool,
+    'integer': int,
+    'null': type(None),
+}
+MISSED = Episode(START, residual_formula='eventually a.x = 1', presumably_false=True)
+UNBROKEN = Episode(START, residual_formula='always a.x = 1')
+FORMULAS = (
+    FormulaReport('holds', 'a.x = 1', (Episode(START, Verdict.TRUE, START, 'a.x = 1 at 0 s'),)),
+    FormulaReport(
+        'breaks',
+        'always a.x < 2',
+        (
+            Episode(START, Verdict.FALSE, START + 1_500_000_000, 'a.x = 3 is not < 2 & "bad"'),
+            Episode(START + 1, Verdict.TRUE, START + SECOND_NS, 'well'),
+        ),
+        states=3,
+        violations=(Violation('a', 'max_delay', START, START + 1, 2, 1, 'late'),),
+        gaps=(StateGap(START, START + 5), StateGap(START, None)),
+        events=('stream a is gone',),
+    ),
+    FormulaReport('waits', 'always a.x = 1', (UNBROKEN,), waits_for='nothing comes'),
+    FormulaReport('misses', 'eventually a.x = 1', (UNBROKEN, MISSED)),
+    FormulaReport('fails', 'always (', error=RecordingError('line 1\n\x07', ExitCode.NOT_FOUND)),
+    FormulaReport(
+        'stops', 'always a.x = 2', (Episode(START, error=RecordingError('gone')), UNBROKEN)
+    ),
+    FormulaReport('never', 'a.x = 3'),
+)
+REPORT = RecordingReport('/data/day.1/flight.mcap', START, START + 2_345_678_901, FORMULAS, ('n',))
+
+
+def faults(schema: Mapping[str, Any], value: Any, place: str = '$') -> Iterator[str]:
+    """Yield the differences between a value and the keywords that our schema uses."""
+    if '$ref' in schema:
+        yield from faults(DEFINITIONS[schema['$ref'].rpartition('/')[2]], value, place)
+    if 'oneOf' in schema:
+        found = [list(faults(each, value, place)) for each in schema['oneOf']]
+        if sum(not each for each in found) != 1:
+            yield f'{place}: not one of: {found}'
+    names = schema.get('type', list(TYPES))
+    if type(value) not in {TYPES[each] for each in ([names] if isinstance(names, str) else names)}:
+        yield f'{place}: {value!r} is not of type {names}'
+    elif value not in schema.get('enum', [value]):
+        yield f'{place}: {value!r} is not one of {schema["enum"]}'
+    elif isinstance(value, int) and value < schema.get('minimum', value):
+        yield f'{place}: {value} is too small'
+    elif isinstance(value, list):
+        for index, each in enumerate(value):
+            yield from faults(schema.get('items', {}), each, f'{place}[{index}]')
+    elif isinstance(value, dict):
+        yield from faults_of_object(schema, value, place)
+
+
+def faults_of_object(
+    schema: Mapping[str, Any], value: Mapping[str, Any], place: str
+) -> Iterator[str]:
+    properties, others = schema.get('properties', {}), schema.get('additionalProperties', {})
+    yield from (f'{place}: lacks {key}' for key in schema.get('required', ()) if key not in value)
+    for key, each in value.items():
+        if key in properties or others is not False:
+            yield from faults(properties.get(key, others), each, f'{place}.{key}')
+        else:
+            yield f'{place}: unknown key {key}'
+
+
+DEFINITIONS: dict[str, Any] = json.loads(SCHEMA.read_text(encoding='utf-8'))['$defs']
+LINE = {'oneOf': [{'$ref': f'#/$defs/{name}'} for name in ('results', 'topics', 'failure')]}
+
+
+@pytest.fixture(scope='module')
+def bag(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp('bags') / 'flight'
+    write(path, 'mcap', 'none', messages(60))
+    return path
+
+
+def test_lines_of_json_follow_their_schema(bag: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert json.loads(SCHEMA.read_text(encoding='utf-8'))['oneOf'] == LINE['oneOf']
+    z = '"/odom".pose.pose.position.z'
+    formulas = [f'always {z} < 50', f'eventually {z} > 90', 'always x.y = 1', f'{z} < 80', 'true']
+    options = [word for each in formulas for word in ('--formula', each)]
+    main([str(bag), 'missing', *options, '--json', '--every', 'state'])
+    main([str(bag), '--topics', '--json'])
+    main([str(bag), '--json'])
+    documents = [json.loads(line) for line in capsys.readouterr().out.splitlines()]
+    assert len(documents) == 4
+    documents.append(json.loads(json.dumps(recording_document(REPORT, Judgement.AUTO))))
+    for each in documents:
+        assert list(faults(LINE, each)) == []
+
+
+@pytest.mark.parametrize(
+    ('change', 'message'),
+    [
+        ({'notes': None}, '$.notes: None is not of type array'),
+        ({'more': 1}, 'unknown key more'),
+        ({'start_ns': 1.0}, '$.start_ns: 1.0'),
+        ({'formulas': [{}]}, '$.formulas[0]: lacks outcome'),
+    ],
+)
+def test_the_schema_refuses_others(change: dict[str, Any], message: str) -> None:
+    document = json.loads(json.dumps(recording_document(REPORT, Judgement.AUTO))) | change
+    assert message in '\n'.join(faults(DEFINITIONS['results'], document))
+    assert list(faults(LINE, document))
+
+
+def test_a_report_of_junit(tmp_path: Path) -> None:
+    path = tmp_path / 'out.xml'
+    output = AllOutputs([JUnitReport(path, Judgement.AUTO)])
+    output.add(REPORT)
+    output.add_failure('../flight2', RecordingError('../flight2: no such recording'))
+    output.add_failure(None, RecordingError('the configuration is wrong'))
+    assert not path.exists()
+    output.close(['flight3'])
+    assert path.read_text(encoding='utf-8') == (GOLDEN / 'junit.xml').read_text(encoding='utf-8')
+    assert [each.name for each in tmp_path.iterdir()] == ['out.xml']
+
+
+@pytest.mark.parametrize(
+    ('judgement', 'failed'),
+    [
+        (Judgement.AUTO, ['breaks', 'misses']),
+        (Judgement.PASS, ['breaks']),
+        (Judgement.FAIL, ['breaks', 'waits', 'misses', 'never']),
+    ],
+)
+def test_undecided_formulas_in_junit(
+    tmp_path: Path, judgement: Judgement, failed: list[str]
+) -> None:
+    output = JUnitReport(tmp_path / 'out.xml', judgement)
+    output.add(REPORT)
+    output.close(())
+    (suite,) = ET.parse(tmp_path / 'out.xml').getroot()  # noqa: S314 - our own file
+    assert [each.get('name') for each in suite if each.find('failure') is not None] == failed
+    assert suite.get('failures') == str(len(failed))
+    assert suite.get('errors') == '2'
+
+
+def test_a_report_of_junit_of_the_command(
+    bag: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / 'out.xml'
+    formula = ['--formula', 'always "/odom".pose.pose.position.z < 50']
+    contents = set()
+    for jobs in '12':
+        options = ['--junit', str(path), '--jobs', jobs]
+        assert main([str(bag), str(bag), *formula, *options]) == 1
+        contents.add(path.read_text(encoding='utf-8'))
+    (content,) = contents
+    assert content.count('<failure') == 2
+    assert main([str(bag), '--junit', str(path)]) == 2
+    assert 'there is no formula to check' in path.read_text(encoding='utf-8')
+    capsys.readouterr()
+    assert main([str(bag), *formula, '--junit', str(tmp_path / 'missing' / 'out.xml')]) == 2
+    captured = capsys.readouterr()
+    assert (captured.out, 'out.xml: its folder does not exist' in captured.err) == ('', True)
+    assert main([str(bag), *formula, '--junit', str(tmp_path)]) == 2
+    assert str(tmp_path) in capsys.readouterr().err

@@ -1,0 +1,330 @@
+"""Formulas over recordings: verdicts, violations, stand-ins, silence and episodes."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from recorded import TYPE, ListedSamples, RecordedSample, at, recording, sample
+
+from dyknow_common import DyKnowError, ExitCode, Verdict
+from dyknow_recordings.evaluation.episodes import FROM_FIRST_STATE, EpisodeStart, Every
+from dyknow_recordings.evaluation.evaluation import evaluate_recording
+from dyknow_recordings.evaluation.results import FormulaReport, Outcome, RequestedFormula
+from dyknow_recordings.evaluation.vocabulary import NO_FILES, MonitoringFiles
+from dyknow_recordings.reading.contents import TopicContent
+
+ONTOLOGY = """
+@prefix : <http://example.org/robots#> .
+@prefix dyknow: <http://www.dyknow.org/ontology#> .
+@prefix owl: <http://www.w3.org/2002/07/owl#> .
+@prefix rdfs: <http://www.w3.org/2000/01/rdf-schema#> .
+<http://example.org/robots> a owl:Ontology ; owl:imports <http://www.dyknow.org/ontology> .
+:Robot a owl:Class ; rdfs:subClassOf dyknow:Object .
+:Power a owl:Class ; rdfs:subClassOf dyknow:Feature ;
+    dyknow:argument1 :Robot ; dyknow:value_type "float" ; dyknow:unit "W" .
+:r1 a owl:NamedIndividual, :Robot .
+"""
+ANNOTATIONS = """
+stream main contains Power[r1] = power with sample_period = 100 ms;
+stream spare contains Power[r1] = power with sample_period = 200 ms
+"""
+STREAMS = """
+stream main = select p as power from "/main" with max_delay = 50 ms, sample_period = 100 ms,
+    sample_period_deviation = 50 ms;
+sink main;
+stream spare = select p as power from "/spare";
+sink spare
+"""
+
+
+def series(
+    topic: str, times: Iterable[float], value: float = 1.0, field: str = 'p'
+) -> list[RecordedSample]:
+    return [sample(topic, each, **{field: value}) for each in times]
+
+
+def steps(start: float, end: float, period: float = 0.1) -> list[float]:
+    return [start + period * n for n in range(round((end - start) / period))]
+
+
+def check(
+    source: ListedSamples,
+    formula: str,
+    files: MonitoringFiles = NO_FILES,
+    start: EpisodeStart = FROM_FIRST_STATE,
+) -> FormulaReport:
+    report = evaluate_recording(source, [RequestedFormula(formula)], files, start)
+    # Signals are kept without an effect on the results.
+    again = evaluate_recording(source, [RequestedFormula(formula)], files, start, keep_signals=True)
+    found = tuple(replace(each, signals=None) for each in again.formulas)
+    assert repr(replace(again, formulas=found)) == repr(report)
+    return report.formulas[0]
+
+
+@pytest.fixture
+def files(tmp_path: Path) -> MonitoringFiles:
+    for name, text in (('r.ttl', ONTOLOGY), ('r.ssl', ANNOTATIONS), ('r.streams', STREAMS)):
+        (tmp_path / name).write_text(text)
+    return MonitoringFiles((tmp_path / 'r.ttl',), (tmp_path / 'r.ssl',), (tmp_path / 'r.streams',))
+
+
+def test_a_verdict_with_its_time_and_reason() -> None:
+    source = recording([*series('/a', steps(0, 2)), sample('/a', 2.5, p=9.0)])
+    (episode,) = check(source, 'always "/a".p < 5').episodes
+    assert (episode.begin, episode.verdict, episode.decided_at) == (at(0), Verdict.FALSE, at(2.5))
+    assert '"/a".p = 9' in episode.explanation
+
+
+def test_only_needed_fields_of_needed_topics_are_read() -> None:
+    source = recording([*series('/a', steps(0, 1)), *series('/b', steps(0, 1))])
+    check(source, 'always "/a".p < 5')
+    assert source.read == {'/a': {'p'}}
+
+
+def test_what_remains_undecided() -> None:
+    source = recording(series('/a', steps(0, 1)))
+    invariant = check(source, 'always "/a".p < 5')
+    assert invariant.outcome is Outcome.UNDECIDED
+    assert not invariant.presumably_false
+    assert invariant.episodes[0].residual_formula == 'always ("/a".p < 5)'
+    obligation = check(source, 'eventually "/a".p > 5')
+    assert obligation.presumably_false
+
+
+def test_errors_of_one_formula_do_not_concern_the_others() -> None:
+    source = recording(series('/a', steps(0, 1)))
+    texts = (
+        'always',
+        'forall x in Ghost: always P[x] > 1',
+        'Altitude[u] > 1',
+        'eventually "/a".p = 1',
+    )
+    report = evaluate_recording(source, [RequestedFormula(text) for text in texts])
+    assert [each.outcome for each in report.formulas] == ['error', 'error', 'error', 'true']
+
+
+def test_a_formula_without_states_is_an_error() -> None:
+    source = recording(series('/odom', steps(0, 1)))
+    error = check(source, 'always "/odm".p < 5').error
+    assert error is not None
+    assert error.message == (
+        'the recording has no state: the recording has no topic /odm (did you mean /odom?)'
+    )
+
+
+def test_a_formula_that_needs_no_state() -> None:
+    report = check(recording(series('/a', [0])), 'always "/a".p < 5 or true')
+    (episode,) = report.episodes
+    assert (episode.verdict, episode.decided_at) == (Verdict.TRUE, None)
+
+
+def test_a_formula_that_needs_states_but_no_values() -> None:
+    error = check(recording(series('/a', [0, 1, 2])), 'eventually[1 s, 2 s] true').error
+    assert error is not None
+    assert error.message == 'the formula names no feature, so it has no states'
+
+
+def test_a_topic_of_an_unknown_type() -> None:
+    source = recording(series('/a', [0, 1]))
+    source.contents['/a'] = TopicContent(TYPE, None, has_stamp=False, count=2)
+    error = check(source, 'always "/a".p < 5').error
+    assert error is not None
+    assert f'the message type {TYPE} of /a is not defined' in error.message
+
+
+def test_a_violation_without_a_stand_in(files: MonitoringFiles) -> None:
+    files.annotations[0].write_text('stream main contains Power[r1] = power')
+    source = recording([*series('/main', [*steps(0, 1), *steps(1.5, 3)])])
+    report = check(source, 'forall r in Robot: always Power[r] < 5', files)
+    assert report.outcome is Outcome.ERROR
+    assert report.error is not None
+    assert report.error.code is ExitCode.CONSTRAINT_VIOLATION
+    assert 'sample_period' in report.error.message
+    assert [each.stream_name for each in report.violations] == ['main']
+
+
+def test_violations_after_the_verdict_do_not_concern_a_formula(files: MonitoringFiles) -> None:
+    files.annotations[0].write_text('stream main contains Power[r1] = power')
+    source = recording([*series('/main', [*steps(0, 1), *steps(1.5, 3)])])
+    texts = ('eventually Power[r1] < 5', 'always Power[r1] < 5')
+    early, late = evaluate_recording(source, list(map(RequestedFormula, texts)), files).formulas
+    assert (early.outcome, len(early.violations), early.states) == ('true', 0, 1)
+    assert (late.outcome, len(late.violations), late.states) == ('error', 1, 10)
+
+
+def test_a_stand_in_without_states_is_no_success(files: MonitoringFiles) -> None:
+    source = recording([*series('/main', [*steps(0, 1), *steps(1.5, 3)])])
+    report = check(source, 'forall r in Robot: always Power[r] < 5', files)
+    assert report.error is not None
+    assert report.error.code is ExitCode.CONSTRAINT_VIOLATION
+    assert report.error.message.endswith('; the recording has no topic /spare')
+
+
+def test_states_that_break_a_rule_at_the_end_are_no_success() -> None:
+    # Samples of /a wait for those of /b, until there are too many.
+    waiting = series('/a', [0.001 * n for n in range(20_000)])
+    source = recording([*waiting, sample('/b', 0, p=1.0)])
+    report = check(source, 'always "/a".p < "/b".p + 5')
+    assert report.outcome is Outcome.ERROR
+    assert 'buffer' in str(report.error)
+
+
+def test_a_topic_that_falls_silent() -> None:
+    source = recording([*series('/a', steps(0, 1)), *series('/b', steps(0, 9))])
+    report = check(source, 'always "/a".p < 5')
+    assert (report.outcome, report.waits_for) == ('undecided', '/a has fallen silent')
+    assert check(source, 'always "/b".p < 5').waits_for == ''
+
+
+def test_a_stand_in_replaces_a_broken_stream(files: MonitoringFiles) -> None:
+    main = series('/main', [*steps(0, 1), *steps(1.5, 3)])
+    spare = [*series('/spare', steps(0, 2.95, 0.2)), sample('/spare', 3.0, p=7.0)]
+    report = check(recording([*main, *spare]), 'always Power[r1] < 5', files)
+    (episode,) = report.episodes
+    assert (episode.verdict, episode.decided_at) == (Verdict.FALSE, at(3.0))
+    (gap,) = report.gaps
+    assert gap.after == at(0.9)
+    assert gap.before == at(1.2)
+    assert 'states are made of select power as "Power[r1]" from spare' in report.events[0]
+
+
+def test_a_verdict_that_depends_on_a_gap_is_an_error(files: MonitoringFiles) -> None:
+    main = series('/main', [*steps(0, 1), *steps(1.5, 3)])
+    source = recording([*main, *series('/spare', steps(0, 3, 0.2))])
+    report = check(source, 'eventually[0 s, 1 s] Power[r1] > 5', files)
+    assert report.outcome is Outcome.ERROR
+    assert 'states that are missing' in str(report.episodes[0].error)
+
+
+def test_a_silent_topic_is_replaced(files: MonitoringFiles) -> None:
+    ssl = files.annotations[0]
+    ssl.write_text('stream "/a" contains Power[r1] = p; stream "/b" contains Power[r1] = p')
+    spare = [*series('/b', steps(0, 12, 0.2)), sample('/b', 12.5, p=7.0)]
+    report = check(recording([*series('/a', steps(0, 1)), *spare]), 'always Power[r1] < 5', files)
+    assert report.episodes[0].decided_at == at(12.5)
+    assert "topic '/a' has been silent for 5 s" in report.events[0]
+
+
+def test_an_overdue_stream_without_a_stand_in(files: MonitoringFiles) -> None:
+    source = recording([*series('/a', steps(0, 1)), *series('/other', steps(0, 12))])
+    files.streams[0].write_text(
+        'stream main = select p as power from "/a" with sample_period = 100 ms; sink main'
+    )
+    files.annotations[0].write_text('stream main contains Power[r1] = power')
+    report = check(source, 'always Power[r1] < 5', files)
+    # The topics that no formula uses still tell how long the recording is.
+    assert report.error is not None
+    assert report.error.code is ExitCode.UNAVAILABLE
+    assert report.error.message == "topic '/a' has been silent for 5 s"
+
+
+def test_late_samples_are_put_in_order(tmp_path: Path) -> None:
+    path = tmp_path / 'a.streams'
+    path.write_text('stream a = select p from "/a" with max_delay = 300 ms; sink a')
+    late = [sample('/a', 0.1 * n, delay=0.25 * (n == 5), p=float(n)) for n in range(20)]
+    report = check(recording(late), 'always a.p != 5', MonitoringFiles(streams=(path,)))
+    assert report.episodes[0].decided_at == at(0.5)
+    report = check(recording(late), 'always "/a".p != 5')
+    assert report.error is not None
+    assert 'valid_time_order' in report.error.message
+
+
+@pytest.mark.parametrize(
+    ('broken', 'text'),
+    [
+        (RecordedSample(at(1), '/a', TYPE, -5, {'p': 1.0}), 'stamped with a time before 1970'),
+        (
+            RecordedSample(at(1), '/a', 'a/msg/B', at(1), {'p': 1.0}),
+            'type of the topic has changed',
+        ),
+    ],
+)
+def test_messages_that_cannot_be_used(broken: RecordedSample, text: str) -> None:
+    report = check(recording([*series('/a', steps(0, 0.9)), broken]), 'always "/a".p < 5')
+    assert report.error is not None
+    assert text in report.error.message
+
+
+def test_zero_stamps_are_replaced_by_the_time_of_recording() -> None:
+    unset = [RecordedSample(at(n), '/a', TYPE, 0, {'p': float(n)}) for n in range(3)]
+    report = evaluate_recording(recording(unset), [RequestedFormula('always "/a".p < 2')])
+    assert report.formulas[0].episodes[0].decided_at == at(2)
+    assert report.notes == ("topic '/a' leaves stamps at zero: the time of recording is used",)
+
+
+def test_a_topic_without_stamps() -> None:
+    plain = [RecordedSample(at(n), '/a', TYPE, None, {'p': float(n)}) for n in range(3)]
+    assert check(recording(plain), 'always "/a".p < 2').episodes[0].decided_at == at(2)
+
+
+def test_a_table_has_features_for_fields() -> None:
+    rows = [sample('states', n, **{'Power[u1]': float(n), 'Power[u2]': 1.0}) for n in range(4)]
+    files = MonitoringFiles(domains={'UAV': ('u1', 'u2')})
+    report = check(recording(rows), 'forall u in UAV: always Power[u] < 3', files)
+    assert report.episodes[0].decided_at == at(3)
+
+
+def test_an_episode_at_every_state() -> None:
+    source = recording([*series('/a', [0, 1, 3]), sample('/a', 2, p=9.0)])
+    start = EpisodeStart(every=Every.STATE)
+    report = check(source, 'eventually[0 s, 1 s] "/a".p > 5', start=start)
+    found = [(each.begin, each.outcome, each.decided_at) for each in report.episodes]
+    assert found == [
+        (at(0), 'false', at(1)),
+        (at(1), 'true', at(2)),
+        (at(2), 'true', at(2)),
+        (at(3), 'undecided', None),
+    ]
+
+
+def test_an_episode_at_each_rising_edge() -> None:
+    values = [0, 0, 1, 1, 0, 1, 1]
+    source = recording(
+        [sample('/a', n, up=float(each), v=float(n)) for n, each in enumerate(values)]
+    )
+    start = EpisodeStart(every=Every.TRIGGER, trigger='"/a".up > 0.5')
+    report = check(source, 'always[0 s, 1 s] "/a".v < 6', start=start)
+    found = [(each.begin, each.outcome, each.decided_at) for each in report.episodes]
+    assert found == [(at(2), 'true', at(3)), (at(5), 'false', at(6))]
+
+
+def test_a_trigger_that_looks_ahead_is_refused() -> None:
+    start = EpisodeStart(every=Every.TRIGGER, trigger='eventually "/a".p > 5')
+    error = check(recording(series('/a', steps(0, 1))), 'always "/a".p < 5', start=start).error
+    assert error is not None
+    assert 'is not decided by one state' in error.message
+
+
+def test_the_begin() -> None:
+    source = recording([*series('/a', steps(0, 1), 9.0), *series('/a', steps(1, 2), 1.0)])
+    start = EpisodeStart(begin=at(1))
+    report = check(source, 'always "/a".p < 5', start=start)
+    assert (report.episodes[0].begin, report.outcome) == (at(1), 'undecided')
+    late = check(source, 'always "/a".p < 5', start=EpisodeStart(begin=at(9)))
+    assert late.error is not None
+    assert late.error.message == 'the recording has no state: it ends too early'
+
+
+def test_a_broken_stream_is_named_where_it_is_used(files: MonitoringFiles) -> None:
+    files.streams[0].write_text('stream main = select q as power from "/main"; sink main')
+    source = recording(series('/main', steps(0, 1)))
+    report = evaluate_recording(source, [RequestedFormula('always Power[r1] < 5')], files)
+    error = report.formulas[0].error
+    assert error is not None
+    assert "stream 'main' cannot be made" in error.message
+    assert "no field 'q'" in error.message
+
+
+def test_files_that_cannot_be_read() -> None:
+    files = MonitoringFiles(streams=(Path('nowhere.streams'),))
+    with pytest.raises(DyKnowError, match=r'cannot read the streams in nowhere.streams'):
+        evaluate_recording(recording(series('/a', [0])), [RequestedFormula('true')], files)
+
+
+def test_a_jump_of_years_ends() -> None:
+    early = RecordedSample(0, '/a', TYPE, 1, {'p': 1.0})
+    source = recording([early, *series('/a', steps(0, 1))])
+    assert check(source, 'always "/a".p < 5').outcome is Outcome.UNDECIDED

@@ -1,0 +1,111 @@
+"""Recordings whose states come from a stand-in after a fault, against a reference with a gap."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from unittest import mock
+
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from recorded import TYPE, RecordedSample, at, recording
+
+from dyknow_common import ExitCode, Verdict
+from dyknow_reasoning import FormulaGroup, FormulaResult
+from dyknow_recordings.errors import RecordingError
+from dyknow_recordings.evaluation import evaluation
+from dyknow_recordings.evaluation.results import FormulaReport, RequestedFormula
+from dyknow_recordings.evaluation.vocabulary import NoVocabulary
+
+MS = 1_000_000
+FORMULAS = (
+    'always Power < 4',
+    'eventually Power > 3',
+    'always[0 s, 2 s] Power < 4',
+    'eventually[0 s, 2 s] Power > 3',
+    'always (Power > 3 -> eventually[0 s, 1 s] Power < 1)',
+    'Power < 4 until[1 s, 3 s] Power > 3',
+)
+MAIN = 'select p as Power from "/main" with max_delay = 50 ms, sample_period = 100 ms'
+MATCHES = (f'stream main = {MAIN}', 'stream spare = select p as Power from "/spare"')
+
+
+class TwoStreams(NoVocabulary):
+    """A vocabulary in which two streams carry Power."""
+
+    def matching_streams(self, concept: str) -> tuple[str, ...]:
+        if concept != 'Power':
+            raise RecordingError(f'no stream carries {concept}', ExitCode.NOT_FOUND)
+        return MATCHES
+
+
+@contextmanager
+def two_streams() -> Iterator[None]:
+    with mock.patch.object(evaluation, 'load_vocabulary', return_value=TwoStreams({})):
+        yield
+
+
+def series(topic: str, values: Sequence[int], first: int, period: int) -> list[RecordedSample]:
+    times = [at(0) + (first + n * period) * MS for n in range(len(values))]
+    return [
+        RecordedSample(time, topic, TYPE, time, {'p': value})
+        for time, value in zip(times, values, strict=True)
+    ]
+
+
+def reference(
+    formula: str,
+    main: Sequence[RecordedSample],
+    spare: Sequence[RecordedSample],
+    found: FormulaReport,
+) -> FormulaResult | None:
+    """The result over the states of the first stream up to its fault, and then of the second."""
+    (violation,) = found.violations
+    group = FormulaGroup()
+    group.add_formula('', formula)
+    group.begin({})
+    before = [each for each in main if each.log_time <= violation.available_time]
+    after = [each for each in spare if each.log_time > violation.available_time]
+    for each in before:
+        if results := group.progress(each.log_time, {'Power': each.fields['p']}):
+            return results[0]
+    group.gap()
+    for each in after:
+        if results := group.progress(each.log_time, {'Power': each.fields['p']}):
+            return results[0]
+    return None
+
+
+VALUES = st.lists(st.sampled_from([0, 2, 2, 2, 5]), min_size=1, max_size=12)
+
+
+@settings(max_examples=50)
+@given(VALUES, VALUES, st.sampled_from(FORMULAS))
+def test_a_stand_in_after_a_gap(first: list[int], second: list[int], formula: str) -> None:
+    main = series('/main', first, 0, 100)
+    # The stand-in has samples before the fault, too: they are not used.
+    spare = series('/spare', [5, *second], 100 * len(main) - 95, 170)
+    end = RecordedSample(at(9), '/end', TYPE, None, {'p': 0})
+    with two_streams():
+        report = evaluation.evaluate_recording(
+            recording([*main, *spare, end]), [RequestedFormula(formula)]
+        )
+    (found,) = report.formulas
+    (episode,) = found.episodes
+    if not found.violations:
+        # It was decided before the fault.
+        assert episode.verdict is not Verdict.UNDECIDED
+        return
+    expected = reference(formula, main, spare, found)
+    if expected is None:
+        # The stand-in may have had no sample: then what is undecided is an error.
+        assert episode.verdict is Verdict.UNDECIDED
+        assert (found.error is not None) == (not [each for each in found.gaps if each.before])
+    elif expected.error is not None:
+        assert str(episode.error) == str(expected.error)
+    else:
+        assert (episode.verdict, episode.decided_at, episode.explanation) == (
+            expected.verdict,
+            expected.decided_at,
+            expected.explanation,
+        )

@@ -1,0 +1,411 @@
+"""Pages and images of checked recordings."""
+
+from __future__ import annotations
+
+import json
+import re
+import sys
+from collections.abc import Iterator
+from html.parser import HTMLParser
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import pytest
+from recorded import ListedSamples, at, recording, sample
+
+from dyknow_common import SECOND_NS, DyKnowError, Verdict
+from dyknow_recordings.check import main
+from dyknow_recordings.errors import RecordingError
+from dyknow_recordings.evaluation.episodes import FROM_FIRST_STATE, EpisodeStart, Every
+from dyknow_recordings.evaluation.evaluation import evaluate_recording
+from dyknow_recordings.evaluation.results import (
+    Episode,
+    FormulaReport,
+    Outcome,
+    RecordingReport,
+    RequestedFormula,
+    StateGap,
+)
+from dyknow_recordings.evaluation.vocabulary import MonitoringFiles
+from dyknow_recordings.reporting.judgement import Judgement
+from dyknow_recordings.reporting.pictures.files import PictureFiles
+from dyknow_recordings.reporting.pictures.image import write_image
+from dyknow_recordings.reporting.pictures.page import report_page
+from dyknow_recordings.reporting.pictures.panels import MAX_PANELS, Threshold, marks, panels
+from dyknow_recordings.reporting.pictures.timeline import (
+    MAX_SEGMENTS,
+    Span,
+    extent,
+    pending_windows,
+    segments,
+)
+from dyknow_stream_processing import Violation
+
+pytest.importorskip('plotly')
+pytest.importorskip('matplotlib')
+
+HOSTILE = '<script>alert(1)</script><b title="x">&amp;$x_{'
+
+
+def source(values: list[float], topic: str = '/a') -> ListedSamples:
+    return recording([sample(topic, n / 10, p=float(each)) for n, each in enumerate(values)])
+
+
+def checked(
+    *formulas: str,
+    values: list[float],
+    start: EpisodeStart = FROM_FIRST_STATE,
+    name: str = '',
+) -> RecordingReport:
+    requested = [RequestedFormula(each, name) for each in formulas]
+    return evaluate_recording(source(values), requested, start=start, keep_signals=True)
+
+
+def page(*reports: RecordingReport, unread: tuple[str, ...] = ()) -> str:
+    return report_page(reports, unread, Judgement.AUTO)
+
+
+def data_of(text: str) -> Any:
+    return json.loads(
+        re.findall(r'<script type="application/json" id="data">(.*?)</script>', text)[0]
+    )
+
+
+class Outline(HTMLParser):
+    """The elements of a page, and its text without scripts."""
+
+    def __init__(self, text: str) -> None:
+        super().__init__()
+        self.tags: list[str] = []
+        self.text = ''
+        self.open: list[str] = []
+        self.feed(text)
+
+    def handle_starttag(self, tag: str, attrs: Any) -> None:  # noqa: ARG002
+        self.tags.append(tag)
+        if tag not in {'meta', 'br'}:
+            self.open.append(tag)
+
+    def handle_endtag(self, tag: str) -> None:
+        assert self.open.pop() == tag
+
+    def handle_data(self, data: str) -> None:
+        if self.open[-1:] != ['script']:
+            self.text += data
+
+
+def outcomes(formula: FormulaReport, whole: Span) -> list[tuple[Span, str]]:
+    return [(each.span, each.outcome) for each in segments(formula, whole)]
+
+
+def test_the_outcome_over_time() -> None:
+    texts = (
+        'always "/a".p < 5',
+        'always "/a".p < 50',
+        'always',
+        'eventually "/a".p >= 0',
+        'always "/b".p < 5',
+    )
+    report = checked(*texts, values=[*range(10)])
+    whole = extent(report)
+    assert (whole.start, whole.end) == (at(0), at(0.9))
+    assert [outcomes(each, whole) for each in report.formulas] == [
+        [(Span(at(0), at(0.5)), 'undecided'), (Span(at(0.5), at(0.9)), 'false')],
+        [(whole, 'undecided')],
+        [(whole, 'error')],
+        [(whole, 'true')],
+        [(whole, 'error')],
+    ]
+
+
+@pytest.mark.parametrize(
+    ('episode', 'expected'),
+    [
+        (Episode(at(1), Verdict.TRUE, at(1)), [(1, 3, 'true')]),
+        (Episode(at(1), Verdict.TRUE, at(3)), [(1, 3, 'undecided'), (3, 3, 'true')]),
+        (Episode(None, Verdict.FALSE), [(0, 3, 'false')]),
+        (Episode(at(1), error=RecordingError('x')), [(1, 3, 'error')]),
+    ],
+)
+def test_the_outcome_of_an_episode_over_time(
+    episode: Episode, expected: list[tuple[float, float, str]]
+) -> None:
+    assert outcomes(FormulaReport('f', 'f', (episode,)), Span(at(0), at(3))) == [
+        (Span(at(start), at(end)), outcome) for start, end, outcome in expected
+    ]
+
+
+def test_many_episodes_become_few_segments_with_the_worst_outcome() -> None:
+    episodes = tuple(
+        Episode(at(n), Verdict.FALSE if n == 777 else Verdict.TRUE, at(n)) for n in range(5000)
+    )
+    found = segments(FormulaReport('f', 'f', episodes), Span(at(0), at(5000)))
+    assert len(found) == 3
+    assert found[1].outcome is Outcome.FALSE
+    assert found[1].span.start <= at(777) <= found[1].span.end
+    assert all(a.span.end == b.span.start for a, b in pairwise(found))
+    alternating = tuple(Episode(at(n), Verdict(1 + n % 2), at(n)) for n in range(5000))
+    many = segments(FormulaReport('f', 'f', alternating), Span(at(0), at(5000)))
+    assert len(many) <= MAX_SEGMENTS + 1
+
+
+def test_thresholds_of_atoms_in_any_form() -> None:
+    report = checked(
+        'always (3 > "/a".p and "/a".p <= 5 and "/a".p < 3 and "/a".p != -2.5)', values=[1, 2]
+    )
+    (panel,), omitted = panels(report.formulas[0])
+    assert omitted == 0
+    assert panel.thresholds == (
+        Threshold(3.0, '< 3'),
+        Threshold(5.0, '<= 5'),
+        Threshold(-2.5, '!= -2.5'),
+    )
+
+
+def test_signals_that_are_compared_share_a_panel() -> None:
+    samples = [sample(topic, n / 10, p=float(n)) for n in range(5) for topic in ('/a', '/b')]
+    text = 'always ("/a".p <= "/b".p and "/a".p < 9)'
+    report = evaluate_recording(recording(samples), [RequestedFormula(text)], keep_signals=True)
+    found, _ = panels(report.formulas[0])
+    assert [[each.name for each in panel.signals] for panel in found] == [
+        ['"/a".p', '"/b".p'],
+        ['"/a".p'],
+    ]
+
+
+def test_the_windows_of_pending_obligations() -> None:
+    report = checked('eventually[1 s, 3 s] "/a".p > 5 and always "/a".p < 9', values=[1, 2, 3])
+    (episode,) = report.formulas[0].episodes
+    assert pending_windows(episode, at(0.2)) == [Span(at(1), at(3))]
+    found = marks(report.formulas[0], extent(report))
+    assert found.pending == (Span(at(1), at(3)),)
+
+
+def test_a_distant_window_does_not_squeeze_the_recording() -> None:
+    report = checked('eventually[0 s, 9 s] "/a".p > 5', values=[1] * 31)
+    (figure,) = data_of(page(report))['formulas']
+    assert figure['marks']['pending'] == [[3.0, 9.0]]
+    assert figure['range'] == pytest.approx([-0.04, 4.04])
+
+
+def test_the_windows_that_a_verdict_is_about() -> None:
+    report = checked(
+        'always ("/a".p > 5 -> eventually[0 s, 300 ms] "/a".p < 1)', values=[1, 6, 2, 2, 2, 2]
+    )
+    found = marks(report.formulas[0], extent(report))
+    assert found.windows == (Span(at(0.1), at(0.4)),)
+    assert [(each.time, each.verdict) for each in found.deciding] == [(at(0.4), 'false')]
+    assert found.deciding[0].values == {'"/a".p': 2.0}
+
+
+def fleet(count: int) -> Iterator[RecordingReport]:
+    """A recording of many robots, of which the last breaks the formula."""
+    names = tuple(f'u{n}' for n in range(count))
+    samples = [
+        sample('/fleet', n / 10, **{f'P[{name}]': float(n * (name == names[-1])) for name in names})
+        for n in range(10)
+    ]
+    files = MonitoringFiles(domains={'Robot': names})
+    formula = RequestedFormula('forall u in Robot: always P[u] < 5')
+    yield evaluate_recording(recording(samples), [formula], files, keep_signals=True)
+
+
+def test_the_deciding_object_comes_first_of_many() -> None:
+    (report,) = fleet(MAX_PANELS + 6)
+    found, omitted = panels(report.formulas[0])
+    assert (len(found), omitted) == (MAX_PANELS, 6)
+    assert [each.objects for each in found[:3]] == [f'u = u{MAX_PANELS + 5}', 'u = u0', 'u = u1']
+    assert [each.is_decisive for each in found[:2]] == [True, False]
+    text = Outline(page(report)).text
+    assert 'decides' in text
+    assert '6 more are not shown' in text
+
+
+def test_a_page_is_complete_and_needs_no_network() -> None:
+    report = checked('always "/a".p < 5', 'eventually "/a".p > 50', 'always', values=[*range(9)])
+    text = page(report, unread=('b.mcap: broken',))
+    outline = Outline(text)
+    assert outline.open == []
+    assert outline.tags.count('details') == 3
+    for expected in (
+        '2 recordings, 0 of 3 formulas pass (1 error, 1 false, 1 undecided), 1 not checked',
+        'b.mcap: broken',
+        '"/a".p = 5.0 at 1700000000.500 s is not < 5',
+        'an obligation was not met; what remains: eventually ("/a".p > 50)',
+        'does not pass',
+    ):
+        assert expected in outline.text
+    # The script of plotly is within the page, and no element loads anything.
+    assert 'plotly.js v' in text
+    assert not re.findall(
+        r'<(?:script|link|img|iframe)[^>]+(?:src|href)=', text.replace(plotly(), '')
+    )
+    data = data_of(text)
+    assert len(data['formulas']) == 3
+    assert data['signals'][0]['v'] == [*range(9)]
+    assert data['signals'][0]['t'][-1] == 0.8
+
+
+def plotly() -> str:
+    from dyknow_recordings.reporting.pictures.libraries import plotly_script  # noqa: PLC0415
+
+    return plotly_script()
+
+
+def test_all_texts_are_escaped() -> None:
+    report = checked('always "/a".p < 5', values=[*range(9)], name=HOSTILE)
+    (formula,) = report.formulas
+    violation = Violation(HOSTILE, HOSTILE, at(0.1), at(0.2), 1, 1, HOSTILE)
+    hostile = RecordingReport(
+        HOSTILE,
+        report.start_time,
+        report.end_time,
+        (
+            FormulaReport(
+                HOSTILE,
+                formula.formula,
+                (
+                    Episode(at(0), Verdict.FALSE, at(0.5), HOSTILE),
+                    Episode(at(1), error=RecordingError(HOSTILE)),
+                ),
+                RecordingError(HOSTILE),
+                9,
+                (),
+                (violation,),
+                (StateGap(at(0.2), None),),
+                (HOSTILE,),
+                HOSTILE,
+                formula.signals,
+            ),
+            FormulaReport(HOSTILE, HOSTILE, error=RecordingError(HOSTILE)),
+        ),
+        (HOSTILE,),
+    )
+    text = page(hostile, unread=(HOSTILE,))
+    outline = Outline(text)
+    assert outline.text.count(HOSTILE) >= 12
+    assert outline.tags.count('script') == 3
+    assert '<script>alert' not in text
+
+
+def test_hostile_names_of_signals_and_texts_in_the_data() -> None:
+    topic = '/</script><script>alert(1)</script>'
+    samples = [sample(topic, n / 10, state='</script><img src=x>') for n in range(3)]
+    requested = [RequestedFormula(f'always "{topic}".state = "up"')]
+    report = evaluate_recording(recording(samples), requested, keep_signals=True)
+    text = page(report)
+    assert Outline(text).open == []
+    assert Outline(text).tags.count('img') == 0
+    (signal,) = data_of(text)['signals']
+    assert signal['name'].count('&lt;') == 3
+    assert signal['words'] == ['&lt;/script&gt;&lt;img src=x&gt;']
+
+
+def test_a_recording_without_states() -> None:
+    report = checked('always "/b".p < 5', values=[1.0, float('nan')])
+    assert 'the recording has no topic /b' in Outline(page(report)).text
+
+
+def test_values_that_json_cannot_hold() -> None:
+    report = checked('"/a".p < 5', values=[1.0, float('nan'), float('inf')])
+    assert data_of(page(report))['signals'][0]['v'] == [1, None, None]
+
+
+def test_stamps_far_from_the_log_times() -> None:
+    samples = [sample('/a', n / 10, delay=-1e8, p=1.0) for n in range(5)]
+    report = evaluate_recording(
+        recording(samples), [RequestedFormula('always "/a".p < 5')], keep_signals=True
+    )
+    whole = extent(report)
+    assert whole.end - whole.start < 10 * SECOND_NS
+
+
+@pytest.mark.parametrize(
+    ('seconds', 'ticks', 'unit'),
+    [(1e-8, 1, 's'), (4.5, 5, 's'), (31, 4, 's'), (400, 4, 'min'), (86_400, 5, 'h')],
+)
+def test_ticks(seconds: float, ticks: int, unit: str) -> None:
+    whole = Span(0, round(seconds * SECOND_NS))
+    assert whole.unit == unit
+    assert ticks <= len(whole.ticks) <= 6
+    assert all(0 <= each <= whole.end for each in whole.ticks)
+
+
+def test_an_image(tmp_path: Path) -> None:
+    (many,) = fleet(9)
+    report = checked('always "/a".p < 5', 'always', values=[*range(9)], name='costs $5 or $6_x')
+    every = checked(
+        'eventually[0 s, 200 ms] "/a".p > 5',
+        values=[*range(9)],
+        start=EpisodeStart(every=Every.STATE),
+    )
+    path = tmp_path / 'image.png'
+    write_image(path, [many, report, every], Judgement.AUTO)
+    assert path.read_bytes()[:8] == b'\x89PNG\r\n\x1a\n'
+    write_image(path, [], Judgement.AUTO)
+    assert path.stat().st_size > 0
+
+
+@pytest.fixture
+def trace(tmp_path: Path) -> Path:
+    from rosbags.rosbag2 import StoragePlugin, Writer  # noqa: PLC0415
+    from rosbags.typesys import Stores, get_typestore  # noqa: PLC0415
+
+    types = get_typestore(Stores.ROS2_JAZZY)
+    message = types.types['std_msgs/msg/Float64']
+    path = tmp_path / 'flight'
+    with Writer(path, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
+        connection = writer.add_connection('/h', 'std_msgs/msg/Float64', typestore=types)
+        for n in range(10):
+            data = types.serialize_cdr(message(data=float(n)), 'std_msgs/msg/Float64')
+            writer.write(connection, at(n), data)
+    return path
+
+
+def test_the_options_of_the_command(trace: Path, tmp_path: Path) -> None:
+    html, png = tmp_path / 'a.html', tmp_path / 'a.png'
+    arguments = [str(trace), '--formula', 'always "/h".data < 5', '--html', str(html)]
+    assert main([*arguments, '--png', str(png)]) == 1
+    assert '"/h".data = 5.0' in Outline(html.read_text()).text
+    assert png.stat().st_size > 0
+    # A recording that cannot be read is on the page too.
+    (tmp_path / 'broken.mcap').write_text('no recording')
+    assert main([str(tmp_path / 'broken.mcap'), *arguments]) == 2
+    assert 'broken.mcap' in Outline(html.read_text()).text
+
+
+@pytest.mark.parametrize(('option', 'library'), [('--html', 'plotly'), ('--png', 'matplotlib')])
+def test_a_missing_library_is_named_before_the_work(
+    option: str,
+    library: str,
+    trace: Path,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.setitem(sys.modules, library, None)
+    assert main([str(trace), '--formula', 'always "/h".data < 5', option, str(tmp_path / 'x')]) == 2
+    captured = capsys.readouterr()
+    assert captured.out == ''
+    assert f'{option} needs {library}' in captured.err
+    assert f'pip install {library}' in captured.err
+
+
+def test_topics_are_not_drawn(trace: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main([str(trace), '--topics', '--png', 'x.png']) == 2
+    assert 'leave out --html and --png' in capsys.readouterr().err
+
+
+def test_files_that_cannot_be_written(tmp_path: Path) -> None:
+    for path, reason in ((tmp_path, 'is a folder'), (tmp_path / 'x' / 'y', 'there is no folder')):
+        with pytest.raises(DyKnowError, match=reason):
+            PictureFiles(path, None, Judgement.AUTO)
+    with pytest.raises(DyKnowError, match='cannot be written'):
+        PictureFiles(Path('/proc/none.html'), None, Judgement.AUTO).close(())
+
+
+def test_what_an_interruption_leaves_unchecked_is_on_the_page(tmp_path: Path) -> None:
+    pictures = PictureFiles(tmp_path / 'a.html', None, Judgement.AUTO)
+    pictures.close(('b.mcap',))
+    assert 'b.mcap: not checked: interrupted' in Outline((tmp_path / 'a.html').read_text()).text

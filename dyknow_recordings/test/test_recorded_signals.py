@@ -1,0 +1,204 @@
+"""Signals of evaluations: all extremes, in bounded memory."""
+
+from __future__ import annotations
+
+import pickle
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from recorded import at, recording, sample
+
+from dyknow_recordings.evaluation import observation
+from dyknow_recordings.evaluation.episodes import EpisodeStart, Every
+from dyknow_recordings.evaluation.evaluation import evaluate_recording
+from dyknow_recordings.evaluation.observation import (
+    MAX_DECIDING_STATES,
+    MAX_POINTS,
+    MAX_SIGNALS,
+    MAX_SPANS,
+    Signal,
+    SignalRecorder,
+    terms_of,
+)
+from dyknow_recordings.evaluation.results import RequestedFormula
+
+STEPS = st.lists(st.integers(1, 10**6), min_size=1, max_size=400)
+NAN = float('nan')
+
+
+def recorder(*formulas: str, **domains: tuple[str, ...]) -> SignalRecorder:
+    return SignalRecorder(terms_of(formulas, domains), domains)
+
+
+def signal(found: SignalRecorder, name: str) -> Signal:
+    return found.result().signals[name]
+
+
+def feed(
+    found: SignalRecorder, times: Sequence[int], blocks: Sequence[int], **columns: Any
+) -> None:
+    """Give the states in blocks of some sizes."""
+    first = 0
+    for size in [*blocks, len(times)]:
+        part = slice(first, first + size)
+        if times[part]:
+            found.states(times[part], {name: each[part] for name, each in columns.items()})
+        first += size
+
+
+@settings(max_examples=60, deadline=None)
+@given(
+    STEPS,
+    st.integers(0, 2**32 - 1),
+    st.lists(st.integers(1, 60), max_size=20),
+    st.sampled_from([0.0, 0.3]),
+)
+def test_a_long_signal_keeps_its_extremes(
+    steps: list[int], seed: int, blocks: list[int], missing: float
+) -> None:
+    random = np.random.default_rng(seed)
+    times = [int(each) for each in np.cumsum(steps)]
+    values = random.normal(size=len(times)).round(1)
+    values[random.random(len(times)) < missing] = NAN
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(observation, 'MAX_SPANS', 10)
+        patch.setattr(observation, 'MAX_POINTS', 50)
+        found = recorder('always a < 1')
+        feed(found, times, blocks, a=list(values))
+        kept = signal(found, 'a')
+        width = found._signals['a'].width
+    assert len(kept.times) <= 50
+    # Each point is one of the states.
+    known = dict(zip(times, values, strict=True))
+    np.testing.assert_array_equal([known[int(time)] for time in kept.times], kept.values)
+    # In each span of time, the least and the greatest value are those of all states.
+    all_times = np.array(times)
+    for span in np.unique(all_times // width):
+        of_all = values[all_times // width == span]
+        of_kept = kept.values[kept.times // width == span]
+        assert np.isnan(of_all).any() == np.isnan(of_kept).any()
+        if not np.isnan(of_all).all():
+            assert (np.nanmin(of_all), np.nanmax(of_all)) == (
+                np.nanmin(of_kept),
+                np.nanmax(of_kept),
+            )
+            is_known = ~np.isnan(of_all)
+            assert (
+                of_all[is_known][[0, -1]].tolist() == of_kept[~np.isnan(of_kept)][[0, -1]].tolist()
+            )
+
+
+def test_the_memory_is_flat_in_the_number_of_states() -> None:
+    found = recorder('always a < 1')
+    for block in range(200):
+        times = np.arange(block * 5000, (block + 1) * 5000) * 10_000_000
+        found.states(times, {'a': np.sin(times / 1e9)})
+        assert len(found._signals['a'].times) <= MAX_POINTS
+    assert len(signal(found, 'a').times) >= MAX_SPANS
+
+
+def test_short_signals_are_kept_whole() -> None:
+    found = recorder('always a < 1')
+    times = list(range(0, MAX_POINTS * 7, 7))
+    feed(found, times, [1] * 100, a=[n % 13 for n in times])
+    kept = signal(found, 'a')
+    assert kept.times.tolist() == times
+    assert kept.values.tolist() == [n % 13 for n in times]
+
+
+def test_booleans_texts_missing_values_and_arithmetic() -> None:
+    found = recorder('always (p and state = "up" and 2 * a + b < 3)')
+    for time, p, state, a in ((1, True, 'up', 1), (2, False, 'down', None), (3, True, 'up', 4)):
+        found.states([time], {'p': [p], 'state': [state], 'a': [a], 'b': [0.5]})
+    found.states([4], {'p': [True], 'a': [1], 'b': [0.5]})
+    assert signal(found, 'p').words == ('false', 'true')
+    assert signal(found, 'p').values.tolist() == [1, 0, 1, 1]
+    assert signal(found, 'state').words == ('up', 'down')
+    np.testing.assert_array_equal(signal(found, 'state').values, [0, 1, 0, NAN])
+    np.testing.assert_array_equal(signal(found, '(2 * a) + b').values, [2.5, NAN, 8.5, 2.5])
+
+
+def test_texts_without_number_are_few() -> None:
+    found = recorder('always state = "up"')
+    found.states(list(range(1, 1001)), {'state': [str(n) for n in range(1000)]})
+    assert len(signal(found, 'state').words) <= 22
+
+
+def test_a_division_by_zero_is_a_missing_value() -> None:
+    found = recorder('always 1 / a < 3')
+    found.states([1, 2], {'a': [0, 0.5]})
+    assert signal(found, '1 / a').values.tolist()[1] == 2
+
+
+def test_states_out_of_order_are_left_out() -> None:
+    found = recorder('always a < 1')
+    found.states([1, 5, 3, 5, 7], {'a': [1, 2, 3, 4, 5]})
+    found.states([6], {'a': [6]})
+    assert signal(found, 'a').times.tolist() == [1, 5, 7]
+    assert signal(found, 'a').values.tolist() == [1, 2, 5]
+
+
+def test_a_gap_interrupts_the_signals() -> None:
+    found = recorder('always a < b')
+    found.gap()
+    found.states([1], {'a': [1], 'b': [2]})
+    found.gap()
+    found.states([5], {'a': [3], 'b': [4]})
+    for name, values in (('a', [1, NAN, 3]), ('b', [2, NAN, 4])):
+        assert signal(found, name).times.tolist() == [1, 2, 5]
+        np.testing.assert_array_equal(signal(found, name).values, values)
+
+
+def test_the_values_of_deciding_states() -> None:
+    found = recorder('always a < 1')
+    found.states(list(range(1, 10_001)), {'a': list(range(1, 10_001))})
+    found.decided(7777)
+    found.states([10_001], {'a': [-1]})
+    found.decided(10_001)
+    found.decided(99_999)
+    for time in range(1, 500):
+        found.decided(time)
+    deciding = found.result().deciding
+    assert deciding[7777] == {'a': 7777.0}
+    assert deciding[10_001] == {'a': -1.0}
+    assert 99_999 not in deciding
+    assert len(deciding) <= MAX_DECIDING_STATES
+
+
+def test_terms_for_all_objects_and_their_limit() -> None:
+    names = tuple(f'u{n}' for n in range(MAX_SIGNALS + 5))
+    found = recorder(
+        'forall u in S: u != u0 -> (exists v in W: A[u] < B[v])', S=names[:2], W=('w',)
+    )
+    assert [*found.result().signals] == ['A[u0]', 'B[w]', 'A[u1]']
+    many = recorder('forall u in S: always A[u] < 1', S=names).result()
+    assert (len(many.signals), many.omitted) == (MAX_SIGNALS, 5)
+
+
+def test_signals_go_on_after_the_deciding_state() -> None:
+    source = recording([sample('/a', n / 10, p=float(n)) for n in range(50)])
+    texts = ('always "/a".p < 20', 'eventually "/a".p > 30')
+    report = evaluate_recording(source, list(map(RequestedFormula, texts)), keep_signals=True)
+    first, second = report.formulas
+    assert first.episodes[0].decided_at == at(2.0)
+    assert first.signals is second.signals
+    assert first.signals is not None
+    assert len(first.signals.signals['"/a".p'].times) == 50
+    # Between processes, the formulas share them too.
+    copied = pickle.loads(pickle.dumps(report)).formulas  # noqa: S301 - our own
+    assert copied[0].signals is copied[1].signals
+    assert first.signals.deciding == {
+        at(2.0): {'"/a".p': 20.0},
+        at(3.1): {'"/a".p': 31.0},
+    }
+
+
+def test_without_a_report_nothing_is_kept() -> None:
+    source = recording([sample('/a', n / 10, p=1.0) for n in range(5)])
+    start = EpisodeStart(every=Every.STATE)
+    report = evaluate_recording(source, [RequestedFormula('"/a".p > 0')], start=start)
+    assert report.formulas[0].signals is None
