@@ -2,7 +2,6 @@
 
 from dyknow_bringup.demonstration.formulas import DescribedFormula, load_formulas
 from dyknow_bringup.errors import BringupError
-from dyknow_bringup.recordings.bag import Bag, QualityOfService, RecordedMessage, RecordedTopic
 from dyknow_bringup.recordings.recording import STORAGES, record
 from dyknow_bringup.recordings.replay import Replay, Schedule
 from dyknow_bringup.simulation.fleet import (
@@ -27,15 +26,11 @@ __all__ = [
     'MESSAGE_TYPES',
     'STORAGES',
     'TRANSPORT',
-    'Bag',
     'Battery',
     'BringupError',
     'Channel',
     'DescribedFormula',
     'Odometry',
-    'QualityOfService',
-    'RecordedMessage',
-    'RecordedTopic',
     'Replay',
     'Scenario',
     'Schedule',

@@ -1,9 +1,12 @@
+from math import inf
 from pathlib import Path
 
 import pytest
 
 from dyknow_bringup import BringupError, DescribedFormula, load_formulas
 from dyknow_reasoning import parse_formula
+from dyknow_recordings.markers.fences import Fence, fences
+from dyknow_recordings.markers.markers import DEFAULT_AXES
 
 ONE = '{name: power, formula: always p, description: A sentence.}'
 
@@ -46,3 +49,9 @@ def test_formulas_that_are_not_there(tmp_path: Path) -> None:
     with pytest.raises(BringupError) as error:
         load_formulas(tmp_path / 'none.yaml')
     assert str(error.value) == f'{tmp_path}/none.yaml: no such file'
+
+
+def test_the_fences_of_the_demonstration(formulas: dict[str, DescribedFormula]) -> None:
+    found = {name: fences(formula.formula, DEFAULT_AXES) for name, formula in formulas.items()}
+    assert {name for name, some in found.items() if some} == {'ceiling', 'geofence'}
+    assert found['geofence'] == (Fence((-30, -30, -inf), (60, inf, inf)),)

@@ -5,7 +5,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dyknow_bringup import BringupError, RecordedMessage, Replay, Schedule
+from dyknow_bringup import BringupError, Replay, Schedule
+from dyknow_recordings import RecordedMessage
 
 times = st.integers(0, 2 * 10**18)
 rates = st.floats(0.001, 1000)

@@ -1,1 +1,1 @@
-"""Reading, writing and replaying rosbag2 recordings without ROS."""
+"""Writing and replaying rosbag2 recordings without ROS."""

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from fractions import Fraction
 
 from dyknow_bringup.errors import BringupError
-from dyknow_bringup.recordings.bag import RecordedMessage
+from dyknow_recordings import RecordedMessage
 
 _MAX_RATE = 1_000_000
 

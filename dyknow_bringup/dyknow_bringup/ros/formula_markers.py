@@ -16,9 +16,8 @@ from std_msgs.msg import ColorRGBA
 from visualization_msgs.msg import Marker as MarkerMessage
 from visualization_msgs.msg import MarkerArray
 
-from dyknow_bringup.document import Point
 from dyknow_bringup.errors import BringupError
-from dyknow_bringup.markers.markers import Axes, Marker, formula_markers, objects_of
+from dyknow_common import SECOND_NS
 from dyknow_common.ros import (
     LATCHED,
     DyKnowNode,
@@ -28,11 +27,17 @@ from dyknow_common.ros import (
 )
 from dyknow_coordinator import EvaluationStatus
 from dyknow_coordinator.ros.reporting.evaluation_messages import status_from_message
-
-PERIOD_S = 0.2
-
-LIFETIME = Duration(sec=1)
-"""Viewers remove markers that are not published again within this time."""
+from dyknow_recordings.markers.fences import Point
+from dyknow_recordings.markers.markers import (
+    DEFAULT_AXES,
+    LIFETIME_NS,
+    ODOMETRY,
+    PERIOD_NS,
+    Axes,
+    Marker,
+    formula_markers,
+    objects_of,
+)
 
 WARNING_PERIOD_S = 60.0
 """Time between two warnings about vehicles in different frames."""
@@ -52,13 +57,11 @@ class FormulaMarkers(DyKnowNode):
         coordinator = self.parameter(
             'coordinator', 'stream_reasoning_coordinator', 'Name of the coordinator node.'
         )
-        self._odometry = self.parameter(
-            'odometry', '<vehicle>/odometry', 'Topic of the odometry of a vehicle.'
-        )
+        self._odometry = self.parameter('odometry', ODOMETRY, 'Topic of the odometry of a vehicle.')
         self._axes = self._checked_axes(
             self.parameter(
                 'axes',
-                ['East', 'North', 'Altitude'],
+                [*DEFAULT_AXES],
                 'The features that are the x, y and z of a vehicle, in the frame of its odometry.',
             )
         )
@@ -75,7 +78,7 @@ class FormulaMarkers(DyKnowNode):
             refusal=only_owner,
         )
         self._markers = self.create_publisher(MarkerArray, '~/markers', MARKERS)
-        self.create_timer(PERIOD_S, self._publish_markers, clock=self.wall_clock)
+        self.create_timer(PERIOD_NS / SECOND_NS, self._publish_markers, clock=self.wall_clock)
 
     def _checked_axes(self, axes: Any) -> Axes:
         try:
@@ -145,7 +148,7 @@ class FormulaMarkers(DyKnowNode):
             color=ColorRGBA(r=red, g=green, b=blue, a=opacity),
             points=[_point(point) for point in marker.points],
             text=marker.text,
-            lifetime=LIFETIME,
+            lifetime=Duration(sec=LIFETIME_NS // SECOND_NS),
         )
         message.header.frame_id = self._frame
         message.header.stamp = self.get_clock().now().to_msg()

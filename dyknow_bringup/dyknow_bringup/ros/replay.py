@@ -11,11 +11,11 @@ from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.utilities import remove_ros_args
 from rosgraph_msgs.msg import Clock as ClockMessage
 
-from dyknow_bringup.recordings.bag import Bag, QualityOfService
 from dyknow_bringup.recordings.replay import Replay, Schedule
 from dyknow_common import SECOND_NS
 from dyknow_common.executables import ERROR
 from dyknow_common.ros import DyKnowNode, nanoseconds_to_time, run, run_ros_main
+from dyknow_recordings import Bag, QualityOfService, RecordingFault
 from dyknow_stream_processing.ros import message_class
 
 PERIOD_S = 0.005
@@ -31,9 +31,11 @@ class ReplayNode(DyKnowNode):
     def __init__(self, options: argparse.Namespace) -> None:
         super().__init__('replay')
         self._bag = Bag(options.bag)
+        self._known_faults: tuple[RecordingFault, ...] = ()
+        self._report_faults()
         messages = self._bag.messages(options.topics)
         self._outputs = {
-            topic.name: self.create_publisher(
+            (topic.name, topic.message_type): self.create_publisher(
                 message_class(topic.message_type), topic.name, _qos(topic.quality_of_service)
             )
             for topic in self._bag.topics
@@ -54,10 +56,17 @@ class ReplayNode(DyKnowNode):
             time = nanoseconds_to_time(max(self._schedule.log_time(now), 1))
             self._clock_publisher.publish(ClockMessage(clock=time))
         for message in self._replay.due(now):
-            self._outputs[message.topic].publish(message.data)
+            self._outputs[message.topic, message.message_type].publish(message.data)
         if now > self._end:
+            self._report_faults()
             self.get_logger().info('the recording has been replayed')
             self.context.try_shutdown()
+
+    def _report_faults(self) -> None:
+        for fault in self._bag.faults:
+            if fault not in self._known_faults:
+                self.get_logger().warning(str(fault))
+        self._known_faults = self._bag.faults
 
 
 def _qos(offered: QualityOfService | None) -> QoSProfile:

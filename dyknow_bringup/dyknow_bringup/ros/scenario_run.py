@@ -25,8 +25,8 @@ from dyknow_bringup.resources import scenario_path, uav_ontology_path
 from dyknow_bringup.simulation.fleet import fleet_specification, vehicle_names
 from dyknow_bringup.simulation.scenario import load_scenario
 from dyknow_common import SECOND_NS, ExitCode
-from dyknow_common.executables import FALSE, SUCCESS
-from dyknow_common.ros import LATCHED, DyKnowNode, RemoteNode, interruptible
+from dyknow_common.executables import FALSE, SUCCESS, interruptible
+from dyknow_common.ros import LATCHED, DyKnowNode, RemoteNode
 from dyknow_common.tables import Terminal
 from dyknow_stream_processing import parse_specification, specifications_by_sink
 
@@ -53,15 +53,16 @@ class ScenarioRun(ABC):
     ) -> None:
         path = scenario_path(scenario)
         self._scenario = load_scenario(path)
-        names = vehicle_names(vehicles)
+        names = self._vehicles = vehicle_names(vehicles)
         self._scenario.check_fleet(names)
         self._fleet_streams = specifications_by_sink(
             parse_specification(fleet_specification(names))
         )
         self._simulation = uav_simulation(path, vehicles)
         self._launcher = launcher
-        configuration = write_fleet_configuration(names, uav_ontology_path(), folder)
-        self._processes = list(dyknow_processes(configuration))
+        self._folder = folder
+        self._configuration = write_fleet_configuration(names, uav_ontology_path(), folder)
+        self._processes = list(dyknow_processes(self._configuration))
         if markers:
             self._processes.append(formula_markers())
         self._console = Terminal()

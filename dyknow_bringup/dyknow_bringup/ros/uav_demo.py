@@ -9,24 +9,38 @@ import argparse
 import sys
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 from rclpy.utilities import remove_ros_args
 from rich.live import Live
 
 from dyknow_bringup.demonstration.expectations import unexpected
+from dyknow_bringup.demonstration.formulas import DescribedFormula
 from dyknow_bringup.demonstration.tables import formula_table, summary
+from dyknow_bringup.recordings.flight_report import write_flight_report
 from dyknow_bringup.resources import scenario_names
 from dyknow_bringup.ros.formula_monitor import FormulaMonitor
 from dyknow_bringup.ros.scenario_run import ScenarioRun, run_scenario
 from dyknow_common import SECOND_NS
 from dyknow_common.ros import run_ros_main
+from dyknow_recordings import Judgement, MonitoringFiles, PictureFiles, RequestedFormula
 
 SETTLING_NS = SECOND_NS
 """Time after the end of the scenario in which verdicts may still come."""
 
 
 class Demonstration(ScenarioRun):
-    """A run in which the formulas of the demonstration are monitored."""
+    """A run in which the formulas of the demonstration are monitored.
+
+    Args:
+        page: the file to write about the formulas over the flight; None for none.
+        **settings: see `ScenarioRun`.
+    """
+
+    def __init__(self, *, page: Path | None, **settings: Any) -> None:
+        self._page = page
+        self._pictures = PictureFiles(page, None, Judgement.AUTO)
+        super().__init__(**settings)
 
     def _monitor(self) -> bool:
         monitor = FormulaMonitor(on_change=lambda _: None)
@@ -58,7 +72,28 @@ class Demonstration(ScenarioRun):
         problems = {name: problem for name, problem in found.items() if problem is not None}
         self._console.print()
         self._console.print(summary(self._scenario.name, problems))
+        if self._page is not None:
+            self._write_page(self._page, [each.formula for each in monitor.formulas])
         return not problems
+
+    def _write_page(self, page: Path, formulas: Sequence[DescribedFormula]) -> None:
+        """Check the formulas over a recording of the same flight."""
+        configuration = self._configuration
+        files = MonitoringFiles(
+            configuration.ontologies, configuration.annotations, configuration.streams
+        )
+        requested = [RequestedFormula(each.formula, each.name) for each in formulas]
+        with self._console.status('writing the report'):
+            write_flight_report(
+                self._scenario,
+                self._vehicles,
+                self._start,
+                files,
+                requested,
+                self._folder,
+                self._pictures,
+            )
+        self._console.print(f'Report, to open in a browser: {page.resolve()}', soft_wrap=True)
 
 
 def options(arguments: Sequence[str]) -> argparse.Namespace:
@@ -75,6 +110,9 @@ def options(arguments: Sequence[str]) -> argparse.Namespace:
     )
     parser.add_argument('--uavs', type=int, default=3, help='number of vehicles (default: 3)')
     parser.add_argument('--markers', action='store_true', help='show formulas in rviz2 or Foxglove')
+    parser.add_argument(
+        '--report', type=Path, metavar='FILE', help='write a page about the flight at the end'
+    )
     parser.add_argument('--log-level', default='info', help='of the nodes (default: info)')
     parser.add_argument(
         '--logs', type=Path, help='folder for the logs of the nodes (default: a temporary one)'
@@ -89,7 +127,12 @@ def main() -> int:
         chosen = options(remove_ros_args(sys.argv)[1:])
         return run_scenario(
             lambda launcher, folder: Demonstration(
-                chosen.scenario, chosen.uavs, launcher, folder, markers=chosen.markers
+                page=chosen.report,
+                scenario=chosen.scenario,
+                vehicles=chosen.uavs,
+                launcher=launcher,
+                folder=folder,
+                markers=chosen.markers,
             ),
             chosen.log_level,
             chosen.logs,

@@ -7,9 +7,9 @@ from pathlib import Path
 import pytest
 
 from dyknow_bringup.errors import BringupError
-from dyknow_bringup.ros.dyknow import options
 from dyknow_bringup.ros.up import is_unenforced
 from dyknow_bringup.security.systems import SecuredSystem
+from dyknow_command import options
 
 
 def test_the_policy_of_a_system_is_printed(

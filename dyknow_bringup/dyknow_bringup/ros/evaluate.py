@@ -1,11 +1,10 @@
-"""Start DyKnow for a robot, evaluate a formula with it, or print its SROS2 policy."""
+"""The command `dyknow evaluate`: evaluates a formula with a running DyKnow."""
 
 from __future__ import annotations
 
 import argparse
 import json
 import sys
-from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any, cast
 
@@ -13,14 +12,11 @@ import rclpy
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
-from rclpy.utilities import remove_ros_args
 
 from dyknow_bringup.errors import BringupError
-from dyknow_bringup.ros.policy import add_policy_options
-from dyknow_bringup.ros.up import add_up_options
 from dyknow_common import SECOND_NS, ExitCode, Verdict, round_time
-from dyknow_common.executables import ERROR, FALSE, SUCCESS
-from dyknow_common.ros import duration, interruptible, run_ros_main
+from dyknow_common.executables import ERROR, FALSE, SUCCESS, interruptible
+from dyknow_common.ros import duration
 from dyknow_coordinator import Answer, Grounding, Progress
 from dyknow_coordinator.ros import FormulaClient
 
@@ -114,21 +110,8 @@ def _print(text: str) -> None:
     print(text, flush=True)  # noqa: T201 - this is a command
 
 
-def options(arguments: Sequence[str]) -> argparse.Namespace:
-    """Return the options on the command line."""
-    parser = argparse.ArgumentParser(prog='dyknow', description=__doc__)
-    commands = parser.add_subparsers(required=True, metavar='COMMAND')
-    add_up_options(commands.add_parser('up', help='start the seven nodes'))
-    _add_evaluate_options(
-        commands.add_parser(
-            'evaluate', help='evaluate a formula; exit code 0: true, 1: false, 2: no verdict'
-        )
-    )
-    add_policy_options(commands.add_parser('policy', help='print the SROS2 policy of a system'))
-    return parser.parse_args(arguments)
-
-
-def _add_evaluate_options(parser: argparse.ArgumentParser) -> None:
+def add_evaluate_options(parser: argparse.ArgumentParser) -> None:
+    """Add the options of the command."""
     parser.set_defaults(command=evaluate)
     parser.add_argument('formula', help="such as: 'forall u in UAV: always Altitude[u] < 30'")
     parser.add_argument(
@@ -137,13 +120,3 @@ def _add_evaluate_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--grounding', choices=GROUNDINGS, default='auto')
     parser.add_argument('--coordinator', default='stream_reasoning_coordinator', metavar='NODE')
     parser.add_argument('--json', action='store_true', help='print a line of JSON')
-
-
-def main() -> int:
-    """Run the executable dyknow."""
-
-    def run() -> int:
-        chosen = options(remove_ros_args(sys.argv)[1:])
-        return int(chosen.command(chosen))
-
-    return run_ros_main('dyknow', run)
