@@ -11,7 +11,7 @@ IN_ENVIRONMENT := source env.sh &&
 TEST_PROCESSES ?= 2
 
 .DEFAULT_GOAL := help
-.PHONY: help setup build demo test test-packages check clean
+.PHONY: help setup build demo test test-packages test-wheel check clean
 
 help:  ## list the targets
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 16
@@ -28,7 +28,8 @@ install/.built: $(BUILT_FROM) colcon.meta .venv/set-up-for
 	@touch $@
 
 demo: build  ## monitor a simulated UAV fleet (scenario power_surge)
-	@$(IN_ENVIRONMENT) install/dyknow_bringup/lib/dyknow_bringup/uav_demo --scenario power_surge
+	@$(IN_ENVIRONMENT) install/dyknow_bringup/lib/dyknow_bringup/uav_demo --scenario power_surge \
+	  --report log/demo.html
 
 test: build  ## run all tests
 	@# Python writes bytecode even where it is told not to: the tests start hundreds of nodes.
@@ -37,9 +38,12 @@ test: build  ## run all tests
 test-packages:  ## run the tests that need no ROS under another Python (PYTHON=python3.12)
 	@$(PYTHON) tools/test_packages.py
 
+test-wheel:  ## build the wheel, and check a recording with it where there is no ROS
+	@$(PYTHON) tools/test_wheel.py
+
 check: build  ## ruff, mypy, the import rules and the rules of the code base
 	@$(IN_ENVIRONMENT) ruff format --check --quiet . && ruff check --quiet .
-	@$(IN_ENVIRONMENT) mypy dyknow_common/dyknow_main $(foreach package,$(filter-out dyknow_interfaces,$(PACKAGES)),$(package)/$(package))
+	@$(IN_ENVIRONMENT) mypy dyknow_common/dyknow_main dyknow_bringup/dyknow_command $(foreach package,$(filter-out dyknow_interfaces,$(PACKAGES)),$(package)/$(package))
 	@$(IN_ENVIRONMENT) lint-imports --no-cache
 	@$(IN_ENVIRONMENT) python tools/check_code_base.py
 

@@ -7,6 +7,7 @@
 - A file of tests has a name of its own: where ROS is installed, launch_testing imports it by this
   name.
 - package.xml declares what the code of its package imports, and nothing else.
+- All packages have one version, which is that of the wheel.
 """
 
 from __future__ import annotations
@@ -29,12 +30,16 @@ MAX_LINES = 400
 MAX_FUNCTION_LINES = 40
 
 ROSDEP_KEYS = {
+    'backports': 'python3-backports.zstd-pip',
     'hypothesis': 'python3-hypothesis',
+    'junitparser': 'python3-junitparser',
     'lark': 'python3-lark-parser',
+    'lz4': 'python3-lz4',
     'numpy': 'python3-numpy',
     'owlready2': 'python3-owlready2-pip',
     'pint': 'python3-pint',
     'pytest': 'python3-pytest',
+    'pyulog': 'python3-pyulog-pip',
     'rdflib': 'python3-rdflib',
     'rich': 'python3-rich',
     'rosbags': 'python3-rosbags-pip',
@@ -45,8 +50,8 @@ ROSDEP_KEYS = {
 UNIMPORTED = {'python3-pytest-timeout', 'ros2launch'}
 """Dependencies that are used without an import."""
 
-OPTIONAL = {'mypy', 'sentil', 'sros2'}
-"""Imports of tests that are skipped where the package is missing."""
+OPTIONAL = {'compression', 'dask', 'distributed', 'mypy', 'sentil', 'sros2'}
+"""Imports that are skipped where the package is missing."""
 
 
 def packages() -> list[str]:
@@ -134,7 +139,8 @@ def undeclared_dependencies() -> Iterator[str]:
         test = {each.text for each in manifest.iter('test_depend')}
         tests = list((ROOT / package / 'test').rglob('*.py'))
         product = [*modules(package), *(ROOT / package).glob('launch/*.py')]
-        ours = {package, 'dyknow_main', *OPTIONAL, *(path.stem for path in tests)}
+        beside = {path.parent.name for path in ROOT.glob('dyknow_*/dyknow_*/__init__.py')}
+        ours = {package, *(beside - {*packages()}), *OPTIONAL, *(path.stem for path in tests)}
         lacking = set(imported(product)) - run - ours
         yield from (f'{package}/package.xml lacks <depend>{each}</depend>' for each in lacking)
         lacking = set(imported(tests)) - run - test - ours
@@ -169,6 +175,21 @@ def named(paths: Iterable[Path]) -> Iterator[str]:
             yield from re.findall(r'\b(\w+)/(?:msg|srv|action)/', node.value)
 
 
+def different_versions() -> Iterator[str]:
+    """Report the versions of the packages, if they have several."""
+    found = defaultdict(list)
+    for pattern, version in (
+        ('dyknow_*/package.xml', r'<version>(.*)</version>'),
+        ('dyknow_*/setup.py', r"version='(.*)'"),
+    ):
+        for path in sorted(ROOT.glob(pattern)):
+            match = re.search(version, path.read_text(encoding='utf-8'))
+            found[match[1] if match else 'no version'].append(str(path.relative_to(ROOT)))
+    if len(found) > 1:
+        places = '; '.join(f'{each}: {", ".join(paths)}' for each, paths in sorted(found.items()))
+        yield f'the packages have {len(found)} versions, give them one: {places}'
+
+
 def main() -> int:
     """Print what breaks a rule; return 1 if anything does."""
     faults = [
@@ -178,6 +199,7 @@ def main() -> int:
         *long_code(),
         *repeated_test_names(),
         *undeclared_dependencies(),
+        *different_versions(),
     ]
     print('\n'.join(faults) or 'The code base keeps its rules.')
     return 1 if faults else 0

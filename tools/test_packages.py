@@ -8,18 +8,17 @@ import os
 import subprocess
 import sys
 
-from set_up import ROOT, report, run
+from set_up import ROOT, dependencies, report, run
 
 VENV = ROOT / '.venv-{}.{}'.format(*sys.version_info[:2])
 PYTHON = VENV / 'bin' / 'python'
 STAMP = VENV / 'set-up-for'
-GROUPS = ('run', 'test', 'test-beside-launch-testing')
+GROUPS = ('run', 'report', 'test', 'test-beside-launch-testing')
 
 
 def main():
     """Make the environment, unless it is up to date, and return the exit code of pytest."""
-    dependencies = (ROOT / 'pyproject.toml').read_text(encoding='utf-8').split('[tool.', 1)[0]
-    wanted = sys.version + dependencies
+    wanted = sys.version + dependencies()
     if not STAMP.exists() or STAMP.read_text(encoding='utf-8') != wanted:
         report(f'making {VENV.name} (half a minute)')
         run(sys.executable, '-m', 'venv', '--clear', str(VENV))
