@@ -11,6 +11,7 @@ import dyknow_bringup  # noqa: F401
 import dyknow_common  # noqa: F401
 import dyknow_coordinator  # noqa: F401
 import dyknow_reasoning  # noqa: F401
+import dyknow_recordings  # noqa: F401
 import dyknow_semantics  # noqa: F401
 import dyknow_stream_processing  # noqa: F401
 

@@ -47,6 +47,7 @@ SCHEDULE = (
     ('test_many_engines',),
     ('test_stream_conflicts',),
     ('test_replay_command',),
+    ('test_recordings_as_live',),
     ('test_services',),
     ('test_streams_command',),
     ('test_semantic_stores',),

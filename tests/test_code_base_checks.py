@@ -95,3 +95,13 @@ def test_modules_that_import_each_other(
     (fault,) = checks.import_cycles()
     assert 'dyknow_example.one' in fault
     assert 'dyknow_example.two' in fault
+
+
+def test_packages_have_one_version(checks: ModuleType) -> None:
+    package = checks.ROOT / 'dyknow_example'
+    (package / 'setup.py').write_text("setup(\n    version='1.2.0',\n)\n")
+    (package / 'package.xml').write_text('<package><version>1.2.0</version></package>')
+    assert not list(checks.different_versions())
+    (package / 'package.xml').write_text('<package><version>1.3.0</version></package>')
+    (fault,) = checks.different_versions()
+    assert '1.2.0: dyknow_example/setup.py; 1.3.0: dyknow_example/package.xml' in fault

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import pytest
 
 from commands import command, output_of
@@ -9,11 +11,14 @@ from system import private_environment
 
 
 @pytest.mark.parametrize('scenario', ['power_surge', 'telemetry_loss'])
-def test_every_verdict_of_a_scenario(scenario: str) -> None:
-    line = command('uav_demo', '--scenario', scenario, '--markers')
+def test_every_verdict_of_a_scenario(scenario: str, tmp_path: Path) -> None:
+    page = tmp_path / 'report.html'
+    line = command('uav_demo', '--scenario', scenario, '--markers', '--report', str(page))
     done = output_of(line, private_environment())
     assert done.returncode == 0, done.stdout + done.stderr
     assert 'every verdict is what the scenario says' in done.stdout
+    assert str(page) in done.stdout
+    assert 'takeoff' in page.read_text()
 
 
 def test_an_unknown_scenario_is_refused_with_the_known_ones() -> None:

@@ -82,7 +82,7 @@ def test_packages_that_are_not_found(name: str, environment: dict[str, str]) -> 
         ('generate_conversions a/msg/B', "'a/msg/B' is not installed"),
         ('generate_conversions std_msgs/msg/Bool --output /', ': /: Is a directory'),
         ('replay /nowhere', '/nowhere: no such recording'),
-        ('replay /', '/: not a readable rosbag2 bag'),
+        ('replay /', '/: not a recording: the folder has no metadata.yaml'),
         ('semantics --timeout 10ms', 'semantics: /ontology_manager has not answered'),
         ('streams --node a//b', 'streams: failed to resolve name: '),
         ('streams --timeout 10ms', 'streams: no report of /stream_manager within'),

@@ -1,0 +1,177 @@
+"""Speed of formulas over signals in memory, compared with offline evaluation by other tools.
+
+`python benchmarks/recording_peers.py --peers PYTHON [--json]`; see README.md.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import subprocess
+import sys
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from time import process_time
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from dyknow_common import Verdict
+from dyknow_reasoning import FormulaGroup
+
+STATES = 100_000
+PERIOD_S = 0.01
+CHECKED_STATES = 600
+REPETITIONS = 3
+TOOLS = {'sentil': STATES, 'rtamt': 1000}
+"""The other tools, and the states that each is measured over: RTAMT needs far more time."""
+
+
+class Shape(NamedTuple):
+    """A formula in each tool's own form; `{end}` and `{w}` are a time or a number of states.
+
+    The left side of the others' `until` has to hold at the present state too.
+    """
+
+    ours: str
+    sentil: str
+    rtamt: str
+
+
+SHAPES = {
+    'invariant': Shape(
+        'always[0 s, {end} s] {x} < {limit}',
+        'always[0, {end}] ({x} < {limit})',
+        'always[0, {end}] ({x} < {limit})',
+    ),
+    'bounded response': Shape(
+        'always[0 s, {end} s] ({x} > {limit} - 1 -> eventually[0 s, {w} s] {x} < 0)',
+        'always[0, {end}] (({x} > {limit} - 1) -> (eventually[0, {w}] ({x} < 0)))',
+        'always[0, {end}] (({x} > {limit} - 1) implies (eventually[0, {w}] ({x} < 0)))',
+    ),
+    'until': Shape(
+        'always[0 s, {end} s] ({x} > {limit} - 1 -> {y} < {limit}'
+        ' and ({y} < {limit} until[0 s, {w} s] {x} < 0))',
+        'always[0, {end}] (({x} > {limit} - 1) -> (({y} < {limit}) until[0, {w}] ({x} < 0)))',
+        'always[0, {end}] (({x} > {limit} - 1) implies (({y} < {limit}) until[0, {w}] ({x} < 0)))',
+    ),
+}
+
+
+def signals(kind: str, states: int) -> dict[str, np.ndarray[Any, np.dtype[Any]]]:
+    """Return signals that cross the limits seldom (waves), or all the time (noise)."""
+    generator = np.random.default_rng(1)
+    waves = np.arange(states) / np.array([[20.0], [35.0], [50.0], [60.0]])
+    rows = 2 * np.sin(waves) if kind == 'waves' else generator.normal(size=waves.shape)
+    return {f'x{number}': row for number, row in enumerate(rows)}
+
+
+def formulas(shape: str, states: int, limits: Sequence[float]) -> Iterator[Shape]:
+    """Yield formulas of a shape, each about other signals and another window."""
+    for number, limit in enumerate(limits):
+        window = 200 + number
+        end = states - window - 1
+        names = {'x': f'x{number % 4}', 'y': f'x{(number + 1) % 4}', 'limit': limit}
+        seconds = {'end': round(end * PERIOD_S, 2), 'w': round(window * PERIOD_S, 2)}
+        ours, sentil, rtamt = SHAPES[shape]
+        yield Shape(
+            ours.format(**names, **seconds),
+            sentil.format(**names, **seconds),
+            rtamt.format(**names, end=end, w=window),
+        )
+
+
+def ours(texts: Sequence[str], columns: dict[str, Any]) -> tuple[float, list[bool]]:
+    """Return the least seconds of some runs of ours, and the verdicts."""
+    times = np.arange(len(columns['x0'])) * round(PERIOD_S * 1e9)
+    costs = []
+    for _ in range(REPETITIONS):
+        group = FormulaGroup()
+        ids = [group.add_formula(text, text) for text in texts]
+        group.begin({})
+        begin = process_time()
+        results = group.progress_many(times, columns)
+        costs.append(process_time() - begin)
+    verdicts = {each.formula_id: each.verdict is Verdict.TRUE for each in results}
+    return min(costs), [verdicts[each] for each in ids]
+
+
+def theirs(
+    python: str, tool: str, texts: Sequence[Shape], columns: dict[str, Any]
+) -> dict[str, Any]:
+    """Return what another tool finds, which runs in its own environment."""
+    script = Path(__file__).with_name('recording_tools.py')
+    with TemporaryDirectory() as folder:
+        path = Path(folder, 'signals.npz')
+        np.savez(path, **columns)
+        task = {
+            'tool': tool,
+            'signals': str(path),
+            'period_s': PERIOD_S,
+            'formulas': [getattr(each, tool) for each in texts],
+        }
+        done = subprocess.run(
+            [python, str(script)],
+            input=json.dumps(task),
+            stdout=subprocess.PIPE,
+            text=True,
+            check=True,
+        )
+    found: dict[str, Any] = json.loads(done.stdout)
+    return found
+
+
+def each_limit(kind: str) -> float:
+    """Return a limit that the signals keep, and come near to."""
+    return 2.9 if kind == 'waves' else 9
+
+
+def check_equality(python: str, kind: str, shape: str) -> None:
+    """Check that all tools agree on formulas of which some are false."""
+    columns = signals(kind, CHECKED_STATES)
+    texts = list(formulas(shape, CHECKED_STATES, [1.5, 9, 2.5, 9, 1.9, 2.1]))
+    _, expected = ours([each.ours for each in texts], columns)
+    for tool in TOOLS:
+        found = theirs(python, tool, texts, columns)
+        if found.get('verdicts', expected) != expected:
+            raise AssertionError(f'{tool} gives {found["verdicts"]}, not {expected}: {texts}')
+
+
+def measurements(python: str) -> Iterator[dict[str, Any]]:
+    """Yield the microseconds a state of 20 formulas of each shape, which all hold."""
+    for kind in ('waves', 'noise'):
+        for shape in SHAPES:
+            check_equality(python, kind, shape)
+            columns = signals(kind, STATES)
+            texts = list(formulas(shape, STATES, [each_limit(kind)] * 20))
+            seconds, verdicts = ours([each.ours for each in texts], columns)
+            assert all(verdicts)
+            row = {'shape': shape, 'signals': kind, 'dyknow_us': seconds / STATES * 1e6}
+            for tool, states in TOOLS.items():
+                fewer = list(formulas(shape, states, [each_limit(kind)] * 20))
+                found = theirs(python, tool, fewer, signals(kind, states))
+                if 'error' in found:
+                    sys.stderr.write(f'{tool} is skipped: {found["error"]}\n')
+                else:
+                    row[f'{tool}_us'] = found['seconds'] / states * 1e6
+            yield row
+
+
+def main() -> None:
+    """Check, measure and print."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument('--json', action='store_true', help='print a line of JSON for each row')
+    parser.add_argument('--peers', metavar='PYTHON', required=True, help='with the other tools')
+    options = parser.parse_args()
+    for row in measurements(options.peers):
+        if options.json:
+            print(json.dumps(row), flush=True)
+        else:
+            print(
+                *(f'{value:.3f}' if isinstance(value, float) else value for value in row.values())
+            )
+
+
+if __name__ == '__main__':
+    main()

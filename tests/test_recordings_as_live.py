@@ -1,0 +1,98 @@
+"""A recording that is replayed to the running system, and checked without it: equal verdicts."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import pytest
+from dyknow_interfaces.msg import EvaluationStatus
+
+from commands import command, running
+from dyknow_bringup.recordings.recording import record
+from dyknow_bringup.resources import scenario_path
+from dyknow_bringup.simulation.scenario import load_scenario
+from dyknow_common import SECOND_NS, ExitCode
+from dyknow_common.ros import time_to_nanoseconds
+from dyknow_recordings import (
+    MonitoringFiles,
+    RequestedFormula,
+    evaluate_recording,
+    open_recording,
+)
+from evaluations import Evaluations
+from system import System
+
+START = 1_700_000_000 * SECOND_NS
+SURGE = (
+    'forall u in UAV: always (Power[u] > 150 -> '
+    'Power[u] < 200 until[0 s, 5 s] always[0 s, 3 s] Power[u] <= 150)'
+)
+LIFT = (
+    'forall u in UAV: always[0 s, 8 s] '
+    '(Altitude[u] > 1 -> Power[u] > 10 until[0 s, 2 s] Speed[u] > 0.5)'
+)
+DECIDED = (
+    SURGE,
+    LIFT,
+    'forall u in UAV: eventually[0 s, 15 s] Altitude[u] > 5',
+    'always[0 s, 10 s] Altitude[uav1] < 30',
+    'forall x in UAV: x != uav1 -> eventually[2 s, 9 s] XYDist[x, uav1] < 5',
+    'eventually "/uav2/battery".current < -12',
+    'always uav1_altitude.altitude < 3',
+)
+
+
+BROKEN = (
+    SURGE,
+    'forall x in UAV: x != uav1 -> always XYDist[x, uav1] > 10',
+    'forall u in UAV: always (East[u] > -30 and East[u] < 60 and North[u] > -30)',
+    'forall u in UAV: always Altitude[u] < 30',
+    'forall u in UAV: eventually[0 s, 15 s] Altitude[u] > 5',
+)
+
+
+@pytest.mark.parametrize(
+    ('scenario', 'formulas'), [('power_surge', DECIDED), ('telemetry_loss', BROKEN)]
+)
+def test_the_answers_are_those_of_the_running_system(
+    scenario: str, formulas: Sequence[str], tmp_path: Path
+) -> None:
+    bag = tmp_path / 'recording'
+    with System(tmp_path, vehicles=3, use_sim_time=True) as system:
+        record(load_scenario(scenario_path(scenario)), system.vehicles, START, bag)
+        evaluations = Evaluations(system)
+        asked = [system.ask(formula, timeout=120.0) for formula in formulas]
+        system.client.spin_until(
+            lambda: (
+                len(evaluations.running) == len(formulas)
+                and all(each.phase != EvaluationStatus.GROUNDING for each in evaluations.running)
+            ),
+            'the states of all formulas',
+            instead=evaluations.told,
+        )
+        with running(command('replay', str(bag), '--clock', '--delay', '3'), system.environment):
+            system.client.spin_until(lambda: all(each.done() for each in asked), 'verdicts', 90.0)
+        files = MonitoringFiles(
+            system.configuration.ontologies,
+            system.configuration.annotations,
+            system.configuration.streams,
+        )
+    with open_recording(bag) as recording:
+        report = evaluate_recording(recording, [RequestedFormula(each) for each in formulas], files)
+    for formula, answer, found in zip(formulas, asked, report.formulas, strict=True):
+        live = answer.result()
+        (episode,) = found.episodes
+        code, message = ExitCode.SUCCESS, ''
+        if found.error is not None:
+            code, message = found.error.code, found.error.message
+        # How late a node has noticed a violation differs.
+        assert (live.exit_status.code, live.exit_status.message.partition(' (')[0]) == (
+            code,
+            message.partition(' (')[0],
+        ), formula
+        assert (live.verdict, time_to_nanoseconds(live.decided_at) or None, live.explanation) == (
+            episode.verdict,
+            episode.decided_at,
+            episode.explanation,
+        ), formula
