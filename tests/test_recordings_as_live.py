@@ -51,6 +51,21 @@ BROKEN = (
     'forall u in UAV: eventually[0 s, 15 s] Altitude[u] > 5',
 )
 
+DATA = Path(__file__).parent.parent.parent / 'shared' / 'data'
+FLIGHT = (
+    'eventually[0 s, 20 s] "/uav1/odometry".pose.pose.position.z > 1.5',
+    'always "/uav1/odometry".pose.pose.position.z < 1.9',
+    'always[0 s, 10 s] "/uav1/battery".voltage > 11',
+    'eventually ("/uav1/armed".data and "/uav1/odometry".pose.pose.position.z > 1)',
+    '"/uav1/battery".voltage > 11 until[0 s, 30 s] "/uav1/odometry".twist.twist.linear.z > 0.5',
+)
+HOP = (
+    'eventually "/uav2/odometry".pose.pose.position.z > 0.5',
+    'always "/uav2/odometry".pose.pose.position.z < 0.3',
+    'always[0 s, 3 s] ("/uav2/armed".data or "/uav2/battery".voltage > 5)',
+    'eventually[0 s, 2 s] "/uav2/odometry".twist.twist.linear.x > 50',
+)
+
 
 @pytest.mark.parametrize(
     ('scenario', 'formulas'), [('power_surge', DECIDED), ('telemetry_loss', BROKEN)]
@@ -61,23 +76,38 @@ def test_the_answers_are_those_of_the_running_system(
     bag = tmp_path / 'recording'
     with System(tmp_path, vehicles=3, use_sim_time=True) as system:
         record(load_scenario(scenario_path(scenario)), system.vehicles, START, bag)
-        evaluations = Evaluations(system)
-        asked = [system.ask(formula, timeout=120.0) for formula in formulas]
-        system.client.spin_until(
-            lambda: (
-                len(evaluations.running) == len(formulas)
-                and all(each.phase != EvaluationStatus.GROUNDING for each in evaluations.running)
-            ),
-            'the states of all formulas',
-            instead=evaluations.told,
-        )
-        with running(command('replay', str(bag), '--clock', '--delay', '3'), system.environment):
-            system.client.spin_until(lambda: all(each.done() for each in asked), 'verdicts', 90.0)
-        files = MonitoringFiles(
-            system.configuration.ontologies,
-            system.configuration.annotations,
-            system.configuration.streams,
-        )
+        compare(system, bag, formulas)
+
+
+@pytest.mark.parametrize(('name', 'formulas'), [('px4_sitl_flight', FLIGHT), ('px4_vtol_hop', HOP)])
+def test_the_answers_over_recordings_of_others(
+    name: str, formulas: Sequence[str], tmp_path: Path
+) -> None:
+    if not (DATA / name).exists():
+        pytest.skip(f'there is no recording {name}')
+    with System(tmp_path, vehicles=3, use_sim_time=True) as system:
+        compare(system, DATA / name, formulas)
+
+
+def compare(system: System, bag: Path, formulas: Sequence[str]) -> None:
+    """Compare the answers of the running system to a replay with those over the recording."""
+    evaluations = Evaluations(system)
+    asked = [system.ask(formula, timeout=120.0) for formula in formulas]
+    system.client.spin_until(
+        lambda: (
+            len(evaluations.running) == len(formulas)
+            and all(each.phase != EvaluationStatus.GROUNDING for each in evaluations.running)
+        ),
+        'the states of all formulas',
+        instead=evaluations.told,
+    )
+    with running(command('replay', str(bag), '--clock', '--delay', '3'), system.environment):
+        system.client.spin_until(lambda: all(each.done() for each in asked), 'verdicts', 90.0)
+    files = MonitoringFiles(
+        system.configuration.ontologies,
+        system.configuration.annotations,
+        system.configuration.streams,
+    )
     with open_recording(bag) as recording:
         report = evaluate_recording(recording, [RequestedFormula(each) for each in formulas], files)
     for formula, answer, found in zip(formulas, asked, report.formulas, strict=True):
