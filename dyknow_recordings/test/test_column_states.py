@@ -262,3 +262,20 @@ def test_values_from_before_the_begin_are_not_used() -> None:
     messages = [sample('/a', each, v=1.0) for each in times]
     messages += [sample('/b', each, v=1.0) for each in (0.5, 2.0)]
     assert compare(messages, 2, ['always "/a".v + "/b".v < 4'], EpisodeStart(begin=at(1))) == 1
+
+
+def test_a_stamp_before_one_at_zero_is_out_of_order() -> None:
+    """A message whose stamp is zero is valid at its log time, also for what follows as columns."""
+    drawn = [
+        ('b', 1, 0, 0.0, ''),
+        ('a', 1, 0, 0.0, ''),
+        ('a', 1, 0, 0.0, 'zero'),
+        ('a', 1, 3, 0.0, ''),
+    ]
+    formulas = ['always "/a".v < 4']
+    source = recording(made(drawn), 1)
+    report, taken = evaluated(source, formulas, NO_FILES, FROM_FIRST_STATE)
+    (formula,) = report.formulas
+    assert [each.constraint for each in formula.violations] == ['valid_time_order']
+    assert taken
+    compare(made(drawn), 1, formulas)

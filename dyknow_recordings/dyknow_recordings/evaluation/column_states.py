@@ -98,7 +98,10 @@ class ColumnStates:
         for part in batch:
             if part.topic not in new:
                 histories[part.topic] = TopicHistory(is_whole=False)
-                times = part.log_times if part.stamps is None else part.stamps
+                times = part.log_times
+                if part.stamps is not None:
+                    # A stamp of zero stands for the time of recording.
+                    times = np.where(part.stamps == 0, part.log_times, part.stamps)
                 latest = self._latest.get(part.topic, _BEGINNING)
                 self._latest[part.topic] = max(latest, int(times.max()))
         self._end = max(int(part.log_times[-1]) for part in batch)
