@@ -25,8 +25,8 @@ def check_name(name: str) -> None:
     """
     if len(name) > MAX_NAME:
         raise StreamError(
-            f"the name of a stream, '{shortened(name)}', has {len(name)} characters; that of a "
-            f'topic can have {MAX_NAME} at most'
+            f"the stream '{shortened(name)}' cannot be the name of a topic: it has more than "
+            f'{MAX_NAME} characters, the limit of DDS'
         )
     if name in FUNCTIONS:
         raise StreamError(
