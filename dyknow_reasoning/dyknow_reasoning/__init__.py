@@ -1,6 +1,6 @@
 """Metric temporal logic over streams of states: language, progression, formula groups."""
 
-from dyknow_reasoning.check import CheckResult, check_trace
+from dyknow_reasoning.check import CheckResult, add_domain_option, check_trace, read_domains
 from dyknow_reasoning.errors import ReasoningError
 from dyknow_reasoning.explanation.explanation import objects_text
 from dyknow_reasoning.formula_group import FormulaGroup
@@ -51,12 +51,14 @@ __all__ = [
     'RecordedState',
     'Term',
     'Until',
+    'add_domain_option',
     'check_trace',
     'check_types',
     'ground_atoms',
     'objects_text',
     'parse_formula',
     'parts',
+    'read_domains',
     'read_trace',
     'symbols_of',
 ]

@@ -112,7 +112,7 @@ def _results(options: argparse.Namespace) -> list[CheckResult]:
         formulas = [*options.formula, *_read_formulas(options.formulas)]
         if not formulas:
             raise ReasoningError('there is no formula to check; give one, or --formulas FILE')
-        return check_trace(formulas, _domains(options.domain), read_trace(lines))
+        return check_trace(formulas, read_domains(options.domain), read_trace(lines))
 
 
 def _parser() -> argparse.ArgumentParser:
@@ -126,13 +126,7 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument(
         '--formulas', metavar='FILE', help='more formulas, one a line; # begins a comment line'
     )
-    parser.add_argument(
-        '--domain',
-        action='append',
-        default=[],
-        metavar='SORT=OBJECT,...',
-        help='the objects of a sort, such as UAV=uav1,uav2; once for each sort',
-    )
+    add_domain_option(parser)
     parser.add_argument(
         '--trace',
         required=True,
@@ -154,15 +148,34 @@ def _read_formulas(path: str | None) -> list[str]:
     return [line for line in lines if line.strip() and not line.lstrip().startswith('#')]
 
 
-def _domains(options: Sequence[str]) -> Domains:
-    domains: dict[str, list[str]] = {}
+def add_domain_option(parser: argparse.ArgumentParser) -> None:
+    """Add the option `--domain`, whose values `read_domains` reads."""
+    parser.add_argument(
+        '--domain',
+        action='append',
+        default=[],
+        metavar='SORT=OBJECT,...',
+        help='the objects of a sort, such as UAV=uav1,uav2; once for each sort',
+    )
+
+
+def read_domains(options: Sequence[str]) -> dict[str, tuple[str, ...]]:
+    """Return the objects of each sort.
+
+    Args:
+        options: such as `UAV=uav1,uav2`.
+
+    Raises:
+        ReasoningError: for an option that is no domain, or a second one of a sort.
+    """
+    domains: dict[str, tuple[str, ...]] = {}
     for option in options:
         sort, found, objects = (part.strip() for part in option.partition('='))
         if not found or not sort:
             raise ReasoningError(f"'{option}' is not a domain; write it as UAV=uav1,uav2")
         if sort in domains:
             raise ReasoningError(f"the sort '{sort}' has two domains; give it one")
-        domains[sort] = [name.strip() for name in objects.split(',') if name.strip()]
+        domains[sort] = tuple(name.strip() for name in objects.split(',') if name.strip())
     return domains
 
 

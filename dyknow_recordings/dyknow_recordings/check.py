@@ -18,6 +18,7 @@ from dyknow_common.executables import (
     run_main,
 )
 from dyknow_common.tables import Terminal
+from dyknow_reasoning import add_domain_option, read_domains
 from dyknow_recordings.configuration import merged, read_configuration, read_formulas
 from dyknow_recordings.errors import RecordingError
 from dyknow_recordings.evaluation.episodes import Every
@@ -119,13 +120,7 @@ def _add_inputs(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         '--formula', action='append', default=[], metavar='TEXT', help='a formula; repeatable'
     )
-    parser.add_argument(
-        '--domain',
-        action='append',
-        default=[],
-        metavar='SORT=OBJECT,...',
-        help='the objects of a sort, such as UAV=uav1,uav2; once for each sort',
-    )
+    add_domain_option(parser)
 
 
 def _add_outputs(parser: argparse.ArgumentParser) -> None:
@@ -308,25 +303,13 @@ def _configuration(
         annotations=tuple(options.annotations),
         streams=tuple(options.streams),
         bridges=tuple(options.bridges),
-        domains=_domains(options.domain),
+        domains=read_domains(options.domain),
     )
     read = (formula for path in options.formulas for formula in read_formulas(path))
     formulas = (*formulas, *read, *map(RequestedFormula, options.formula))
     if not formulas:
         raise RecordingError('there is no formula to check; give --formula, --formulas or --config')
     return merged(files, own), formulas
-
-
-def _domains(options: Sequence[str]) -> dict[str, tuple[str, ...]]:
-    domains: dict[str, tuple[str, ...]] = {}
-    for option in options:
-        sort, found, objects = (part.strip() for part in option.partition('='))
-        if not found or not sort:
-            raise RecordingError(f"'{option}' is not a domain; write it as UAV=uav1,uav2")
-        if sort in domains:
-            raise RecordingError(f"the sort '{sort}' has two domains; give it one")
-        domains[sort] = tuple(name.strip() for name in objects.split(',') if name.strip())
-    return domains
 
 
 def _number(text: str) -> int:
