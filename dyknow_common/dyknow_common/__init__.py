@@ -23,6 +23,7 @@ from dyknow_common.limits import (
     MAX_DEPTH,
     MAX_FORMULA_PARTS,
     MAX_STREAM_PARTS,
+    MAX_TOPIC_LENGTH,
     MAX_WORDS,
     cached_by_text,
 )
@@ -65,6 +66,7 @@ __all__ = [
     'MAX_DURATION_NS',
     'MAX_FORMULA_PARTS',
     'MAX_STREAM_PARTS',
+    'MAX_TOPIC_LENGTH',
     'MAX_WORDS',
     'NANOSECONDS',
     'NOWHERE',

@@ -23,6 +23,9 @@ MAX_FORMULA_PARTS: Final = 1_000_000
 MAX_DEPTH: Final = 100
 """The depth to which a text nests, and so to which functions may recurse over its syntax."""
 
+MAX_TOPIC_LENGTH: Final = 247
+"""The number of characters in the absolute name of a topic: 255 in DDS, without prefixes of ROS."""
+
 MAX_CACHED_CHARACTERS: Final = 5_000_000
 """The length of all texts of a cache; a syntax tree takes some 15 bytes for each character."""
 

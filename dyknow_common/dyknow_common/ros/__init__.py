@@ -45,12 +45,7 @@ from dyknow_common.ros.topics.guards import (
     only_owner,
     only_publishers_of,
 )
-from dyknow_common.ros.topics.names import (
-    MAX_TOPIC_LENGTH,
-    RCLError,
-    absolute_topic,
-    topic_fault,
-)
+from dyknow_common.ros.topics.names import RCLError, absolute_topic, topic_fault
 from dyknow_common.ros.topics.senders import GID, full_name
 
 __all__ = [
@@ -58,7 +53,6 @@ __all__ = [
     'HEARTBEAT',
     'LATCHED',
     'LATCHED_HISTORY',
-    'MAX_TOPIC_LENGTH',
     'NODE_TYPE',
     'NO_SUBSCRIPTION_EVENTS',
     'RUNNING',

@@ -6,13 +6,10 @@ from dataclasses import dataclass
 from functools import lru_cache
 from typing import Final
 
-from dyknow_common import FUNCTIONS, LanguageError, shortened
+from dyknow_common import FUNCTIONS, MAX_TOPIC_LENGTH, LanguageError, shortened
 from dyknow_stream_processing.errors import StreamError
 from dyknow_stream_processing.language.parsing import parse_specification
 from dyknow_stream_processing.language.specification import SinkDeclaration, StreamReference
-
-MAX_NAME: Final = 247
-"""The number of characters in the name of a topic."""
 
 _PLACEHOLDER: Final = '<name>'
 
@@ -23,10 +20,10 @@ def check_name(name: str) -> None:
     Raises:
         StreamError: if it cannot.
     """
-    if len(name) > MAX_NAME:
+    if len(name) > MAX_TOPIC_LENGTH:
         raise StreamError(
             f"the stream '{shortened(name)}' cannot be the name of a topic: it has more than "
-            f'{MAX_NAME} characters, the limit of DDS'
+            f'{MAX_TOPIC_LENGTH} characters, the limit of DDS'
         )
     if name in FUNCTIONS:
         raise StreamError(

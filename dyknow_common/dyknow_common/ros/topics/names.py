@@ -11,12 +11,10 @@ from rclpy.validate_full_topic_name import validate_full_topic_name
 from rclpy.validate_topic_name import validate_topic_name
 
 from dyknow_common.errors import DyKnowError, shortened
+from dyknow_common.limits import MAX_TOPIC_LENGTH
 
 RCLError: Final = rclpy_implementation.RCLError
 """An error of the middleware: also what its security plugins do not permit."""
-
-MAX_TOPIC_LENGTH: Final = 247
-"""The number of characters in the absolute name of a topic: 255 in DDS, without prefixes of ROS."""
 
 _TOO_LONG: Final = 'topic length'
 """The beginning of the errors of ROS about a name that is too long."""
