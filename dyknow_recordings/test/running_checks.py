@@ -13,6 +13,8 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
+from small_bags import channel, chunk, mcap, schema, stored
+
 LIMIT_S = 60
 CODE = 'import sys; from dyknow_recordings.check import main; sys.exit(main(sys.argv[1:]))'
 FORMULAS = ('always "/odom".pose.pose.position.z < 58', 'always x.y = 1', 'always "/armed".data')
@@ -20,34 +22,27 @@ OPTIONS = [word for each in FORMULAS for word in ('--formula', each)]
 
 
 class EndlessRecording:
-    """A named pipe: a process that reads it waits until it is killed."""
+    """A small file with so many messages that a process reads it until it is killed."""
 
     def __init__(self, path: Path) -> None:
-        os.mkfifo(path)
+        messages = [stored(1, 1, b'\0\1\0\0\1')] * 50_000
+        part = chunk(messages, (1, 1), 'zstd')
+        definition = schema(1, 'std_msgs/msg/Bool', 'bool data') + channel(1, 1, '/armed')
+        path.write_bytes(mcap(definition, *[part] * 20_000))
         self.path = path
 
     def wait_for_reader(self) -> None:
-        wait_for(self._has_reader, f'a reader of {self.path}')
+        self.reader()
 
     def reader(self) -> int:
         """Return the process that reads it."""
-        self.wait_for_reader()
-        return wait_for(self._reader, f'the process that reads {self.path}')
-
-    def _has_reader(self) -> bool:
-        try:
-            # It stays open: without a writer, the reader would find the end of the pipe.
-            os.open(self.path, os.O_WRONLY | os.O_NONBLOCK)
-        except OSError:
-            return False
-        return True
+        return wait_for(self._reader, f'process that reads {self.path}')
 
     def _reader(self) -> int | None:
-        for descriptor in Path('/proc').glob('[0-9]*/fd/*'):
+        for maps in Path('/proc').glob('[0-9]*/maps'):
             with suppress(OSError):
-                process = int(descriptor.parts[2])
-                if process != os.getpid() and Path.readlink(descriptor) == self.path:
-                    return process
+                if str(self.path) in maps.read_text():
+                    return int(maps.parts[2])
         return None
 
 

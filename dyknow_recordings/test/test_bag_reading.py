@@ -1,3 +1,4 @@
+import os
 import shutil
 from collections import defaultdict
 from pathlib import Path
@@ -310,6 +311,14 @@ def test_files_that_are_no_recordings(
     with pytest.raises(RecordingError, match=reason) as error:
         open_recording(tmp_path / name)
     assert str(tmp_path / name) in str(error.value)
+
+
+@pytest.mark.skipif(not hasattr(os, 'mkfifo'), reason='there are no named pipes')
+@pytest.mark.parametrize('name', ['a.mcap', 'a.db3', 'a.ulg', 'a.csv'])
+def test_named_pipes_are_not_waited_for(tmp_path: Path, name: str) -> None:
+    os.mkfifo(tmp_path / name)
+    with pytest.raises(RecordingError, match='not a file; copy the recording into one'):
+        open_recording(tmp_path / name)
 
 
 def test_folders_that_are_no_recordings(tmp_path: Path) -> None:

@@ -36,6 +36,9 @@ def open_recording(path: Path) -> RecordingReader:
         is_folder = path.is_dir()
         if not path.exists():
             raise RecordingError(f'{path}: no such recording', ExitCode.NOT_FOUND)
+        if not is_folder and not path.is_file():
+            # A named pipe would be waited for.
+            raise RecordingError(f'{path}: not a file; copy the recording into one')
     except OSError as error:
         raise RecordingError(f'{path}: cannot be read: {error.strerror}') from None
     format_class = Bag if is_folder else _FORMATS.get(path.suffix.lower())
