@@ -28,8 +28,7 @@ install/.built: $(BUILT_FROM) colcon.meta .venv/set-up-for
 	@touch $@
 
 demo: build  ## monitor a simulated UAV fleet (scenario power_surge)
-	@$(IN_ENVIRONMENT) install/dyknow_bringup/lib/dyknow_bringup/uav_demo --scenario power_surge \
-	  --report log/demo.html
+	@$(IN_ENVIRONMENT) dyknow demo --report log/demo.html
 
 test: build  ## run all tests
 	@# Python writes bytecode even where it is told not to: the tests start hundreds of nodes.
@@ -43,7 +42,7 @@ test-wheel:  ## build the wheel, and check a recording with it where there is no
 
 check: build  ## ruff, mypy, the import rules and the rules of the code base
 	@$(IN_ENVIRONMENT) ruff format --check --quiet . && ruff check --quiet .
-	@$(IN_ENVIRONMENT) mypy dyknow_common/dyknow_main dyknow_bringup/dyknow_command $(foreach package,$(filter-out dyknow_interfaces,$(PACKAGES)),$(package)/$(package))
+	@$(IN_ENVIRONMENT) mypy dyknow_common/dyknow_main $(foreach package,$(filter-out dyknow_interfaces,$(PACKAGES)),$(package)/$(package))
 	@$(IN_ENVIRONMENT) lint-imports --no-cache
 	@$(IN_ENVIRONMENT) python tools/check_code_base.py
 

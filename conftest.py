@@ -8,6 +8,7 @@ from importlib.util import find_spec
 from hypothesis import HealthCheck, settings
 
 import dyknow_bringup  # noqa: F401
+import dyknow_command  # noqa: F401
 import dyknow_common  # noqa: F401
 import dyknow_coordinator  # noqa: F401
 import dyknow_reasoning  # noqa: F401

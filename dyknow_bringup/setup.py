@@ -22,7 +22,7 @@ setup(
     name=PACKAGE,
     version='0.1.0',
     packages=find_packages(exclude=['test']),
-    package_data={PACKAGE: ['py.typed'], 'dyknow_command': ['py.typed']},
+    package_data={PACKAGE: ['py.typed']},
     data_files=[
         ('share/ament_index/resource_index/packages', [f'resource/{PACKAGE}']),
         (f'share/{PACKAGE}', ['package.xml']),
@@ -37,7 +37,6 @@ setup(
     license='Apache-2.0',
     entry_points={
         'console_scripts': [
-            'dyknow = dyknow_command:main',
             'formula_markers = dyknow_bringup.ros.formula_markers:main',
             'formula_monitor = dyknow_bringup.ros.formula_monitor:main',
             'replay = dyknow_bringup.ros.replay:main',

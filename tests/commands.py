@@ -13,8 +13,9 @@ from dyknow_bringup.resources import executable_path
 
 
 def command(name: str, *arguments: str) -> list[str]:
-    """Return the command line of an executable of dyknow_bringup."""
-    return [str(executable_path('dyknow_bringup', name)), *arguments]
+    """Return the command line of `dyknow`, or of an executable of dyknow_bringup."""
+    package = 'dyknow_command' if name == 'dyknow' else 'dyknow_bringup'
+    return [str(executable_path(package, name)), *arguments]
 
 
 @contextmanager

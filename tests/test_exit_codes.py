@@ -16,7 +16,7 @@ from system import LIMIT, Client, private_environment
 
 EXECUTABLES = {
     script.name: package
-    for package in (*dict.fromkeys(PACKAGES.values()), 'dyknow_bringup')
+    for package in (*dict.fromkeys(PACKAGES.values()), 'dyknow_bringup', 'dyknow_command')
     for script in distribution(package).entry_points.select(group='console_scripts')
 }
 NODES = {*PACKAGES, 'formula_markers', 'formula_monitor', 'uav_simulation'}
@@ -73,7 +73,7 @@ def test_packages_that_are_not_found(name: str, environment: dict[str, str]) -> 
     [
         ('check p', 'the following arguments are required: --trace'),
         ('check p --trace /nowhere', 'cannot read the trace in /nowhere: No such file or'),
-        ('dyknow', 'the following arguments are required: COMMAND'),
+        ('dyknow', 'the following arguments are required: VERB'),
         ('dyknow up --store /dev/null/x', 'dyknow: /dev/null/x: Not a directory'),
         ('dyknow up --ontology /nowhere.owl', 'dyknow: ontologies: there is no file /nowhere.owl'),
         ('dyknow evaluate p --coordinator a//b', 'dyknow: failed to resolve name: '),

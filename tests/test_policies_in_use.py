@@ -100,7 +100,7 @@ class Commands:
     """The commands that ask a running system, in the enclave for clients."""
 
     LINES = (
-        ('dyknow_bringup', 'dyknow', 'evaluate', FORMULA),
+        ('dyknow_command', 'dyknow', 'evaluate', FORMULA),
         ('dyknow_coordinator', 'evaluations', '--watch'),
         ('dyknow_stream_processing', 'streams', '--watch'),
         ('dyknow_semantics', 'semantics'),

@@ -50,7 +50,7 @@ ROSDEP_KEYS = {
 UNIMPORTED = {'python3-pytest-timeout', 'ros2launch'}
 """Dependencies that are used without an import."""
 
-OPTIONAL = {'compression', 'dask', 'distributed', 'mypy', 'sentil', 'sros2'}
+OPTIONAL = {'compression', 'dask', 'distributed', 'mypy', 'ros2cli', 'sentil', 'sros2'}
 """Imports that are skipped where the package is missing."""
 
 
@@ -168,11 +168,12 @@ def imported(paths: Iterable[Path]) -> Iterator[str]:
 
 
 def named(paths: Iterable[Path]) -> Iterator[str]:
-    """Yield the packages that some files name: of executables, or of types, `nav_msgs/msg/Path`."""
+    """Yield the packages that some files name: of executables, modules or types of messages."""
     for node in chain.from_iterable(ast.walk(parsed(path)) for path in paths):
         if isinstance(node, ast.Constant) and isinstance(node.value, str):
             yield node.value
             yield from re.findall(r'\b(\w+)/(?:msg|srv|action)/', node.value)
+            yield from re.findall(r'^(dyknow_\w+)\.', node.value)
 
 
 def different_versions() -> Iterator[str]:

@@ -59,13 +59,14 @@ def executable_path(package: str, executable: str) -> Path:
     Raises:
         BringupError: NOT_FOUND, if it is not installed.
     """
-    path = _prefix(package) / 'lib' / package / executable
-    if not path.is_file():
-        raise BringupError(
-            f"package '{package}' has no executable '{executable}'; build the workspace again",
-            ExitCode.NOT_FOUND,
-        )
-    return path
+    prefix = _prefix(package)
+    for folder in (prefix / 'lib' / package, prefix / 'bin'):
+        if (folder / executable).is_file():
+            return folder / executable
+    raise BringupError(
+        f"package '{package}' has no executable '{executable}'; build the workspace again",
+        ExitCode.NOT_FOUND,
+    )
 
 
 def _prefix(package: str) -> Path:

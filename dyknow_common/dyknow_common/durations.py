@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import argparse
 import re
 from decimal import Decimal
 from fractions import Fraction
@@ -31,10 +32,12 @@ MAX_DIGITS: Final = 100
 _DURATION = re.compile(r'(?P<number>-?[0-9]+(?:\.[0-9]+)?)\s*(?P<unit>[A-Za-z]*)')
 
 
-def parse_duration(text: str) -> int:
+def parse_duration(text: str, bare_unit: str = 'ms') -> int:
     """Return the nanoseconds of a text such as `200 ms`, `0.5s` or `1000`.
 
-    A bare number is in milliseconds, as in the paper.
+    Args:
+        text: a number with a unit or without one.
+        bare_unit: the unit of a number without one: in texts ms, as in the paper.
 
     Raises:
         ValueError: for a text that is not a duration, an unknown unit, a part of a nanosecond, or a
@@ -44,7 +47,7 @@ def parse_duration(text: str) -> int:
     match = _DURATION.fullmatch(text.strip())
     if match is None:
         raise ValueError(f"'{shown}' is not a duration; write a number and a unit, such as 200 ms")
-    unit = match['unit'] or 'ms'
+    unit = match['unit'] or bare_unit
     if unit not in NANOSECONDS:
         unit = shortened(unit)
         raise ValueError(f"unknown unit of time '{unit}'; the units are {', '.join(NANOSECONDS)}")
@@ -56,6 +59,20 @@ def parse_duration(text: str) -> int:
     if nanoseconds.denominator != 1:
         raise ValueError(f"'{shown}' is not a whole number of nanoseconds")
     return int(nanoseconds)
+
+
+def duration_option(text: str) -> int:
+    """Return a duration on the command line in nanoseconds; a type for argparse.
+
+    A bare number is in seconds, as in the commands of ROS 2.
+
+    Raises:
+        ArgumentTypeError: if it is not a duration.
+    """
+    try:
+        return parse_duration(text, 's')
+    except ValueError as error:
+        raise argparse.ArgumentTypeError(str(error)) from None
 
 
 def format_duration(nanoseconds: int) -> str:

@@ -6,11 +6,13 @@ ERROR. An exception that nothing catches would end Python with 1, which means fa
 
 from __future__ import annotations
 
+import argparse
 import os
 import sys
-from collections.abc import Callable, Collection, Iterator
+from collections.abc import Callable, Collection, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
+from textwrap import fill
 from traceback import extract_tb
 
 from dyknow_common.errors import DyKnowError
@@ -34,6 +36,8 @@ UNREAD = 141
 """The exit code of a command whose output is a pipe that nothing reads any more, such as `head`."""
 
 SOURCE_ENVIRONMENT = 'run first: source env.sh, or the setup.bash of the workspace'
+
+_HELP_WIDTH = 79
 
 _SCRIPT = """\
 # EASY-INSTALL-ENTRY-SCRIPT: %(spec)r,%(group)r,%(name)r
@@ -88,6 +92,25 @@ def run_main(command: str, work: Callable[[], int]) -> int:
             sys.stderr.write(f'{command}: {error_text(error)}\n')
     _discard_output()
     return code
+
+
+def describe(
+    parser: argparse.ArgumentParser, description: str, examples: Sequence[str], exit_codes: str
+) -> None:
+    """Add to the help of a command what it does, and how it is used.
+
+    Args:
+        parser: of the command.
+        description: what it does, as a sentence.
+        examples: of command lines.
+        exit_codes: what 0, 1 and 2 mean.
+    """
+    parser.description = fill(description, _HELP_WIDTH)
+    lines = '\n'.join(f'  {each}' for each in examples)
+    codes = fill(f'Exit code: {exit_codes}.', _HELP_WIDTH)
+    parser.epilog = f'Examples:\n{lines}\n\n{codes}'
+    # It keeps the lines of the examples, and does not fill the others.
+    parser.formatter_class = argparse.RawDescriptionHelpFormatter
 
 
 class Interruption:

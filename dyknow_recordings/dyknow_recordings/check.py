@@ -8,12 +8,13 @@ from collections.abc import Generator, Iterator, Sequence
 from contextlib import closing
 from pathlib import Path
 
-from dyknow_common import DyKnowError, parse_duration
+from dyknow_common import DyKnowError, duration_option
 from dyknow_common.executables import (
     ERROR,
     SIGNALLED,
     SUCCESS,
     Interruption,
+    describe,
     interruptible,
     run_main,
 )
@@ -43,29 +44,28 @@ from dyknow_recordings.reporting.outputs import (
 from dyknow_recordings.reporting.pictures.files import PictureFiles
 from dyknow_recordings.reporting.table import topics_table
 
-_EPILOG = """\
-Formulas name topics and fields of the recording, as in 'always "/uav1/battery".voltage > 10', or
-features of an ontology that annotations connect to topics. All files are those of `dyknow up`.
-
-Examples:
-  dyknow check flight.mcap --topics
-  dyknow check flight.mcap --formula 'always "/uav1/battery".voltage > 10'
-  dyknow check flight1 flight2 --config monitoring.yaml --json
-
-Exit code: 0 if all is well, 1 if a formula is false, or undecided and that is a failure, 2 for an
-error."""
-
 
 def add_check_options(parser: argparse.ArgumentParser) -> None:
     """Add the options of the command."""
     parser.set_defaults(command=check)
-    parser.description = 'Check formulas over recordings, with the verdicts of the running system.'
-    parser.epilog = _EPILOG
-    parser.formatter_class = argparse.RawDescriptionHelpFormatter
+    describe(
+        parser,
+        'Check formulas over recordings, with the verdicts of the running system. Formulas name '
+        'topics and fields of the recording, or features of an ontology that annotations connect '
+        'to topics.',
+        (
+            'dyknow check flight.mcap --topics',
+            """dyknow check flight.mcap --formula 'always "/uav1/battery".voltage > 10'""",
+            'dyknow check flight1 flight2 --config monitoring.yaml --json',
+        ),
+        '0 if all is well, 1 if a formula is false, or undecided and that is a failure, 2 for an '
+        'error',
+    )
     _add_inputs(parser)
     parser.add_argument(
         '--topics', action='store_true', help='list the topics of the recordings, and end'
     )
+    _add_times(parser)
     parser.add_argument(
         '--undecided',
         type=Judgement,
@@ -73,19 +73,6 @@ def add_check_options(parser: argparse.ArgumentParser) -> None:
         default=Judgement.AUTO,
         help='whether formulas pass that are undecided at the end (default: invariants that were '
         'not broken pass, obligations that were not met fail)',
-    )
-    parser.add_argument(
-        '--begin',
-        type=_duration,
-        metavar='TIME',
-        help="evaluate from this time after the start of the recording on, such as '12 s'",
-    )
-    parser.add_argument(
-        '--every',
-        default=Every.FIRST.value,
-        metavar='state|FORMULA',
-        help='evaluate from every state on, or from every state at which a formula begins to hold '
-        '(default: from the first state on)',
     )
     _add_outputs(parser)
     _add_executors(parser)
@@ -121,6 +108,22 @@ def _add_inputs(parser: argparse.ArgumentParser) -> None:
         '--formula', action='append', default=[], metavar='TEXT', help='a formula; repeatable'
     )
     add_domain_option(parser)
+
+
+def _add_times(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        '--begin',
+        type=duration_option,
+        metavar='TIME',
+        help="evaluate from this time after the start of the recording on, such as '12 s'",
+    )
+    parser.add_argument(
+        '--every',
+        default=Every.FIRST.value,
+        metavar='state|FORMULA',
+        help='evaluate from every state on, or from every state at which a formula begins to hold '
+        '(default: from the first state on)',
+    )
 
 
 def _add_outputs(parser: argparse.ArgumentParser) -> None:
@@ -316,10 +319,3 @@ def _number(text: str) -> int:
     if not text.isdecimal() or not int(text):
         raise argparse.ArgumentTypeError(f"'{text}' is not a positive number")
     return int(text)
-
-
-def _duration(text: str) -> int:
-    try:
-        return parse_duration(text)
-    except ValueError as error:
-        raise argparse.ArgumentTypeError(str(error)) from None

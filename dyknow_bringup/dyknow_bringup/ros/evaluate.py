@@ -14,9 +14,8 @@ from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 
 from dyknow_bringup.errors import BringupError
-from dyknow_common import SECOND_NS, ExitCode, Verdict, round_time
-from dyknow_common.executables import ERROR, FALSE, SUCCESS, interruptible
-from dyknow_common.ros import duration
+from dyknow_common import SECOND_NS, ExitCode, Verdict, duration_option, round_time
+from dyknow_common.executables import ERROR, FALSE, SUCCESS, describe, interruptible
 from dyknow_coordinator import Answer, Grounding, Progress
 from dyknow_coordinator.ros import FormulaClient
 
@@ -113,9 +112,21 @@ def _print(text: str) -> None:
 def add_evaluate_options(parser: argparse.ArgumentParser) -> None:
     """Add the options of the command."""
     parser.set_defaults(command=evaluate)
+    describe(
+        parser,
+        'Evaluate a formula over the topics of the running system, from now on.',
+        (
+            """dyknow evaluate 'always[0 s, 5 s] "/uav1/battery".voltage > 10'""",
+            "dyknow evaluate 'forall u in UAV: always Altitude[u] < 30' --timeout 60",
+        ),
+        '0 for true, 1 for false, 2 for no verdict',
+    )
     parser.add_argument('formula', help="such as: 'forall u in UAV: always Altitude[u] < 30'")
     parser.add_argument(
-        '--timeout', type=duration, default='60 s', help="such as '500 ms' (default: 60 s)"
+        '--timeout',
+        type=duration_option,
+        default='60 s',
+        help="such as 30 or '500 ms' (default: 60 s)",
     )
     parser.add_argument('--grounding', choices=GROUNDINGS, default='auto')
     parser.add_argument('--coordinator', default='stream_reasoning_coordinator', metavar='NODE')

@@ -10,7 +10,7 @@ from dyknow_bringup.security.interfaces import ENGINE
 from dyknow_bringup.security.policy import policy_text
 from dyknow_bringup.security.systems import SecuredSystem, topics_of
 from dyknow_common import read_file
-from dyknow_common.executables import SUCCESS
+from dyknow_common.executables import SUCCESS, describe
 
 
 def policy(chosen: argparse.Namespace) -> int:
@@ -30,6 +30,15 @@ def policy(chosen: argparse.Namespace) -> int:
 def add_policy_options(parser: argparse.ArgumentParser) -> None:
     """Add the options of the command."""
     parser.set_defaults(command=policy)
+    describe(
+        parser,
+        'Print the policy of SROS2 with which the nodes of a system may do what they must.',
+        (
+            'dyknow policy --streams robot.streams > policy.xml',
+            'dyknow policy --topic /odom /battery --client mission_control',
+        ),
+        '0 if it was printed, 2 for an error',
+    )
     parser.add_argument('--namespace', default='', help='of all nodes (default: none)')
     parser.add_argument(
         '--streams',

@@ -3,18 +3,15 @@
 from __future__ import annotations
 
 import argparse
-import sys
-from collections.abc import Sequence
 from pathlib import Path
 
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
-from rclpy.utilities import remove_ros_args
 from rosgraph_msgs.msg import Clock as ClockMessage
 
 from dyknow_bringup.recordings.replay import Replay, Schedule
-from dyknow_common import SECOND_NS
-from dyknow_common.executables import ERROR
-from dyknow_common.ros import DyKnowNode, nanoseconds_to_time, run, run_ros_main
+from dyknow_common import SECOND_NS, duration_option
+from dyknow_common.executables import ERROR, describe
+from dyknow_common.ros import DyKnowNode, command_main, nanoseconds_to_time, run
 from dyknow_recordings import Bag, QualityOfService, RecordingFault
 from dyknow_stream_processing.ros import message_class
 
@@ -44,7 +41,7 @@ class ReplayNode(DyKnowNode):
         self._clock_publisher = (
             self.create_publisher(ClockMessage, '/clock', 10) if options.clock else None
         )
-        start = self.wall_clock.now().nanoseconds + round(options.delay * SECOND_NS)
+        start = self.wall_clock.now().nanoseconds + options.delay
         self._schedule = Schedule.at_rate(self._bag.start_time, start, options.rate)
         self._replay = Replay(messages, self._schedule)
         self._end = self._schedule.due(self._bag.end_time) + LINGER_NS
@@ -83,12 +80,19 @@ def _qos(offered: QualityOfService | None) -> QoSProfile:
     )
 
 
-def options(arguments: Sequence[str]) -> argparse.Namespace:
-    """Return the options on the command line."""
-    parser = argparse.ArgumentParser(
-        prog='replay',
-        description=__doc__,
-        epilog='Exit code 0: replayed, or stopped by a signal, 2: error.',
+def replay(options: argparse.Namespace) -> int:
+    """Replay a bag; return the exit code."""
+    return run(lambda: ReplayNode(options), failure=ERROR)
+
+
+def add_replay_options(parser: argparse.ArgumentParser) -> None:
+    """Add the options of the command."""
+    parser.set_defaults(command=replay)
+    describe(
+        parser,
+        'Publish a recording on its topics, at a chosen rate and optionally with /clock.',
+        ('dyknow replay flight', 'dyknow replay flight.mcap --clock --rate 2 --topics /odom /scan'),
+        '0 if it was replayed, or stopped by a signal, 2 for an error',
     )
     parser.add_argument(
         'bag', type=Path, help='a folder with metadata.yaml, or a .mcap or .db3 file'
@@ -97,7 +101,11 @@ def options(arguments: Sequence[str]) -> argparse.Namespace:
         '--rate', type=float, default=1.0, help='times faster than recorded (default: 1.0)'
     )
     parser.add_argument(
-        '--delay', type=float, default=1.0, help='seconds to wait for receivers (default: 1.0)'
+        '--delay',
+        type=duration_option,
+        default='1 s',
+        metavar='TIME',
+        help='to wait for receivers (default: 1 s)',
     )
     parser.add_argument(
         '--clock', action='store_true', help='publish /clock, for nodes with use_sim_time'
@@ -105,14 +113,8 @@ def options(arguments: Sequence[str]) -> argparse.Namespace:
     parser.add_argument(
         '--topics', nargs='*', default=[], metavar='TOPIC', help='only these topics (default: all)'
     )
-    return parser.parse_args(arguments)
 
 
 def main() -> int:
     """Run the executable replay."""
-
-    def run_node() -> int:
-        chosen = options(remove_ros_args(sys.argv)[1:])
-        return run(lambda: ReplayNode(chosen), failure=ERROR)
-
-    return run_ros_main('replay', run_node)
+    return command_main('replay', add_replay_options)

@@ -6,12 +6,10 @@ It ends by itself. Exit code 0: every verdict is what the scenario says, 1: one 
 from __future__ import annotations
 
 import argparse
-import sys
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from rclpy.utilities import remove_ros_args
 from rich.live import Live
 
 from dyknow_bringup.demonstration.expectations import unexpected
@@ -22,7 +20,8 @@ from dyknow_bringup.resources import scenario_names
 from dyknow_bringup.ros.formula_monitor import FormulaMonitor
 from dyknow_bringup.ros.scenario_run import ScenarioRun, run_scenario
 from dyknow_common import SECOND_NS
-from dyknow_common.ros import run_ros_main
+from dyknow_common.executables import describe
+from dyknow_common.ros import command_main
 from dyknow_recordings import Judgement, MonitoringFiles, PictureFiles, RequestedFormula
 
 SETTLING_NS = SECOND_NS
@@ -96,12 +95,30 @@ class Demonstration(ScenarioRun):
         self._console.print(f'Report, to open in a browser: {page.resolve()}', soft_wrap=True)
 
 
-def options(arguments: Sequence[str]) -> argparse.Namespace:
-    """Return the options on the command line."""
-    parser = argparse.ArgumentParser(
-        prog='uav_demo',
-        description='Monitors a simulated UAV fleet with DyKnow.',
-        epilog='Exit code 0: every verdict is what the scenario says, 1: one is not, 2: error.',
+def demo(options: argparse.Namespace) -> int:
+    """Run the demonstration; the exit code is 0 if every verdict is what the scenario says."""
+    return run_scenario(
+        lambda launcher, folder: Demonstration(
+            page=options.report,
+            scenario=options.scenario,
+            vehicles=options.uavs,
+            launcher=launcher,
+            folder=folder,
+            markers=options.markers,
+        ),
+        options.log_level,
+        options.logs,
+    )
+
+
+def add_demo_options(parser: argparse.ArgumentParser) -> None:
+    """Add the options of the command."""
+    parser.set_defaults(command=demo)
+    describe(
+        parser,
+        'Monitor a simulated UAV fleet with DyKnow.',
+        ('dyknow demo', 'dyknow demo --scenario near_miss --uavs 5 --report report.html'),
+        '0 if every verdict is what the scenario says, 1 if one is not, 2 for an error',
     )
     parser.add_argument(
         '--scenario',
@@ -117,25 +134,8 @@ def options(arguments: Sequence[str]) -> argparse.Namespace:
     parser.add_argument(
         '--logs', type=Path, help='folder for the logs of the nodes (default: a temporary one)'
     )
-    return parser.parse_args(arguments)
 
 
 def main() -> int:
     """Run the executable uav_demo."""
-
-    def run() -> int:
-        chosen = options(remove_ros_args(sys.argv)[1:])
-        return run_scenario(
-            lambda launcher, folder: Demonstration(
-                page=chosen.report,
-                scenario=chosen.scenario,
-                vehicles=chosen.uavs,
-                launcher=launcher,
-                folder=folder,
-                markers=chosen.markers,
-            ),
-            chosen.log_level,
-            chosen.logs,
-        )
-
-    return run_ros_main('uav_demo', run)
+    return command_main('uav_demo', add_demo_options)

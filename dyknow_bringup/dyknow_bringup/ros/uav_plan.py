@@ -6,11 +6,8 @@ It ends by itself. Exit code 0: no violation and every action succeeded, 1: othe
 from __future__ import annotations
 
 import argparse
-import sys
-from collections.abc import Sequence
 from pathlib import Path
 
-from rclpy.utilities import remove_ros_args
 from rich.markup import escape
 
 from dyknow_bringup.demonstration.tables import plan_table, verdict_line
@@ -19,7 +16,8 @@ from dyknow_bringup.resources import plan_path
 from dyknow_bringup.ros.scenario_run import ScenarioRun, run_scenario
 from dyknow_bringup.simulation.missions import load_mission
 from dyknow_common import SECOND_NS, Verdict
-from dyknow_common.ros import run_ros_main
+from dyknow_common.executables import describe
+from dyknow_common.ros import command_main
 from dyknow_coordinator import PlanOutcome
 from dyknow_coordinator.ros import FormulaClient, PlanMonitor
 
@@ -80,12 +78,22 @@ class MonitoredMission(ScenarioRun):
         return succeeded, await monitor.outcome
 
 
-def options(arguments: Sequence[str]) -> argparse.Namespace:
-    """Return the options on the command line."""
-    parser = argparse.ArgumentParser(
-        prog='uav_plan',
-        description='Monitors a simulated vehicle that executes a plan.',
-        epilog='Exit code 0: no violation and every action succeeded, 1: otherwise, 2: error.',
+def plan(options: argparse.Namespace) -> int:
+    """Execute a plan; the exit code is 0 if no rule was violated and every action succeeded."""
+    return run_scenario(
+        lambda launcher, folder: MonitoredMission(options.plan, options.scenario, launcher, folder),
+        options.log_level,
+    )
+
+
+def add_plan_options(parser: argparse.ArgumentParser) -> None:
+    """Add the options of the command."""
+    parser.set_defaults(command=plan)
+    describe(
+        parser,
+        'Monitor a simulated vehicle that executes a plan.',
+        ('uav_plan', 'uav_plan --scenario windy_delivery'),
+        '0 if nothing was violated and every action succeeded, 1 otherwise, 2 for an error',
     )
     parser.add_argument(
         '--plan', default='delivery', help='delivery, or a YAML file (default: delivery)'
@@ -96,19 +104,8 @@ def options(arguments: Sequence[str]) -> argparse.Namespace:
         help='delivery, windy_delivery, or a YAML file (default: delivery)',
     )
     parser.add_argument('--log-level', default='info', help='of the nodes (default: info)')
-    return parser.parse_args(arguments)
 
 
 def main() -> int:
     """Run the executable uav_plan."""
-
-    def run() -> int:
-        chosen = options(remove_ros_args(sys.argv)[1:])
-        return run_scenario(
-            lambda launcher, folder: MonitoredMission(
-                chosen.plan, chosen.scenario, launcher, folder
-            ),
-            chosen.log_level,
-        )
-
-    return run_ros_main('uav_plan', run)
+    return command_main('uav_plan', add_plan_options)

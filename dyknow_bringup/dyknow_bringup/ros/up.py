@@ -22,7 +22,7 @@ from dyknow_bringup.processes.processes import SystemConfiguration, dyknow_proce
 from dyknow_bringup.processes.supervision import Supervisor
 from dyknow_bringup.ros.system_start import SystemStart
 from dyknow_common import ExitCode
-from dyknow_common.executables import SUCCESS
+from dyknow_common.executables import SUCCESS, describe
 from dyknow_main import TERMINAL_SIGNALS, handle
 
 PERIOD_S = 0.2
@@ -146,6 +146,16 @@ def _configuration(chosen: argparse.Namespace) -> SystemConfiguration:
 def add_up_options(parser: argparse.ArgumentParser) -> None:
     """Add the options of the command."""
     parser.set_defaults(command=up)
+    describe(
+        parser,
+        'Start the nodes of DyKnow, load files, and show warnings and errors of all nodes.',
+        (
+            'dyknow up',
+            'dyknow up --ontology robot.owl --annotations robot.ssl --streams robot.streams',
+            'dyknow up --namespace /robot1 --use-sim-time',
+        ),
+        '0 after a stop by a signal, 2 for an error',
+    )
     for name, description in (
         ('ontology', 'OWL files'),
         ('annotations', 'files in SSL'),

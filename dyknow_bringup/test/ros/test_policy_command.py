@@ -2,14 +2,21 @@
 
 from __future__ import annotations
 
+import argparse
 from pathlib import Path
 
 import pytest
 
 from dyknow_bringup.errors import BringupError
+from dyknow_bringup.ros.policy import add_policy_options
 from dyknow_bringup.ros.up import is_unenforced
 from dyknow_bringup.security.systems import SecuredSystem
-from dyknow_command import options
+
+
+def parsed(*arguments: str) -> argparse.Namespace:
+    parser = argparse.ArgumentParser()
+    add_policy_options(parser)
+    return parser.parse_args(arguments)
 
 
 def test_the_policy_of_a_system_is_printed(
@@ -17,9 +24,9 @@ def test_the_policy_of_a_system_is_printed(
 ) -> None:
     streams = tmp_path / 'own.streams'
     streams.write_text('stream a = select x from "odom"; sink a', encoding='utf-8')
-    chosen = options(
-        ['policy', '--namespace', 'robot1', '--streams', str(streams), '--topic', '/map',
-         '--engine', 'e1', 'e2', '--client', 'pilot']
+    chosen = parsed(
+        '--namespace', 'robot1', '--streams', str(streams), '--topic', '/map',
+        '--engine', 'e1', 'e2', '--client', 'pilot',
     )  # fmt: skip
     assert chosen.command(chosen) == 0
     printed = capsys.readouterr().out
@@ -31,7 +38,7 @@ def test_the_policy_of_a_system_is_printed(
 
 
 def test_a_wrong_file_is_named(tmp_path: Path) -> None:
-    chosen = options(['policy', '--streams', str(tmp_path / 'none')])
+    chosen = parsed('--streams', str(tmp_path / 'none'))
     with pytest.raises(BringupError, match=r'cannot read the streams in .*none'):
         chosen.command(chosen)
 

@@ -2,9 +2,9 @@
 
 from dyknow_common.ros.commands import (
     CommandNode,
-    duration,
-    run_command,
+    command_main,
     run_ros_main,
+    run_with_node,
 )
 from dyknow_common.ros.deadlines import TICK_PERIOD_S
 from dyknow_common.ros.executor import Background, NodeExecutor, supports_node_executor
@@ -79,9 +79,9 @@ __all__ = [
     'TopicOwner',
     'absolute_topic',
     'add_report_options',
+    'command_main',
     'constraints_from_message',
     'constraints_to_message',
-    'duration',
     'fill_exit_status',
     'full_name',
     'nanoseconds_to_duration',
@@ -90,8 +90,8 @@ __all__ = [
     'only_owner',
     'only_publishers_of',
     'run',
-    'run_command',
     'run_ros_main',
+    'run_with_node',
     'snake_case',
     'supports_node_executor',
     'time_to_nanoseconds',

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 import os
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from contextlib import closing
 
 import rclpy
@@ -17,7 +17,6 @@ from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 from rclpy.utilities import remove_ros_args
 
-from dyknow_common.durations import parse_duration
 from dyknow_common.errors import DyKnowError, one_line
 from dyknow_common.executables import SUCCESS, interruptible, run_main
 from dyknow_common.ros.topics.names import RCLError
@@ -71,34 +70,38 @@ class CommandNode:
             self._executor.spin_once(timeout_sec=TICK_PERIOD_S)
 
 
-def run_command(
-    name: str,
-    parse_options: Callable[[Sequence[str]], argparse.Namespace],
-    work: Callable[[argparse.Namespace, CommandNode], None],
-) -> int:
-    """Run a command with a node of its own; the main function of its executable.
+def command_main(name: str, add_options: Callable[[argparse.ArgumentParser], None]) -> int:
+    """Run an executable that is one command, and return its exit code.
 
     Args:
-        name: of the command, for its node and its error messages.
-        parse_options: parses the arguments on the command line.
-        work: does the work of the command.
-
-    Returns:
-        The exit code, as for `run_main`.
+        name: of the command, for its help and its error messages.
+        add_options: adds the options, among them `command`, which does the work.
     """
 
     def run() -> int:
-        options = parse_options(remove_ros_args(sys.argv)[1:])
-        # An interrupt must end the command by an exception, while its context is still valid.
-        rclpy.init(args=sys.argv, signal_handler_options=SignalHandlerOptions.NO)
-        try:
-            with closing(CommandNode(name)) as node, interruptible():
-                work(options, node)
-        finally:
-            rclpy.try_shutdown()
-        return SUCCESS
+        parser = argparse.ArgumentParser(prog=name)
+        add_options(parser)
+        chosen = parser.parse_args(remove_ros_args(sys.argv)[1:])
+        return int(chosen.command(chosen))
 
     return run_ros_main(name, run)
+
+
+def run_with_node(name: str, work: Callable[[CommandNode], None]) -> int:
+    """Do the work of a command with a node of its own, and return the exit code.
+
+    Args:
+        name: of the command, for its node.
+        work: does the work of the command.
+    """
+    # An interrupt must end the command by an exception, while its context is still valid.
+    rclpy.init(args=sys.argv, signal_handler_options=SignalHandlerOptions.NO)
+    try:
+        with closing(CommandNode(name)) as node, interruptible():
+            work(node)
+    finally:
+        rclpy.try_shutdown()
+    return SUCCESS
 
 
 def run_ros_main(command: str, work: Callable[[], int]) -> int:
@@ -113,15 +116,3 @@ def run_ros_main(command: str, work: Callable[[], int]) -> int:
             raise DyKnowError(one_line(error)) from None
 
     return run_main(command, work_of_command)
-
-
-def duration(text: str) -> int:
-    """Return a duration on the command line in nanoseconds; a type for argparse.
-
-    Raises:
-        ArgumentTypeError: if it is not a duration.
-    """
-    try:
-        return parse_duration(text)
-    except ValueError as error:
-        raise argparse.ArgumentTypeError(str(error)) from None

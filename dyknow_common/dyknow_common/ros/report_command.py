@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 import json
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from contextlib import nullcontext
 from dataclasses import dataclass
 from typing import Any
@@ -12,9 +12,9 @@ from typing import Any
 from rich.console import RenderableType
 from rich.live import Live
 
-from dyknow_common.durations import SECOND_NS
+from dyknow_common.durations import SECOND_NS, duration_option
 from dyknow_common.errors import DyKnowError, ExitCode
-from dyknow_common.ros.commands import CommandNode, duration, run_command
+from dyknow_common.ros.commands import CommandNode, run_with_node
 from dyknow_common.ros.qos import LATCHED
 from dyknow_common.tables import Terminal
 
@@ -35,9 +35,9 @@ class ReportCommand:
     document: Callable[[Any, str], Any]
     rendered: Callable[[Any, str], RenderableType]
 
-    def run(self, parse_options: Callable[[Sequence[str]], argparse.Namespace]) -> int:
+    def __call__(self, options: argparse.Namespace) -> int:
         """Run the command and return its exit code."""
-        return run_command(self.name, parse_options, self._show)
+        return run_with_node(self.name, lambda node: self._show(options, node))
 
     def _show(self, options: argparse.Namespace, command: CommandNode) -> None:
         reports = _Reports(command, f'{options.node}/{self.name}', self.message_type)
@@ -110,6 +110,6 @@ def add_report_options(parser: argparse.ArgumentParser, node: str, role: str) ->
     parser.add_argument('--json', action='store_true', help='print a line of JSON for each report')
     parser.add_argument('--watch', action='store_true', help='show each new report')
     parser.add_argument(
-        '--timeout', type=duration, default='5 s', help='to wait for a report (default: 5 s)'
+        '--timeout', type=duration_option, default='5 s', help='to wait for a report (default: 5 s)'
     )
     parser.add_argument('--node', default=node, help=f'{role} that reports (default: {node})')

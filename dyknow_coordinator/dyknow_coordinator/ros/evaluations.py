@@ -3,14 +3,19 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Sequence
 from typing import Any
 
 from dyknow_interfaces.msg import EvaluationStatusArray
 from rich.console import RenderableType
 
 from dyknow_common import ExitCode
-from dyknow_common.ros import ReportCommand, add_report_options, time_to_nanoseconds
+from dyknow_common.executables import describe
+from dyknow_common.ros import (
+    ReportCommand,
+    add_report_options,
+    command_main,
+    time_to_nanoseconds,
+)
 from dyknow_coordinator.errors import CoordinationError
 from dyknow_coordinator.reporting.evaluation_status import EvaluationStatus
 from dyknow_coordinator.reporting.evaluation_table import (
@@ -53,11 +58,19 @@ def _statuses(report: Any, name: str) -> list[EvaluationStatus]:
     return found
 
 
-def options(arguments: Sequence[str]) -> argparse.Namespace:
-    """Return the options on the command line."""
-    parser = argparse.ArgumentParser(
-        prog='evaluations',
-        description=f'{__doc__} Exit code 0: shown, 2: no such evaluation, or no report.',
+def add_evaluations_options(parser: argparse.ArgumentParser) -> None:
+    """Add the options of the command."""
+    command = ReportCommand('evaluations', EvaluationStatusArray, document, rendered)
+    parser.set_defaults(command=command)
+    describe(
+        parser,
+        'Show the formulas that are evaluated, and their status.',
+        (
+            'dyknow evaluations',
+            'dyknow evaluations --watch',
+            "dyknow evaluations 'no surge' --json",
+        ),
+        '0 if the evaluations were shown, 2 if there is no such evaluation, or no report',
     )
     parser.add_argument(
         'name',
@@ -67,9 +80,8 @@ def options(arguments: Sequence[str]) -> argparse.Namespace:
         help='show all details of the evaluations of this name',
     )
     add_report_options(parser, 'stream_reasoning_coordinator', 'the coordinator')
-    return parser.parse_args(arguments)
 
 
 def main() -> int:
     """Run the executable evaluations."""
-    return ReportCommand('evaluations', EvaluationStatusArray, document, rendered).run(options)
+    return command_main('evaluations', add_evaluations_options)

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import argparse
 import json
-from collections.abc import Sequence
 from dataclasses import asdict
 from typing import Any
 
 from dyknow_interfaces.srv import ListSemanticSpecifications, OntologyQuery
 
-from dyknow_common import SECOND_NS, ExitCode
-from dyknow_common.ros import SERVICE, CommandNode, duration, run_command, snake_case
+from dyknow_common import SECOND_NS, ExitCode, duration_option
+from dyknow_common.executables import describe
+from dyknow_common.ros import SERVICE, CommandNode, command_main, run_with_node, snake_case
 from dyknow_common.tables import Terminal
 from dyknow_semantics.annotations.parsing import parse_concept
 from dyknow_semantics.errors import SemanticsError
@@ -52,11 +52,19 @@ def show(options: argparse.Namespace, command: CommandNode) -> None:
         console.out(f'invalid annotation: {text}\n  {fault}')
 
 
-def parse_options(arguments: Sequence[str]) -> argparse.Namespace:
-    """Return the options on the command line."""
-    parser = argparse.ArgumentParser(
-        prog='semantics',
-        description=f'{__doc__} Exit code 0: shown, 2: no such concept, or no answer.',
+def add_semantics_options(parser: argparse.ArgumentParser) -> None:
+    """Add the options of the command."""
+    parser.set_defaults(
+        command=lambda options: run_with_node('semantics', lambda node: show(options, node))
+    )
+    describe(
+        parser,
+        'Show ontologies, the streams that carry their features, and why streams match a concept.',
+        (
+            'dyknow semantics',
+            'dyknow semantics --explain Power[uav1]',
+        ),
+        '0 if it was shown, 2 if there is no such concept, or no answer',
     )
     parser.add_argument(
         '--explain', metavar='CONCEPT', help='explain which streams match it and which do not'
@@ -66,7 +74,10 @@ def parse_options(arguments: Sequence[str]) -> argparse.Namespace:
     )
     parser.add_argument('--json', action='store_true', help='print a line of JSON')
     parser.add_argument(
-        '--timeout', type=duration, default='5 s', help='to wait for an answer (default: 5 s)'
+        '--timeout',
+        type=duration_option,
+        default='5 s',
+        help='to wait for an answer (default: 5 s)',
     )
     for role, default in (
         ('ontology-manager', 'ontology_manager'),
@@ -75,7 +86,6 @@ def parse_options(arguments: Sequence[str]) -> argparse.Namespace:
         parser.add_argument(
             f'--{role}', default=default, help=f'the name of the node (default: {default})'
         )
-    return parser.parse_args(arguments)
 
 
 def _fetch_matcher(options: argparse.Namespace, command: CommandNode) -> Matcher:
@@ -123,5 +133,5 @@ def _call(
 
 
 def main() -> int:
-    """Run the command."""
-    return run_command('semantics', parse_options, show)
+    """Run the executable semantics."""
+    return command_main('semantics', add_semantics_options)

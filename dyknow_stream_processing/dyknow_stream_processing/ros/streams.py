@@ -3,13 +3,18 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Sequence
 from typing import Any
 
 from dyknow_interfaces.msg import StreamStatusArray
 from rich.console import RenderableType
 
-from dyknow_common.ros import ReportCommand, add_report_options, time_to_nanoseconds
+from dyknow_common.executables import describe
+from dyknow_common.ros import (
+    ReportCommand,
+    add_report_options,
+    command_main,
+    time_to_nanoseconds,
+)
 from dyknow_stream_processing.errors import unknown_stream
 from dyknow_stream_processing.reporting.stream_report import StreamReport
 from dyknow_stream_processing.reporting.stream_table import as_json, stream_details, stream_table
@@ -42,19 +47,25 @@ def _find(message: Any, name: str) -> StreamReport:
     return reports[name]
 
 
-def options(arguments: Sequence[str]) -> argparse.Namespace:
-    """Return the options on the command line."""
-    parser = argparse.ArgumentParser(
-        prog='streams',
-        description=f'{__doc__} Exit code 0: shown, 2: no such stream, or no report.',
+def add_streams_options(parser: argparse.ArgumentParser) -> None:
+    """Add the options of the command."""
+    parser.set_defaults(command=ReportCommand('streams', StreamStatusArray, document, rendered))
+    describe(
+        parser,
+        'Show the state of each stream.',
+        (
+            'dyknow streams',
+            'dyknow streams uav1_power',
+            'dyknow streams --watch',
+        ),
+        '0 if the streams were shown, 2 if there is no such stream, or no report',
     )
     parser.add_argument(
         'name', nargs='?', default='', metavar='NAME', help='show the details of this stream'
     )
     add_report_options(parser, 'stream_manager', 'the stream manager, or the engine,')
-    return parser.parse_args(arguments)
 
 
 def main() -> int:
     """Run the executable streams."""
-    return ReportCommand('streams', StreamStatusArray, document, rendered).run(options)
+    return command_main('streams', add_streams_options)

@@ -1,0 +1,87 @@
+"""Start DyKnow, evaluate formulas, check recordings, and show what runs."""
+# A package of its own: checking recordings imports nothing of the demonstration and the simulation,
+# and works where only it is installed, without ROS and without dyknow_bringup.
+
+from __future__ import annotations
+
+import argparse
+import os
+import sys
+from collections.abc import Sequence
+from contextlib import suppress
+from importlib import import_module
+
+from dyknow_command.verbs import VERBS
+from dyknow_command.version import version_text
+from dyknow_common import DyKnowError, ExitCode
+from dyknow_common.executables import SOURCE_ENVIRONMENT, run_main
+
+_EPILOG = """\
+Examples:
+  dyknow demo
+  dyknow up
+  dyknow evaluate 'always[0 s, 5 s] "/uav1/battery".voltage > 10'
+  dyknow check flight.mcap --formula 'always "/uav1/battery".voltage > 10'
+
+Exit code: 0 for true or done, 1 for a verdict of false, 2 for everything else.
+Durations are in seconds unless a unit is given, as in '500 ms'."""
+
+
+def options_parser(verb: str) -> argparse.ArgumentParser:
+    """Return the parser of the command line; only the chosen verb has its options."""
+    parser = argparse.ArgumentParser(
+        prog='dyknow',
+        description=__doc__,
+        epilog=_EPILOG,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument('--version', action='version', version=version_text())
+    commands = parser.add_subparsers(required=True, metavar='VERB')
+    for name, each in VERBS.items():
+        command = commands.add_parser(name, help=each.description)
+        if name == verb:
+            getattr(import_module(each.module), f'add_{name}_options')(command)
+    return parser
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the executable dyknow.
+
+    Args:
+        arguments: of the command; None for those of the process.
+    """
+    given = sys.argv[1:] if arguments is None else list(arguments)
+    if '_ARGCOMPLETE' in os.environ:
+        return run_main('dyknow', _complete)
+    return run_main('dyknow', lambda: _run_chosen(given))
+
+
+def _complete() -> int:
+    """Print the completions of an unfinished line for the shell (argcomplete)."""
+    words = os.environ.get('COMP_LINE', '').split()
+    with suppress(ImportError):
+        import_module('argcomplete').autocomplete(options_parser(*words[1:2] or ['']))
+    return 0
+
+
+def _run_chosen(arguments: Sequence[str]) -> int:
+    verb = VERBS.get(arguments[0]) if arguments else None
+    if verb is not None and not verb.is_installed:
+        text = (
+            f'{arguments[0]} needs ROS 2 and the workspace of DyKnow, of which only the part '
+            'without ROS is installed; build the workspace as its README.md says'
+        )
+        raise DyKnowError(text, ExitCode.UNAVAILABLE)
+    if verb is None or not verb.needs_ros:
+        return _run(arguments)
+    try:
+        ros, utilities = map(import_module, ('dyknow_common.ros', 'rclpy.utilities'))
+    except ImportError as error:
+        text = f'{arguments[0]} needs ROS: {error}; {SOURCE_ENVIRONMENT}'
+        raise DyKnowError(text, ExitCode.UNAVAILABLE) from None
+    return int(ros.run_ros_main('dyknow', lambda: _run(utilities.remove_ros_args(arguments))))
+
+
+def _run(arguments: Sequence[str]) -> int:
+    chosen = options_parser(*arguments[:1] or ['']).parse_args(arguments)
+    return int(chosen.command(chosen))

@@ -1,0 +1,50 @@
+"""The verbs of the command `dyknow`."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from importlib.util import find_spec
+from typing import Final
+
+
+@dataclass(frozen=True, slots=True)
+class Verb:
+    """A verb of `dyknow`. Its module is imported only if it is chosen: most need ROS.
+
+    Args:
+        module: has the function `add_<verb>_options`.
+        description: for the help.
+        needs_ros: True if it needs rclpy.
+    """
+
+    module: str
+    description: str
+    needs_ros: bool = True
+
+    @property
+    def is_installed(self) -> bool:
+        """False if only what needs no ROS is installed, and this is something else."""
+        package, *rest = self.module.split('.')
+        return find_spec('.'.join([package, *rest[:1]]) if rest[1:] else package) is not None
+
+
+VERBS: Final[Mapping[str, Verb]] = {
+    'up': Verb('dyknow_bringup.ros.up', 'start the nodes'),
+    'evaluate': Verb('dyknow_bringup.ros.evaluate', 'evaluate a formula with the running system'),
+    'evaluations': Verb('dyknow_coordinator.ros.evaluations', 'show what is being evaluated'),
+    'streams': Verb('dyknow_stream_processing.ros.streams', 'show the streams and their timing'),
+    'semantics': Verb('dyknow_semantics.ros.semantics', 'show ontologies and what streams mean'),
+    'check': Verb(
+        'dyknow_recordings.check', 'check formulas over recordings, without ROS', needs_ros=False
+    ),
+    'replay': Verb('dyknow_bringup.ros.replay', 'publish a recording on its topics'),
+    'parse': Verb(
+        'dyknow_command.parse', 'check a text, and print its canonical form', needs_ros=False
+    ),
+    'demo': Verb('dyknow_bringup.ros.uav_demo', 'monitor a simulated fleet'),
+    'policy': Verb(
+        'dyknow_bringup.ros.policy', 'print the SROS2 policy of a system', needs_ros=False
+    ),
+    'version': Verb('dyknow_command.version', 'print the version', needs_ros=False),
+}

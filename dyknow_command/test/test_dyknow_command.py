@@ -1,0 +1,105 @@
+"""The command `dyknow`: its verbs, its help, and what it says where something is missing."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from contextlib import suppress
+
+import pytest
+
+import dyknow_command
+from dyknow_command import verbs
+from dyknow_command.verbs import VERBS
+
+WITHOUT_ROS = [name for name, verb in VERBS.items() if not verb.needs_ros]
+
+
+@pytest.mark.parametrize('verb', ['up', 'evaluate', 'streams', 'policy'])
+def test_a_verb_that_needs_the_workspace(
+    verb: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(verbs, 'find_spec', lambda _: None)
+    assert dyknow_command.main([verb, '--help']) == 2
+    assert f'dyknow: {verb} needs ROS 2 and the workspace of DyKnow' in capsys.readouterr().err
+
+
+def test_checks_import_no_demonstration(monkeypatch: pytest.MonkeyPatch) -> None:
+    imported: list[str] = []
+
+    def import_module(name: str) -> object:
+        imported.append(name)
+        raise SystemExit
+
+    monkeypatch.setattr(dyknow_command, 'import_module', import_module)
+    with pytest.raises(SystemExit):
+        dyknow_command.main(['check', 'flight'])
+    assert imported == ['dyknow_recordings.check']
+
+
+@pytest.mark.parametrize('verb', WITHOUT_ROS)
+def test_every_help_has_examples(verb: str, capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as ended:
+        dyknow_command.main([verb, '--help'])
+    shown = capsys.readouterr().out
+    assert ended.value.code == 0
+    assert f'Examples:\n  dyknow {verb}' in shown
+    assert 'Exit code: ' in shown
+
+
+def test_the_help_fits_a_terminal_of_80_columns(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit):
+        dyknow_command.main(['--help'])
+    shown = capsys.readouterr().out
+    assert all(f'  {verb}' in shown for verb in VERBS)
+    assert max(map(len, shown.splitlines())) <= 80
+
+
+@pytest.mark.parametrize('arguments', [['--version'], ['version']])
+def test_the_version(arguments: list[str], capsys: pytest.CaptureFixture[str]) -> None:
+    with suppress(SystemExit):  # Of argparse.
+        assert dyknow_command.main(arguments) == 0
+    assert capsys.readouterr().out.startswith('dyknow ')
+
+
+@pytest.mark.parametrize(
+    ('arguments', 'canonical'),
+    [
+        (['always p -> q'], 'always (p -> q)\n'),
+        (
+            ['--language', 'stream', 'select x as y from "/a" with max_delay = 100 ms'],
+            'sink select x as y from "/a" with max_delay = 100 ms\n',
+        ),
+        (
+            ['--language', 'annotation', 'stream "/a" contains P[u] = x;'],
+            'stream "/a" contains P[u] = x;\n',
+        ),
+    ],
+)
+def test_texts_are_parsed(
+    arguments: list[str], canonical: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert dyknow_command.main(['parse', *arguments]) == 0
+    assert capsys.readouterr().out == canonical
+
+
+def test_an_incorrect_text_is_shown_with_the_place(capsys: pytest.CaptureFixture[str]) -> None:
+    assert dyknow_command.main(['parse', 'always alway x']) == 2
+    assert capsys.readouterr().err.startswith("dyknow: formula:1:14: unexpected 'x'")
+
+
+def test_completion_needs_nothing_that_is_missing() -> None:
+    code = 'import dyknow_command, sys; sys.exit(dyknow_command.main([]))'
+    done = subprocess.run(
+        [sys.executable, '-c', code],
+        env={
+            '_ARGCOMPLETE': '1',
+            'COMP_LINE': 'dyknow che',
+            'COMP_POINT': '10',
+            'PYTHONPATH': ':'.join(sys.path),
+        },
+        check=False,
+        capture_output=True,
+        text=True,
+    )
+    assert 'Traceback' not in done.stderr
