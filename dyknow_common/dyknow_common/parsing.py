@@ -19,6 +19,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from importlib.resources import files
+from types import MappingProxyType
 from typing import Any, Final, TypeVar
 
 from lark import Lark, Token, Tree, v_args
@@ -26,6 +27,7 @@ from lark.exceptions import UnexpectedCharacters, UnexpectedToken, VisitError
 from lark.visitors import Transformer_NonRecursive
 
 from dyknow_common.constraints import CONSTRAINT_KINDS
+from dyknow_common.corrections import correction
 from dyknow_common.durations import MAX_DIGITS, parse_duration
 from dyknow_common.errors import DyKnowError, ExitCode, shortened
 from dyknow_common.limits import MAX_CHARACTERS, MAX_DEPTH, MAX_WORDS
@@ -141,6 +143,7 @@ class Language:
         spellings: the names of terminals in messages, `{'UNIT': 'a unit'}`, beside those that
             several languages have.
         start: the rule of a whole text.
+        corrections: what is meant by mistakes, `{'&&': 'and'}`, for messages.
     """
 
     def __init__(
@@ -150,8 +153,10 @@ class Language:
         grammar: str,
         spellings: Mapping[str, str],
         start: str = 'start',
+        corrections: Mapping[str, str] = MappingProxyType({}),
     ) -> None:
         self.name = name
+        self._corrections = corrections
         self._spellings = {**_SPELLINGS, **spellings}
         self._package = package
         self._grammar = grammar
@@ -186,10 +191,9 @@ class Language:
             except VisitError as error:
                 raise error.orig_exc from None
             except UnexpectedCharacters as error:
-                expected = self._expected(error.allowed)
-                character = text[error.pos_in_stream or 0]
-                message = f'unexpected character {character!r}{expected}'
-                raise PositionedError(message, TextPosition.of(error)) from None
+                offset = error.pos_in_stream or 0
+                found = f'character {text[offset]!r}'
+                raise self._unexpected(found, error, text, offset, error.allowed) from None
 
     def _check_characters(self, text: str) -> None:
         if len(text) > MAX_CHARACTERS:
@@ -271,13 +275,20 @@ class Language:
     def _unexpected_token(
         self, text: str, error: UnexpectedToken, terminals: Iterable[str]
     ) -> PositionedError:
-        expected = self._expected(terminals or error.expected)
+        terminals = terminals or error.expected
         if error.token.type != '$END':
-            message = f'unexpected {shortened(error.token)!r}{expected}'
-            return PositionedError(message, TextPosition.of(error.token))
+            found, offset = repr(shortened(error.token)), error.token.start_pos or 0
+            return self._unexpected(found, error.token, text, offset, terminals)
         lines = text.rstrip().split('\n')
         end = TextPosition(len(lines), len(lines[-1]) + 1)
-        return PositionedError(f'unexpected end of the {self.name}{expected}', end)
+        return PositionedError(f'unexpected end of the {self.name}{self._expected(terminals)}', end)
+
+    def _unexpected(
+        self, found: str, place: Any, text: str, offset: int, terminals: Iterable[str] | None
+    ) -> PositionedError:
+        hint = correction(text, offset, self._corrections)
+        message = f'unexpected {found}{self._expected(terminals)}{hint and f"; {hint}"}'
+        return PositionedError(message, TextPosition.of(place))
 
     def _expected(self, terminals: Iterable[str] | None) -> str:
         names = sorted({self._spelling(terminal) for terminal in terminals or ()})

@@ -286,3 +286,23 @@ def closed(formula: Formula) -> Formula:
 def test_reading_what_was_written(formula: Formula) -> None:
     assert parse_formula(str(formula)) == formula
     assert canonical(str(formula)) == str(formula)
+
+
+@pytest.mark.parametrize(
+    ('text', 'mistake', 'meant'),
+    [
+        ('alway p', 'alway', 'always'),
+        ('G p', 'G', 'always'),
+        ('F[0 s, 5 s] p', 'F', 'eventually'),
+        ('p && q', '&&', 'and'),
+        ('p || q', '||', 'or'),
+        ('not !p', '!', 'not'),
+        ('x == 1', '==', '='),
+        ('p => q', '=>', '->'),
+        ('p untill[0 s, 5 s] q', 'untill', 'until'),
+    ],
+)
+def test_what_other_tools_write_is_corrected(text: str, mistake: str, meant: str) -> None:
+    with pytest.raises(LanguageError, match=f"did you mean '{meant}' instead of ") as error:
+        parse_formula(text)
+    assert f"instead of '{mistake}'?" in str(error.value)

@@ -18,4 +18,22 @@ _SPELLINGS: Final = {
     '_IN': "'in'",
 }
 
-LANGUAGE: Final = Language('formula', __package__, 'formula.lark', _SPELLINGS)
+_CORRECTIONS: Final = {
+    **dict.fromkeys(('&', '&&', 'AND'), 'and'),
+    **dict.fromkeys(('|', '||', 'OR'), 'or'),
+    **dict.fromkeys(('!', '~', 'NOT'), 'not'),
+    **dict.fromkeys(('=>', '==>', '-->', 'implies'), '->'),
+    **dict.fromkeys(('<=>', '<==>', 'iff'), '<->'),
+    **dict.fromkeys(('G', 'globally', 'ALWAYS'), 'always'),
+    **dict.fromkeys(('F', 'finally', 'EVENTUALLY'), 'eventually'),
+    **dict.fromkeys(('all', 'FORALL'), 'forall'),
+    **dict.fromkeys(('some', 'EXISTS'), 'exists'),
+    'UNTIL': 'until',
+    '==': '=',
+    '<>': '!=',
+}
+"""What other languages write, and mistakes; the closest of these words is proposed for others."""
+
+LANGUAGE: Final = Language(
+    'formula', __package__, 'formula.lark', _SPELLINGS, corrections=_CORRECTIONS
+)

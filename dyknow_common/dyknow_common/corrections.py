@@ -1,0 +1,40 @@
+"""Corrections of what other languages write, and of misspelt words, for messages about errors."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from difflib import get_close_matches
+from typing import Final
+
+from dyknow_common.errors import shortened
+
+_TOKEN: Final = re.compile(r'[A-Za-z_]\w*|[=&|!<>~-]+')
+_BETWEEN: Final = re.compile(r'[\s(\[]*')
+_NEAR: Final = 30
+"""The number of characters around an error in which the mistake is looked for."""
+
+_SIMILARITY: Final = 0.8
+
+
+def correction(text: str, offset: int, corrections: Mapping[str, str]) -> str:
+    """Return a question about the mistake at an error, such as `did you mean 'and' ...?`.
+
+    Args:
+        text: the text with the error.
+        offset: of what was unexpected; the mistake stands there, or before it as in `alway p`.
+        corrections: what is meant, by mistake. Words close to what is meant are mistakes too.
+
+    Returns:
+        An empty text if no mistake is known.
+    """
+    meant = sorted(set(corrections.values()))
+    near = [*_TOKEN.finditer(text, max(0, offset - _NEAR), offset + _NEAR)]
+    for each in reversed(near):
+        is_at_error = each.start() <= offset < each.end()
+        is_before = each.end() <= offset and _BETWEEN.fullmatch(text, each.end(), offset)
+        if (is_at_error or is_before) and each[0] not in meant:
+            close = get_close_matches(each[0], meant, 1, _SIMILARITY)
+            if found := corrections.get(each[0], *close or ['']):
+                return f"did you mean '{found}' instead of '{shortened(each[0])}'?"
+    return ''
