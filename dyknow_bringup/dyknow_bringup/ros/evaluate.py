@@ -18,6 +18,7 @@ from dyknow_common import SECOND_NS, ExitCode, Verdict, duration_option, round_t
 from dyknow_common.executables import ERROR, FALSE, SUCCESS, describe, interruptible
 from dyknow_coordinator import Answer, Grounding, Progress
 from dyknow_coordinator.ros import FormulaClient
+from dyknow_reasoning import check_types, parse_formula
 
 GROUNDINGS = {grounding.name.lower(): grounding for grounding in Grounding}
 
@@ -27,6 +28,8 @@ COORDINATOR_TIMEOUT_S = 10.0
 
 def evaluate(chosen: argparse.Namespace) -> int:
     """Evaluate one formula; the exit code is 0 for true, 1 for false and 2 for no verdict."""
+    # What is wrong with the text alone is said at once, also if no system runs.
+    check_types(parse_formula(chosen.formula), chosen.formula)
     answer = _ask(chosen)
     if chosen.json:
         _print(json.dumps(_as_json(answer)))
