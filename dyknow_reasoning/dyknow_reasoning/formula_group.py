@@ -123,7 +123,7 @@ class FormulaGroup:
         self._find(formula_id)
         if self._monitor and formula_id in self._undecided:
             self._monitor.remove([formula_id])
-        self._undecided.discard(formula_id)
+        self._end(formula_id)
         for each in (self._formulas, self._sizes, self._instances, self._known, self._ends):
             each.pop(formula_id, None)
 
@@ -169,6 +169,27 @@ class FormulaGroup:
             self._begin_formula(formula_id, found, self._monitor)
         self._monitor.prepare()
 
+    def keep_history(self, text: str) -> None:
+        """Remember from the next state on what the past operators of a formula need.
+
+        Formulas with the same text that are added later look back to that state. Without this
+        call, the past of a formula begins with the first state after it was added.
+
+        Raises:
+            LanguageError: for a text that is not a formula or is badly typed, with the position.
+            ReasoningError: before `begin`, for a sort without a domain, or for a past operator
+                over a future one.
+        """
+        histories = self._begun().histories
+        formula = parse_formula(text)
+        kinds = check_types(formula, text)
+        histories.keep(formula, self._instances_of(formula, self._domains), kinds)
+
+    @property
+    def keeps_history(self) -> bool:
+        """True if later formulas may look back to states, which are to be given to `progress`."""
+        return self._monitor is not None and self._monitor.histories.are_kept
+
     def decided_at_once(self) -> list[FormulaResult]:
         """Return the results of the formulas that need no state.
 
@@ -188,6 +209,8 @@ class FormulaGroup:
             values: a value for each feature of objects, by the text of its `Symbol`.
         """
         monitor = self._monitor or self._begun()
+        if monitor.histories:
+            values = monitor.histories.extended(valid_time, values)
         quick_step = monitor.quick_step
         if quick_step and not self._known and quick_step(valid_time, values):
             return []
@@ -214,6 +237,8 @@ class FormulaGroup:
         monitor = self._begun()
         recording = Recording.read(valid_times, columns)
         usable = recording.increasing(monitor.latest)
+        if monitor.histories:
+            usable = monitor.histories.extended_recording(usable)
         results = self._known_results() if len(usable) else []
         for index, outcomes in monitor.progress_many(usable):
             results += self._results(outcomes, usable.time(index), usable.values(index))
@@ -312,12 +337,14 @@ class FormulaGroup:
     def _begin_formula(
         self, formula_id: int, instances: list[Instance], monitor: InstanceMonitor
     ) -> None:
+        named = self._formulas[formula_id]
+        instances = monitor.histories.attach(formula_id, named.formula, instances, named.kinds)
         self._instances[formula_id] = instances
         self._undecided.add(formula_id)
         if verdict := _verdict(instances):
             self._known[formula_id] = verdict
         else:
-            monitor.add(formula_id, instances, self._formulas[formula_id].kinds)
+            monitor.add(formula_id, instances, named.kinds)
 
     def _known_results(self) -> list[FormulaResult]:
         known, self._known = self._known, {}
@@ -344,10 +371,15 @@ class FormulaGroup:
                 results.append(self._decided(formula_id, verdict, valid_time, why))
         return results
 
+    def _end(self, formula_id: int) -> None:
+        self._undecided.discard(formula_id)
+        if self._monitor:
+            self._monitor.histories.release([formula_id])
+
     def _decided(
         self, formula_id: int, verdict: Verdict, valid_time: int | None, why: VerdictReasons
     ) -> FormulaResult:
-        self._undecided.discard(formula_id)
+        self._end(formula_id)
         self._ends[formula_id] = verdict.name.lower()
         return FormulaResult(
             formula_id,
@@ -361,7 +393,7 @@ class FormulaGroup:
         )
 
     def _failed(self, formula_id: int, error: ReasoningError, valid_time: int) -> FormulaResult:
-        self._undecided.discard(formula_id)
+        self._end(formula_id)
         formula = self._formulas[formula_id]
         self._ends[formula_id] = str(formula)
         located = ReasoningError(f'at {round_time(valid_time)}: {error}', error.code)

@@ -14,6 +14,7 @@ from functools import cached_property
 from dyknow_common import Value, format_time
 from dyknow_reasoning.execution import DecidingMoment, InstanceVerdict
 from dyknow_reasoning.explanation.origins import windows_of_known_origin
+from dyknow_reasoning.explanation.past_facts import past_fact
 from dyknow_reasoning.explanation.residual import (
     interval_of,
     parts_in_order,
@@ -27,6 +28,7 @@ from dyknow_reasoning.language.formula import (
     Formula,
     Interval,
     Number,
+    PastAtom,
     Term,
     TextLiteral,
     Truth,
@@ -35,19 +37,22 @@ from dyknow_reasoning.language.formula import (
 )
 from dyknow_reasoning.progression.atoms import COMPARE, NEGATED_COMPARISONS, Values, evaluate
 from dyknow_reasoning.progression.bounds import Bound
+from dyknow_reasoning.progression.memories import RememberingProgression
 from dyknow_reasoning.progression.nodes import (
     TRUE,
     Constant,
     Junction,
     Literal,
     Node,
+    PastWindow,
+    PreviousState,
+    Remembering,
     Sides,
     Window,
     constant,
     descendants,
     sides,
 )
-from dyknow_reasoning.progression.progression import Progression
 
 _MAX_REASONS = 4
 _MAX_FORMULA_LENGTH = 160
@@ -110,8 +115,10 @@ class _Explainer:
         self._values = values
         self._now, self._previous = moment.valid_time, moment.previous
         self._times = (*before.times, moment.valid_time)
-        self._progression = Progression([before.node])
+        self._progression = RememberingProgression([before.node])
         self._progression.begin(moment.symbol, self._times)
+        # Finds what past operators are at this state.
+        self._progression.advance(before.node, fresh=before.is_fresh)
         self._atoms = before.instance.atoms
         self._intervals = _intervals(before.instance.node)
         # Simplification may have joined some of these.
@@ -139,6 +146,12 @@ class _Explainer:
                 return self._reasons_of_junction(node, fresh=fresh)
             case Window():
                 return self._reasons_of_window(node, fresh=fresh)
+            case Remembering():
+                return self._reasons(node.formula, fresh=fresh)
+            case PastWindow() | PreviousState():
+                holds = self._progressed(node, fresh=True) is TRUE
+                text = _shortened(residual_text(node, self._atoms))
+                return [f"'{text}' is {str(holds).lower()} at {format_time(self._now)}"]
             case Constant():
                 return [f'there is a state at {format_time(self._now)}']
 
@@ -243,6 +256,9 @@ class _Explainer:
         """Return the value of an atom at this state, compared with its bound."""
         atom = self._atoms[literal.slot]
         time = format_time(self._now)
+        if isinstance(atom, PastAtom):
+            holds = bool(self._symbol >> literal.slot & 1)
+            return past_fact(atom.formula, self._now, holds=holds)
         if not isinstance(atom, Comparison):
             return f'{atom} is {_literal_text(self._values[str(atom)])} at {time}'
         holds = (self._symbol >> literal.slot & 1) == literal.positive

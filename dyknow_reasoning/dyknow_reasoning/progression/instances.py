@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import TypeAlias, cast
+from typing import Any, TypeAlias, cast
 
 from dyknow_common import Symbol, listed
 from dyknow_reasoning.errors import ReasoningError
@@ -26,15 +26,23 @@ from dyknow_reasoning.language.formula import (
     FieldReference,
     Forall,
     Formula,
+    Historically,
     Implies,
     Not,
     Object,
+    Once,
     Or,
+    PastAtom,
+    PastFormula,
+    Previous,
+    Since,
     Term,
     Truth,
     Until,
     Variable,
     parts,
+    walk,
+    with_changed_parts,
 )
 from dyknow_reasoning.language.symbols import feature_symbol
 from dyknow_reasoning.progression.atoms import NEGATED_COMPARISONS, fields, predicate
@@ -151,8 +159,29 @@ class _Translator:
                 return self._store.junction(members, universal=isinstance(formula, Forall))
             case And() | Or() | Implies() | Equivalent():
                 return self._connective(formula, binding)
+            case Historically() | Once() | Previous() | Since():
+                return self._past(formula, binding)
+            case PastAtom():
+                return self._literal(formula, positive=True)
             case _:
                 return self._window(formula, binding)
+
+    def _past(self, formula: PastFormula, binding: Binding) -> Node:
+        if not any(isinstance(each, Always | Eventually | Until) for each in walk(formula)):
+            grounded = ground(formula, binding, self._domains)
+            known = past_operands(grounded, self._store).value
+            if known is not None:
+                return constant(value=known)
+            return self._literal(PastAtom(grounded), positive=True)
+        *lefts, right = (self.node(cast('Formula', part), binding) for part in parts(formula))
+        universal = isinstance(formula, Historically)
+        if isinstance(formula, Previous):
+            return self._store.previous_state(right, universal=False)
+        left = lefts[0] if lefts else constant(value=not universal)
+        interval = formula.interval
+        return self._store.past_window(
+            interval.start, interval.end, left, right, universal=universal
+        )
 
     def _window(self, formula: Always | Eventually | Until, binding: Binding) -> Node:
         sides: tuple[Node, Node]
@@ -201,6 +230,65 @@ class _Translator:
     def _literal(self, atom: Atom, *, positive: bool) -> Node:
         slot = self.slots.setdefault(atom, len(self.slots))
         return self._store.literal(slot, positive=positive)
+
+
+@dataclass(frozen=True, slots=True)
+class PastOperands:
+    """The operands of a ground past operator, of which `right` is the only one of most operators.
+
+    Args:
+        atoms: the atom of each slot.
+        left: the left side of `since`; true for other operators.
+        right: the right side; for `historically`, its negation: `historically F` is `not once not F`.
+        value: the truth of the operator if it is the same at all states.
+    """
+
+    atoms: tuple[Atom, ...]
+    left: Node
+    right: Node
+    value: bool | None
+
+
+def past_operands(formula: PastFormula, store: NodeStore) -> PastOperands:
+    """Return the operands of a ground past operator."""
+    translator = _Translator(store, {})
+    *lefts, right = (translator.node(cast('Formula', part), {}) for part in parts(formula))
+    universal = isinstance(formula, Historically)
+    if universal:
+        right = store.negation(right)
+    value = None
+    starts_now = not isinstance(formula, Previous) and formula.interval.start == 0
+    if right is FALSE or (right is TRUE and starts_now):
+        value = (right is TRUE) is not universal
+    left = lefts[0] if lefts else TRUE
+    return PastOperands(tuple(translator.slots), left, right, value)
+
+
+def ground(formula: Any, binding: Binding, domains: Domains) -> Any:
+    """Return a formula without variables and quantifiers.
+
+    Raises:
+        ReasoningError: for a sort without a domain.
+    """
+    match formula:
+        case Forall(variable, sort, body) | Exists(variable, sort, body):
+            names = _objects(sort, domains)
+            members = [ground(body, {**binding, variable: name}, domains) for name in names]
+            return _joined(members, And if isinstance(formula, Forall) else Or)
+        case Comparison(operator, left, right):
+            return Comparison(operator, _substitute(left, binding), _substitute(right, binding))
+        case Feature() | FieldReference():
+            return _substitute(formula, binding)
+        case _:
+            return with_changed_parts(formula, lambda part: ground(part, binding, domains))
+
+
+def _joined(members: Sequence[Formula], kind: type[And | Or]) -> Formula:
+    """Return members in a balanced tree, which functions may recurse over."""
+    if len(members) < 2:  # noqa: PLR2004 - nothing to join
+        return members[0] if members else Truth(kind is And)
+    middle = len(members) // 2
+    return kind(_joined(members[:middle], kind), _joined(members[middle:], kind))
 
 
 def _value_without_state(atom: Comparison) -> bool | None:

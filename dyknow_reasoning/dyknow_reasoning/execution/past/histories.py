@@ -1,0 +1,175 @@
+"""The histories that the formulas of a group look back to.
+
+A history begins with the first state of the formulas that it belongs to. It has a register for each
+past operator whose operands are decided by each state; formulas that begin together share them. The
+registers run at every state, before the formulas are progressed, whether or not a formula reaches the
+operator. Their fields are named `#1`, `#2`, ...; no feature has such a name. After a gap, `#1-` is
+the truth for the least favourable missing states and `#1+` that for the most favourable ones.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Hashable, Iterable, Sequence
+from dataclasses import replace
+from itertools import count
+
+from dyknow_reasoning.errors import ReasoningError
+from dyknow_reasoning.execution.past.registers import Register
+from dyknow_reasoning.execution.recording import Recording
+from dyknow_reasoning.language.formula import Atom, Formula, PastAtom, PastFormula
+from dyknow_reasoning.language.type_checking import Kinds
+from dyknow_reasoning.progression.atoms import Values, fields, kind_of
+from dyknow_reasoning.progression.bounds import Chronology
+from dyknow_reasoning.progression.gaps import Gap
+from dyknow_reasoning.progression.instances import Instance, past_operands
+from dyknow_reasoning.progression.node_store import NodeStore
+from dyknow_reasoning.progression.nodes import slots
+
+_Key = tuple[PastFormula, Hashable]
+_History = dict[_Key, Register]
+
+
+class Histories:
+    """The registers of a group."""
+
+    def __init__(self) -> None:
+        self._store = NodeStore(Chronology())
+        self._numbers = count(1)
+        # By their fields; inner operators precede outer ones.
+        self._registers: dict[str, Register] = {}
+        # The history of the formulas that begin with the next state.
+        self._next: _History = {}
+        self._kept: dict[Formula, _History] = {}
+        self._used: dict[int, list[Register]] = {}
+        self._latest: int | None = None
+        self._gap_follows = False
+
+    def __bool__(self) -> bool:
+        return bool(self._registers)
+
+    @property
+    def are_kept(self) -> bool:
+        """True if there is a history that is kept for later formulas."""
+        return any(self._kept.values())
+
+    def attach(
+        self, formula_id: int, formula: Formula, instances: Iterable[Instance], kinds: Kinds
+    ) -> list[Instance]:
+        """Return the instances of a formula with fields for their past operators."""
+        history = self._kept.get(formula, self._next)
+        used: dict[Register, None] = {}
+        found = [_with_fields(each, self, history, kinds, used) for each in instances]
+        if used:
+            self._used[formula_id] = list(used)
+            for register in used:
+                register.users += 1
+        return found
+
+    def keep(self, formula: Formula, instances: Iterable[Instance], kinds: Kinds) -> None:
+        """Keep the history of a formula, from the next state on, for formulas that begin later."""
+        history = self._kept.setdefault(formula, {})
+        used: dict[Register, None] = {}
+        for each in instances:
+            if each.node.looks_back:
+                raise ReasoningError(
+                    f"'{formula}' looks back on an operator of the future, so it can be evaluated "
+                    'from the first state only'
+                )
+            _with_fields(each, self, history, kinds, used)
+        for register in used:
+            register.users += 1
+
+    def release(self, formulas: Iterable[int]) -> None:
+        """Forget the registers of formulas that no other formula depends on."""
+        for formula_id in formulas:
+            for register in self._used.pop(formula_id, ()):
+                register.users -= 1
+                if not register.users:
+                    del self._registers[register.field]
+                    if self._next:
+                        self._next = {k: v for k, v in self._next.items() if v is not register}
+
+    def gap(self) -> None:
+        """Record that states may be missing before the next one."""
+        self._gap_follows = self._latest is not None
+
+    def gap_of(self, atoms: Sequence[Atom], mask: int) -> Gap | None:
+        """Return the gap that the past operators in a mask depend on."""
+        found: Gap | None = None
+        for slot in slots(mask):
+            atom = atoms[slot]
+            if isinstance(atom, PastAtom) and (gap := self._registers[atom.field].gap):
+                found = gap
+        return found
+
+    def extended(self, time: int, values: Values) -> Values:
+        """Return the values of a state with those of the registers.
+
+        A state that is not later than the one before has no effect: it will be refused.
+        """
+        if self._latest is not None and time <= self._latest:
+            return values
+        self._begin(time)
+        found = dict(values)
+        for register in self._registers.values():
+            register.update(time, found)
+        self._latest = time
+        return found
+
+    def extended_recording(self, recording: Recording) -> Recording:
+        """Return the states of a recording, whose times increase, with the fields of registers."""
+        if not len(recording):
+            return recording
+        self._begin(recording.time(0))
+        found = Recording(recording.times, dict(recording.columns))
+        for register in self._registers.values():
+            found = Recording(found.times, {**found.columns, **register.columns(found)})
+        self._latest = recording.time(-1)
+        return found
+
+    def register(
+        self, formula: PastFormula, history: _History, kinds: Kinds, used: dict[Register, None]
+    ) -> PastAtom:
+        """Return a past operator with its field, for which it makes a register if there is none."""
+        operands = past_operands(formula, self._store)
+        atoms = tuple(self.field_of(each, history, kinds, used) for each in operands.atoms)
+        key = formula, tuple(kind_of(each, kinds) for each in fields(formula))
+        register = history.get(key)
+        if register is None:
+            atom = PastAtom(formula, f'#{next(self._numbers)}')
+            register = Register(atom, replace(operands, atoms=atoms), kinds, self._store)
+            history[key] = self._registers[register.field] = register
+        used[register] = None
+        return PastAtom(formula, register.field)
+
+    def field_of(
+        self, atom: Atom, history: _History, kinds: Kinds, used: dict[Register, None]
+    ) -> Atom:
+        """Return an atom; a past operator with its field."""
+        if not isinstance(atom, PastAtom):
+            return atom
+        return self.register(atom.formula, history, kinds, used)
+
+    def _begin(self, time: int) -> None:
+        """Take the gap before a state."""
+        if self._gap_follows and self._latest is not None:
+            gap = Gap(self._latest, time)
+            for register in self._registers.values():
+                register.pass_gap(gap)
+        self._gap_follows = False
+        self._next = {}
+
+
+def _with_fields(
+    instance: Instance,
+    histories: Histories,
+    history: _History,
+    kinds: Kinds,
+    used: dict[Register, None],
+) -> Instance:
+    mask = instance.node.mask
+    atoms = tuple(
+        histories.field_of(atom, history, kinds, used) if mask >> slot & 1 else atom
+        for slot, atom in enumerate(instance.atoms)
+    )
+    return replace(instance, atoms=atoms)
