@@ -28,9 +28,9 @@ from dyknow_reasoning.progression.instances import (
     Instance,
     instances_of,
     required_features,
+    verdict_without_states,
 )
 from dyknow_reasoning.progression.node_store import NodeStore
-from dyknow_reasoning.progression.nodes import FALSE, Constant
 from dyknow_reasoning.progression.sizes import (
     Counts,
     FormulaLimits,
@@ -341,7 +341,7 @@ class FormulaGroup:
         instances = monitor.histories.attach(formula_id, named.formula, instances, named.kinds)
         self._instances[formula_id] = instances
         self._undecided.add(formula_id)
-        if verdict := _verdict(instances):
+        if verdict := verdict_without_states(instances):
             self._known[formula_id] = verdict
         else:
             monitor.add(formula_id, instances, named.kinds)
@@ -401,11 +401,3 @@ class FormulaGroup:
         return FormulaResult(
             formula_id, formula.name, verdict, None, '', located, ended_at=valid_time
         )
-
-
-def _verdict(instances: Sequence[Instance]) -> Verdict:
-    """Return the verdict on a formula that holds for all states, or undecided."""
-    if any(instance.node is FALSE for instance in instances):
-        return Verdict.FALSE
-    decided = all(type(instance.node) is Constant for instance in instances)
-    return Verdict.TRUE if decided else Verdict.UNDECIDED

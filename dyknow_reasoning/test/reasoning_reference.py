@@ -59,7 +59,7 @@ def conjunction(values: Iterable[bool | None]) -> bool | None:
     return negation(disjunction(negation(value) for value in values))
 
 
-def holds(formula: Formula, trace: Trace, i: int) -> bool | None:  # noqa: C901, PLR0911
+def holds(formula: Formula, trace: Trace, i: int) -> bool | None:  # noqa: C901, PLR0911, PLR0912
     """The truth of a formula at a state of a trace that may go on; None while unknown."""
     match formula:
         case Truth(value):

@@ -270,6 +270,8 @@ class InstanceMonitor:
     def _cross_gap(self, gap: Gap) -> Outcomes:
         """Continue with the halves of the instances after a gap; return outcomes by their ids."""
         self._gap_follows = False
+        if gap.is_empty:
+            return _NO_OUTCOMES
         verdicts: list[InstanceVerdict] = []
         remaining: list[InstanceState] = []
         known: dict[tuple[Location, Times, int], tuple[Move, Move]] = {}

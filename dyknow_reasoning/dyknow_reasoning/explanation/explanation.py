@@ -14,7 +14,7 @@ from functools import cached_property
 from dyknow_common import Value, format_time
 from dyknow_reasoning.execution import DecidingMoment, InstanceVerdict
 from dyknow_reasoning.explanation.origins import windows_of_known_origin
-from dyknow_reasoning.explanation.past_facts import past_fact
+from dyknow_reasoning.explanation.past_facts import past_fact, shortened_text
 from dyknow_reasoning.explanation.residual import (
     interval_of,
     parts_in_order,
@@ -55,7 +55,6 @@ from dyknow_reasoning.progression.nodes import (
 )
 
 _MAX_REASONS = 4
-_MAX_FORMULA_LENGTH = 160
 _LITERALS = (Number, TextLiteral, Truth)
 _MIRRORED = {'<': '>', '<=': '>=', '>': '<', '>=': '<=', '=': '=', '!=': '!='}
 
@@ -150,7 +149,7 @@ class _Explainer:
                 return self._reasons(node.formula, fresh=fresh)
             case PastWindow() | PreviousState():
                 holds = self._progressed(node, fresh=True) is TRUE
-                text = _shortened(residual_text(node, self._atoms))
+                text = shortened_text(residual_text(node, self._atoms))
                 return [f"'{text}' is {str(holds).lower()} at {format_time(self._now)}"]
             case Constant():
                 return [f'there is a state at {format_time(self._now)}']
@@ -191,7 +190,7 @@ class _Explainer:
         # An earlier state was not later than the end, or it would have decided the window.
         if (fresh or self._previous < first) and not first <= self._now <= last:
             return [f'there is no state {span}']
-        right = _shortened(residual_text(node.right, self._atoms))
+        right = shortened_text(residual_text(node.right, self._atoms))
         if node.universal:
             return [f"'{right}' held at every state {span}"]
         now = self._reasons(node.right, fresh=True) if last == self._now else []
@@ -250,7 +249,7 @@ class _Explainer:
             for part in progressed
             if type(part) is not Constant
         )
-        return _shortened((' and ' if node.universal else ' or ').join(texts))
+        return shortened_text((' and ' if node.universal else ' or ').join(texts))
 
     def _fact(self, literal: Literal) -> str:
         """Return the value of an atom at this state, compared with its bound."""
@@ -291,10 +290,6 @@ def _span(first: int, last: int, interval: Interval) -> str:
     after, before = interval.excludes_start, interval.excludes_end
     start = f'after {format_time(first - 1)}' if after else f'from {format_time(first)}'
     return f'{start} {"before" if before else "to"} {format_time(last + before)}'
-
-
-def _shortened(text: str) -> str:
-    return text if len(text) <= _MAX_FORMULA_LENGTH else f'{text[:_MAX_FORMULA_LENGTH]}...'
 
 
 def _operator(node: Window) -> str:

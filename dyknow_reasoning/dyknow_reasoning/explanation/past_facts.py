@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dyknow_common import format_time, shortened
+from dyknow_common import format_time
 from dyknow_reasoning.language.formula import (
     Historically,
     Interval,
@@ -10,6 +10,8 @@ from dyknow_reasoning.language.formula import (
     PastFormula,
     Previous,
 )
+
+_MAX_FORMULA_LENGTH = 160
 
 
 def past_fact(formula: PastFormula, now: int, *, holds: bool) -> str:
@@ -21,17 +23,19 @@ def past_fact(formula: PastFormula, now: int, *, holds: bool) -> str:
         holds: True if it holds.
     """
     if isinstance(formula, Previous):
-        held = 'held' if holds else 'did not hold'
-        return f"'{_shown(formula.body)}' {held} at the state before {format_time(now)}"
+        operand, time = shortened_text(formula.body), format_time(now)
+        if holds:
+            return f"'{operand}' held at the state before {time}"
+        return f"there is no state just before {time} at which '{operand}' held"
     span = _span(formula.interval, now)
     match formula:
         case Once(body):
-            return f"'{_shown(body)}' held at {'a' if holds else 'no'} state {span}"
+            return f"'{shortened_text(body)}' held at {'a' if holds else 'no'} state {span}"
         case Historically(body):
             held = 'held at every state' if holds else 'did not hold at every state'
-            return f"'{_shown(body)}' {held} {span}"
+            return f"'{shortened_text(body)}' {held} {span}"
         case _:
-            left, right = _shown(formula.left), _shown(formula.right)
+            left, right = shortened_text(formula.left), shortened_text(formula.right)
             when = 'a' if holds else 'no'
             return f"'{right}' held at {when} state {span} since when '{left}' has held"
 
@@ -48,5 +52,7 @@ def _span(interval: Interval, now: int) -> str:
     return f'{start} {end}'
 
 
-def _shown(formula: object) -> str:
-    return shortened(formula)
+def shortened_text(formula: object) -> str:
+    """Return the text of a formula, or its beginning if it is long."""
+    text = str(formula)
+    return text if len(text) <= _MAX_FORMULA_LENGTH else f'{text[:_MAX_FORMULA_LENGTH]}...'

@@ -90,7 +90,9 @@ def interval_of(node: Window) -> Interval:
     return Interval(start, node.end.offset if node.end else None)
 
 
-def _text(node: Node, texts: Mapping[Node, str], atoms: Sequence[Atom]) -> str:
+def _text(  # noqa: PLR0911 - one for each kind
+    node: Node, texts: Mapping[Node, str], atoms: Sequence[Atom]
+) -> str:
     match node:
         case Constant():
             return 'true' if node.value else 'false'

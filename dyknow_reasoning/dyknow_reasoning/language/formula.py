@@ -327,8 +327,11 @@ Term: TypeAlias = (
 PastFormula: TypeAlias = Historically | Once | Previous | Since
 """A formula whose operator looks back."""
 
-Atom: TypeAlias = Feature | FieldReference | Comparison | PastAtom
+StateAtom: TypeAlias = Feature | FieldReference | Comparison
 """A formula that is true or false in a single state."""
+
+Atom: TypeAlias = StateAtom | PastAtom
+"""A formula that is known at each state."""
 
 Formula: TypeAlias = (
     Truth

@@ -1,7 +1,7 @@
 """Operators that are written with others; the canonical text shows these.
 
-`until` of the paper is open at both ends. The operators here are those of MTL and MLTL, in which the
-left side must hold from the present state on:
+`until` of the paper is open at both ends. The operators here are those of MTL and MLTL, in which
+the left side must hold from the present state on:
 
     F holds until[a, b] G    F and (F until[a, b] G), or G now if a is 0
     F unless[a, b] G         F holds until[a, b] G, or always[0, b] F
@@ -49,8 +49,8 @@ def unless(left: Formula, right: Formula, interval: Interval, position: TextPosi
 
 def release(left: Formula, right: Formula, interval: Interval, position: TextPosition) -> Formula:
     """Return the dual of `holds until`: the right side holds until the left one has held."""
-    opposite = (Not(side, position=side.position) for side in (left, right))
-    return Not(holds_until(*opposite, interval, position), position=position)
+    not_left, not_right = (Not(side, position=side.position) for side in (left, right))
+    return Not(holds_until(not_left, not_right, interval, position), position=position)
 
 
 def _checked(formula: Formula, operator: str) -> Formula:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import operator
 from collections.abc import Callable, Iterator, Mapping
 from itertools import chain
-from typing import Any, TypeAlias
+from typing import Any, TypeAlias, cast
 
 from dyknow_common import Value
 from dyknow_reasoning.errors import ReasoningError
@@ -186,8 +186,8 @@ def _field(term: Feature | FieldReference | PastAtom, kind: Kind | None) -> _Rea
         is_usable = type(value) in types or _kind_of_value(value) in subclass_kinds
         if is_usable and value == value:  # noqa: PLR0124 - not NaN
             return value
-        if isinstance(value, ReasoningError):  # Of a past operator.
-            raise value
+        if isinstance(error := cast('object', value), ReasoningError):
+            raise error  # Of an operand of a past operator.
         wanted = f'a {kind}' if kind else 'a number, a string or a boolean'
         raise ReasoningError(f"the field '{name}' holds {_description(value)}, not {wanted}")
 

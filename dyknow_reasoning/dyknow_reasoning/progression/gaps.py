@@ -19,8 +19,8 @@ in which all windows may have been evaluated:
 After the gap, `always p` can still be false (at the first state without p) but never true.
 
 An atom that looks back may depend on missing states, too. It becomes two atoms, its truth for the
-most and for the least favourable states. The optimistic half reads the former where the atom stands,
-and the latter where its negation stands; the pessimistic half the other way round.
+most and for the least favourable states. The optimistic half reads the former where the atom
+stands, and the latter where its negation stands; the pessimistic half the other way round.
 """
 
 from __future__ import annotations
@@ -72,6 +72,11 @@ class Gap:
     def __str__(self) -> str:
         return f'between {round_time(self.after)} and {round_time(self.before)}'
 
+    @property
+    def is_empty(self) -> bool:
+        """True if there is no time for a state."""
+        return self.before - self.after <= 1
+
     def join(self, later: Gap) -> Gap:
         """Return the gap from the start of this one to the end of a later one."""
         return Gap(self.after, later.before)
@@ -86,8 +91,8 @@ def halves_after(node: Node, gap: Gap, times: Sequence[int], store: NodeStore) -
         times: the times of the states that the bounds of the node count from, in nanoseconds.
         store: makes nodes; its chronology has these times.
     """
-    if gap.before - gap.after <= 1:
-        return node, node  # There is no time for a state.
+    if gap.is_empty:
+        return node, node
     found: dict[Node, tuple[Node, Node]] = {}
     for each in pending_parts(node):
         match each:

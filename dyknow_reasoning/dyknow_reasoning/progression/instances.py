@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any, TypeAlias, cast
 
-from dyknow_common import Symbol, listed
+from dyknow_common import Symbol, Verdict, listed
 from dyknow_reasoning.errors import ReasoningError
 from dyknow_reasoning.language.formula import (
     Always,
@@ -36,6 +36,7 @@ from dyknow_reasoning.language.formula import (
     PastFormula,
     Previous,
     Since,
+    StateAtom,
     Term,
     Truth,
     Until,
@@ -48,7 +49,7 @@ from dyknow_reasoning.language.symbols import feature_symbol
 from dyknow_reasoning.progression.atoms import NEGATED_COMPARISONS, fields, predicate
 from dyknow_reasoning.progression.bounds import Bound
 from dyknow_reasoning.progression.node_store import NodeStore
-from dyknow_reasoning.progression.nodes import FALSE, TRUE, Node, constant, slots
+from dyknow_reasoning.progression.nodes import FALSE, TRUE, Constant, Node, constant, slots
 
 Domains: TypeAlias = Mapping[str, Sequence[str]]
 """The objects of each sort."""
@@ -87,6 +88,14 @@ def instances_of(formula: Formula, domains: Domains, store: NodeStore) -> list[I
     return list(instances.values())
 
 
+def verdict_without_states(instances: Sequence[Instance]) -> Verdict:
+    """Return the verdict on a formula that holds for all states, or undecided."""
+    if any(instance.node is FALSE for instance in instances):
+        return Verdict.FALSE
+    decided = all(type(instance.node) is Constant for instance in instances)
+    return Verdict.TRUE if decided else Verdict.UNDECIDED
+
+
 def required_features(instances: Iterable[Instance]) -> list[Symbol]:
     """Return the features of objects that simplified instances depend on, each once."""
     atoms = (instance.atoms[slot] for instance in instances for slot in slots(instance.node.mask))
@@ -95,7 +104,7 @@ def required_features(instances: Iterable[Instance]) -> list[Symbol]:
     )
 
 
-def ground_atoms(formula: Formula, domains: Domains) -> list[tuple[Binding, tuple[Atom, ...]]]:
+def ground_atoms(formula: Formula, domains: Domains) -> list[tuple[Binding, tuple[StateAtom, ...]]]:
     """Return the choice of objects and the atoms of each instance, as the text has them.
 
     Raises:
@@ -107,10 +116,10 @@ def ground_atoms(formula: Formula, domains: Domains) -> list[tuple[Binding, tupl
     ]
 
 
-def _ground_atoms(formula: Formula, binding: Binding, domains: Domains) -> Iterator[Atom]:
+def _ground_atoms(formula: Formula, binding: Binding, domains: Domains) -> Iterator[StateAtom]:
     match formula:
         case Feature() | FieldReference():
-            yield cast('Atom', _substitute(formula, binding))
+            yield cast('StateAtom', _substitute(formula, binding))
         case Comparison(operator, left, right):
             yield Comparison(operator, _substitute(left, binding), _substitute(right, binding))
         case Forall(variable, sort, body) | Exists(variable, sort, body):
@@ -144,7 +153,9 @@ class _Translator:
         self._store = store
         self._domains = domains
 
-    def node(self, formula: Formula, binding: Binding) -> Node:
+    def node(  # noqa: PLR0911 - one for each kind
+        self, formula: Formula, binding: Binding
+    ) -> Node:
         """Return the node of a formula whose free variables are bound."""
         match formula:
             case Truth(value):
@@ -214,7 +225,8 @@ class _Translator:
 
     def _atom(self, formula: Atom, binding: Binding) -> Node:
         if not isinstance(formula, Comparison):
-            return self._literal(cast('Atom', _substitute(formula, binding)), positive=True)
+            feature = _substitute(cast('Term', formula), binding)
+            return self._literal(cast('Atom', feature), positive=True)
         left, right = _substitute(formula.left, binding), _substitute(formula.right, binding)
         if isinstance(left, Object) and isinstance(right, Object):
             return constant(value=(left == right) == (formula.operator == '='))
@@ -239,7 +251,7 @@ class PastOperands:
     Args:
         atoms: the atom of each slot.
         left: the left side of `since`; true for other operators.
-        right: the right side; for `historically`, its negation: `historically F` is `not once not F`.
+        right: the right side; for `historically F`, its negation, as that is `not once not F`.
         value: the truth of the operator if it is the same at all states.
     """
 

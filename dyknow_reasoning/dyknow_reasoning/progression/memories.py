@@ -77,9 +77,7 @@ class RememberingProgression(Progression):
             return True
         later = self.chronology.later
         begun = past.start == 0 or not later(Bound(bound.state, past.start), self._now)
-        return begun and (
-            past.end is None or not later(self._now, Bound(bound.state, past.end))
-        )
+        return begun and (past.end is None or not later(self._now, Bound(bound.state, past.end)))
 
     def _joined(self, past: PastWindow, entries: list[tuple[Bound | None, Node]]) -> _Entries:
         """Drop entries that no later window reaches, and join those that all later ones do."""

@@ -55,7 +55,7 @@ class NodeStore:
 
     def __len__(self) -> int:
         found = (self._literals, self._junctions, self._windows, self._past, self._remembering)
-        return sum(map(len, found))
+        return sum(len(each) for each in found)
 
     def literal(self, slot: int, *, positive: bool) -> Node:
         """Return the atom of a slot, or its negation."""
@@ -165,7 +165,12 @@ class NodeStore:
                     found[each] = self._junction((universal, ordered))
                 case Remembering(formula, memories):
                     kept = tuple(
-                        (past, tuple((bound and bounds[bound], found[rest]) for bound, rest in entries))
+                        (
+                            past,
+                            tuple(
+                                (bound and bounds[bound], found[rest]) for bound, rest in entries
+                            ),
+                        )
                         for past, entries in memories
                     )
                     found[each] = self.remembering(found[formula], kept)

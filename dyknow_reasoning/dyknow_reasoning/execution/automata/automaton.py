@@ -114,9 +114,7 @@ class Automaton:
             found = found.yes if answer else found.no
         return found if type(found) is Move else self._find(location, symbol, times)
 
-    def halves(
-        self, location: Location, times: Times, gap: Gap, past: int
-    ) -> tuple[Move, Move]:
+    def halves(self, location: Location, times: Times, gap: Gap, past: int) -> tuple[Move, Move]:
         """Return the moves to the optimistic and the pessimistic half of a location after a gap.
 
         Args:

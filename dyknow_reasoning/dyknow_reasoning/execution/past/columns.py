@@ -1,9 +1,9 @@
 """Past operators over many states at once, with numpy.
 
-`since[a, b]` holds at state i if there is a candidate j in a range of states: those that are valid in
-[ti - b, ti - a], and not before the last state k < i at which the left side did not hold. The range is
-found by searching the times, and the candidates in it are counted by their running sum. Candidates
-of earlier states are put before the recording as states of their own.
+`since[a, b]` holds at state i if there is a candidate j in a range of states: those that are valid
+in [ti - b, ti - a], and not before the last state k < i at which the left side did not hold. The
+range is found by searching the times, and the candidates in it are counted by their running sum.
+Candidates of earlier states are put before the recording as states of their own.
 """
 
 from __future__ import annotations
@@ -23,7 +23,8 @@ def node_truths(node: Node, symbols: Array) -> Array:
         case Constant(value=value):
             return np.full(len(symbols), value)
         case Literal(slot=slot, positive=positive):
-            return ((symbols >> slot & 1) == positive).astype(bool)
+            truths: Array = ((symbols >> slot & 1) == positive).astype(bool)
+            return truths
         case Junction(universal=universal, parts=parts):
             combine = np.logical_and if universal else np.logical_or
             found: Array = combine.reduce([node_truths(part, symbols) for part in parts])
@@ -37,7 +38,7 @@ def step_many(machine: Machine, times: Array, left: Array, right: Array) -> Arra
     if isinstance(machine, PreviousMachine):
         found = np.concatenate(([machine.value], right[:-1]))
         for index in range(max(0, len(times) - 2), len(times)):
-            machine.step(int(times[index]), True, bool(right[index]))  # noqa: FBT003
+            machine.step(int(times[index]), True, bool(right[index]))
         return found
     return _since_many(machine, times, left, right)
 

@@ -1,10 +1,10 @@
 """The histories that the formulas of a group look back to.
 
-A history begins with the first state of the formulas that it belongs to. It has a register for each
-past operator whose operands are decided by each state; formulas that begin together share them. The
-registers run at every state, before the formulas are progressed, whether or not a formula reaches the
-operator. Their fields are named `#1`, `#2`, ...; no feature has such a name. After a gap, `#1-` is
-the truth for the least favourable missing states and `#1+` that for the most favourable ones.
+A history begins with the first state of the formulas that it belongs to. It has a register for
+each past operator whose operands are decided by each state; formulas that begin together share
+them. The registers run at every state, before the formulas are progressed, whether or not a formula
+reaches the operator. Their fields are named `#1`, `#2`, ...; no feature has such a name. After a
+gap, `#1-` is the truth for the least favourable missing states, `#1+` for the most favourable ones.
 """
 
 from __future__ import annotations

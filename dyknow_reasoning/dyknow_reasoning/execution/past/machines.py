@@ -1,13 +1,13 @@
 """The memory of past operators over operands that each state decides.
 
-A machine takes the truth of the operands at each state, and returns that of the operator. `once` and
-`historically` are written with `since`: `once F` is `true since F`, and `historically F` is
+A machine takes the truth of the operands at each state, and returns that of the operator. `once`
+and `historically` are written with `since`: `once F` is `true since F`, and `historically F` is
 `not once not F`.
 
 `since[a, b]` remembers *candidates*: the states at which the right side held, and since which the
-left side has held. The operator holds at t if one is in [t - a, t - b]. Of the candidates that are at
-least a old, the youngest suffices. Of three candidates that are not, the middle one is redundant if
-the outer ones are at most b - a apart: when the first is too old, the last is old enough. So the
+left side has held. The operator holds at t if one is in [t - b, t - a]. Of the candidates that are
+at least a old, the youngest suffices. Of three candidates that are not, the middle one is redundant
+if the outer ones are at most b - a apart: when the first is too old, the last is old enough. So the
 memory depends on a / (b - a), not on the number of states. Without b, the oldest one suffices.
 
 Example, `p since[2, 3] q`, with p always true:
@@ -140,11 +140,14 @@ class PreviousMachine:
         return state in {now, self._before}
 
     def bounds_after(
-        self, _gap: Gap, *, left_is_true: bool  # noqa: ARG002
+        self,
+        _gap: Gap,
+        *,
+        left_is_true: bool,  # noqa: ARG002
     ) -> tuple[PreviousMachine, PreviousMachine]:
         """Return the memories after a gap: of the least and of the most favourable states."""
         least, most = PreviousMachine(), PreviousMachine()
-        least._time = most._time = self._time  # noqa: SLF001
+        least._time = most._time = self._time
         most.value = True
         return least, most
 

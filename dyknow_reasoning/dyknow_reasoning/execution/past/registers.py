@@ -97,7 +97,7 @@ class Register:
 
     def pass_gap(self, gap: Gap) -> None:
         """Take a gap before the next state."""
-        if not self.has_begun or gap.before - gap.after <= 1:
+        if not self.has_begun or gap.is_empty:
             return
         self.gap = self.gap.join(gap) if self.gap else gap
         left_is_true = self._operands.left is TRUE
@@ -126,21 +126,20 @@ class Register:
         try:
             sides = [read(values) for read in self._bounded_sides]
         except ReasoningError as error:
-            values[self.field] = values[f'{self.field}-'] = values[f'{self.field}+'] = (
-                self._failed(error, time)
+            values[self.field] = values[f'{self.field}-'] = values[f'{self.field}+'] = self._failed(
+                error, time
             )
             return
         least, most = (
-            machine.step(time, *each)
-            for machine, each in zip(self._machines, sides, strict=True)
+            machine.step(time, *each) for machine, each in zip(self._machines, sides, strict=True)
         )
         if self._is_negated:
             least, most = not most, not least
-        error = self._recovered(time)
-        values[f'{self.field}-'] = error or least
-        values[f'{self.field}+'] = error or most
+        earlier = self._recovered(time)
+        values[f'{self.field}-'] = earlier or least
+        values[f'{self.field}+'] = earlier or most
         if self.gap is None or least == most:
-            values[self.field] = error or least
+            values[self.field] = earlier or least
         else:
             values[self.field] = unknowable(self.gap)
         first, last = self._machines
