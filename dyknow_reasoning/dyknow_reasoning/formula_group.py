@@ -7,7 +7,7 @@ states (execution), and `explain` gives the reasons of the verdict (explanation)
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from collections.abc import Set as AbstractSet
 from itertools import chain, count
 from typing import Any
@@ -170,10 +170,9 @@ class FormulaGroup:
         self._monitor.prepare()
 
     def keep_history(self, text: str) -> None:
-        """Remember from the next state on what the past operators of a formula need.
+        """Let formulas of a text that are added later look back to all states from now on.
 
-        Formulas with the same text that are added later look back to that state. Without this
-        call, the past of a formula begins with the first state after it was added.
+        Otherwise, the past of a formula begins with the first state after it was added.
 
         Raises:
             LanguageError: for a text that is not a formula or is badly typed, with the position.
@@ -187,7 +186,7 @@ class FormulaGroup:
 
     @property
     def keeps_history(self) -> bool:
-        """True if later formulas may look back to states, which are to be given to `progress`."""
+        """True if later formulas may look back: `progress` must be called for each state."""
         return self._monitor is not None and self._monitor.histories.are_kept
 
     def decided_at_once(self) -> list[FormulaResult]:

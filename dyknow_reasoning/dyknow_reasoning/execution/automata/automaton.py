@@ -125,12 +125,14 @@ class Automaton:
         """
         self._progression.begin(0, times)
         store = self._progression.store
-        optimistic, pessimistic = (
-            apart(half, past, self.slots, store)
-            for half in halves_after(location.node, gap, times, store)
-        )
+        halves = halves_after(location.node, gap, times, store)
+        optimistic, pessimistic = (self.apart(half, past) for half in halves)
         self.has_grown = True
         return self._move(optimistic), self._move(pessimistic)
+
+    def apart(self, node: Node, past: int) -> Node:
+        """Return a node with the negations of some atoms, given as bits, in slots of their own."""
+        return apart(node, past, self.slots, self._progression.store)
 
     @property
     def is_full(self) -> bool:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Hashable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 
 from dyknow_reasoning.execution.automata.automaton import Location, Move, Times
 from dyknow_reasoning.execution.automata.templates import Template
@@ -92,12 +93,18 @@ class InstanceState:
     def _moved(self, move: Move, half: Half, gap: Gap) -> InstanceState:
         joined = self.instance.gap.join(gap) if self.instance.gap else gap
         instance = replace(self.instance, half=half, gap=joined)
-        if whole_past_atoms(instance.atoms, self.node.mask):
-            offset, most = self.template.automaton.slots, half is Half.OPTIMISTIC
-            atoms = bounded_atoms(instance.atoms, offset, most=most)
-            instance = replace(instance, atoms=atoms, batch_key=None)
+        before = self.window_origins
+        if past := whole_past_atoms(instance.atoms, self.node.mask):
+            automaton, most = self.template.automaton, half is Half.OPTIMISTIC
+            atoms = bounded_atoms(instance.atoms, automaton.slots, most=most)
+            node = automaton.apart(instance.node, past)
+            instance = replace(instance, atoms=atoms, node=node, batch_key=None)
+            before = {
+                (universal, automaton.apart(left, past), automaton.apart(right, past)): origin
+                for (universal, left, right), origin in before.items()
+            }
         location, times = move.target, move.select(self.times)
-        origins = {sides: self.window_origins[sides] for sides in location.unbounded}
+        origins = {sides: before[sides] for sides in location.unbounded}
         return InstanceState(instance, self.template, location, times, origins)
 
 
@@ -137,7 +144,7 @@ def bounded_halves(instance: FormulaInstance, gap: Gap) -> list[FormulaInstance]
     """Return the halves of an instance that begins after a gap in what it looks back to."""
     offset = instance.node.mask.bit_length()
     past = whole_past_atoms(instance.atoms, instance.node.mask)
-    node = apart(instance.node, past, offset, NodeStore(Chronology(), [instance.node]))
+    node = _fresh_apart(instance.node, past)
     return [
         replace(
             instance,
@@ -149,3 +156,10 @@ def bounded_halves(instance: FormulaInstance, gap: Gap) -> list[FormulaInstance]
         )
         for half in (Half.OPTIMISTIC, Half.PESSIMISTIC)
     ]
+
+
+@lru_cache(256)
+def _fresh_apart(node: Node, past: int) -> Node:
+    """Return a formula that has seen no state with some atoms `apart`, the same each time."""
+    store = NodeStore(Chronology(), [node])
+    return apart(node, past, node.mask.bit_length(), store)
