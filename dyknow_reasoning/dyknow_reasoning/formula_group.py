@@ -208,7 +208,7 @@ class FormulaGroup:
             values: a value for each feature of objects, by the text of its `Symbol`.
         """
         monitor = self._monitor or self._begun()
-        if monitor.histories:
+        if monitor.histories.registers:
             values = monitor.histories.extended(valid_time, values)
         quick_step = monitor.quick_step
         if quick_step and not self._known and quick_step(valid_time, values):
@@ -236,7 +236,7 @@ class FormulaGroup:
         monitor = self._begun()
         recording = Recording.read(valid_times, columns)
         usable = recording.increasing(monitor.latest)
-        if monitor.histories:
+        if monitor.histories.registers:
             usable = monitor.histories.extended_recording(usable)
         results = self._known_results() if len(usable) else []
         for index, outcomes in monitor.progress_many(usable):

@@ -113,7 +113,7 @@ class ReaderCode:
         """Return an expression for the truth of atoms as bits; the arguments of `quick_reader`."""
         bits = []
         for slot, holds in predicates.items():
-            text = self._atom(atoms[slot], kinds) or f'{self.name(holds)}(values)'
+            text = self.atom(atoms[slot], kinds) or f'{self.name(holds)}(values)'
             bits.append(f'({text}) << {slot}' if slot else f'({text})')
         return ' | '.join(bits) or '0'
 
@@ -128,7 +128,7 @@ class ReaderCode:
         exec(code, self.names)  # noqa: S102 - built from checked parts
         return self.names['make']()
 
-    def _atom(self, atom: Atom, kinds: Kinds) -> str | None:
+    def atom(self, atom: Atom, kinds: Kinds) -> str | None:
         """Return the code of an atom; None if a predicate must evaluate it."""
         if not isinstance(atom, Comparison):
             return self._field(atom, Kind.BOOLEAN)

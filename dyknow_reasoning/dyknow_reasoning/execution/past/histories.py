@@ -14,6 +14,7 @@ from dataclasses import replace
 from itertools import count
 
 from dyknow_reasoning.errors import ReasoningError
+from dyknow_reasoning.execution.past.quick_step import QuickStep, quick_step
 from dyknow_reasoning.execution.past.registers import Register
 from dyknow_reasoning.execution.recording import Recording
 from dyknow_reasoning.language.formula import Atom, Formula, PastAtom, PastFormula
@@ -24,6 +25,10 @@ from dyknow_reasoning.progression.gaps import Gap
 from dyknow_reasoning.progression.instances import Instance, past_operands
 from dyknow_reasoning.progression.node_store import NodeStore
 from dyknow_reasoning.progression.nodes import slots
+
+_MIN_STATES = 4
+"""The states for which no registers come or go before code is generated."""
+_MAX_REGISTERS = 512
 
 _Key = tuple[PastFormula, Hashable]
 _History = dict[_Key, Register]
@@ -36,16 +41,16 @@ class Histories:
         self._store = NodeStore(Chronology())
         self._numbers = count(1)
         # By their fields; inner operators precede outer ones.
-        self._registers: dict[str, Register] = {}
+        self.registers: dict[str, Register] = {}
+        # Takes a state, as long as nothing but the states changes.
+        self._quick_step: QuickStep | None = None
+        self._states = 0
         # The history of the formulas that begin with the next state.
         self._next: _History = {}
         self._kept: dict[Formula, _History] = {}
         self._used: dict[int, list[Register]] = {}
         self._latest: int | None = None
         self._gap_follows = False
-
-    def __bool__(self) -> bool:
-        return bool(self._registers)
 
     @property
     def are_kept(self) -> bool:
@@ -85,20 +90,22 @@ class Histories:
             for register in self._used.pop(formula_id, ()):
                 register.users -= 1
                 if not register.users:
-                    del self._registers[register.field]
+                    del self.registers[register.field]
+                    self._change()
                     if self._next:
                         self._next = {k: v for k, v in self._next.items() if v is not register}
 
     def gap(self) -> None:
         """Record that states may be missing before the next one."""
         self._gap_follows = self._latest is not None
+        self._change()
 
     def gap_of(self, atoms: Sequence[Atom], mask: int) -> Gap | None:
         """Return the gap that the past operators in a mask depend on."""
         found: Gap | None = None
         for slot in slots(mask):
             atom = atoms[slot]
-            if isinstance(atom, PastAtom) and (gap := self._registers[atom.field].gap):
+            if isinstance(atom, PastAtom) and (gap := self.registers[atom.field].gap):
                 found = gap
         return found
 
@@ -109,11 +116,17 @@ class Histories:
         """
         if self._latest is not None and time <= self._latest:
             return values
+        if self._quick_step and (quick := self._quick_step(time, values)):
+            self._latest = time
+            return quick
         self._begin(time)
         found = dict(values)
-        for register in self._registers.values():
+        for register in self.registers.values():
             register.update(time, found)
         self._latest = time
+        self._states += 1
+        if self._states >= _MIN_STATES and len(self.registers) <= _MAX_REGISTERS:
+            self._quick_step = quick_step(self.registers.values())
         return found
 
     def extended_recording(self, recording: Recording) -> Recording:
@@ -122,7 +135,7 @@ class Histories:
             return recording
         self._begin(recording.time(0))
         found = Recording(recording.times, dict(recording.columns))
-        for register in self._registers.values():
+        for register in self.registers.values():
             found = Recording(found.times, {**found.columns, **register.columns(found)})
         self._latest = recording.time(-1)
         return found
@@ -138,7 +151,8 @@ class Histories:
         if register is None:
             atom = PastAtom(formula, f'#{next(self._numbers)}')
             register = Register(atom, replace(operands, atoms=atoms), kinds, self._store)
-            history[key] = self._registers[register.field] = register
+            history[key] = self.registers[register.field] = register
+            self._change()
         used[register] = None
         return PastAtom(formula, register.field)
 
@@ -150,11 +164,16 @@ class Histories:
             return atom
         return self.register(atom.formula, history, kinds, used)
 
+    def _change(self) -> None:
+        """Stop using the generated code, as registers come or go."""
+        self._quick_step, self._states = None, 0
+
     def _begin(self, time: int) -> None:
         """Take the gap before a state."""
+        self._quick_step = None
         if self._gap_follows and self._latest is not None:
             gap = Gap(self._latest, time)
-            for register in self._registers.values():
+            for register in self.registers.values():
                 register.pass_gap(gap)
         self._gap_follows = False
         self._next = {}

@@ -55,16 +55,25 @@ class Register:
         self.has_begun = False
         self.is_bounded = False
         """True if it has fields for the least and the most favourable states of a gap."""
-        self._is_negated = isinstance(atom.formula, Historically)
-        self._kinds = kinds
+        self.is_negated = isinstance(atom.formula, Historically)
+        self.kinds = kinds
         self._store = store
-        self._operands = operands
+        self.operands = operands
         self._sides = SideReader(operands.atoms, (operands.left, operands.right), kinds)
         self._bounded_sides: tuple[SideReader, SideReader] = (self._sides, self._sides)
         # With a gap, the memories of the least and of the most favourable states.
         self._machines: tuple[Machine, ...] = (_machine(atom.formula),)
         # The latest error of an operand, and the time of its state.
         self._error: tuple[ReasoningError, int] | None = None
+
+    @property
+    def machine(self) -> Machine | None:
+        """The memory, unless a gap or an error has an effect; operands must be features then."""
+        is_plain = self.has_begun and not self.is_bounded and self._error is None
+        atoms = (self.operands.atoms[slot] for slot in slots(self._sides.mask))
+        if not is_plain or any(isinstance(atom, PastAtom) for atom in atoms):
+            return None
+        return self._machines[0]
 
     def update(self, time: int, values: MutableMapping[str, Any]) -> None:
         """Take a state, and set the fields of the register."""
@@ -78,7 +87,7 @@ class Register:
             values[self.field] = self._failed(error, time)
             return
         (machine,) = self._machines
-        found = machine.step(time, left, right) is not self._is_negated
+        found = machine.step(time, left, right) is not self.is_negated
         values[self.field] = found if self._error is None else self._recovered(time) or found
 
     def columns(self, recording: Recording) -> dict[str, Array]:
@@ -86,13 +95,13 @@ class Register:
         self.has_begun = True
         if self._error is None and not self.is_bounded:
             symbols = RecordedSymbols(recording, range(len(recording)))
-            operands = self._operands
-            sequence = symbols.of_atoms(operands.atoms, self._sides.mask, self._kinds)
+            operands = self.operands
+            sequence = symbols.of_atoms(operands.atoms, self._sides.mask, self.kinds)
             if len(symbols.states) == len(recording):
                 sides = [node_truths(n, sequence.symbols) for n in (operands.left, operands.right)]
                 (machine,) = self._machines
                 found = step_many(machine, recording.times, *sides)
-                return {self.field: found != self._is_negated}
+                return {self.field: found != self.is_negated}
         return self._columns_one_by_one(recording)
 
     def pass_gap(self, gap: Gap) -> None:
@@ -100,7 +109,7 @@ class Register:
         if not self.has_begun or gap.is_empty:
             return
         self.gap = self.gap.join(gap) if self.gap else gap
-        left_is_true = self._operands.left is TRUE
+        left_is_true = self.operands.left is TRUE
         least = self._machines[0].bounds_after(gap, left_is_true=left_is_true)[0]
         most = self._machines[-1].bounds_after(gap, left_is_true=left_is_true)[1]
         self._machines = (least, most)
@@ -110,14 +119,14 @@ class Register:
 
     def _read_bounds(self) -> tuple[SideReader, SideReader]:
         """Return readers of the operands for the least and the most favourable states."""
-        operands = self._operands
+        operands = self.operands
         past = whole_past_atoms(operands.atoms, self._sides.mask)
         count = len(operands.atoms)
         left, right = (
             apart(side, past, count, self._store) for side in (operands.left, operands.right)
         )
         least, most = (
-            SideReader(bounded_atoms(operands.atoms, count, most=most), (left, right), self._kinds)
+            SideReader(bounded_atoms(operands.atoms, count, most=most), (left, right), self.kinds)
             for most in (False, True)
         )
         return least, most
@@ -133,7 +142,7 @@ class Register:
         least, most = (
             machine.step(time, *each) for machine, each in zip(self._machines, sides, strict=True)
         )
-        if self._is_negated:
+        if self.is_negated:
             least, most = not most, not least
         earlier = self._recovered(time)
         values[f'{self.field}-'] = earlier or least
@@ -147,7 +156,7 @@ class Register:
             self.gap = None
 
     def _columns_one_by_one(self, recording: Recording) -> dict[str, Array]:
-        names = {name for atom in self._operands.atoms for name in _fields(atom)}
+        names = {name for atom in self.operands.atoms for name in _fields(atom)}
         columns = {
             name: column.tolist() for name, column in recording.columns.items() if name in names
         }
