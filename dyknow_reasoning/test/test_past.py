@@ -13,7 +13,13 @@ from hypothesis import strategies as st
 from reasoning_reference import NAMES, Trace, conjunction, disjunction, formulas, holds, negation
 
 from dyknow_common import Verdict
-from dyknow_reasoning import FormulaGroup, FormulaResult, ReasoningError, parse_formula
+from dyknow_reasoning import (
+    FormulaGroup,
+    FormulaLimits,
+    FormulaResult,
+    ReasoningError,
+    parse_formula,
+)
 from dyknow_reasoning.execution.past import histories
 from dyknow_reasoning.language.formula import (
     Always,
@@ -250,8 +256,38 @@ def test_a_past_operator_over_a_future_one_keeps_what_its_window_needs() -> None
     assert max(sizes) < 60
 
 
-def truth(value: bool | None) -> Verdict:  # noqa: FBT001
-    return {None: Verdict.UNDECIDED, True: Verdict.TRUE, False: Verdict.FALSE}[value]
+def test_what_a_past_operator_remembers_is_limited() -> None:
+    text = 'always (p -> once[0, 1 s] eventually[0, 1 s] q)'
+    group = FormulaGroup(FormulaLimits(node_limit=50))
+    group.add_formula('it', text)
+    group.begin({})
+    results: list[FormulaResult] = []
+    for time in range(100):
+        results += group.progress(time * 1000, {'p': False, 'q': False})
+    [failed] = results
+    assert failed.error is not None
+    assert 'more than 50; bound its intervals' in failed.error.message
+
+
+def test_a_past_operator_over_many_objects() -> None:
+    names = [f'o{number}' for number in range(3000)]
+    group = FormulaGroup()
+    group.add_formula('it', 'always once exists x in S: P[x]')
+    group.begin({'S': names})
+    state = {f'P[{name}]': False for name in names}
+    for time in range(6):
+        assert not group.progress(time, {**state, 'P[o2999]': True})
+    assert not group.progress_many([9, 10], {name: [False, False] for name in state})
+    assert group.residual(1).startswith('always (once (')
+
+
+def test_formulas_of_constants_need_no_state() -> None:
+    texts = ('once true', 'historically[0, 1 s] false', 'previous false', 'p since[1 s, 2 s] false')
+    group = started(*texts, 'historically[1 s, 2 s] true', 'not once (p or not p)')
+    found = [result.verdict is Verdict.TRUE for result in group.decided_at_once()]
+    assert found == [True, False, False, False, True, False]
+    [result] = started('once[1 s, 2 s] true').progress(0, {})
+    assert result.verdict is Verdict.FALSE
 
 
 def closed_until(left: Formula, right: Formula, interval: Interval, trace: Trace) -> bool | None:

@@ -150,13 +150,22 @@ def descendants(roots: Iterable[Node]) -> set[Node]:
             match node:
                 case Junction():
                     pending.extend(node.parts)
-                case Window() | PastWindow():
-                    pending += (node.left, node.right)
-                case PreviousState():
-                    pending.append(node.body)
                 case Remembering():
                     pending += members(node)
+                case _:
+                    pending += operands(node)
     return found
+
+
+def operands(node: Node) -> tuple[Node, ...]:
+    """Return the operands of a temporal operator, which have seen no state."""
+    match node:
+        case Window() | PastWindow():
+            return (node.left, node.right)
+        case PreviousState():
+            return (node.body,)
+        case _:
+            return ()
 
 
 def pending_parts(node: Node) -> list[Node]:

@@ -28,7 +28,8 @@ from dyknow_reasoning.progression.nodes import slots
 
 _MIN_STATES = 4
 """The states for which no registers come or go before code is generated."""
-_MAX_REGISTERS = 512
+_MAX_ATOMS = 512
+"""The most operators and atoms of operands: code for many takes long to compile."""
 
 _Key = tuple[PastFormula, Hashable]
 _History = dict[_Key, Register]
@@ -125,8 +126,9 @@ class Histories:
             register.update(time, found)
         self._latest = time
         self._states += 1
-        if self._states >= _MIN_STATES and len(self.registers) <= _MAX_REGISTERS:
-            self._quick_step = quick_step(self.registers.values())
+        registers = self.registers.values()
+        if self._states >= _MIN_STATES and sum(each.size for each in registers) <= _MAX_ATOMS:
+            self._quick_step = quick_step(registers)
         return found
 
     def extended_recording(self, recording: Recording) -> Recording:

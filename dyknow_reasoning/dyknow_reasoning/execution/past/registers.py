@@ -67,6 +67,11 @@ class Register:
         self._error: tuple[ReasoningError, int] | None = None
 
     @property
+    def size(self) -> int:
+        """The number of atoms of the operands, and 1."""
+        return 1 + self._sides.mask.bit_count()
+
+    @property
     def machine(self) -> Machine | None:
         """The memory, unless a gap or an error has an effect; operands must be features then."""
         is_plain = self.has_begun and not self.is_bounded and self._error is None
