@@ -447,3 +447,35 @@ def test_duals(formula: Formula, rows: list[tuple[int, bool, bool]]) -> None:
             results = [r for time, values in trace for r in group.progress(time, values)]
             found.append([(r.verdict, r.decided_at) for r in results])
         assert found[0] == found[1], (str(left), trace)
+
+
+def test_a_kept_history_with_a_gap_is_sound() -> None:
+    """Whatever was lost in the gap, no later formula is told something else."""
+    random = Random(7)  # noqa: S311 - no secret
+    known = 0
+    for _ in range(CASES // 2):
+        formula = random_past(random, 2)
+        times = list(accumulate(random.randint(1, 4) for _ in range(random.randint(3, 14))))
+        trace = [(t, {name: random.random() < 0.6 for name in NAMES}) for t in times]
+        first = random.randint(1, len(trace) - 1)
+        last = random.randint(first, len(trace) - 1)
+        group = FormulaGroup()
+        group.begin({})
+        group.keep_history(str(formula))
+        for i, (time, values) in enumerate(trace):
+            if i == last:
+                group.gap()
+            if first <= i < last:
+                continue
+            number = group.add_formula('it', str(formula))
+            for result in group.progress(time, values):
+                if result.error is None:
+                    told = result.verdict is Verdict.TRUE
+                    assert told is holds(formula, trace, i), (str(formula), trace, first, last)
+                    known += i >= last
+                else:
+                    assert i >= last
+                    assert 'depends on states that are missing between' in str(result.error)
+            if number in group.formulas:
+                group.remove_formula(number)
+    assert known > CASES // 2
