@@ -175,14 +175,12 @@ class FormulaGroup:
         Otherwise, the past of a formula begins with the first state after it was added.
 
         Raises:
-            LanguageError: for a text that is not a formula or is badly typed, with the position.
-            ReasoningError: before `begin`, for a sort without a domain, or for a past operator
-                over a future one.
+            DyKnowError: as `add_formula`; also before `begin`, for a past operator over a future one.
         """
-        histories = self._begun().histories
-        formula = parse_formula(text)
-        kinds = check_types(formula, text)
-        histories.keep(formula, self._instances_of(formula, self._domains), kinds)
+        histories, formula = self._begun().histories, parse_formula(text)
+        check_size(formula_size(formula, self._counts), self._limits)
+        instances = self._instances_of(formula, self._domains)
+        histories.keep(formula, instances, check_types(formula, text))
 
     @property
     def keeps_history(self) -> bool:

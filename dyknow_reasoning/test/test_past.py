@@ -454,7 +454,7 @@ def test_a_kept_history_with_a_gap_is_sound() -> None:
     random = Random(7)  # noqa: S311 - no secret
     known = 0
     for _ in range(CASES // 2):
-        formula = random_past(random, 2)
+        formula = random_past(random, 3)
         times = list(accumulate(random.randint(1, 4) for _ in range(random.randint(3, 14))))
         trace = [(t, {name: random.random() < 0.6 for name in NAMES}) for t in times]
         first = random.randint(1, len(trace) - 1)

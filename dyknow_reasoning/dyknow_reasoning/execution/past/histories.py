@@ -13,6 +13,7 @@ from collections.abc import Hashable, Iterable, Sequence
 from dataclasses import replace
 from itertools import count
 
+from dyknow_common import shortened
 from dyknow_reasoning.errors import ReasoningError
 from dyknow_reasoning.execution.past.quick_step import QuickStep, quick_step
 from dyknow_reasoning.execution.past.registers import Register
@@ -73,14 +74,17 @@ class Histories:
 
     def keep(self, formula: Formula, instances: Iterable[Instance], kinds: Kinds) -> None:
         """Keep the history of a formula, from the next state on, for formulas that begin later."""
-        history = self._kept.setdefault(formula, {})
+        found = list(instances)
+        if any(each.node.looks_back for each in found):
+            raise ReasoningError(
+                f"'{shortened(formula)}' looks back on an operator of the future, so it can be "
+                'evaluated from the first state only'
+            )
+        if formula in self._kept:
+            return
+        history = self._kept[formula] = {}
         used: dict[Register, None] = {}
-        for each in instances:
-            if each.node.looks_back:
-                raise ReasoningError(
-                    f"'{formula}' looks back on an operator of the future, so it can be evaluated "
-                    'from the first state only'
-                )
+        for each in found:
             _with_fields(each, self, history, kinds, used)
         for register in used:
             register.users += 1
@@ -125,10 +129,7 @@ class Histories:
         for register in self.registers.values():
             register.update(time, found)
         self._latest = time
-        self._states += 1
-        registers = self.registers.values()
-        if self._states >= _MIN_STATES and sum(each.size for each in registers) <= _MAX_ATOMS:
-            self._quick_step = quick_step(registers)
+        self._generate()
         return found
 
     def extended_recording(self, recording: Recording) -> Recording:
@@ -140,6 +141,7 @@ class Histories:
         for register in self.registers.values():
             found = Recording(found.times, {**found.columns, **register.columns(found)})
         self._latest = recording.time(-1)
+        self._change()
         return found
 
     def register(
@@ -152,7 +154,8 @@ class Histories:
         register = history.get(key)
         if register is None:
             atom = PastAtom(formula, f'#{next(self._numbers)}')
-            register = Register(atom, replace(operands, atoms=atoms), kinds, self._store)
+            inner = [self.registers[each.field] for each in atoms if isinstance(each, PastAtom)]
+            register = Register(atom, replace(operands, atoms=atoms), inner, kinds, self._store)
             history[key] = self.registers[register.field] = register
             self._change()
         used[register] = None
@@ -170,9 +173,18 @@ class Histories:
         """Stop using the generated code, as registers come or go."""
         self._quick_step, self._states = None, 0
 
+    def _generate(self) -> None:
+        """Generate code for the next states if the registers have been the same for some."""
+        registers = self.registers.values()
+        if any(each.has_failed for each in registers):
+            self._change()
+            return
+        self._states += 1
+        if self._states == _MIN_STATES and sum(each.size for each in registers) <= _MAX_ATOMS:
+            self._quick_step = quick_step(registers)
+
     def _begin(self, time: int) -> None:
         """Take the gap before a state."""
-        self._quick_step = None
         if self._gap_follows and self._latest is not None:
             gap = Gap(self._latest, time)
             for register in self.registers.values():

@@ -40,12 +40,18 @@ class Register:
     Args:
         atom: the operator, with the name of its field.
         operands: its operands, whose past operators are atoms with fields, too.
+        inner: the registers of these.
         kinds: the kinds of the features.
         store: makes nodes.
     """
 
     def __init__(
-        self, atom: PastAtom, operands: PastOperands, kinds: Kinds, store: NodeStore
+        self,
+        atom: PastAtom,
+        operands: PastOperands,
+        inner: Sequence[Register],
+        kinds: Kinds,
+        store: NodeStore,
     ) -> None:
         self.field = atom.field
         self.users = 0
@@ -58,6 +64,7 @@ class Register:
         self.is_negated = isinstance(atom.formula, Historically)
         self.kinds = kinds
         self._store = store
+        self._inner = inner
         self.operands = operands
         self._sides = SideReader(operands.atoms, (operands.left, operands.right), kinds)
         self._bounded_sides: tuple[SideReader, SideReader] = (self._sides, self._sides)
@@ -65,6 +72,11 @@ class Register:
         self._machines: tuple[Machine, ...] = (_machine(atom.formula),)
         # The latest error of an operand, and the time of its state.
         self._error: tuple[ReasoningError, int] | None = None
+
+    @property
+    def has_failed(self) -> bool:
+        """True if it depends on a state with unusable values."""
+        return self._error is not None
 
     @property
     def size(self) -> int:
@@ -157,7 +169,8 @@ class Register:
         else:
             values[self.field] = unknowable(self.gap)
         first, last = self._machines
-        if self.gap and sides[0] == sides[1] and first.is_like(last):  # type: ignore[arg-type]
+        # The operands are known from now on, and the memory is the same whatever was missing.
+        if all(each.gap is None for each in self._inner) and first.is_like(last):  # type: ignore[arg-type]
             self.gap = None
 
     def _columns_one_by_one(self, recording: Recording) -> dict[str, Array]:
