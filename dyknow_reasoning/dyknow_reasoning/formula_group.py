@@ -175,7 +175,7 @@ class FormulaGroup:
         Otherwise, the past of a formula begins with the first state after it was added.
 
         Raises:
-            DyKnowError: as `add_formula`; also before `begin`, for a past operator over a future one.
+            DyKnowError: as `add_formula`; also before `begin`, for past over future operators.
         """
         histories, formula = self._begun().histories, parse_formula(text)
         check_size(formula_size(formula, self._counts), self._limits)
