@@ -26,6 +26,11 @@ NO_LIMIT = 1 << 62
 RESPONSE = 'always (Alt[x] > 2 -> eventually[0, 5 s] Alt[x] < 2)'
 PAPER = 'always (not p[x] -> eventually[0, 1000] always[0, 999] p[x])'
 POWER = 'always (Power[x] > 150 -> Power[x] < 200 until[0 s, 5 s] always[0 s, 3 s] Power[x] <= 150)'
+PAST = {
+    'once': 'always (Alt[x] > 4 -> once[0, 5 s] Alt[x] < 2)',
+    'once from 1 s': 'always (Alt[x] > 4 -> once[1 s, 5 s] Alt[x] < 2)',
+    'since': 'always (Alt[x] > 4 -> Alt[x] > 2 since[0, 5 s] Alt[x] < 2)',
+}
 GROWING = 'always (p -> eventually[0, 5 s] (q and always[0, 2 s] (r or eventually[0, 1 s] s)))'
 SAWTOOTH = [3.0] * 20 + [1.0] * 20
 SURGES = [140.0] * 10 + [190.0] * 40 + [140.0] * 50
@@ -147,6 +152,10 @@ def check_equality() -> None:
         (RESPONSE, 'Alt', rng.choice([1.0] + [3.0] * 19, (objects, states))),
         (POWER, 'Power', rng.uniform(100, 200, (objects, states))),
         (PAPER, 'p', rng.choice([False] + [True] * 19, (objects, states))),
+        *(
+            (text, 'Alt', rng.choice([1.0, 5.0] + [3.0] * 40, (objects, states)))
+            for text in PAST.values()
+        ),
     ):
         columns = {f'{feature}[o{index}]': row for index, row in enumerate(data)}
         for regular in (True, False):
@@ -205,6 +214,8 @@ def measurements() -> Iterator[tuple[str, str, float]]:
             one_formula(RESPONSE, 'Alt', SAWTOOTH, regular=regular),
         )
         yield 'figure 8', microseconds, one_formula(PAPER, 'p', STREAMS['often'], regular=regular)
+        for name, text in PAST.items():
+            yield name, microseconds, one_formula(text, 'Alt', SAWTOOTH, regular=regular)
         yield 'power', microseconds, one_formula(POWER, 'Power', SURGES, regular=regular)
         costs = growing(regular=regular)
         yield 'nested formula that grows, mean', microseconds, sum(costs) / len(costs)
@@ -221,6 +232,12 @@ def measurements() -> Iterator[tuple[str, str, float]]:
         yield f'figure 8, 20000 instances, {name}', 'ns each, irregular', cost
     cost = median(from_dicts(group_of(RESPONSE, 100), 'Alt', 100, SAWTOOTH))
     yield 'bounded response, 100 objects', 'us a state', cost
+    cost = median(from_dicts(group_of(PAST['once'], 100), 'Alt', 100, SAWTOOTH))
+    yield 'once, 100 objects', 'us a state', cost
+    for regular in (True, False):
+        cost = recorded(PAST['once'], 'Alt', SAWTOOTH, 1000, regular=regular)
+        kind = 'regular' if regular else 'irregular'
+        yield 'once, 1000 instances in a recording', f'ns each, {kind}', cost
     costs = from_dicts(group_of(PAPER, 100_000), 'p', 100_000, STREAMS['often'])
     yield 'figure 8, 100000 instances, first states from a dict, worst', 'ms', max(costs) / 1000
     yield 'figure 8, 100000 instances, first states from a dict, median', 'ms', median(costs) / 1000

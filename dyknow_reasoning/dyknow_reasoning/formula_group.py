@@ -7,7 +7,7 @@ states (execution), and `explain` gives the reasons of the verdict (explanation)
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from collections.abc import Set as AbstractSet
 from itertools import chain, count
 from typing import Any
@@ -28,9 +28,9 @@ from dyknow_reasoning.progression.instances import (
     Instance,
     instances_of,
     required_features,
+    verdict_without_states,
 )
 from dyknow_reasoning.progression.node_store import NodeStore
-from dyknow_reasoning.progression.nodes import FALSE, Constant
 from dyknow_reasoning.progression.sizes import (
     Counts,
     FormulaLimits,
@@ -123,7 +123,7 @@ class FormulaGroup:
         self._find(formula_id)
         if self._monitor and formula_id in self._undecided:
             self._monitor.remove([formula_id])
-        self._undecided.discard(formula_id)
+        self._end(formula_id)
         for each in (self._formulas, self._sizes, self._instances, self._known, self._ends):
             each.pop(formula_id, None)
 
@@ -169,6 +169,24 @@ class FormulaGroup:
             self._begin_formula(formula_id, found, self._monitor)
         self._monitor.prepare()
 
+    def keep_history(self, text: str) -> None:
+        """Let formulas of a text that are added later look back to all states from now on.
+
+        Otherwise, the past of a formula begins with the first state after it was added.
+
+        Raises:
+            DyKnowError: as `add_formula`; also before `begin`, for past over future operators.
+        """
+        histories, formula = self._begun().histories, parse_formula(text)
+        check_size(formula_size(formula, self._counts), self._limits)
+        instances = self._instances_of(formula, self._domains)
+        histories.keep(formula, instances, check_types(formula, text))
+
+    @property
+    def keeps_history(self) -> bool:
+        """True if later formulas may look back: `progress` must be called for each state."""
+        return self._monitor is not None and self._monitor.histories.are_kept
+
     def decided_at_once(self) -> list[FormulaResult]:
         """Return the results of the formulas that need no state.
 
@@ -188,6 +206,8 @@ class FormulaGroup:
             values: a value for each feature of objects, by the text of its `Symbol`.
         """
         monitor = self._monitor or self._begun()
+        if monitor.histories.registers:
+            values = monitor.histories.extended(valid_time, values)
         quick_step = monitor.quick_step
         if quick_step and not self._known and quick_step(valid_time, values):
             return []
@@ -214,6 +234,8 @@ class FormulaGroup:
         monitor = self._begun()
         recording = Recording.read(valid_times, columns)
         usable = recording.increasing(monitor.latest)
+        if monitor.histories.registers:
+            usable = monitor.histories.extended_recording(usable)
         results = self._known_results() if len(usable) else []
         for index, outcomes in monitor.progress_many(usable):
             results += self._results(outcomes, usable.time(index), usable.values(index))
@@ -312,12 +334,14 @@ class FormulaGroup:
     def _begin_formula(
         self, formula_id: int, instances: list[Instance], monitor: InstanceMonitor
     ) -> None:
+        named = self._formulas[formula_id]
+        instances = monitor.histories.attach(formula_id, named.formula, instances, named.kinds)
         self._instances[formula_id] = instances
         self._undecided.add(formula_id)
-        if verdict := _verdict(instances):
+        if verdict := verdict_without_states(instances):
             self._known[formula_id] = verdict
         else:
-            monitor.add(formula_id, instances, self._formulas[formula_id].kinds)
+            monitor.add(formula_id, instances, named.kinds)
 
     def _known_results(self) -> list[FormulaResult]:
         known, self._known = self._known, {}
@@ -344,10 +368,15 @@ class FormulaGroup:
                 results.append(self._decided(formula_id, verdict, valid_time, why))
         return results
 
+    def _end(self, formula_id: int) -> None:
+        self._undecided.discard(formula_id)
+        if self._monitor:
+            self._monitor.histories.release([formula_id])
+
     def _decided(
         self, formula_id: int, verdict: Verdict, valid_time: int | None, why: VerdictReasons
     ) -> FormulaResult:
-        self._undecided.discard(formula_id)
+        self._end(formula_id)
         self._ends[formula_id] = verdict.name.lower()
         return FormulaResult(
             formula_id,
@@ -361,7 +390,7 @@ class FormulaGroup:
         )
 
     def _failed(self, formula_id: int, error: ReasoningError, valid_time: int) -> FormulaResult:
-        self._undecided.discard(formula_id)
+        self._end(formula_id)
         formula = self._formulas[formula_id]
         self._ends[formula_id] = str(formula)
         located = ReasoningError(f'at {round_time(valid_time)}: {error}', error.code)
@@ -369,11 +398,3 @@ class FormulaGroup:
         return FormulaResult(
             formula_id, formula.name, verdict, None, '', located, ended_at=valid_time
         )
-
-
-def _verdict(instances: Sequence[Instance]) -> Verdict:
-    """Return the verdict on a formula that holds for all states, or undecided."""
-    if any(instance.node is FALSE for instance in instances):
-        return Verdict.FALSE
-    decided = all(type(instance.node) is Constant for instance in instances)
-    return Verdict.TRUE if decided else Verdict.UNDECIDED

@@ -17,10 +17,14 @@ from dyknow_reasoning.language.formula import (
     Eventually,
     Feature,
     Formula,
+    Historically,
     Implies,
     Interval,
     Not,
+    Once,
     Or,
+    Previous,
+    Since,
     Truth,
     Until,
 )
@@ -55,7 +59,7 @@ def conjunction(values: Iterable[bool | None]) -> bool | None:
     return negation(disjunction(negation(value) for value in values))
 
 
-def holds(formula: Formula, trace: Trace, i: int) -> bool | None:  # noqa: C901, PLR0911
+def holds(formula: Formula, trace: Trace, i: int) -> bool | None:  # noqa: C901, PLR0911, PLR0912
     """The truth of a formula at a state of a trace that may go on; None while unknown."""
     match formula:
         case Truth(value):
@@ -83,6 +87,14 @@ def holds(formula: Formula, trace: Trace, i: int) -> bool | None:  # noqa: C901,
             return negation(holds(Eventually(Not(body), interval), trace, i))
         case Until(left, right, interval):
             return until(left, right, interval, trace, i)
+        case Once(body, interval):
+            return holds(Since(Truth(True), body, interval), trace, i)
+        case Historically(body, interval):
+            return negation(holds(Once(Not(body), interval), trace, i))
+        case Previous(body):
+            return holds(body, trace, i - 1) if i else False
+        case Since(left, right, interval):
+            return since(left, right, interval, trace, i)
     raise AssertionError(formula)
 
 
@@ -105,6 +117,16 @@ def until(left: Formula, right: Formula, interval: Interval, trace: Trace, i: in
     return disjunction(cases)
 
 
+def since(left: Formula, right: Formula, interval: Interval, trace: Trace, i: int) -> bool | None:
+    now = trace[i][0]
+    end = float('inf') if interval.end is None else interval.end
+    return disjunction(
+        conjunction([holds(right, trace, j), *(holds(left, trace, k) for k in range(j + 1, i))])
+        for j in range(i + 1)
+        if interval.start <= now - trace[j][0] <= end
+    )
+
+
 def intervals() -> st.SearchStrategy[Interval]:
     bounds = st.integers(0, 8)
     bounded = st.tuples(bounds, bounds).map(lambda pair: Interval(min(pair), max(pair)))
@@ -114,8 +136,10 @@ def intervals() -> st.SearchStrategy[Interval]:
 def deeper(inner: st.SearchStrategy[Formula]) -> st.SearchStrategy[Formula]:
     connectives = [st.builds(kind, inner, inner) for kind in (And, Or, Implies, Equivalent)]
     temporal = [st.builds(kind, inner, intervals()) for kind in (Always, Eventually)]
+    past = [st.builds(kind, inner, intervals()) for kind in (Historically, Once)]
+    joined = [st.builds(kind, inner, inner, intervals()) for kind in (Until, Since)]
     return st.one_of(
-        st.builds(Not, inner), *connectives, *temporal, st.builds(Until, inner, inner, intervals())
+        st.builds(Not, inner), *connectives, *temporal, *past, *joined, st.builds(Previous, inner)
     )
 
 

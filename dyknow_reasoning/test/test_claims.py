@@ -26,9 +26,13 @@ from dyknow_reasoning.language.formula import (
     Feature,
     Forall,
     Formula,
+    Historically,
     Number,
     Object,
+    Once,
     Or,
+    Previous,
+    Since,
     TextLiteral,
     Truth,
     Until,
@@ -53,6 +57,15 @@ STATE = re.compile(rf'there is a state at {TIME}')
 SPAN = rf'(?P<opens>from|after) {TIME} (?P<closes>to|before) {TIME}'
 HELD = re.compile(rf"'(?P<formula>.*)' held at (?P<which>every|no) state {SPAN}")
 NO_STATE = re.compile(rf'there is no state {SPAN}')
+PAST = re.compile(
+    r"'(?P<formula>[^']*)' (?P<how>held at a|held at no|held at every|did not hold at every) state "
+    rf'(?:(?P<opens>from|after) {TIME} |up )?(?P<closes>to|before) {TIME}'
+    r"(?: since when '(?P<left>[^']*)' has held)?"
+)
+BEFORE = re.compile(rf"'(?P<formula>.*)' held at the state before {TIME}")
+NOT_BEFORE = re.compile(rf"there is no state just before {TIME} at which '(?P<formula>.*)' held")
+PAST_FLAG = re.compile(rf"'(?P<formula>.*)' is (?P<value>true|false) at {TIME}")
+PAST_KINDS = (Historically, Once, Previous, Since)
 CERTAIN = re.compile(r"'.*' is (true|false) whatever states follow")
 AND = re.compile(r" and (?=(?:[^']*'[^']*')*[^']*$)")
 DUE = re.compile(
@@ -78,6 +91,8 @@ class Judge:
             for reason in AND.split(found['reasons']):
                 self.check_reason(reason)
             self.check_due(found['operator'], found['interval'], nanoseconds(found[5]))
+        elif self.is_about_the_past(sentence):
+            pass
         elif found := HELD.fullmatch(sentence):
             times = self.within(found)
             assert times, 'no state'
@@ -92,6 +107,46 @@ class Judge:
             assert (found[1] == 'true') == self.verdict
         else:
             self.check_fact(sentence)
+
+    def is_about_the_past(self, sentence: str) -> bool:
+        """A claim about a past operator at the last state."""
+        last = len(self.states) - 1
+        if not any(isinstance(part, PAST_KINDS) for part in walk(self.formula)):
+            return False
+        if found := PAST.fullmatch(sentence):
+            return '...' in sentence or self.is_true_of_the_past(found)
+        if found := BEFORE.fullmatch(sentence):
+            self.values_at(found[2])
+            return holds(parse_formula(found['formula']), self.states, last - 1) is True
+        if found := NOT_BEFORE.fullmatch(sentence):
+            self.values_at(found[1])
+            formula = parse_formula(found['formula'])
+            return not last or holds(formula, self.states, last - 1) is False
+        if found := PAST_FLAG.fullmatch(sentence):
+            self.values_at(found[3])
+            value_ = found['value'] == 'true'
+            return holds(parse_formula(found['formula']), self.states, last) is value_
+        return False
+
+    def is_true_of_the_past(self, found: re.Match[str]) -> bool:
+        formula, left = parse_formula(found['formula']), parse_formula(found['left'] or 'true')
+        begins, ends = found.group(4), nanoseconds(found.group(6))
+        first = nanoseconds(begins) + (found['opens'] == 'after') if begins else float('-inf')
+        held = [
+            all(holds(each, self.states, k) is True for each, k in self.claimed(formula, left, i))
+            for i, (time, _) in enumerate(self.states)
+            if first <= time <= ends - (found['closes'] == 'before')
+        ]
+        return {
+            'held at a': any(held),
+            'held at no': not any(held),
+            'held at every': all(held),
+            'did not hold at every': not all(held),
+        }[found['how']]
+
+    def claimed(self, right: Formula, left: Formula, i: int) -> list[tuple[Formula, int]]:
+        """What must hold where, if `left since right` is to hold through state i."""
+        return [(right, i), *((left, k) for k in range(i + 1, len(self.states) - 1))]
 
     def check_fact(self, sentence: str) -> None:
         """A claim about the last state."""
@@ -154,8 +209,9 @@ def decided_by_the_last(formula: Formula, states: States) -> bool:
 
 
 def nanoseconds(text: str) -> int:
-    seconds, _, decimals = text.partition('.')
-    return int(seconds) * SECOND + int(decimals.ljust(9, '0'))
+    seconds, _, decimals = text.removeprefix('-').partition('.')
+    found = int(seconds) * SECOND + int(decimals.ljust(9, '0'))
+    return -found if text.startswith('-') else found
 
 
 def value(text: str, values: Mapping[str, Value]) -> Any:

@@ -172,7 +172,8 @@ def test_instances_in_a_gap(
     formula: Formula, fleet: dict[str, Segments], data: st.DataObject
 ) -> None:
     """By themselves or together, one by one or at once: all the same, and sound."""
-    text = f'forall x in S: ({re.sub("[pq]", lambda name: f"{name[0]}[x]", str(formula))})'
+    of_x = re.sub(r'\b[pq]\b', lambda name: f'{name[0]}[x]', str(formula))
+    text = f'forall x in S: ({of_x})'
     told = []
     for batch, progressed in product((1, 1000), (results, at_once)):
         with pytest.MonkeyPatch.context() as patch:

@@ -135,5 +135,34 @@ def test_an_episode_at_every_state(drawn: Drawn, formula: str) -> None:
         )
 
 
+@given(SAMPLES, st.integers(0, 2), st.sampled_from(list(Every)))
+def test_all_episodes_have_the_same_past(drawn: Drawn, shortest: int, every: Every) -> None:
+    recorded = messages('/a', drawn, ordered=True)
+    start = EpisodeStart(every=every, trigger='once[0 s, 1 s] "/a".v = 2')
+    formula = f'once[{shortest} s, 2 s] "/a".v = 1'
+    report = evaluate_recording(recording(recorded), [RequestedFormula(formula)], start=start)
+    trace = states({'/a': recorded}, recorded[-1].stamp or 0)
+    triggered = [within(trace, i, 0, 1, 2) for i in range(len(trace))]
+    begins = {
+        Every.STATE: range(len(trace)),
+        Every.FIRST: range(1),
+        Every.TRIGGER: [
+            i for i, now in enumerate(triggered) if now and not any(triggered[i - 1 : i])
+        ],
+    }[every]
+    expected = []
+    for i in begins:
+        verdict = Verdict.TRUE if within(trace, i, shortest, 2, 1) else Verdict.FALSE
+        expected.append((trace[i].valid_time, verdict, trace[i].valid_time))
+    assert list(map(outcome, report.formulas[0].episodes)) == expected
+
+
+def within(trace: list[RecordedState], i: int, least: int, most: int, value: int) -> bool:
+    """Once, between some seconds ago, there was a value."""
+    now = trace[i].valid_time
+    ages = ((now - each.valid_time, each.values['"/a".v']) for each in trace[: i + 1])
+    return any(least <= age / (1000 * MS) <= most and found == value for age, found in ages)
+
+
 def outcome(episode: Episode) -> tuple[int | None, Verdict, int | None]:
     return episode.begin, episode.verdict, episode.decided_at

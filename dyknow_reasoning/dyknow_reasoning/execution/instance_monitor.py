@@ -13,12 +13,14 @@ from dyknow_reasoning.execution.automata.instance_states import (
     FormulaInstance,
     InstanceState,
     InstanceVerdict,
+    bounded_halves,
 )
 from dyknow_reasoning.execution.automata.sampling import SamplingRegularity
 from dyknow_reasoning.execution.automata.templates import Template
 from dyknow_reasoning.execution.block_progression import BlockProgression
 from dyknow_reasoning.execution.fast_path import FastPath, Step
 from dyknow_reasoning.execution.instance_pool import InstancePool, Symbols
+from dyknow_reasoning.execution.past.histories import Histories
 from dyknow_reasoning.execution.recorded_symbols import RecordedSymbols
 from dyknow_reasoning.execution.recording import Recording
 from dyknow_reasoning.execution.vectors.atom_vectors import Array, UnreadableError
@@ -26,7 +28,7 @@ from dyknow_reasoning.execution.vectors.batch_keys import batch_key
 from dyknow_reasoning.execution.vectors.instance_vectors import MAX_VECTOR_TIME
 from dyknow_reasoning.language.type_checking import Kinds
 from dyknow_reasoning.progression.atoms import Values
-from dyknow_reasoning.progression.gaps import Gap
+from dyknow_reasoning.progression.gaps import Gap, whole_past_atoms
 from dyknow_reasoning.progression.instances import Instance
 from dyknow_reasoning.progression.nodes import Constant, Node
 
@@ -42,10 +44,13 @@ class InstanceMonitor:
 
     Args:
         node_limit: a formula whose instances have more nodes together fails.
+
+    `histories` are the histories of its formulas, with whose fields states are extended first.
     """
 
     def __init__(self, node_limit: int) -> None:
         self._node_limit = node_limit
+        self.histories = Histories()
         self._latest: int | None = None
         self._gap_follows = False
         self._sampling = SamplingRegularity()
@@ -86,10 +91,7 @@ class InstanceMonitor:
             instance = FormulaInstance(
                 each.binding, each.atoms, node, formula_id, order, kinds, key
             )
-            template = self._templates.get(node)
-            if template is None:
-                template = self._templates[node] = Template(node)
-            self._new.append(InstanceState(instance, template, template.automaton.initial, (), {}))
+            self._new.append(self._begun(instance))
             self._aggregation.add([instance])
 
     def remove(self, formulas: Collection[int]) -> None:
@@ -100,11 +102,12 @@ class InstanceMonitor:
     def prepare(self) -> None:
         """Form batches of the instances that were added; otherwise the next state does that."""
         new, self._new = self._new, []
-        self._place(new, self.latest or 0)
+        self._place(list(self._after_gaps(new)), self.latest or 0)
 
     def gap(self) -> None:
         """Record that states may be missing before the next one."""
         self._gap_follows = self.latest is not None
+        self.histories.gap()
 
     def progress(self, valid_time: int, values: Values) -> Outcomes:
         """Progress all instances over a state; return the outcomes in the order of the ids.
@@ -267,14 +270,17 @@ class InstanceMonitor:
     def _cross_gap(self, gap: Gap) -> Outcomes:
         """Continue with the halves of the instances after a gap; return outcomes by their ids."""
         self._gap_follows = False
+        if gap.is_empty:
+            return _NO_OUTCOMES
         verdicts: list[InstanceVerdict] = []
         remaining: list[InstanceState] = []
-        known: dict[tuple[Location, Times], tuple[Move, Move]] = {}
+        known: dict[tuple[Location, Times, int], tuple[Move, Move]] = {}
         before = list(self._pool.states(gap.after))
         for state in before:
-            key = state.location, state.times
+            past = whole_past_atoms(state.instance.atoms, state.node.mask)
+            key = state.location, state.times, past
             if key not in known:
-                known[key] = state.template.automaton.halves(*key, gap)
+                known[key] = state.template.automaton.halves(state.location, state.times, gap, past)
             halves = state.after_gap(gap, known[key])
             if halves != [state]:
                 self._aggregation.replace(state.instance, [half.instance for half in halves])
@@ -290,6 +296,25 @@ class InstanceMonitor:
         self._pool = InstancePool()
         self._place([each for each in remaining if each.instance in self._aggregation], gap.after)
         return _by_id(outcomes)
+
+    def _after_gaps(self, states: Iterable[InstanceState]) -> Iterator[InstanceState]:
+        """Replace new instances whose past has a gap by their halves."""
+        for state in states:
+            instance = state.instance
+            gap = self.histories.gap_of(instance.atoms, instance.node.mask)
+            if gap is None:
+                yield state
+                continue
+            halves = list(map(self._begun, bounded_halves(instance, gap)))
+            self._aggregation.replace(instance, [half.instance for half in halves])
+            yield from (half for half in halves if half.instance in self._aggregation)
+
+    def _begun(self, instance: FormulaInstance) -> InstanceState:
+        """Return the state of an instance before its first state."""
+        template = self._templates.get(instance.node)
+        if template is None:
+            template = self._templates[instance.node] = Template(instance.node)
+        return InstanceState(instance, template, template.automaton.initial, (), {})
 
     def _place(self, states: Sequence[InstanceState], latest: int) -> None:
         """Add instances to the pool."""

@@ -23,9 +23,9 @@ from dyknow_reasoning.execution.vectors.atom_vectors import (
     checked,
 )
 from dyknow_reasoning.execution.vectors.batch_keys import atom_form
-from dyknow_reasoning.language.formula import Atom, Term
+from dyknow_reasoning.language.formula import Atom, PastAtom, Term
 from dyknow_reasoning.language.type_checking import Kind, Kinds
-from dyknow_reasoning.progression.atoms import fields, predicate
+from dyknow_reasoning.progression.atoms import field_name, fields, predicate
 from dyknow_reasoning.progression.nodes import slots
 
 _MAX_TABLE_BITS = 12
@@ -50,14 +50,16 @@ class RecordedSymbols:
 
     def of(self, single: SingleInstance) -> SymbolSequence:
         """Return the symbols of an instance: the truth of the atoms that it depends on now."""
-        instance = single.instance
-        used = slots(single.mask)
-        truths = [(slot, self._truth(instance.atoms[slot], instance.kinds)) for slot in used]
+        return self.of_atoms(single.instance.atoms, single.mask, single.instance.kinds)
+
+    def of_atoms(self, atoms: Sequence[Atom], mask: int, kinds: Kinds) -> SymbolSequence:
+        """Return the truth of the atoms in a mask."""
+        truths = [(slot, self._truth(atoms[slot], kinds)) for slot in slots(mask)]
         key = tuple((slot, id(truth)) for slot, truth in truths)
         found = self._found.get(key)
         if found is None:
             symbols = bits(truths) if truths else np.zeros(self._count, np.uint8)
-            found = self._found[key] = SymbolSequence(symbols, single.mask)
+            found = self._found[key] = SymbolSequence(symbols, mask)
         return found
 
     def of_batches(self, pool: InstancePool) -> Mapping[int, Array]:
@@ -87,7 +89,8 @@ class RecordedSymbols:
 
     def _evaluated_one_by_one(self, atom: Atom, kinds: Kinds) -> Array:
         """Evaluate an atom that numpy would not evaluate exactly; end before the first error."""
-        names = {str(field) for field in fields(atom)}
+        is_past = isinstance(atom, PastAtom)
+        names = {field_name(each) for each in ((atom,) if is_past else fields(atom))}
         states = slice(self.states.start, self.states.stop)
         columns = {
             name: column[states].tolist() for name, column in self._columns.items() if name in names
@@ -112,7 +115,7 @@ class _StateFields(FieldVectors):
         self._states = slice(states.start, states.stop)
 
     def _field(self, terms: Iterable[Term | Atom], kind: Kind | None) -> FieldVector:
-        (name,) = map(str, terms)
+        (name,) = map(field_name, terms)
         key = (name,), kind
         if key not in self._found:
             if name not in self._columns:
@@ -132,7 +135,7 @@ class SymbolSequence:
     """
 
     def __init__(self, symbols: Array, mask: int) -> None:
-        self._symbols = symbols
+        self.symbols = symbols
         self._width = 1 << mask.bit_length()
         self._has_table = mask.bit_length() <= _MAX_TABLE_BITS
         self._others: dict[frozenset[int], Sequence[int]] = {}
@@ -140,13 +143,13 @@ class SymbolSequence:
     @cached_property
     def values(self) -> list[int]:
         """The symbols."""
-        found: list[int] = self._symbols.tolist()
+        found: list[int] = self.symbols.tolist()
         return found
 
     @cached_property
     def _changes(self) -> list[int]:
         """The indices of the states whose symbol is not that of the state before."""
-        return _indices(self._symbols[1:] != self._symbols[:-1], 1)
+        return _indices(self.symbols[1:] != self.symbols[:-1], 1)
 
     def next_other(self, index: int, end: int, known: frozenset[int]) -> int:
         """Return the index of the next state whose symbol is not one of the known; else the end.
@@ -158,7 +161,7 @@ class SymbolSequence:
             if others is None:
                 is_other = np.ones(self._width, bool)
                 is_other[list(known)] = False
-                others = _indices(is_other[self._symbols])
+                others = _indices(is_other[self.symbols])
                 self._others[known] = others
             at = bisect_left(others, index)
         elif self.values[index] in known:

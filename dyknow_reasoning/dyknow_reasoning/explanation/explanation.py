@@ -14,6 +14,7 @@ from functools import cached_property
 from dyknow_common import Value, format_time
 from dyknow_reasoning.execution import DecidingMoment, InstanceVerdict
 from dyknow_reasoning.explanation.origins import windows_of_known_origin
+from dyknow_reasoning.explanation.past_facts import past_fact, shortened_text
 from dyknow_reasoning.explanation.residual import (
     interval_of,
     parts_in_order,
@@ -27,6 +28,7 @@ from dyknow_reasoning.language.formula import (
     Formula,
     Interval,
     Number,
+    PastAtom,
     Term,
     TextLiteral,
     Truth,
@@ -35,22 +37,24 @@ from dyknow_reasoning.language.formula import (
 )
 from dyknow_reasoning.progression.atoms import COMPARE, NEGATED_COMPARISONS, Values, evaluate
 from dyknow_reasoning.progression.bounds import Bound
+from dyknow_reasoning.progression.memories import RememberingProgression
 from dyknow_reasoning.progression.nodes import (
     TRUE,
     Constant,
     Junction,
     Literal,
     Node,
+    PastWindow,
+    PreviousState,
+    Remembering,
     Sides,
     Window,
     constant,
     descendants,
     sides,
 )
-from dyknow_reasoning.progression.progression import Progression
 
 _MAX_REASONS = 4
-_MAX_FORMULA_LENGTH = 160
 _LITERALS = (Number, TextLiteral, Truth)
 _MIRRORED = {'<': '>', '<=': '>=', '>': '<', '>=': '<=', '=': '=', '!=': '!='}
 
@@ -110,8 +114,10 @@ class _Explainer:
         self._values = values
         self._now, self._previous = moment.valid_time, moment.previous
         self._times = (*before.times, moment.valid_time)
-        self._progression = Progression([before.node])
+        self._progression = RememberingProgression([before.node])
         self._progression.begin(moment.symbol, self._times)
+        # Finds what past operators are at this state.
+        self._progression.advance(before.node, fresh=before.is_fresh)
         self._atoms = before.instance.atoms
         self._intervals = _intervals(before.instance.node)
         # Simplification may have joined some of these.
@@ -139,6 +145,12 @@ class _Explainer:
                 return self._reasons_of_junction(node, fresh=fresh)
             case Window():
                 return self._reasons_of_window(node, fresh=fresh)
+            case Remembering():
+                return self._reasons(node.formula, fresh=fresh)
+            case PastWindow() | PreviousState():
+                holds = self._progressed(node, fresh=True) is TRUE
+                text = shortened_text(residual_text(node, self._atoms))
+                return [f"'{text}' is {str(holds).lower()} at {format_time(self._now)}"]
             case Constant():
                 return [f'there is a state at {format_time(self._now)}']
 
@@ -178,7 +190,7 @@ class _Explainer:
         # An earlier state was not later than the end, or it would have decided the window.
         if (fresh or self._previous < first) and not first <= self._now <= last:
             return [f'there is no state {span}']
-        right = _shortened(residual_text(node.right, self._atoms))
+        right = shortened_text(residual_text(node.right, self._atoms))
         if node.universal:
             return [f"'{right}' held at every state {span}"]
         now = self._reasons(node.right, fresh=True) if last == self._now else []
@@ -237,12 +249,15 @@ class _Explainer:
             for part in progressed
             if type(part) is not Constant
         )
-        return _shortened((' and ' if node.universal else ' or ').join(texts))
+        return shortened_text((' and ' if node.universal else ' or ').join(texts))
 
     def _fact(self, literal: Literal) -> str:
         """Return the value of an atom at this state, compared with its bound."""
         atom = self._atoms[literal.slot]
         time = format_time(self._now)
+        if isinstance(atom, PastAtom):
+            holds = bool(self._symbol >> literal.slot & 1)
+            return past_fact(atom.formula, self._now, holds=holds)
         if not isinstance(atom, Comparison):
             return f'{atom} is {_literal_text(self._values[str(atom)])} at {time}'
         holds = (self._symbol >> literal.slot & 1) == literal.positive
@@ -275,10 +290,6 @@ def _span(first: int, last: int, interval: Interval) -> str:
     after, before = interval.excludes_start, interval.excludes_end
     start = f'after {format_time(first - 1)}' if after else f'from {format_time(first)}'
     return f'{start} {"before" if before else "to"} {format_time(last + before)}'
-
-
-def _shortened(text: str) -> str:
-    return text if len(text) <= _MAX_FORMULA_LENGTH else f'{text[:_MAX_FORMULA_LENGTH]}...'
 
 
 def _operator(node: Window) -> str:

@@ -13,10 +13,13 @@ from typing import TypeAlias
 from dyknow_reasoning.progression.nodes import (
     Junction,
     Node,
+    PastWindow,
+    PreviousState,
     Sides,
     Window,
     constant,
     descendants,
+    operands,
     sides,
 )
 
@@ -64,6 +67,8 @@ def _parts(node: Node, context: _Context) -> Iterator[tuple[Node, _Context]]:
         case Window():
             fits = context in {None, node.universal} and _is_one_sided(node)
             yield from ((side, node.universal if fits else '') for side in (node.left, node.right))
+        case PastWindow() | PreviousState():
+            yield from ((side, '') for side in operands(node))  # Reached by earlier states, too.
 
 
 def _is_one_sided(node: Window) -> bool:

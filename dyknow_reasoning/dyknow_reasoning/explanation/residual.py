@@ -17,6 +17,9 @@ from dyknow_reasoning.progression.nodes import (
     Junction,
     Literal,
     Node,
+    PastWindow,
+    PreviousState,
+    Remembering,
     Window,
     bounds_of,
     descendants,
@@ -54,8 +57,8 @@ def remaining_text(node: Node, times: Sequence[int], now: int, atoms: Sequence[A
 def holds_at_the_end(node: Node) -> bool:
     """Return True if a remaining formula holds if no further state comes.
 
-    Universal windows hold then, existential ones do not. Literals of a formula that has seen no
-    state count as true.
+    Universal windows hold then, existential ones do not. Literals and operators of the past of a
+    formula that has seen no state count as true.
     """
     found: dict[Node, bool] = {}
     for each in pending_parts(node):
@@ -65,6 +68,8 @@ def holds_at_the_end(node: Node) -> bool:
                 found[each] = combine(found[part] for part in each.parts)
             case Window():
                 found[each] = each.universal
+            case Remembering():
+                found[each] = found[each.formula]
             case _:
                 found[each] = each is not FALSE
     return found[node]
@@ -85,7 +90,9 @@ def interval_of(node: Window) -> Interval:
     return Interval(start, node.end.offset if node.end else None)
 
 
-def _text(node: Node, texts: Mapping[Node, str], atoms: Sequence[Atom]) -> str:
+def _text(  # noqa: PLR0911 - one for each kind
+    node: Node, texts: Mapping[Node, str], atoms: Sequence[Atom]
+) -> str:
     match node:
         case Constant():
             return 'true' if node.value else 'false'
@@ -99,20 +106,36 @@ def _text(node: Node, texts: Mapping[Node, str], atoms: Sequence[Atom]) -> str:
             left = reduce(lambda left, right: f'({left} {word} {right})', inner, first)
             return f'{left} {word} {last}'
         case Window():
-            return _window_text(node, texts, atoms)
+            words = ('always', 'eventually', 'until')
+            return _window_text(node, interval_of(node), words, texts, atoms)
+        case PastWindow():
+            words = ('historically', 'once', 'since')
+            return _window_text(node, Interval(node.start, node.end), words, texts, atoms)
+        case PreviousState():
+            if node.universal:
+                return f'not (previous {_negated(node.body, texts, atoms)})'
+            return f'previous {_operand(node.body, texts, atoms)}'
+        case Remembering():
+            return texts[node.formula]
 
 
-def _window_text(node: Window, texts: Mapping[Node, str], atoms: Sequence[Atom]) -> str:
-    interval = interval_of(node).suffix
+def _window_text(
+    node: Window | PastWindow,
+    interval: Interval,
+    words: tuple[str, str, str],
+    texts: Mapping[Node, str],
+    atoms: Sequence[Atom],
+) -> str:
+    every, some, joined = (f'{word}{interval.suffix}' for word in words)
     right = _operand(node.right, texts, atoms)
     if node.left is FALSE and node.universal:
-        return f'always{interval} {right}'
+        return f'{every} {right}'
     if node.left is TRUE and not node.universal:
-        return f'eventually{interval} {right}'
+        return f'{some} {right}'
     if node.universal:
         left, right = (_negated(side, texts, atoms) for side in (node.left, node.right))
-        return f'not ({left} until{interval} {right})'
-    return f'{_operand(node.left, texts, atoms)} until{interval} {right}'
+        return f'not ({left} {joined} {right})'
+    return f'{_operand(node.left, texts, atoms)} {joined} {right}'
 
 
 def _operand(node: Node, texts: Mapping[Node, str], atoms: Sequence[Atom]) -> str:

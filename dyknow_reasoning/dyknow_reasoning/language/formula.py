@@ -1,5 +1,7 @@
 """The abstract syntax of formulas: metric temporal logic over features (paper, section IV).
 
+Operators of the past are not in the paper; they mirror those of the future.
+
 `str` of a node is its canonical text: every compound operand in brackets, every duration with its
 unit, in the ASCII spelling.
 """
@@ -252,15 +254,69 @@ class Eventually(_Temporal):
 
 
 @dataclass(frozen=True, slots=True)
-class Until(SyntaxNode):
-    """The right formula at some state of an interval, the left at all states strictly between."""
+class Historically(_Temporal):
+    """The body at every state of an interval that reaches into the past."""
 
+    symbol: ClassVar[str] = 'historically'
+
+
+@dataclass(frozen=True, slots=True)
+class Once(_Temporal):
+    """The body at some state of an interval that reaches into the past."""
+
+    symbol: ClassVar[str] = 'once'
+
+
+@dataclass(frozen=True, slots=True)
+class Previous(SyntaxNode):
+    """The body at the state before; false at the first state."""
+
+    body: Formula
+
+    def __str__(self) -> str:
+        return f'previous {operand_text(self.body)}'
+
+
+@dataclass(frozen=True, slots=True)
+class _BinaryTemporal(SyntaxNode):
     left: Formula
     right: Formula
     interval: Interval = ALL_FUTURE
+    symbol: ClassVar[str]
 
     def __str__(self) -> str:
-        return f'{operand_text(self.left)} until{self.interval.suffix} {operand_text(self.right)}'
+        operator = f'{self.symbol}{self.interval.suffix}'
+        return f'{operand_text(self.left)} {operator} {operand_text(self.right)}'
+
+
+@dataclass(frozen=True, slots=True)
+class Until(_BinaryTemporal):
+    """The right formula at some state of an interval, the left at all states strictly between."""
+
+    symbol: ClassVar[str] = 'until'
+
+
+@dataclass(frozen=True, slots=True)
+class Since(_BinaryTemporal):
+    """The same towards the past."""
+
+    symbol: ClassVar[str] = 'since'
+
+
+@dataclass(frozen=True, slots=True)
+class PastAtom(SyntaxNode):
+    """A past operator over ground operands without future operators: an atom of each state.
+
+    Args:
+        formula: the operator.
+        field: the name of the field that holds its truth; empty before a group has given it one.
+    """
+
+    formula: PastFormula
+    field: str = ''
+
+    def __str__(self) -> str:
+        return str(self.formula)
 
 
 Term: TypeAlias = (
@@ -268,8 +324,14 @@ Term: TypeAlias = (
 )
 """An operand of a comparison."""
 
-Atom: TypeAlias = Feature | FieldReference | Comparison
+PastFormula: TypeAlias = Historically | Once | Previous | Since
+"""A formula whose operator looks back."""
+
+StateAtom: TypeAlias = Feature | FieldReference | Comparison
 """A formula that is true or false in a single state."""
+
+Atom: TypeAlias = StateAtom | PastAtom
+"""A formula that is known at each state."""
 
 Formula: TypeAlias = (
     Truth
@@ -284,6 +346,7 @@ Formula: TypeAlias = (
     | Always
     | Eventually
     | Until
+    | PastFormula
 )
 """A formula, which is true or false of a sequence of states."""
 
@@ -291,10 +354,12 @@ Formula: TypeAlias = (
 def parts(node: Formula | Term) -> tuple[Formula | Term, ...]:
     """Return the formulas and terms that a node directly consists of, from left to right."""
     match node:
-        case _Operation() | _Connective() | Until():
+        case _Operation() | _Connective() | _BinaryTemporal():
             return (node.left, node.right)
-        case Not() | _Quantifier() | _Temporal():
+        case Not() | _Quantifier() | _Temporal() | Previous():
             return (node.body,)
+        case PastAtom():
+            return (node.formula,)
         case Feature():
             return node.arguments
         case _:
@@ -304,9 +369,9 @@ def parts(node: Formula | Term) -> tuple[Formula | Term, ...]:
 def with_changed_parts(node: Any, change: Callable[[Any], Any]) -> Any:
     """Return a node with a function applied to each of its parts."""
     match node:
-        case _Operation() | _Connective() | Until():
+        case _Operation() | _Connective() | _BinaryTemporal():
             return replace(node, left=change(node.left), right=change(node.right))
-        case Not() | _Quantifier() | _Temporal():
+        case Not() | _Quantifier() | _Temporal() | Previous():
             return replace(node, body=change(node.body))
         case Feature():
             return replace(node, arguments=tuple(map(change, node.arguments)))

@@ -10,6 +10,8 @@ _OPERATOR = 'an operator'
 _FORMULA = 'a formula'
 _SPELLINGS: Final = {
     **dict.fromkeys(('_AND', '_OR', '_IMPLIES', '_EQUIVALENT', '_UNTIL', 'COMPARISON'), _OPERATOR),
+    **dict.fromkeys(('_HOLDS_UNTIL', '_UNLESS', '_RELEASE', '_SINCE'), _OPERATOR),
+    **dict.fromkeys(('HISTORICALLY', 'ONCE', 'PREVIOUS'), _FORMULA),
     **dict.fromkeys(('PLUS', 'TIMES', 'DIVIDED_BY'), _OPERATOR),
     **dict.fromkeys(('NOT', 'ALWAYS', 'EVENTUALLY', 'FORALL', 'EXISTS', 'TRUE', 'FALSE'), _FORMULA),
     **dict.fromkeys(('STRING', 'REFERENCE', 'QUOTED_REFERENCE'), _FORMULA),

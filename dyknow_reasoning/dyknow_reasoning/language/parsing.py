@@ -22,6 +22,7 @@ from dyknow_common import (
     shortened,
 )
 from dyknow_reasoning.language import formula as syntax
+from dyknow_reasoning.language import sugar
 from dyknow_reasoning.language.formula import Formula, Interval, Term
 from dyknow_reasoning.language.grammar import LANGUAGE
 from dyknow_reasoning.language.names import resolve
@@ -99,6 +100,16 @@ def _temporal(kind: Callable[..., Formula]) -> Callable[..., Formula]:
     return build
 
 
+def _binary(kind: Callable[..., Formula]) -> Callable[..., Formula]:
+    def build(
+        _: object, left: Formula | Term, interval: Interval | None, right: Formula | Term
+    ) -> Formula:
+        interval = interval or syntax.ALL_FUTURE
+        return kind(_formula(left), _formula(right), interval, position=left.position)
+
+    return build
+
+
 def _quantifier(kind: Callable[..., Formula]) -> Callable[..., Formula]:
     def build(
         _: object, _word: Token, variable: Token, sort: Token | None, body: Formula | Term
@@ -118,12 +129,18 @@ class _FormulaBuilder(SyntaxBuilder[Any]):
     and_ = _connective(syntax.And)
     always = _temporal(syntax.Always)
     eventually = _temporal(syntax.Eventually)
+    historically = _temporal(syntax.Historically)
+    once = _temporal(syntax.Once)
+    until = _binary(syntax.Until)
+    since = _binary(syntax.Since)
+    holds_until = _binary(sugar.holds_until)
+    unless = _binary(sugar.unless)
+    release = _binary(sugar.release)
     forall = _quantifier(syntax.Forall)
     exists = _quantifier(syntax.Exists)
 
-    def until(self, left: Formula, interval: Interval | None, right: Formula) -> Formula:
-        interval = interval or syntax.ALL_FUTURE
-        return syntax.Until(_formula(left), _formula(right), interval, position=left.position)
+    def previous(self, _word: Token, body: Formula | Term) -> Formula:
+        return syntax.Previous(_formula(body))
 
     def not_(self, _word: Token, body: Formula | Term) -> Formula:
         return syntax.Not(_formula(body))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import operator
 from collections.abc import Callable, Iterator, Mapping
 from itertools import chain
-from typing import Any, TypeAlias
+from typing import Any, TypeAlias, cast
 
 from dyknow_common import Value
 from dyknow_reasoning.errors import ReasoningError
@@ -18,6 +18,7 @@ from dyknow_reasoning.language.formula import (
     Formula,
     Number,
     Object,
+    PastAtom,
     Term,
     TextLiteral,
     Truth,
@@ -66,6 +67,11 @@ NEGATED_COMPARISONS: Mapping[str, str] = {
     '>': '<=',
 }
 """The negation of each comparison operator."""
+
+
+def field_name(node: Term | Atom) -> str:
+    """Return the name of the field that holds the value of a feature or of a past operator."""
+    return node.field if isinstance(node, PastAtom) else str(node)
 
 
 def fields(node: Formula | Term) -> Iterator[Feature | FieldReference]:
@@ -164,8 +170,8 @@ def _calculation(term: Arithmetic, kinds: Kinds) -> _Reader:
     return read
 
 
-def _field(term: Feature | FieldReference, kind: Kind | None) -> _Reader:
-    name = str(term)
+def _field(term: Feature | FieldReference | PastAtom, kind: Kind | None) -> _Reader:
+    name = field_name(term)
     types = _PYTHON_TYPES.get(kind, tuple(chain.from_iterable(_PYTHON_TYPES.values())))
     # Subclasses, such as the floats of numpy, are usable as numbers only.
     subclass_kinds = {Kind.NUMBER: {Kind.NUMBER}, None: set(Kind)}.get(kind, set[Kind]())
@@ -180,6 +186,8 @@ def _field(term: Feature | FieldReference, kind: Kind | None) -> _Reader:
         is_usable = type(value) in types or _kind_of_value(value) in subclass_kinds
         if is_usable and value == value:  # noqa: PLR0124 - not NaN
             return value
+        if isinstance(error := cast('object', value), ReasoningError):
+            raise error  # Of an operand of a past operator.
         wanted = f'a {kind}' if kind else 'a number, a string or a boolean'
         raise ReasoningError(f"the field '{name}' holds {_description(value)}, not {wanted}")
 

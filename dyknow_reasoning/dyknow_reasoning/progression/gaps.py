@@ -17,25 +17,35 @@ in which all windows may have been evaluated:
     (always p) or eventually q       true               eventually q
 
 After the gap, `always p` can still be false (at the first state without p) but never true.
+
+An atom that looks back may depend on missing states, too. It becomes two atoms, its truth for the
+most and for the least favourable states. The optimistic half reads the former where the atom
+stands, and the latter where its negation stands; the pessimistic half the other way round.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import Enum
+from operator import attrgetter
 
 from dyknow_common import ExitCode, round_time
 from dyknow_reasoning.errors import ReasoningError
+from dyknow_reasoning.language.formula import Atom, PastAtom
 from dyknow_reasoning.progression.node_store import NodeStore
 from dyknow_reasoning.progression.nodes import (
     FALSE,
     TRUE,
     Junction,
+    Literal,
     Node,
+    Remembering,
     Window,
     constant,
+    descendants,
     pending_parts,
+    slots,
 )
 
 
@@ -62,6 +72,11 @@ class Gap:
     def __str__(self) -> str:
         return f'between {round_time(self.after)} and {round_time(self.before)}'
 
+    @property
+    def is_empty(self) -> bool:
+        """True if there is no time for a state."""
+        return self.before - self.after <= 1
+
     def join(self, later: Gap) -> Gap:
         """Return the gap from the start of this one to the end of a later one."""
         return Gap(self.after, later.before)
@@ -76,13 +91,15 @@ def halves_after(node: Node, gap: Gap, times: Sequence[int], store: NodeStore) -
         times: the times of the states that the bounds of the node count from, in nanoseconds.
         store: makes nodes; its chronology has these times.
     """
-    if gap.before - gap.after <= 1:
-        return node, node  # There is no time for a state.
+    if gap.is_empty:
+        return node, node
     found: dict[Node, tuple[Node, Node]] = {}
     for each in pending_parts(node):
         match each:
             case Window():
                 found[each] = _window_halves(each, gap, times)
+            case Remembering():
+                found[each] = TRUE, FALSE  # The memories are not those of the missing states.
             case Junction():
                 halves = zip(*(found[part] for part in each.parts), strict=True)
                 optimistic, pessimistic = (_junction(each, half, store) for half in halves)
@@ -90,6 +107,55 @@ def halves_after(node: Node, gap: Gap, times: Sequence[int], store: NodeStore) -
             case _:
                 found[each] = each, each
     return found[node]
+
+
+def apart(node: Node, mask: int, offset: int, store: NodeStore) -> Node:
+    """Return a node in which the negations of the atoms in a mask are moved by some slots."""
+    if not node.mask & mask:
+        return node
+    found: dict[Node, Node] = {}
+    for each in sorted(descendants([node]), key=attrgetter('depth')):
+        match each:
+            case Literal(slot=slot, positive=False) if mask >> slot & 1:
+                found[each] = store.literal(slot + offset, positive=False)
+            case Junction():
+                parts = [found[part] for part in each.parts]
+                found[each] = store.junction(parts, universal=each.universal)
+            case Window():
+                sides = found[each.left], found[each.right]
+                universal = each.universal
+                found[each] = store.window(each.start, each.end, *sides, universal=universal)
+            case _:
+                found[each] = each
+    return found[node]
+
+
+def bounded_atoms(atoms: Sequence[Atom], offset: int, *, most: bool) -> tuple[Atom, ...]:
+    """Return the atoms of one half, for nodes that are `apart`.
+
+    Args:
+        atoms: the atoms of the whole.
+        offset: the number of slots that negations were moved by.
+        most: True for the optimistic half.
+    """
+    sides = ('+', '-') if most else ('-', '+')
+    whole = atoms[:offset]
+    return tuple(_bounded(atom, side) for side in sides for atom in whole)
+
+
+def whole_past_atoms(atoms: Sequence[Atom], mask: int) -> int:
+    """Return the slots in a mask of the atoms that look back and are not bounded, as bits."""
+    return sum(1 << slot for slot in slots(mask) if _is_whole(atoms[slot]))
+
+
+def _is_whole(atom: Atom) -> bool:
+    return isinstance(atom, PastAtom) and not atom.field.endswith(('+', '-'))
+
+
+def _bounded(atom: Atom, side: str) -> Atom:
+    if isinstance(atom, PastAtom) and _is_whole(atom):
+        return replace(atom, field=f'{atom.field}{side}')
+    return atom
 
 
 def _window_halves(node: Window, gap: Gap, times: Sequence[int]) -> tuple[Node, Node]:

@@ -9,9 +9,9 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import TypeAlias, cast
+from typing import Any, TypeAlias, cast
 
-from dyknow_common import Symbol, listed
+from dyknow_common import Symbol, Verdict, listed
 from dyknow_reasoning.errors import ReasoningError
 from dyknow_reasoning.language.formula import (
     Always,
@@ -26,21 +26,30 @@ from dyknow_reasoning.language.formula import (
     FieldReference,
     Forall,
     Formula,
+    Historically,
     Implies,
     Not,
     Object,
+    Once,
     Or,
+    PastAtom,
+    PastFormula,
+    Previous,
+    Since,
+    StateAtom,
     Term,
     Truth,
     Until,
     Variable,
     parts,
+    walk,
+    with_changed_parts,
 )
 from dyknow_reasoning.language.symbols import feature_symbol
 from dyknow_reasoning.progression.atoms import NEGATED_COMPARISONS, fields, predicate
 from dyknow_reasoning.progression.bounds import Bound
 from dyknow_reasoning.progression.node_store import NodeStore
-from dyknow_reasoning.progression.nodes import FALSE, TRUE, Node, constant, slots
+from dyknow_reasoning.progression.nodes import FALSE, TRUE, Constant, Node, constant, slots
 
 Domains: TypeAlias = Mapping[str, Sequence[str]]
 """The objects of each sort."""
@@ -79,6 +88,14 @@ def instances_of(formula: Formula, domains: Domains, store: NodeStore) -> list[I
     return list(instances.values())
 
 
+def verdict_without_states(instances: Sequence[Instance]) -> Verdict:
+    """Return the verdict on a formula that holds for all states, or undecided."""
+    if any(instance.node is FALSE for instance in instances):
+        return Verdict.FALSE
+    decided = all(type(instance.node) is Constant for instance in instances)
+    return Verdict.TRUE if decided else Verdict.UNDECIDED
+
+
 def required_features(instances: Iterable[Instance]) -> list[Symbol]:
     """Return the features of objects that simplified instances depend on, each once."""
     atoms = (instance.atoms[slot] for instance in instances for slot in slots(instance.node.mask))
@@ -87,7 +104,7 @@ def required_features(instances: Iterable[Instance]) -> list[Symbol]:
     )
 
 
-def ground_atoms(formula: Formula, domains: Domains) -> list[tuple[Binding, tuple[Atom, ...]]]:
+def ground_atoms(formula: Formula, domains: Domains) -> list[tuple[Binding, tuple[StateAtom, ...]]]:
     """Return the choice of objects and the atoms of each instance, as the text has them.
 
     Raises:
@@ -99,10 +116,10 @@ def ground_atoms(formula: Formula, domains: Domains) -> list[tuple[Binding, tupl
     ]
 
 
-def _ground_atoms(formula: Formula, binding: Binding, domains: Domains) -> Iterator[Atom]:
+def _ground_atoms(formula: Formula, binding: Binding, domains: Domains) -> Iterator[StateAtom]:
     match formula:
         case Feature() | FieldReference():
-            yield cast('Atom', _substitute(formula, binding))
+            yield cast('StateAtom', _substitute(formula, binding))
         case Comparison(operator, left, right):
             yield Comparison(operator, _substitute(left, binding), _substitute(right, binding))
         case Forall(variable, sort, body) | Exists(variable, sort, body):
@@ -136,7 +153,9 @@ class _Translator:
         self._store = store
         self._domains = domains
 
-    def node(self, formula: Formula, binding: Binding) -> Node:
+    def node(  # noqa: PLR0911 - one for each kind
+        self, formula: Formula, binding: Binding
+    ) -> Node:
         """Return the node of a formula whose free variables are bound."""
         match formula:
             case Truth(value):
@@ -151,8 +170,29 @@ class _Translator:
                 return self._store.junction(members, universal=isinstance(formula, Forall))
             case And() | Or() | Implies() | Equivalent():
                 return self._connective(formula, binding)
+            case Historically() | Once() | Previous() | Since():
+                return self._past(formula, binding)
+            case PastAtom():
+                return self._literal(formula, positive=True)
             case _:
                 return self._window(formula, binding)
+
+    def _past(self, formula: PastFormula, binding: Binding) -> Node:
+        if not any(isinstance(each, Always | Eventually | Until) for each in walk(formula)):
+            grounded = ground(formula, binding, self._domains)
+            known = past_operands(grounded, self._store).value
+            if known is not None:
+                return constant(value=known)
+            return self._literal(PastAtom(grounded), positive=True)
+        *lefts, right = (self.node(cast('Formula', part), binding) for part in parts(formula))
+        universal = isinstance(formula, Historically)
+        if isinstance(formula, Previous):
+            return self._store.previous_state(right, universal=False)
+        left = lefts[0] if lefts else constant(value=not universal)
+        interval = formula.interval
+        return self._store.past_window(
+            interval.start, interval.end, left, right, universal=universal
+        )
 
     def _window(self, formula: Always | Eventually | Until, binding: Binding) -> Node:
         sides: tuple[Node, Node]
@@ -185,7 +225,8 @@ class _Translator:
 
     def _atom(self, formula: Atom, binding: Binding) -> Node:
         if not isinstance(formula, Comparison):
-            return self._literal(cast('Atom', _substitute(formula, binding)), positive=True)
+            feature = _substitute(cast('Term', formula), binding)
+            return self._literal(cast('Atom', feature), positive=True)
         left, right = _substitute(formula.left, binding), _substitute(formula.right, binding)
         if isinstance(left, Object) and isinstance(right, Object):
             return constant(value=(left == right) == (formula.operator == '='))
@@ -201,6 +242,65 @@ class _Translator:
     def _literal(self, atom: Atom, *, positive: bool) -> Node:
         slot = self.slots.setdefault(atom, len(self.slots))
         return self._store.literal(slot, positive=positive)
+
+
+@dataclass(frozen=True, slots=True)
+class PastOperands:
+    """The operands of a ground past operator, of which `right` is the only one of most operators.
+
+    Args:
+        atoms: the atom of each slot.
+        left: the left side of `since`; true for other operators.
+        right: the right side; for `historically F`, its negation, as that is `not once not F`.
+        value: the truth of the operator if it is the same at all states.
+    """
+
+    atoms: tuple[Atom, ...]
+    left: Node
+    right: Node
+    value: bool | None
+
+
+def past_operands(formula: PastFormula, store: NodeStore) -> PastOperands:
+    """Return the operands of a ground past operator."""
+    translator = _Translator(store, {})
+    *lefts, right = (translator.node(cast('Formula', part), {}) for part in parts(formula))
+    universal = isinstance(formula, Historically)
+    if universal:
+        right = store.negation(right)
+    value = None
+    starts_now = not isinstance(formula, Previous) and formula.interval.start == 0
+    if right is FALSE or (right is TRUE and starts_now):
+        value = (right is TRUE) is not universal
+    left = lefts[0] if lefts else TRUE
+    return PastOperands(tuple(translator.slots), left, right, value)
+
+
+def ground(formula: Any, binding: Binding, domains: Domains) -> Any:
+    """Return a formula without variables and quantifiers.
+
+    Raises:
+        ReasoningError: for a sort without a domain.
+    """
+    match formula:
+        case Forall(variable, sort, body) | Exists(variable, sort, body):
+            names = _objects(sort, domains)
+            members = [ground(body, {**binding, variable: name}, domains) for name in names]
+            return _joined(members, And if isinstance(formula, Forall) else Or)
+        case Comparison(operator, left, right):
+            return Comparison(operator, _substitute(left, binding), _substitute(right, binding))
+        case Feature() | FieldReference():
+            return _substitute(formula, binding)
+        case _:
+            return with_changed_parts(formula, lambda part: ground(part, binding, domains))
+
+
+def _joined(members: Sequence[Formula], kind: type[And | Or]) -> Formula:
+    """Return members in a balanced tree, which functions may recurse over."""
+    if len(members) < 2:  # noqa: PLR2004 - nothing to join
+        return members[0] if members else Truth(kind is And)
+    middle = len(members) // 2
+    return kind(_joined(members[:middle], kind), _joined(members[middle:], kind))
 
 
 def _value_without_state(atom: Comparison) -> bool | None:

@@ -5,23 +5,31 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from functools import cmp_to_key
 from itertools import count
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 from dyknow_reasoning.progression.bounds import Bound, Chronology
 from dyknow_reasoning.progression.nodes import (
     Constant,
     Junction,
     Literal,
+    Memory,
     Node,
+    PastNode,
+    PastWindow,
+    PreviousState,
+    Remembering,
     Sides,
     Window,
     constant,
     descendants,
+    members,
     pending_parts,
 )
 
 _WindowKey: TypeAlias = tuple[bool, Bound | None, Bound | None, Node, Node]
 _JunctionKey: TypeAlias = tuple[bool, tuple[Node, ...]]
+_PastKey: TypeAlias = tuple[bool, int, int | None, Node, Node] | tuple[bool, Node]
+_RememberingKey: TypeAlias = tuple[Node, tuple[Memory, ...]]
 
 
 class NodeStore:
@@ -37,6 +45,8 @@ class NodeStore:
         self._literals: dict[tuple[int, bool], Literal] = {}
         self._junctions: dict[_JunctionKey, Junction] = {}
         self._windows: dict[_WindowKey, Window] = {}
+        self._past: dict[_PastKey, PastNode] = {}
+        self._remembering: dict[_RememberingKey, Remembering] = {}
         self._negations: dict[Node, Node] = {}
         adopted = descendants(roots)
         for node in adopted:
@@ -44,7 +54,8 @@ class NodeStore:
         self._serials = count(1 + max((node.serial for node in adopted), default=0))
 
     def __len__(self) -> int:
-        return len(self._literals) + len(self._junctions) + len(self._windows)
+        found = (self._literals, self._junctions, self._windows, self._past, self._remembering)
+        return sum(len(each) for each in found)
 
     def literal(self, slot: int, *, positive: bool) -> Node:
         """Return the atom of a slot, or its negation."""
@@ -69,11 +80,11 @@ class NodeStore:
             return right
         return self._window((universal, start, end, left, right))
 
-    def junction(self, members: Iterable[Node], *, universal: bool) -> Node:
-        """Return the simplified conjunction (universal) or disjunction of the members."""
+    def junction(self, parts: Iterable[Node], *, universal: bool) -> Node:
+        """Return the simplified conjunction (universal) or disjunction of the parts."""
         absorbing = constant(value=not universal)
         flat: dict[Node, None] = {}
-        for member in members:
+        for member in parts:
             if member is absorbing:
                 return absorbing
             if type(member) is Junction and member.universal is universal:
@@ -90,6 +101,40 @@ class NodeStore:
             return next(iter(flat))
         ordered = tuple(sorted(flat, key=_rank))
         return self._junction((universal, ordered))
+
+    def past_window(
+        self, start: int, end: int | None, left: Node, right: Node, *, universal: bool
+    ) -> Node:
+        """Return a window of the past, or a constant if the right side decides it."""
+        decided = constant(value=universal)
+        if right is decided or (start == 0 and right is constant(value=not universal)):
+            return right
+        key = (universal, start, end, left, right)
+        if key not in self._past:
+            self._past[key] = PastWindow(*key, serial=next(self._serials), **_over(left, right))
+        return self._past[key]
+
+    def previous_state(self, body: Node, *, universal: bool) -> Node:
+        """Return a formula at the state before, which is `universal` at the first state."""
+        if body is constant(value=universal):
+            return body
+        key = (universal, body)
+        if key not in self._past:
+            self._past[key] = PreviousState(*key, serial=next(self._serials), **_over(body))
+        return self._past[key]
+
+    def remembering(self, formula: Node, memories: tuple[Memory, ...]) -> Node:
+        """Return a formula that has seen states, with the memories of its past operators."""
+        key = (formula, memories)
+        found = self._remembering.get(key)
+        if found is None:
+            found = Remembering(*key, serial=next(self._serials))
+            for name, value in _over(*members(found)).items():
+                setattr(found, name, value)
+            found.mask |= _slots_of(past for past, _ in memories)
+            found.unbounded = formula.unbounded
+            self._remembering[key] = found
+        return found
 
     def negation(self, node: Node) -> Node:
         """Return the negation of a formula that has seen no state."""
@@ -115,9 +160,20 @@ class NodeStore:
                 case Window(universal, start, end, left, right):
                     begins, ends = start and bounds[start], end and bounds[end]
                     found[each] = self._window((universal, begins, ends, left, right))
-                case Junction(universal, members):
-                    ordered = tuple(sorted((found[member] for member in members), key=_rank))
+                case Junction(universal, parts):
+                    ordered = tuple(sorted((found[part] for part in parts), key=_rank))
                     found[each] = self._junction((universal, ordered))
+                case Remembering(formula, memories):
+                    kept = tuple(
+                        (
+                            past,
+                            tuple(
+                                (bound and bounds[bound], found[rest]) for bound, rest in entries
+                            ),
+                        )
+                        for past, entries in memories
+                    )
+                    found[each] = self.remembering(found[formula], kept)
                 case _:
                     found[each] = each
         return found[node]
@@ -126,10 +182,16 @@ class NodeStore:
         match node:
             case Literal(slot, positive):
                 self._literals[slot, positive] = node
-            case Junction(universal, members):
-                self._junctions[universal, members] = node
+            case Junction(universal, parts):
+                self._junctions[universal, parts] = node
             case Window(universal, start, end, left, right):
                 self._windows[universal, start, end, left, right] = node
+            case PastWindow(universal, first, last, left, right):
+                self._past[universal, first, last, left, right] = node
+            case PreviousState(universal, body):
+                self._past[universal, body] = node
+            case Remembering(formula, memories):
+                self._remembering[formula, memories] = node
 
     def _negation(self, node: Node) -> Node:
         match node:
@@ -143,6 +205,13 @@ class NodeStore:
             case Window(universal, start, end, left, right):
                 opposite = self.negation(left), self.negation(right)
                 return self.window(start, end, *opposite, universal=not universal)
+            case PastWindow(universal, first, last, left, right):
+                opposite = self.negation(left), self.negation(right)
+                return self.past_window(first, last, *opposite, universal=not universal)
+            case PreviousState(universal, body):
+                return self.previous_state(self.negation(body), universal=not universal)
+            case Remembering():  # pragma: no cover - has seen states
+                raise AssertionError(node)
 
     def _window(self, key: _WindowKey) -> Window:
         node = self._windows.get(key)
@@ -154,6 +223,7 @@ class NodeStore:
                 mask=left.mask | right.mask,
                 size=1 + left.size + right.size,
                 depth=1 + max(left.depth, right.depth),
+                looks_back=left.looks_back or right.looks_back,
             )
             if end is None:
                 node.unbounded = (node,)
@@ -162,17 +232,15 @@ class NodeStore:
     def _junction(self, key: _JunctionKey) -> Junction:
         node = self._junctions.get(key)
         if node is None:
-            _, members = key
-            mask = 0
-            for member in members:
-                mask |= member.mask
-            unbounded = dict.fromkeys(window for member in members for window in member.unbounded)
+            _, parts = key
+            unbounded = dict.fromkeys(window for part in parts for window in part.unbounded)
             node = self._junctions[key] = Junction(
                 *key,
                 serial=next(self._serials),
-                mask=mask,
-                size=1 + sum(member.size for member in members),
-                depth=1 + max(member.depth for member in members),
+                mask=_slots_of(parts),
+                size=1 + sum(part.size for part in parts),
+                depth=1 + max(part.depth for part in parts),
+                looks_back=any(part.looks_back for part in parts),
                 unbounded=tuple(unbounded),
             )
         return node
@@ -280,6 +348,24 @@ class NodeStore:
         if part.universal is universal:
             return any(self._contains(window, part) for window in windows)
         return any(self._contains(part, window) for window in windows)
+
+
+def _slots_of(nodes: Iterable[Node]) -> int:
+    """Return the slots of some nodes, as bits."""
+    mask = 0
+    for node in nodes:
+        mask |= node.mask
+    return mask
+
+
+def _over(*parts: Node) -> dict[str, Any]:
+    """Return the attributes of a node of the past over some parts."""
+    return {
+        'mask': _slots_of(parts),
+        'size': 1 + sum(part.size for part in parts),
+        'depth': 1 + max(part.depth for part in parts),
+        'looks_back': True,
+    }
 
 
 def _rank(node: Node) -> tuple[int, int]:

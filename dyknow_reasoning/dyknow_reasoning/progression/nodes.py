@@ -28,6 +28,7 @@ class _NodeBase:
         size: the number of nodes that a text of the formula would show.
         depth: the nesting depth of the formula.
         unbounded: the windows without an end that are open now.
+        looks_back: True if it contains an operator of the past.
     """
 
     serial: int = 0
@@ -35,6 +36,7 @@ class _NodeBase:
     size: int = 1
     depth: int = 0
     unbounded: tuple[Window, ...] = ()
+    looks_back: bool = False
 
 
 @dataclass(eq=False, slots=True)
@@ -80,7 +82,43 @@ class Window(_NodeBase):
     right: Node
 
 
-Node: TypeAlias = Constant | Literal | Junction | Window
+@dataclass(eq=False, slots=True)
+class PastWindow(_NodeBase):
+    """`left since[start, end] right`, or its dual if universal, over operands with a future.
+
+    Past operators over other operands are atoms. No end is infinite; both are in nanoseconds.
+    """
+
+    universal: bool
+    start: int
+    end: int | None
+    left: Node
+    right: Node
+
+
+@dataclass(eq=False, slots=True)
+class PreviousState(_NodeBase):
+    """A formula with a future at the state before; at the first state it is true if universal."""
+
+    universal: bool
+    body: Node
+
+
+PastNode: TypeAlias = PastWindow | PreviousState
+
+Memory: TypeAlias = tuple[PastNode, tuple[tuple[Bound | None, 'Node'], ...]]
+"""What remains of the operand of a past operator since each of some earlier states."""
+
+
+@dataclass(eq=False, slots=True)
+class Remembering(_NodeBase):
+    """A formula that has seen states, with the memories of its past operators."""
+
+    formula: Node
+    memories: tuple[Memory, ...]
+
+
+Node: TypeAlias = Constant | Literal | Junction | Window | PastWindow | PreviousState | Remembering
 
 Sides: TypeAlias = tuple[bool, Node, Node]
 """A window without its bounds: universal, left, right."""
@@ -112,9 +150,22 @@ def descendants(roots: Iterable[Node]) -> set[Node]:
             match node:
                 case Junction():
                     pending.extend(node.parts)
-                case Window():
-                    pending += (node.left, node.right)
+                case Remembering():
+                    pending += members(node)
+                case _:
+                    pending += operands(node)
     return found
+
+
+def operands(node: Node) -> tuple[Node, ...]:
+    """Return the operands of a temporal operator, which have seen no state."""
+    match node:
+        case Window() | PastWindow():
+            return (node.left, node.right)
+        case PreviousState():
+            return (node.body,)
+        case _:
+            return ()
 
 
 def pending_parts(node: Node) -> list[Node]:
@@ -128,12 +179,34 @@ def pending_parts(node: Node) -> list[Node]:
         each = pending.pop()
         if each not in found:
             found[each] = None
-            pending.extend(each.parts if type(each) is Junction else ())
+            pending.extend(members(each))
     return sorted(found, key=attrgetter('depth'))
 
 
+def members(node: Node) -> tuple[Node, ...]:
+    """Return the parts of a junction, and of a formula that remembers, which have seen states."""
+    match node:
+        case Junction():
+            return node.parts
+        case Remembering():
+            kept = (each for _, entries in node.memories for _, each in entries)
+            return (node.formula, *kept)
+        case _:
+            return ()
+
+
+def past_nodes(node: Node) -> list[PastNode]:
+    """Return the operators of the past in a node, inner ones first."""
+    if not node.looks_back:
+        return []
+    found = (each for each in descendants([node]) if isinstance(each, PastWindow | PreviousState))
+    return sorted(found, key=attrgetter('depth', 'serial'))
+
+
 def bounds_of(node: Node) -> set[Bound]:
-    """Return the bounds of the windows in a node that has seen states."""
+    """Return the bounds of the windows in a node that has seen states, and of its memories."""
     windows = (each for each in pending_parts(node) if type(each) is Window)
-    bounds = (bound for window in windows for bound in (window.start, window.end))
+    bounds = {bound for window in windows for bound in (window.start, window.end)}
+    if type(node) is Remembering:
+        bounds |= {bound for _, entries in node.memories for bound, _ in entries}
     return {bound for bound in bounds if bound is not None}

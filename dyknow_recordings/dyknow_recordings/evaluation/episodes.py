@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
 from typing import Final
@@ -11,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dyknow_common import DyKnowError, Value, Verdict
-from dyknow_reasoning import FormulaGroup, FormulaResult
+from dyknow_reasoning import FormulaGroup, FormulaResult, ReasoningError
 from dyknow_recordings.errors import RecordingError
 from dyknow_recordings.evaluation.grounding import GroundedFormula
 from dyknow_recordings.evaluation.observation import EvaluationObserver
@@ -114,6 +115,10 @@ class EpisodeGroup:
             if each.every is Every.FIRST:
                 self._open(each)
         self._group.begin(domains)
+        # What past operators look back to is the same from every state.
+        for each in formulas:
+            if each.every is not Every.FIRST:
+                self._keep_history(each)
         self._close(self._group.decided_at_once())
 
     def progress(self, valid_time: int, values: Mapping[str, Value]) -> None:
@@ -128,7 +133,7 @@ class EpisodeGroup:
             formula = self._owners[formula_id]
             formula.episodes[formula.open_episodes[formula_id]] = Episode(valid_time)
         self._fresh.clear()
-        if self._group.undecided:
+        if self._group.undecided or self._group.keeps_history:
             self._close(self._group.progress(valid_time, values))
 
     def progress_many(
@@ -185,6 +190,8 @@ class EpisodeGroup:
     def gap(self, after: int) -> None:
         """Record that states may be missing after one that is valid at a time, nanoseconds."""
         self._group.gap()
+        for trigger in self._triggers.values():
+            trigger.gap()
         if self.observer is not None:
             self.observer.gap()
         for each in self._running:
@@ -222,6 +229,12 @@ class EpisodeGroup:
                     residual_formula=self._group.residual(formula_id),
                     presumably_false=self._group.presumably_false(formula_id),
                 )
+
+    def _keep_history(self, formula: FormulaEpisodes) -> None:
+        try:
+            self._group.keep_history(formula.grounded.formula)
+        except DyKnowError as error:
+            self._fail(formula, error)
 
     def _open(self, formula: FormulaEpisodes) -> None:
         text = formula.grounded.formula
@@ -279,7 +292,13 @@ class _Trigger:
         self._text = text
         self._group = FormulaGroup()
         self._group.begin(domains)
+        with suppress(ReasoningError):  # `rises` refuses a trigger that looks into the future.
+            self._group.keep_history(text)
         self._held = False
+
+    def gap(self) -> None:
+        """Record that states may be missing before the next one."""
+        self._group.gap()
 
     def rises(self, valid_time: int, values: Mapping[str, Value]) -> bool | DyKnowError:
         """Return True if it holds now and did not before; its error if it has no verdict."""

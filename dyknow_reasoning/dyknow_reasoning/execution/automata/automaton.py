@@ -28,9 +28,9 @@ from operator import itemgetter
 from typing import TypeAlias
 
 from dyknow_reasoning.progression.bounds import Bound, TimeQuestion
-from dyknow_reasoning.progression.gaps import Gap, halves_after
+from dyknow_reasoning.progression.gaps import Gap, apart, halves_after
+from dyknow_reasoning.progression.memories import RememberingProgression
 from dyknow_reasoning.progression.nodes import Constant, Node, Sides, bounds_of, sides
-from dyknow_reasoning.progression.progression import Progression
 
 _MAX_NODES = 1 << 16
 
@@ -93,9 +93,10 @@ class Automaton:
     def __init__(self, formula: Node) -> None:
         self.initial = _location(formula, 0)
         self.max_size = formula.size
+        self.slots = formula.mask.bit_length()
         # True if anything was added since this was last set to False.
         self.has_grown = True
-        self._progression = Progression([formula])
+        self._progression = RememberingProgression([formula])
         self._locations: dict[Node, Location] = {}
         self._limit = _MAX_NODES
 
@@ -113,13 +114,25 @@ class Automaton:
             found = found.yes if answer else found.no
         return found if type(found) is Move else self._find(location, symbol, times)
 
-    def halves(self, location: Location, times: Times, gap: Gap) -> tuple[Move, Move]:
-        """Return the moves to the optimistic and the pessimistic half of a location after a gap."""
+    def halves(self, location: Location, times: Times, gap: Gap, past: int) -> tuple[Move, Move]:
+        """Return the moves to the optimistic and the pessimistic half of a location after a gap.
+
+        Args:
+            location: the location.
+            times: its clocks.
+            gap: the gap.
+            past: the slots of atoms that look back, as bits; the halves have them `apart`.
+        """
         self._progression.begin(0, times)
         store = self._progression.store
-        optimistic, pessimistic = halves_after(location.node, gap, times, store)
+        halves = halves_after(location.node, gap, times, store)
+        optimistic, pessimistic = (self.apart(half, past) for half in halves)
         self.has_grown = True
         return self._move(optimistic), self._move(pessimistic)
+
+    def apart(self, node: Node, past: int) -> Node:
+        """Return a node with the negations of some atoms, given as bits, in slots of their own."""
+        return apart(node, past, self.slots, self._progression.store)
 
     @property
     def is_full(self) -> bool:
@@ -131,13 +144,13 @@ class Automaton:
         for location in (*self._locations.values(), self.initial):
             location.moves.clear()
         self._locations = {each.node: each for each in locations if each is not self.initial}
-        self._progression = Progression([self.initial.node, *self._locations])
+        self._progression = RememberingProgression([self.initial.node, *self._locations])
         self._limit = max(_MAX_NODES, 2 * len(self._progression.store))
 
     def _find(self, location: Location, symbol: int, times: Times) -> Move:
         progression = self._progression
         progression.begin(symbol, times)
-        node = progression.progress(location.node, fresh=location is self.initial)
+        node = progression.advance(location.node, fresh=location is self.initial)
         questions = progression.chronology.asked.items()
         move = self._move(node)
         self.has_grown = True

@@ -4,12 +4,21 @@ from __future__ import annotations
 
 from collections.abc import Hashable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 
 from dyknow_reasoning.execution.automata.automaton import Location, Move, Times
 from dyknow_reasoning.execution.automata.templates import Template
 from dyknow_reasoning.language.type_checking import Kinds
-from dyknow_reasoning.progression.gaps import Gap, Half
+from dyknow_reasoning.progression.bounds import Chronology
+from dyknow_reasoning.progression.gaps import (
+    Gap,
+    Half,
+    apart,
+    bounded_atoms,
+    whole_past_atoms,
+)
 from dyknow_reasoning.progression.instances import Instance
+from dyknow_reasoning.progression.node_store import NodeStore
 from dyknow_reasoning.progression.nodes import Node, Sides
 
 
@@ -70,21 +79,32 @@ class InstanceState:
             halves: the moves to the optimistic and the pessimistic half of the location.
         """
         optimistic, pessimistic = halves
-        if optimistic.target is pessimistic.target is self.location:
+        looks_back = whole_past_atoms(self.instance.atoms, self.node.mask)
+        if optimistic.target is pessimistic.target is self.location and not looks_back:
             return [self]
         moves = {Half.OPTIMISTIC: optimistic, Half.PESSIMISTIC: pessimistic}
         half = self.instance.half
         if half in moves:
             moves = {half: moves[half]}
-        elif optimistic.target is pessimistic.target:
+        elif optimistic.target is pessimistic.target and not looks_back:
             moves = {half: optimistic}
         return [self._moved(move, half, gap) for half, move in moves.items()]
 
     def _moved(self, move: Move, half: Half, gap: Gap) -> InstanceState:
         joined = self.instance.gap.join(gap) if self.instance.gap else gap
         instance = replace(self.instance, half=half, gap=joined)
+        before = self.window_origins
+        if past := whole_past_atoms(instance.atoms, self.node.mask):
+            automaton, most = self.template.automaton, half is Half.OPTIMISTIC
+            atoms = bounded_atoms(instance.atoms, automaton.slots, most=most)
+            node = automaton.apart(instance.node, past)
+            instance = replace(instance, atoms=atoms, node=node, batch_key=None)
+            before = {
+                (universal, automaton.apart(left, past), automaton.apart(right, past)): origin
+                for (universal, left, right), origin in before.items()
+            }
         location, times = move.target, move.select(self.times)
-        origins = {sides: self.window_origins[sides] for sides in location.unbounded}
+        origins = {sides: before[sides] for sides in location.unbounded}
         return InstanceState(instance, self.template, location, times, origins)
 
 
@@ -118,3 +138,28 @@ class InstanceVerdict:
     instance: FormulaInstance
     holds: bool
     moment: DecidingMoment | None
+
+
+def bounded_halves(instance: FormulaInstance, gap: Gap) -> list[FormulaInstance]:
+    """Return the halves of an instance that begins after a gap in what it looks back to."""
+    offset = instance.node.mask.bit_length()
+    past = whole_past_atoms(instance.atoms, instance.node.mask)
+    node = _fresh_apart(instance.node, past)
+    return [
+        replace(
+            instance,
+            node=node,
+            atoms=bounded_atoms(instance.atoms, offset, most=half is Half.OPTIMISTIC),
+            batch_key=None,
+            half=half,
+            gap=gap,
+        )
+        for half in (Half.OPTIMISTIC, Half.PESSIMISTIC)
+    ]
+
+
+@lru_cache(256)
+def _fresh_apart(node: Node, past: int) -> Node:
+    """Return a formula that has seen no state with some atoms `apart`, the same each time."""
+    store = NodeStore(Chronology(), [node])
+    return apart(node, past, node.mask.bit_length(), store)

@@ -15,11 +15,12 @@ from dyknow_reasoning.language.formula import (
     Feature,
     FieldReference,
     Number,
+    PastAtom,
     Term,
     TextLiteral,
 )
 from dyknow_reasoning.language.type_checking import Kind, Kinds
-from dyknow_reasoning.progression.atoms import Predicate, Values, kind_of
+from dyknow_reasoning.progression.atoms import Predicate, Values, field_name, kind_of
 
 Reader: TypeAlias = Callable[[Values], int]
 """The truth of atoms as bits; raises ReasoningError if the values are unusable."""
@@ -112,7 +113,7 @@ class ReaderCode:
         """Return an expression for the truth of atoms as bits; the arguments of `quick_reader`."""
         bits = []
         for slot, holds in predicates.items():
-            text = self._atom(atoms[slot], kinds) or f'{self.name(holds)}(values)'
+            text = self.atom(atoms[slot], kinds) or f'{self.name(holds)}(values)'
             bits.append(f'({text}) << {slot}' if slot else f'({text})')
         return ' | '.join(bits) or '0'
 
@@ -127,7 +128,7 @@ class ReaderCode:
         exec(code, self.names)  # noqa: S102 - built from checked parts
         return self.names['make']()
 
-    def _atom(self, atom: Atom, kinds: Kinds) -> str | None:
+    def atom(self, atom: Atom, kinds: Kinds) -> str | None:
         """Return the code of an atom; None if a predicate must evaluate it."""
         if not isinstance(atom, Comparison):
             return self._field(atom, Kind.BOOLEAN)
@@ -143,8 +144,8 @@ class ReaderCode:
             return self._field(term, kind)
         return self.name(term.value if isinstance(term, Number | TextLiteral) else None)
 
-    def _field(self, term: Feature | FieldReference, kind: Kind) -> str:
-        return self._fields.setdefault((str(term), kind), f'value_{len(self._fields)}')
+    def _field(self, term: Feature | FieldReference | PastAtom, kind: Kind) -> str:
+        return self._fields.setdefault((field_name(term), kind), f'value_{len(self._fields)}')
 
 
 def _kind(term: Term, kinds: Kinds) -> Kind | None:

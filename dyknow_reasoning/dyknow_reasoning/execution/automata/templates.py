@@ -7,7 +7,7 @@ from math import inf
 
 from dyknow_reasoning.execution.automata.automaton import Automaton, Location
 from dyknow_reasoning.execution.automata.configurations import Configurations
-from dyknow_reasoning.progression.nodes import Node, Window, descendants
+from dyknow_reasoning.progression.nodes import Node, Window, descendants, operands
 
 
 class Template:
@@ -47,6 +47,6 @@ class Template:
 
 
 def _nests_unbounded_window(formula: Node) -> bool:
-    windows = [each for each in descendants([formula]) if type(each) is Window]
-    inner = descendants(side for window in windows for side in (window.left, window.right))
+    found = descendants([formula])
+    inner = descendants(side for each in found for side in operands(each))
     return any(type(each) is Window and each.end is None for each in inner)

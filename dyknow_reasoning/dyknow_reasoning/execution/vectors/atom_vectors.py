@@ -31,6 +31,7 @@ from dyknow_reasoning.progression.atoms import (
     CALCULATE,
     COMPARE,
     Values,
+    field_name,
     has_unknown_kind,
     kind_of,
 )
@@ -114,7 +115,7 @@ class FieldVectors:
             field.select(recording, states)
 
     def _field(self, terms: Iterable[Term | Atom], kind: Kind | None) -> FieldVector:
-        fields = tuple(map(str, terms))
+        fields = tuple(map(field_name, terms))
         return self._found.setdefault((fields, kind), FieldVector(fields, kind))
 
     def _terms(self, terms: Sequence[Term], kinds: Kinds) -> Callable[[], Any]:
