@@ -15,7 +15,9 @@ FORMULA_WORDS: Final = frozenset(
 SSL_WORDS: Final = frozenset({'for', 'where', 'with', 'contains'})
 """The reserved words of annotations; a test compares them with the grammar."""
 
-FUNCTIONS: Final = frozenset({'abs', 'max', 'maximum', 'mean', 'min', 'minimum', 'sqrt', 'sum'})
+FUNCTIONS: Final = frozenset(
+    {'abs', 'max', 'maximum', 'mean', 'min', 'minimum', 'sqrt', 'sum', 'hypot', 'angle_difference'}
+)
 """Names of functions, which no feature and no stream may have."""
 
 

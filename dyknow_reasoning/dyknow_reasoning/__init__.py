@@ -14,6 +14,7 @@ from dyknow_reasoning.language.formula import (
     FieldReference,
     Forall,
     Formula,
+    Function,
     Interval,
     Number,
     Term,
@@ -24,6 +25,7 @@ from dyknow_reasoning.language.parsing import parse_formula
 from dyknow_reasoning.language.symbols import symbols_of
 from dyknow_reasoning.language.type_checking import Kind, check_types
 from dyknow_reasoning.progression.atoms import CALCULATE
+from dyknow_reasoning.progression.functions import call_function_on_vectors
 from dyknow_reasoning.progression.instances import ground_atoms
 from dyknow_reasoning.progression.sizes import FormulaLimits
 from dyknow_reasoning.results import FormulaResult
@@ -44,6 +46,7 @@ __all__ = [
     'FormulaGroup',
     'FormulaLimits',
     'FormulaResult',
+    'Function',
     'Interval',
     'Kind',
     'Number',
@@ -52,6 +55,7 @@ __all__ = [
     'Term',
     'Until',
     'add_domain_option',
+    'call_function_on_vectors',
     'check_trace',
     'check_types',
     'ground_atoms',

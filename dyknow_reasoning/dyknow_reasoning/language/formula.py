@@ -59,6 +59,17 @@ class Number(SyntaxNode):
 
 
 @dataclass(frozen=True, slots=True)
+class Quantity(SyntaxNode):
+    """A number with a unit of measurement, until it is converted to the unit of a feature."""
+
+    value: int | float
+    unit: str
+
+    def __str__(self) -> str:
+        return f'{self.value!r} "{self.unit}"'
+
+
+@dataclass(frozen=True, slots=True)
 class TextLiteral(SyntaxNode):
     """A quoted string."""
 
@@ -141,6 +152,17 @@ class _Operation(SyntaxNode):
 @dataclass(frozen=True, slots=True)
 class Arithmetic(_Operation):
     """Two numbers joined by `+`, `-`, `*` or `/`."""
+
+
+@dataclass(frozen=True, slots=True)
+class Function(SyntaxNode):
+    """A function of numbers, `hypot(x, y)`."""
+
+    name: str
+    arguments: tuple[Term, ...]
+
+    def __str__(self) -> str:
+        return f'{self.name}({", ".join(map(str, self.arguments))})'
 
 
 @dataclass(frozen=True, slots=True)
@@ -264,7 +286,16 @@ class Until(SyntaxNode):
 
 
 Term: TypeAlias = (
-    Number | TextLiteral | Truth | Object | Variable | Feature | FieldReference | Arithmetic
+    Number
+    | Quantity
+    | TextLiteral
+    | Truth
+    | Object
+    | Variable
+    | Feature
+    | FieldReference
+    | Arithmetic
+    | Function
 )
 """An operand of a comparison."""
 
@@ -295,7 +326,7 @@ def parts(node: Formula | Term) -> tuple[Formula | Term, ...]:
             return (node.left, node.right)
         case Not() | _Quantifier() | _Temporal():
             return (node.body,)
-        case Feature():
+        case Feature() | Function():
             return node.arguments
         case _:
             return ()
@@ -308,7 +339,7 @@ def with_changed_parts(node: Any, change: Callable[[Any], Any]) -> Any:
             return replace(node, left=change(node.left), right=change(node.right))
         case Not() | _Quantifier() | _Temporal():
             return replace(node, body=change(node.body))
-        case Feature():
+        case Feature() | Function():
             return replace(node, arguments=tuple(map(change, node.arguments)))
         case _:
             return node

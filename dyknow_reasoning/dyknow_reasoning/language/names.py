@@ -12,6 +12,7 @@ from dyknow_reasoning.language.formula import (
     Feature,
     Forall,
     Formula,
+    Function,
     Object,
     Term,
     Variable,
@@ -64,7 +65,7 @@ def _resolved(node: Any, objects: _Names, bound: _Names, *, is_operand: bool) ->
             return Variable(name, position=node.position)
         case Forall() | Exists():
             bound |= {node.variable}
-    are_operands = isinstance(node, Comparison | Arithmetic)
+    are_operands = isinstance(node, Comparison | Arithmetic | Function)
     return with_changed_parts(
         node, lambda part: _resolved(part, objects, bound, is_operand=are_operands)
     )

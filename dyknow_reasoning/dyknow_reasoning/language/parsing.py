@@ -12,10 +12,12 @@ from lark import Token
 
 from dyknow_common import (
     FUNCTIONS,
+    DyKnowError,
     PositionedError,
     SyntaxBuilder,
     TextPosition,
     builder,
+    check_unit,
     comparison_value,
     duration_value,
     number_value,
@@ -23,6 +25,7 @@ from dyknow_common import (
 )
 from dyknow_reasoning.language import formula as syntax
 from dyknow_reasoning.language.formula import Formula, Interval, Term
+from dyknow_reasoning.language.functions import check_call, not_a_function
 from dyknow_reasoning.language.grammar import LANGUAGE
 from dyknow_reasoning.language.names import resolve
 
@@ -61,7 +64,7 @@ def _shown(node: Formula | Term) -> str:
 
 def _formula(node: Formula | Term) -> Formula:
     match node:
-        case syntax.Number() | syntax.Arithmetic():
+        case syntax.Number() | syntax.Quantity() | syntax.Arithmetic() | syntax.Function():
             raise PositionedError(
                 f"'{_shown(node)}' is a number, not a formula; compare it with another",
                 node.position,
@@ -137,12 +140,24 @@ class _FormulaBuilder(SyntaxBuilder[Any]):
         return syntax.Arithmetic(symbol, _term(left), _term(right), position=left.position)
 
     def negative(self, minus: Token, operand: Formula | Term) -> Term:
-        if isinstance(operand, syntax.Number):
+        if isinstance(operand, syntax.Number | syntax.Quantity):
             return replace(operand, value=-operand.value, position=TextPosition.of(minus))
         return syntax.Arithmetic('-', syntax.Number(0), _term(operand))
 
     def number(self, token: Token) -> Term:
         return syntax.Number(number_value(token))
+
+    def quantity(self, number: Token, unit: Token) -> Term:
+        name = unit[1:-1] if unit.type == 'STRING' else str(unit)
+        try:
+            check_unit(name)
+        except DyKnowError as error:
+            raise PositionedError(error.message, TextPosition.of(unit)) from None
+        return syntax.Quantity(number_value(number), name)
+
+    def call(self, name: Token, *arguments: Formula | Term) -> Term:
+        check_call(name, len(arguments))
+        return syntax.Function(str(name), tuple(map(_term, arguments)))
 
     def text(self, token: Token) -> Term:
         return syntax.TextLiteral(re.sub(r'\\(.)', r'\1', token[1:-1]))
@@ -165,11 +180,7 @@ class _FormulaBuilder(SyntaxBuilder[Any]):
 
     def feature(self, token: Token, arguments: tuple[syntax.Object, ...]) -> Term:
         if token in FUNCTIONS:
-            message = (
-                f"'{token}' is the name of a function, and formulas have none; apply a "
-                'computational unit in a stream, and use that stream'
-            )
-            raise PositionedError(message, TextPosition.of(token))
+            raise not_a_function(token)
         return syntax.Feature(str(token), arguments)
 
     def arguments(self, *tokens: Token) -> tuple[syntax.Object, ...]:

@@ -117,17 +117,19 @@ class _TypeChecker:
             case syntax.Comparison('=' | '!=', left, right):
                 for side in (left, right):
                     self._infer_numbers(side)
-            case syntax.Comparison() | syntax.Arithmetic():
+            case syntax.Comparison() | syntax.Arithmetic() | syntax.Function():
                 self._infer_numbers(node)
             case _:
                 for part in parts(node):
                     self._infer_use(part)
 
     def _infer_numbers(self, node: Formula | Term) -> None:
-        if isinstance(node, syntax.Comparison | syntax.Arithmetic):
-            for side in (node.left, node.right):
-                self._infer_numbers(side)
-                self._require(side, Kind.NUMBER, f"as an operand of '{node.operator}'")
+        if isinstance(node, syntax.Comparison | syntax.Arithmetic | syntax.Function):
+            is_function = isinstance(node, syntax.Function)
+            symbol = node.name if is_function else node.operator
+            for each in parts(node):
+                self._infer_numbers(each)
+                self._require(each, Kind.NUMBER, f"as an operand of '{symbol}'")
 
     def _infer_equality(self, node: syntax.Comparison) -> None:
         left, right = self._kind(node.left), self._kind(node.right)
@@ -138,7 +140,7 @@ class _TypeChecker:
 
     def _kind(self, term: Term) -> Kind | None:
         match term:
-            case syntax.Number() | syntax.Arithmetic():
+            case syntax.Number() | syntax.Quantity() | syntax.Arithmetic() | syntax.Function():
                 return Kind.NUMBER
             case syntax.TextLiteral():
                 return Kind.STRING

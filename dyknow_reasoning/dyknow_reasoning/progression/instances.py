@@ -26,6 +26,7 @@ from dyknow_reasoning.language.formula import (
     FieldReference,
     Forall,
     Formula,
+    Function,
     Implies,
     Not,
     Object,
@@ -222,6 +223,8 @@ def _substitute(term: Term, binding: Binding) -> Term:
             return Feature(name, tuple(map(Object, names)))
         case Arithmetic(operator, left, right):
             return Arithmetic(operator, _substitute(left, binding), _substitute(right, binding))
+        case Function(name, operands):
+            return Function(name, tuple(_substitute(each, binding) for each in operands))
         case _:
             return term
 

@@ -21,6 +21,7 @@ from dyknow_reasoning.language.formula import (
     Feature,
     Forall,
     Formula,
+    Function,
     parts,
     walk,
 )
@@ -142,7 +143,8 @@ def amount(count: int) -> str:
 def _parts(formula: Formula, counts: Counts) -> int:
     match formula:
         case Comparison(_, left, right):
-            return 1 + sum(isinstance(each, Arithmetic) for each in chain(walk(left), walk(right)))
+            terms = chain(walk(left), walk(right))
+            return 1 + sum(isinstance(each, Arithmetic | Function) for each in terms)
         case Feature():
             return 1
         case Forall(_, sort, body) | Exists(_, sort, body):
