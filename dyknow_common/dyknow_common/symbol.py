@@ -8,7 +8,7 @@ from typing import Final
 
 FORMULA_WORDS: Final = frozenset(
     {'true', 'false', 'not', 'and', 'or', 'forall', 'exists', 'in', 'always', 'eventually'}
-    | {'until', 'U'}
+    | {'until', 'U', 'let'}
 )
 """The reserved words of formulas; a test compares them with the grammar."""
 

@@ -4,6 +4,7 @@ from dyknow_reasoning.check import CheckResult, add_domain_option, check_trace, 
 from dyknow_reasoning.errors import ReasoningError
 from dyknow_reasoning.explanation.explanation import objects_text
 from dyknow_reasoning.formula_group import FormulaGroup
+from dyknow_reasoning.language.constants import NO_CONSTANTS, Constants
 from dyknow_reasoning.language.formula import (
     Always,
     And,
@@ -15,13 +16,13 @@ from dyknow_reasoning.language.formula import (
     Forall,
     Formula,
     Function,
-    Interval,
     Number,
     Term,
     Until,
     parts,
 )
-from dyknow_reasoning.language.parsing import parse_formula
+from dyknow_reasoning.language.interval import Interval
+from dyknow_reasoning.language.parsing import parse_constants, parse_formula
 from dyknow_reasoning.language.symbols import symbols_of
 from dyknow_reasoning.language.type_checking import Kind, check_types
 from dyknow_reasoning.progression.atoms import CALCULATE
@@ -33,11 +34,13 @@ from dyknow_reasoning.trace import RecordedState, read_trace
 
 __all__ = [
     'CALCULATE',
+    'NO_CONSTANTS',
     'Always',
     'And',
     'Arithmetic',
     'CheckResult',
     'Comparison',
+    'Constants',
     'Eventually',
     'Feature',
     'FieldReference',
@@ -60,6 +63,7 @@ __all__ = [
     'check_types',
     'ground_atoms',
     'objects_text',
+    'parse_constants',
     'parse_formula',
     'parts',
     'read_domains',

@@ -61,8 +61,10 @@ def test_values(term: str, values: dict[str, float], expected: float) -> None:
         (
             'angle_difference(x, 1)',
             {'x': math.inf},
-            "'angle_difference(x, 1)' is angle_difference(inf, 1): an infinite angle has no "
-            'direction',
+            (
+                "'angle_difference(x, 1)' is angle_difference(inf, 1): an infinite angle has no "
+                'direction'
+            ),
         ),
         (
             'angle_difference(x, x)',
@@ -127,8 +129,10 @@ def test_all_paths_agree_to_the_bit(
         if whole:
             state = {name: int(max(-9, min(9, value))) for name, value in state.items()}
         exact.append((state, value(call, state)))
-    texts = [f'always {call.replace("A", f"A[{name}]").replace("B", f"B[{name}]")} = C[{name}]'
-             for name in NAMES]
+    texts = [
+        f'always {call.replace("A", f"A[{name}]").replace("B", f"B[{name}]")} = C[{name}]'
+        for name in NAMES
+    ]
     found = []
     for batch, many in product((1, 1000), (False, True)):
         with pytest.MonkeyPatch.context() as patch:

@@ -25,7 +25,6 @@ from dyknow_reasoning.language.formula import (
     Comparison,
     Eventually,
     Formula,
-    Interval,
     Number,
     Term,
     TextLiteral,
@@ -33,6 +32,7 @@ from dyknow_reasoning.language.formula import (
     Until,
     walk,
 )
+from dyknow_reasoning.language.interval import Interval
 from dyknow_reasoning.progression.atoms import COMPARE, NEGATED_COMPARISONS, Values, evaluate
 from dyknow_reasoning.progression.bounds import Bound
 from dyknow_reasoning.progression.nodes import (

@@ -10,42 +10,8 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from typing import Any, ClassVar, TypeAlias
 
-from dyknow_common import NANOSECONDS, SyntaxNode, format_duration
-
-_MICROSECOND = NANOSECONDS['us']
-
-
-@dataclass(frozen=True, slots=True)
-class Interval:
-    """The times from `start` to `end`, both included, in nanoseconds; no end is infinite."""
-
-    start: int = 0
-    end: int | None = None
-
-    def __str__(self) -> str:
-        opening, closing = '(' if self.excludes_start else '[', ')' if self.excludes_end else ']'
-        start = format_duration(self.start - self.excludes_start)
-        end = 'inf' if self.end is None else format_duration(self.end + self.excludes_end)
-        return f'{opening}{start}, {end}{closing}'
-
-    @property
-    def excludes_start(self) -> bool:
-        """True if the text excludes the start with a round bracket: 1 ns after a whole us."""
-        return self.start % _MICROSECOND == 1
-
-    @property
-    def excludes_end(self) -> bool:
-        """True if the text excludes the end with a round bracket: 1 ns before a whole us."""
-        return self.end is not None and self.end % _MICROSECOND == _MICROSECOND - 1
-
-    @property
-    def suffix(self) -> str:
-        """The text after an operator; empty if the interval is all the future."""
-        return '' if self == ALL_FUTURE else str(self)
-
-
-ALL_FUTURE = Interval()
-"""The interval of an operator without one."""
+from dyknow_common import SyntaxNode
+from dyknow_reasoning.language.interval import ALL_FUTURE, Interval
 
 
 @dataclass(frozen=True, slots=True)
@@ -285,6 +251,21 @@ class Until(SyntaxNode):
         return f'{operand_text(self.left)} until{self.interval.suffix} {operand_text(self.right)}'
 
 
+@dataclass(frozen=True, slots=True)
+class Let(SyntaxNode):
+    """A formula with constants and the units of features; parsing replaces it by its meaning.
+
+    Args:
+        constants: the values by their names.
+        units: the unit of each feature, by its name, or of a reference, by its text.
+        body: the formula.
+    """
+
+    constants: tuple[tuple[Object, Term], ...]
+    units: tuple[tuple[Object, str], ...]
+    body: Formula
+
+
 Term: TypeAlias = (
     Number
     | Quantity
@@ -315,6 +296,7 @@ Formula: TypeAlias = (
     | Always
     | Eventually
     | Until
+    | Let
 )
 """A formula, which is true or false of a sequence of states."""
 
@@ -324,7 +306,7 @@ def parts(node: Formula | Term) -> tuple[Formula | Term, ...]:
     match node:
         case _Operation() | _Connective() | Until():
             return (node.left, node.right)
-        case Not() | _Quantifier() | _Temporal():
+        case Not() | _Quantifier() | _Temporal() | Let():
             return (node.body,)
         case Feature() | Function():
             return node.arguments
@@ -337,7 +319,7 @@ def with_changed_parts(node: Any, change: Callable[[Any], Any]) -> Any:
     match node:
         case _Operation() | _Connective() | Until():
             return replace(node, left=change(node.left), right=change(node.right))
-        case Not() | _Quantifier() | _Temporal():
+        case Not() | _Quantifier() | _Temporal() | Let():
             return replace(node, body=change(node.body))
         case Feature() | Function():
             return replace(node, arguments=tuple(map(change, node.arguments)))

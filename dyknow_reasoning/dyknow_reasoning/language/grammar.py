@@ -18,6 +18,7 @@ _SPELLINGS: Final = {
     'DURATION': 'a duration such as 5 s',
     'INFINITY': "'inf'",
     '_IN': "'in'",
+    '_LET': _FORMULA,
 }
 
 LANGUAGE: Final = Language('formula', __package__, 'formula.lark', _SPELLINGS)

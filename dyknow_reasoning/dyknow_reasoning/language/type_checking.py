@@ -124,12 +124,16 @@ class _TypeChecker:
                     self._infer_use(part)
 
     def _infer_numbers(self, node: Formula | Term) -> None:
-        if isinstance(node, syntax.Comparison | syntax.Arithmetic | syntax.Function):
-            is_function = isinstance(node, syntax.Function)
-            symbol = node.name if is_function else node.operator
-            for each in parts(node):
-                self._infer_numbers(each)
-                self._require(each, Kind.NUMBER, f"as an operand of '{symbol}'")
+        match node:
+            case syntax.Comparison(symbol, left, right) | syntax.Arithmetic(symbol, left, right):
+                operands: tuple[Term, ...] = (left, right)
+            case syntax.Function(symbol, operands):
+                pass
+            case _:
+                return
+        for each in operands:
+            self._infer_numbers(each)
+            self._require(each, Kind.NUMBER, f"as an operand of '{symbol}'")
 
     def _infer_equality(self, node: syntax.Comparison) -> None:
         left, right = self._kind(node.left), self._kind(node.right)

@@ -84,7 +84,8 @@ def evaluate(term: Term, values: Values) -> Value:
             result: Value = CALCULATE[symbol](evaluate(left, values), evaluate(right, values))
             return result
         case Function(name, arguments):
-            return call_function(name, [evaluate(each, values) for each in arguments])
+            operands: list[Any] = [evaluate(each, values) for each in arguments]
+            return call_function(name, operands)
         case Object():
             return str(term)
         case _:

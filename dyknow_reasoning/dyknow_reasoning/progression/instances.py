@@ -28,6 +28,7 @@ from dyknow_reasoning.language.formula import (
     Formula,
     Function,
     Implies,
+    Let,
     Not,
     Object,
     Or,
@@ -152,8 +153,10 @@ class _Translator:
                 return self._store.junction(members, universal=isinstance(formula, Forall))
             case And() | Or() | Implies() | Equivalent():
                 return self._connective(formula, binding)
-            case _:
+            case Always() | Eventually() | Until():
                 return self._window(formula, binding)
+            case Let():  # pragma: no cover - parsing replaces it
+                raise AssertionError(formula)
 
     def _window(self, formula: Always | Eventually | Until, binding: Binding) -> Node:
         sides: tuple[Node, Node]
