@@ -27,7 +27,9 @@ def test_a_feature_inherits_a_unit_that_it_does_not_state() -> None:
     assert only_unit('Power', [('uav:Power', 'W'), ('Measure', 'kW')]) == 'W'
     assert only_unit('Power', [('Measure', 'kW'), ('Other', 'kW')]) == 'kW'
     assert only_unit('Power', []) == ''
-    with pytest.raises(CoordinationError, match=r"the unit of 'Power' is ambiguous.*: W, kW; write"):
+    with pytest.raises(
+        CoordinationError, match=r"the unit of 'Power' is ambiguous.*: W, kW; write"
+    ):
         only_unit('Power', [('Measure', 'kW'), ('Other', 'W')])
 
 

@@ -53,7 +53,7 @@ def test_the_position_of_a_constant_is_that_of_its_use() -> None:
     with pytest.raises(LanguageError) as error:
         parse_formula('let most = 3 kg, v: m/s in\n always v < most')
     assert error.value.position == TextPosition(2, 13)
-    assert "'3 \"kg\"' is in kg, which does not convert to m/s" in error.value.message
+    assert '\'3 "kg"\' is in kg, which does not convert to m/s' in error.value.message
 
 
 def test_constants_of_a_configuration_hide_nothing() -> None:

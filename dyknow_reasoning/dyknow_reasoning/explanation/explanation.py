@@ -42,6 +42,7 @@ from dyknow_reasoning.progression.nodes import (
     Literal,
     Node,
     Sides,
+    Threshold,
     Window,
     constant,
     descendants,
@@ -137,18 +138,33 @@ class _Explainer:
                 return [self._fact(node)]
             case Junction():
                 return self._reasons_of_junction(node, fresh=fresh)
+            case Threshold():
+                return self._reasons_of_threshold(node, fresh=fresh)
             case Window():
                 return self._reasons_of_window(node, fresh=fresh)
             case Constant():
                 return [f'there is a state at {format_time(self._now)}']
+
+    def _reasons_of_threshold(self, node: Threshold, *, fresh: bool) -> list[str]:
+        verdict = self._progressed(node, fresh=fresh)
+        parts = parts_in_order(node, self._atoms)
+        deciding = [part for part in parts if self._progressed(part, fresh=fresh) is verdict]
+        needed = node.count if verdict is TRUE else len(parts) - node.count + 1
+        if len(deciding) < needed:
+            return [self._whatever_follows(node, fresh=fresh)]
+        return [reason for part in deciding for reason in self._reasons(part, fresh=fresh)]
+
+    def _whatever_follows(self, node: Junction | Threshold, *, fresh: bool) -> str:
+        verdict = self._progressed(node, fresh=fresh)
+        whatever = f'is {str(verdict is TRUE).lower()} whatever states follow'
+        return f"'{self._remaining(node, fresh=fresh)}' {whatever}"
 
     def _reasons_of_junction(self, node: Junction, *, fresh: bool) -> list[str]:
         verdict = self._progressed(node, fresh=fresh)
         parts = parts_in_order(node, self._atoms)
         deciding = [part for part in parts if self._progressed(part, fresh=fresh) is verdict]
         if not deciding:
-            whatever = f'is {str(verdict is TRUE).lower()} whatever states follow'
-            return [f"'{self._remaining(node, fresh=fresh)}' {whatever}"]
+            return [self._whatever_follows(node, fresh=fresh)]
         if verdict is constant(value=not node.universal):
             deciding = deciding[:1]
         return [reason for part in deciding for reason in self._reasons(part, fresh=fresh)]
@@ -227,17 +243,21 @@ class _Explainer:
         end = None if node.end is None else node.end.offset
         return {each for each in self._intervals[sides(node)] if each.end == end}
 
-    def _remaining(self, node: Junction, *, fresh: bool) -> str:
-        """Return the text of what remains of a junction after this state."""
-        progressed = (
+    def _remaining(self, node: Junction | Threshold, *, fresh: bool) -> str:
+        """Return the text of what remains of a node after this state."""
+        progressed = [
             self._progressed(part, fresh=fresh) for part in parts_in_order(node, self._atoms)
-        )
-        texts = (
-            f'({remaining_text(part, self._times, self._now, self._atoms)})'
+        ]
+        texts = [
+            remaining_text(part, self._times, self._now, self._atoms)
             for part in progressed
             if type(part) is not Constant
-        )
-        return _shortened((' and ' if node.universal else ' or ').join(texts))
+        ]
+        if isinstance(node, Threshold):
+            count = node.count - progressed.count(TRUE)
+            return _shortened(f'at least {count} of ({", ".join(texts)})')
+        word = ' and ' if node.universal else ' or '
+        return _shortened(word.join(f'({text})' for text in texts))
 
     def _fact(self, literal: Literal) -> str:
         """Return the value of an atom at this state, compared with its bound."""

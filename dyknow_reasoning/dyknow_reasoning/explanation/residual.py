@@ -18,6 +18,7 @@ from dyknow_reasoning.progression.nodes import (
     Junction,
     Literal,
     Node,
+    Threshold,
     Window,
     bounds_of,
     descendants,
@@ -64,6 +65,8 @@ def holds_at_the_end(node: Node) -> bool:
             case Junction():
                 combine = all if each.universal else any
                 found[each] = combine(found[part] for part in each.parts)
+            case Threshold():
+                found[each] = sum(found[part] for part in each.parts) >= each.count
             case Window():
                 found[each] = each.universal
             case _:
@@ -71,8 +74,8 @@ def holds_at_the_end(node: Node) -> bool:
     return found[node]
 
 
-def parts_in_order(node: Junction, atoms: Sequence[Atom]) -> Sequence[Node]:
-    """Return the parts of a junction in the order of their first atoms."""
+def parts_in_order(node: Junction | Threshold, atoms: Sequence[Atom]) -> Sequence[Node]:
+    """Return the parts of a node in the order of their first atoms."""
     return sorted(node.parts, key=lambda part: _order(part, residual_text(part, atoms)))
 
 
@@ -99,6 +102,9 @@ def _text(node: Node, texts: Mapping[Node, str], atoms: Sequence[Atom]) -> str:
             *inner, last = others
             left = reduce(lambda left, right: f'({left} {word} {right})', inner, first)
             return f'{left} {word} {last}'
+        case Threshold():
+            parts = sorted(node.parts, key=lambda part: _order(part, texts[part]))
+            return f'at least {node.count} of ({", ".join(texts[part] for part in parts)})'
         case Window():
             return _window_text(node, texts, atoms)
 

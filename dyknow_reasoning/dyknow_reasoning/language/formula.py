@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
+from enum import StrEnum
 from typing import Any, ClassVar, TypeAlias
 
 from dyknow_common import SyntaxNode
@@ -193,7 +194,12 @@ class _Quantifier(SyntaxNode):
 
     def __str__(self) -> str:
         sort = f' in {self.sort}' if self.is_sorted else ''
-        return f'{self.symbol} {self.variable}{sort}: {operand_text(self.body)}'
+        return f'{self.words} {self.variable}{sort}: {operand_text(self.body)}'
+
+    @property
+    def words(self) -> str:
+        """The words before the variable."""
+        return self.symbol
 
     @property
     def is_sorted(self) -> bool:
@@ -213,6 +219,39 @@ class Exists(_Quantifier):
     """The body for at least one object of a sort."""
 
     symbol: ClassVar[str] = 'exists'
+
+
+class CountBound(StrEnum):
+    """How a count is compared with a number."""
+
+    AT_LEAST = 'at least'
+    AT_MOST = 'at most'
+    EXACTLY = 'exactly'
+
+
+@dataclass(frozen=True, slots=True)
+class Count(_Quantifier):
+    """The body for at least, at most or exactly a number of the objects of a sort."""
+
+    bound: CountBound
+    number: int
+
+    @property
+    def words(self) -> str:
+        """The words before the variable."""
+        return f'{self.bound} {self.number}'
+
+
+@dataclass(frozen=True, slots=True)
+class CountOf(SyntaxNode):
+    """At least, at most or exactly a number of some formulas."""
+
+    bound: CountBound
+    number: int
+    members: tuple[Formula, ...]
+
+    def __str__(self) -> str:
+        return f'{self.bound} {self.number} of ({", ".join(map(str, self.members))})'
 
 
 @dataclass(frozen=True, slots=True)
@@ -293,6 +332,8 @@ Formula: TypeAlias = (
     | Equivalent
     | Forall
     | Exists
+    | Count
+    | CountOf
     | Always
     | Eventually
     | Until
@@ -310,6 +351,8 @@ def parts(node: Formula | Term) -> tuple[Formula | Term, ...]:
             return (node.body,)
         case Feature() | Function():
             return node.arguments
+        case CountOf():
+            return node.members
         case _:
             return ()
 
@@ -323,6 +366,8 @@ def with_changed_parts(node: Any, change: Callable[[Any], Any]) -> Any:
             return replace(node, body=change(node.body))
         case Feature() | Function():
             return replace(node, arguments=tuple(map(change, node.arguments)))
+        case CountOf():
+            return replace(node, members=tuple(map(change, node.members)))
         case _:
             return node
 

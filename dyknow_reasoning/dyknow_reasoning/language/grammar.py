@@ -19,6 +19,8 @@ _SPELLINGS: Final = {
     'INFINITY': "'inf'",
     '_IN': "'in'",
     '_LET': _FORMULA,
+    'COUNT': _FORMULA,
+    '_OF': "'of'",
 }
 
 LANGUAGE: Final = Language('formula', __package__, 'formula.lark', _SPELLINGS)

@@ -119,6 +119,15 @@ def _term(node: Formula | Term) -> Term:
     )
 
 
+def _whole(token: Token) -> int:
+    number = number_value(token)
+    if isinstance(number, float):
+        raise PositionedError(
+            f"a count is compared with a whole number, not '{token}'", TextPosition.of(token)
+        )
+    return number
+
+
 def _unit_text(token: Token) -> str:
     unit = token[1:-1] if token.type == 'STRING' else str(token)
     try:
@@ -169,6 +178,22 @@ class _FormulaBuilder(SyntaxBuilder[Any]):
     def until(self, left: Formula, interval: Interval | None, right: Formula) -> Formula:
         interval = interval or ALL_FUTURE
         return syntax.Until(_formula(left), _formula(right), interval, position=left.position)
+
+    def count(
+        self,
+        words: Token,
+        number: Token,
+        variable: Token,
+        sort: Token | None,
+        body: Formula | Term,
+    ) -> Formula:
+        bound = syntax.CountBound(' '.join(words.split()))
+        named = str(variable), str(sort or f'?{variable}')
+        return syntax.Count(*named, _formula(body), bound, _whole(number))
+
+    def count_of(self, words: Token, number: Token, *members: Formula | Term) -> Formula:
+        bound = syntax.CountBound(' '.join(words.split()))
+        return syntax.CountOf(bound, _whole(number), tuple(map(_formula, members)))
 
     def constant(self, name: Token, value: Formula | Term) -> tuple[syntax.Object, Any]:
         return syntax.Object(str(name), position=TextPosition.of(name)), value

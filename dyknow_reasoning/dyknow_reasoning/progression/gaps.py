@@ -33,6 +33,7 @@ from dyknow_reasoning.progression.nodes import (
     TRUE,
     Junction,
     Node,
+    Threshold,
     Window,
     constant,
     pending_parts,
@@ -83,9 +84,9 @@ def halves_after(node: Node, gap: Gap, times: Sequence[int], store: NodeStore) -
         match each:
             case Window():
                 found[each] = _window_halves(each, gap, times)
-            case Junction():
+            case Junction() | Threshold():
                 halves = zip(*(found[part] for part in each.parts), strict=True)
-                optimistic, pessimistic = (_junction(each, half, store) for half in halves)
+                optimistic, pessimistic = (_combined(each, half, store) for half in halves)
                 found[each] = optimistic, pessimistic
             case _:
                 found[each] = each, each
@@ -114,8 +115,13 @@ def _overlap(node: Window, gap: Gap, times: Sequence[int]) -> bool:
     return first <= last
 
 
-def _junction(node: Junction, members: tuple[Node, ...], store: NodeStore) -> Node:
-    return node if members == node.parts else store.junction(members, universal=node.universal)
+def _combined(node: Junction | Threshold, members: tuple[Node, ...], store: NodeStore) -> Node:
+    """Return a node with other parts: the better or the worse they are, so is the node."""
+    if members == node.parts:
+        return node
+    if isinstance(node, Threshold):
+        return store.threshold(node.count, members)
+    return store.junction(members, universal=node.universal)
 
 
 def unknowable(gap: Gap) -> ReasoningError:

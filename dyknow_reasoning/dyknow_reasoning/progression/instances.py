@@ -19,6 +19,9 @@ from dyknow_reasoning.language.formula import (
     Arithmetic,
     Atom,
     Comparison,
+    Count,
+    CountBound,
+    CountOf,
     Equivalent,
     Eventually,
     Exists,
@@ -107,7 +110,11 @@ def _ground_atoms(formula: Formula, binding: Binding, domains: Domains) -> Itera
             yield cast('Atom', _substitute(formula, binding))
         case Comparison(operator, left, right):
             yield Comparison(operator, _substitute(left, binding), _substitute(right, binding))
-        case Forall(variable, sort, body) | Exists(variable, sort, body):
+        case (
+            Forall(variable, sort, body)
+            | Exists(variable, sort, body)
+            | Count(variable, sort, body)
+        ):
             for name in _objects(sort, domains):
                 yield from _ground_atoms(body, {**binding, variable: name}, domains)
         case _:
@@ -147,10 +154,8 @@ class _Translator:
                 return self._atom(formula, binding)
             case Not(body):
                 return self._store.negation(self.node(body, binding))
-            case Forall(variable, sort, body) | Exists(variable, sort, body):
-                names = _objects(sort, self._domains)
-                members = [self.node(body, {**binding, variable: name}) for name in names]
-                return self._store.junction(members, universal=isinstance(formula, Forall))
+            case Forall() | Exists() | Count() | CountOf():
+                return self._quantified(formula, binding)
             case And() | Or() | Implies() | Equivalent():
                 return self._connective(formula, binding)
             case Always() | Eventually() | Until():
@@ -170,6 +175,32 @@ class _Translator:
         start, end = formula.interval.start, formula.interval.end
         bounds = Bound(0, start) if start else None, None if end is None else Bound(0, end)
         return self._store.window(*bounds, *sides, universal=isinstance(formula, Always))
+
+    def _quantified(self, formula: Forall | Exists | Count | CountOf, binding: Binding) -> Node:
+        if isinstance(formula, CountOf):
+            members = [self.node(each, binding) for each in formula.members]
+            return self._count(formula.bound, formula.number, members)
+        members = [
+            self.node(formula.body, {**binding, formula.variable: name})
+            for name in _objects(formula.sort, self._domains)
+        ]
+        if isinstance(formula, Count):
+            return self._count(formula.bound, formula.number, members)
+        return self._store.junction(members, universal=isinstance(formula, Forall))
+
+    def _count(self, bound: CountBound, number: int, members: Sequence[Node]) -> Node:
+        store = self._store
+        enough = store.threshold(number, members)
+        # At most `number` hold if all others do not.
+        rest = len(members) - number
+        few = store.threshold(rest, [store.negation(each) for each in members])
+        match bound:
+            case CountBound.AT_LEAST:
+                return enough
+            case CountBound.AT_MOST:
+                return few
+            case CountBound.EXACTLY:
+                return store.junction((enough, few), universal=True)
 
     def _connective(self, formula: And | Or | Implies | Equivalent, binding: Binding) -> Node:
         left, right = self.node(formula.left, binding), self.node(formula.right, binding)

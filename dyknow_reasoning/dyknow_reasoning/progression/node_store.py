@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from functools import cmp_to_key
 from itertools import count
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 from dyknow_reasoning.progression.bounds import Bound, Chronology
 from dyknow_reasoning.progression.nodes import (
@@ -14,6 +14,7 @@ from dyknow_reasoning.progression.nodes import (
     Literal,
     Node,
     Sides,
+    Threshold,
     Window,
     constant,
     descendants,
@@ -22,6 +23,7 @@ from dyknow_reasoning.progression.nodes import (
 
 _WindowKey: TypeAlias = tuple[bool, Bound | None, Bound | None, Node, Node]
 _JunctionKey: TypeAlias = tuple[bool, tuple[Node, ...]]
+_ThresholdKey: TypeAlias = tuple[int, tuple[Node, ...]]
 
 
 class NodeStore:
@@ -36,6 +38,7 @@ class NodeStore:
         self._chronology = chronology
         self._literals: dict[tuple[int, bool], Literal] = {}
         self._junctions: dict[_JunctionKey, Junction] = {}
+        self._thresholds: dict[_ThresholdKey, Threshold] = {}
         self._windows: dict[_WindowKey, Window] = {}
         self._negations: dict[Node, Node] = {}
         adopted = descendants(roots)
@@ -44,7 +47,8 @@ class NodeStore:
         self._serials = count(1 + max((node.serial for node in adopted), default=0))
 
     def __len__(self) -> int:
-        return len(self._literals) + len(self._junctions) + len(self._windows)
+        junctions = len(self._junctions) + len(self._thresholds)
+        return len(self._literals) + junctions + len(self._windows)
 
     def literal(self, slot: int, *, positive: bool) -> Node:
         """Return the atom of a slot, or its negation."""
@@ -91,6 +95,23 @@ class NodeStore:
         ordered = tuple(sorted(flat, key=_rank))
         return self._junction((universal, ordered))
 
+    def threshold(self, count: int, members: Iterable[Node]) -> Node:
+        """Return the simplified formula that at least `count` of the members hold."""
+        open_members: list[Node] = []
+        for member in members:
+            if type(member) is not Constant:
+                open_members.append(member)
+            elif member.value:
+                count -= 1
+        if count <= 0 or count > len(open_members):
+            return constant(value=count <= 0)
+        distinct = dict.fromkeys(open_members)
+        if count == 1 or len(distinct) == 1:
+            return self.junction(distinct, universal=False)
+        if count == len(open_members):
+            return self.junction(distinct, universal=True)
+        return self._threshold((count, tuple(sorted(open_members, key=_rank))))
+
     def negation(self, node: Node) -> Node:
         """Return the negation of a formula that has seen no state."""
         found = self._negations.get(node)
@@ -118,6 +139,9 @@ class NodeStore:
                 case Junction(universal, members):
                     ordered = tuple(sorted((found[member] for member in members), key=_rank))
                     found[each] = self._junction((universal, ordered))
+                case Threshold(count, members):
+                    ordered = tuple(sorted((found[member] for member in members), key=_rank))
+                    found[each] = self._threshold((count, ordered))
                 case _:
                     found[each] = each
         return found[node]
@@ -128,6 +152,8 @@ class NodeStore:
                 self._literals[slot, positive] = node
             case Junction(universal, members):
                 self._junctions[universal, members] = node
+            case Threshold(count, members):
+                self._thresholds[count, members] = node
             case Window(universal, start, end, left, right):
                 self._windows[universal, start, end, left, right] = node
 
@@ -140,6 +166,8 @@ class NodeStore:
             case Junction():
                 parts = map(self.negation, node.parts)
                 return self.junction(parts, universal=not node.universal)
+            case Threshold(count, members):
+                return self.threshold(len(members) - count + 1, map(self.negation, members))
             case Window(universal, start, end, left, right):
                 opposite = self.negation(left), self.negation(right)
                 return self.window(start, end, *opposite, universal=not universal)
@@ -162,20 +190,28 @@ class NodeStore:
     def _junction(self, key: _JunctionKey) -> Junction:
         node = self._junctions.get(key)
         if node is None:
-            _, members = key
-            mask = 0
-            for member in members:
-                mask |= member.mask
-            unbounded = dict.fromkeys(window for member in members for window in member.unbounded)
-            node = self._junctions[key] = Junction(
-                *key,
-                serial=next(self._serials),
-                mask=mask,
-                size=1 + sum(member.size for member in members),
-                depth=1 + max(member.depth for member in members),
-                unbounded=tuple(unbounded),
-            )
+            node = self._junctions[key] = Junction(*key, **self._attributes(key[1]))
         return node
+
+    def _threshold(self, key: _ThresholdKey) -> Threshold:
+        node = self._thresholds.get(key)
+        if node is None:
+            node = self._thresholds[key] = Threshold(*key, **self._attributes(key[1]))
+        return node
+
+    def _attributes(self, members: tuple[Node, ...]) -> dict[str, Any]:
+        """Return the attributes of a new node with these parts."""
+        mask = 0
+        for member in members:
+            mask |= member.mask
+        unbounded = dict.fromkeys(window for member in members for window in member.unbounded)
+        return {
+            'serial': next(self._serials),
+            'mask': mask,
+            'size': 1 + sum(member.size for member in members),
+            'depth': 1 + max(member.depth for member in members),
+            'unbounded': tuple(unbounded),
+        }
 
     def _simplified(self, flat: dict[Node, None], *, universal: bool) -> dict[Node, None]:
         """Return the members that are not redundant.

@@ -1,8 +1,9 @@
 """Formulas as progression uses them: in negation normal form, each stored once.
 
-Two nodes cover the whole logic, each in a universal and an existential form: a junction (`and`,
-`or`) and a window (the negation of `until`, and `until`). `always F` is a universal window whose
-left side is false, `eventually F` an existential one whose left side is true. Atoms are numbers,
+Two nodes cover the logic without counts, each in a universal and an existential form: a junction
+(`and`, `or`) and a window (the negation of `until`, and `until`). `always F` is a universal window
+whose left side is false, `eventually F` an existential one whose left side is true. A threshold
+counts its parts; not at least 2 of 3 is at least 2 of the negations of these 3. Atoms are numbers,
 called slots, so formulas that differ only in their objects share their nodes.
 
 Equal nodes are one object: compare them with `is`.
@@ -65,6 +66,14 @@ class Junction(_NodeBase):
 
 
 @dataclass(eq=False, slots=True)
+class Threshold(_NodeBase):
+    """At least `count` of some formulas, between all and one; a formula may occur several times."""
+
+    count: int
+    parts: tuple[Node, ...]
+
+
+@dataclass(eq=False, slots=True)
 class Window(_NodeBase):
     """`left until[start, end] right`, or its dual if universal.
 
@@ -80,7 +89,7 @@ class Window(_NodeBase):
     right: Node
 
 
-Node: TypeAlias = Constant | Literal | Junction | Window
+Node: TypeAlias = Constant | Literal | Junction | Threshold | Window
 
 Sides: TypeAlias = tuple[bool, Node, Node]
 """A window without its bounds: universal, left, right."""
@@ -110,7 +119,7 @@ def descendants(roots: Iterable[Node]) -> set[Node]:
         if node not in found:
             found.add(node)
             match node:
-                case Junction():
+                case Junction() | Threshold():
                     pending.extend(node.parts)
                 case Window():
                     pending += (node.left, node.right)
@@ -118,9 +127,9 @@ def descendants(roots: Iterable[Node]) -> set[Node]:
 
 
 def pending_parts(node: Node) -> list[Node]:
-    """Return a node that has seen states and the parts of its junctions, the simplest first.
+    """Return a node that has seen states and all parts but sides of windows, the simplest first.
 
-    The sides of windows are not included: they have seen no state.
+    The sides of windows have seen no state.
     """
     found: dict[Node, None] = {}
     pending = [node]
@@ -128,7 +137,7 @@ def pending_parts(node: Node) -> list[Node]:
         each = pending.pop()
         if each not in found:
             found[each] = None
-            pending.extend(each.parts if type(each) is Junction else ())
+            pending.extend(each.parts if isinstance(each, Junction | Threshold) else ())
     return sorted(found, key=attrgetter('depth'))
 
 
