@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from itertools import combinations
+from types import ModuleType
 
 import pytest
 from hypothesis import given, settings
@@ -13,6 +14,7 @@ from test_progression import irregular, verdicts
 
 from dyknow_common import Verdict
 from dyknow_reasoning import FormulaGroup, FormulaLimits, FormulaResult, ReasoningError
+from dyknow_reasoning.execution.automata import automaton, configurations
 from dyknow_reasoning.language.formula import (
     And,
     CountBound,
@@ -184,6 +186,31 @@ def test_many_objects_take_little_time() -> None:
         state = {f'P[{name}]': (index + time) % 4 < 2 for index, name in enumerate(objects)}
         assert group.progress(time * 1_000_000_000, state) == []
     assert 'at least' in group.residual(number)
+
+
+@pytest.mark.parametrize('limit', [automaton, configurations])
+def test_steps_over_many_atoms_do_not_fill_the_memory(
+    limit: ModuleType, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    name = '_MAX_NODES' if limit is automaton else '_MAX_ENTRIES'
+    monkeypatch.setattr(limit, name, 100)
+    group = FormulaGroup()
+    group.add_formula('it', 'always at least 2 u in S: P[u]')
+    objects = [f'o{index}' for index in range(16)]
+    group.begin({'S': objects})
+    sizes = set()
+    for time in range(1000):
+        state = {
+            f'P[{name}]': bool((time + 3 << 4 | 3) >> index & 1)
+            for index, name in enumerate(objects)
+        }
+        assert group.progress(time, state) == []
+        monitor = group._monitor  # noqa: SLF001
+        assert monitor is not None
+        (found,) = monitor.states()
+        sizes.add(len(found.location.moves))
+    assert max(sizes) < (110 if limit is automaton else 2000)
+    assert max(sizes) > (90 if limit is automaton else 500)
 
 
 def test_the_size_of_a_count() -> None:
