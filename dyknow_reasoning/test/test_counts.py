@@ -205,7 +205,7 @@ def test_steps_over_many_atoms_do_not_fill_the_memory(
             for index, name in enumerate(objects)
         }
         assert group.progress(time, state) == []
-        monitor = group._monitor  # noqa: SLF001
+        monitor = group._monitor
         assert monitor is not None
         (found,) = monitor.states()
         sizes.add(len(found.location.moves))

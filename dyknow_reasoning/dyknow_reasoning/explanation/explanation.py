@@ -33,7 +33,13 @@ from dyknow_reasoning.language.formula import (
     walk,
 )
 from dyknow_reasoning.language.interval import Interval
-from dyknow_reasoning.progression.atoms import COMPARE, NEGATED_COMPARISONS, Values, evaluate
+from dyknow_reasoning.progression.atoms import (
+    COMPARE,
+    MIRRORED_COMPARISONS,
+    NEGATED_COMPARISONS,
+    Values,
+    evaluate,
+)
 from dyknow_reasoning.progression.bounds import Bound
 from dyknow_reasoning.progression.nodes import (
     TRUE,
@@ -53,7 +59,6 @@ from dyknow_reasoning.progression.progression import Progression
 _MAX_REASONS = 4
 _MAX_FORMULA_LENGTH = 160
 _LITERALS = (Number, TextLiteral, Truth)
-_MIRRORED = {'<': '>', '<=': '>=', '>': '<', '>=': '<=', '=': '=', '!=': '!='}
 
 
 @dataclass(frozen=True, slots=True)
@@ -278,7 +283,7 @@ class _Explainer:
             shown = values
         first, second = map(_with_value, terms, shown)
         if isinstance(atom.left, _LITERALS):
-            operator, first, second = _MIRRORED[operator], second, first
+            operator, first, second = MIRRORED_COMPARISONS[operator], second, first
         return f'{first} at {time} is {"" if holds else "not "}{operator} {second}'
 
 

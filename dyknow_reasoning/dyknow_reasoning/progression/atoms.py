@@ -69,6 +69,16 @@ NEGATED_COMPARISONS: Mapping[str, str] = {
 }
 """The negation of each comparison operator."""
 
+MIRRORED_COMPARISONS: Mapping[str, str] = {
+    '=': '=',
+    '!=': '!=',
+    '<': '>',
+    '>': '<',
+    '<=': '>=',
+    '>=': '<=',
+}
+"""Each comparison operator with its sides exchanged."""
+
 
 def fields(node: Formula | Term) -> Iterator[Feature | FieldReference]:
     """Return the features and syntactic references of a formula, in the order of the text."""

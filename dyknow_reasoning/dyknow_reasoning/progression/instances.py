@@ -46,6 +46,7 @@ from dyknow_reasoning.progression.atoms import NEGATED_COMPARISONS, fields, pred
 from dyknow_reasoning.progression.bounds import Bound
 from dyknow_reasoning.progression.node_store import NodeStore
 from dyknow_reasoning.progression.nodes import FALSE, TRUE, Node, constant, slots
+from dyknow_reasoning.progression.thresholds import Thresholds
 
 Domains: TypeAlias = Mapping[str, Sequence[str]]
 """The objects of each sort."""
@@ -143,6 +144,7 @@ class _Translator:
     def __init__(self, store: NodeStore, domains: Domains) -> None:
         self.slots: dict[Atom, int] = {}
         self._store = store
+        self._thresholds = Thresholds(store)
         self._domains = domains
 
     def node(self, formula: Formula, binding: Binding) -> Node:
@@ -174,7 +176,11 @@ class _Translator:
                 sides = self.node(left, binding), self.node(right, binding)
         start, end = formula.interval.start, formula.interval.end
         bounds = Bound(0, start) if start else None, None if end is None else Bound(0, end)
-        return self._store.window(*bounds, *sides, universal=isinstance(formula, Always))
+        universal = isinstance(formula, Always)
+        # The present state is in the interval, and decides what needs one state.
+        if not start and sides[1] is constant(value=not universal):
+            return sides[1]
+        return self._store.window(*bounds, *sides, universal=universal)
 
     def _quantified(self, formula: Forall | Exists | Count | CountOf, binding: Binding) -> Node:
         if isinstance(formula, CountOf):
@@ -186,7 +192,7 @@ class _Translator:
         ]
         if isinstance(formula, Count):
             return self._count(formula.bound, formula.number, members)
-        return self._store.junction(members, universal=isinstance(formula, Forall))
+        return self._thresholds.junction(members, universal=isinstance(formula, Forall))
 
     def _count(self, bound: CountBound, number: int, members: Sequence[Node]) -> Node:
         store = self._store
@@ -205,8 +211,8 @@ class _Translator:
     def _connective(self, formula: And | Or | Implies | Equivalent, binding: Binding) -> Node:
         left, right = self.node(formula.left, binding), self.node(formula.right, binding)
         negation = self._store.negation
-        all_of = partial(self._store.junction, universal=True)
-        any_of = partial(self._store.junction, universal=False)
+        all_of = partial(self._thresholds.junction, universal=True)
+        any_of = partial(self._thresholds.junction, universal=False)
         match formula:
             case And():
                 return all_of((left, right))
@@ -235,6 +241,7 @@ class _Translator:
 
     def _literal(self, atom: Atom, *, positive: bool) -> Node:
         slot = self.slots.setdefault(atom, len(self.slots))
+        self._thresholds.add(slot, atom)
         return self._store.literal(slot, positive=positive)
 
 
