@@ -179,12 +179,18 @@ class _Explainer:
         if verdict is constant(value=node.universal):
             if node.end is not None and self._time(node.end, fresh=fresh) <= self._now:
                 return self._reasons_of_closed_window(node, node.end, fresh=fresh)
-            side = node.left
+            sides = [node.left]
+            # The right side has not decided the window either, if its interval has begun.
+            neutral = constant(value=node.universal)
+            begun = node.start is None or self._time(node.start, fresh=fresh) <= self._now
+            if begun and self._progressed(node.right, fresh=True) is neutral:
+                sides.append(node.right)
         else:
-            side = node.right
+            sides = [node.right]
         # A side is smaller than the window, and cannot contradict it: so it is decided itself.
-        reasons = list(dict.fromkeys(self._reasons(side, fresh=True)))
-        pending = '' if fresh else self._pending(node, after=side is node.right)
+        found = (reason for side in sides for reason in self._reasons(side, fresh=True))
+        reasons = list(dict.fromkeys(found))
+        pending = '' if fresh else self._pending(node, after=sides == [node.right])
         return [f'{" and ".join(reasons)} ({pending})'] if pending else reasons
 
     def _reasons_of_closed_window(self, node: Window, end: Bound, *, fresh: bool) -> list[str]:
@@ -198,7 +204,7 @@ class _Explainer:
         self.windows[first, last] = None
         # An earlier state was not later than the end, or it would have decided the window.
         if (fresh or self._previous < first) and not first <= self._now <= last:
-            return [f'there is no state {span}']
+            return [f'there was no state {span}']
         right = _shortened(residual_text(node.right, self._atoms))
         if node.universal:
             return [f"'{right}' held at every state {span}"]
@@ -296,10 +302,10 @@ def _rounded(value: Value) -> Value:
 
 
 def _span(first: int, last: int, interval: Interval) -> str:
-    """Return the times from `first` to `last`, without the bounds that an interval excludes."""
+    """Return the times from `first` to `last`, with the brackets of an interval."""
     after, before = interval.excludes_start, interval.excludes_end
-    start = f'after {format_time(first - 1)}' if after else f'from {format_time(first)}'
-    return f'{start} {"before" if before else "to"} {format_time(last + before)}'
+    start, end = format_time(first - after), format_time(last + before)
+    return f'in {"(" if after else "["}{start}, {end}{")" if before else "]"}'
 
 
 def _shortened(text: str) -> str:
