@@ -69,6 +69,18 @@ def test_the_sorts_of_variables_follow_from_the_ontology(system: System) -> None
         assert 'in SORT' in answer.exit_status.message
 
 
+def test_numbers_are_converted_to_the_unit_of_their_feature(system: System) -> None:
+    answer = system.evaluate('let most = 0.2 kW in forall u: always[0 s, 1 s] Power[u] < most')
+    assert answer.verdict == FormulaResult.TRUE, answer.exit_status.message
+    assert answer.canonical_formula == 'forall u in Vehicle: (always[0 s, 1 s] (Power[u] < 200.0))'
+    answer = system.evaluate('eventually Power[uav1] < 2 m')
+    assert answer.exit_status.code == ExitStatus.INVALID_ARGUMENT
+    assert 'which does not convert to W' in answer.exit_status.message
+    answer = system.evaluate('eventually "/uav1/battery".voltage > 9 V')
+    assert answer.exit_status.code == ExitStatus.INVALID_ARGUMENT
+    assert 'is a field of a stream, which states no unit' in answer.exit_status.message
+
+
 def test_a_timeout_is_no_verdict(system: System) -> None:
     answer = system.evaluate('forall u in UAV: always Power[u] < 150', timeout=1.0)
     assert answer.exit_status.code == ExitStatus.TIMEOUT

@@ -8,14 +8,16 @@ from typing import Final
 
 FORMULA_WORDS: Final = frozenset(
     {'true', 'false', 'not', 'and', 'or', 'forall', 'exists', 'in', 'always', 'eventually'}
-    | {'until', 'U', 'unless', 'release', 'historically', 'once', 'since', 'previous'}
+    | {'until', 'U', 'unless', 'release', 'historically', 'once', 'since', 'previous', 'let'}
 )
 """The reserved words of formulas; a test compares them with the grammar."""
 
 SSL_WORDS: Final = frozenset({'for', 'where', 'with', 'contains'})
 """The reserved words of annotations; a test compares them with the grammar."""
 
-FUNCTIONS: Final = frozenset({'abs', 'max', 'maximum', 'mean', 'min', 'minimum', 'sqrt', 'sum'})
+FUNCTIONS: Final = frozenset(
+    {'abs', 'max', 'maximum', 'mean', 'min', 'minimum', 'sqrt', 'sum', 'hypot', 'angle_difference'}
+)
 """Names of functions, which no feature and no stream may have."""
 
 

@@ -24,6 +24,7 @@ from dyknow_coordinator.grounding.source_choice import (
 from dyknow_coordinator.grounding.state_specification import FormulaInputs, state_specification
 from dyknow_coordinator.grounding.stream_fields import field_names
 from dyknow_coordinator.grounding.symbols import check_symbols, feature_symbols, sort_names
+from dyknow_coordinator.grounding.units import find_units, has_units, with_units
 from dyknow_coordinator.plans.plan import (
     Event,
     FormulaPosition,
@@ -71,6 +72,8 @@ __all__ = [
     'diagnose',
     'feature_symbols',
     'field_names',
+    'find_units',
+    'has_units',
     'infer_sorts',
     'parse_sources',
     'silent_topics',
@@ -78,5 +81,6 @@ __all__ = [
     'state_specification',
     'stream_topic',
     'with_sorts',
+    'with_units',
     'worst_fault',
 ]

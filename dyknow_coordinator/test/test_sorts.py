@@ -73,3 +73,10 @@ def test_sorts_in_a_canonical_text() -> None:
         r"""forall u in UAV: ((Mode[u] = "forall u: \" (") """
         r"""and (exists u' in T': (forall w in S: P[u', w])))"""
     )
+
+
+def test_sorts_of_counts() -> None:
+    text = '(at least 2 u: P[u]) and (exactly 10 v: (at most 1 w in S: Q[v, w]))'
+    assert with_sorts(text, {'u': 'UAV', 'v': 'T'}) == (
+        '(at least 2 u in UAV: P[u]) and (exactly 10 v in T: (at most 1 w in S: Q[v, w]))'
+    )

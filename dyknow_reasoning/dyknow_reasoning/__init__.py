@@ -4,6 +4,7 @@ from dyknow_reasoning.check import CheckResult, add_domain_option, check_trace, 
 from dyknow_reasoning.errors import ReasoningError
 from dyknow_reasoning.explanation.explanation import objects_text
 from dyknow_reasoning.formula_group import FormulaGroup
+from dyknow_reasoning.language.constants import NO_CONSTANTS, Constants
 from dyknow_reasoning.language.formula import (
     Always,
     And,
@@ -14,8 +15,8 @@ from dyknow_reasoning.language.formula import (
     FieldReference,
     Forall,
     Formula,
+    Function,
     Historically,
-    Interval,
     Number,
     Once,
     Previous,
@@ -24,10 +25,12 @@ from dyknow_reasoning.language.formula import (
     Until,
     parts,
 )
-from dyknow_reasoning.language.parsing import parse_formula
+from dyknow_reasoning.language.interval import Interval
+from dyknow_reasoning.language.parsing import parse_constants, parse_formula
 from dyknow_reasoning.language.symbols import symbols_of
 from dyknow_reasoning.language.type_checking import Kind, check_types
 from dyknow_reasoning.progression.atoms import CALCULATE
+from dyknow_reasoning.progression.functions import call_function_on_vectors
 from dyknow_reasoning.progression.instances import ground_atoms
 from dyknow_reasoning.progression.sizes import FormulaLimits
 from dyknow_reasoning.results import FormulaResult
@@ -35,11 +38,13 @@ from dyknow_reasoning.trace import RecordedState, read_trace
 
 __all__ = [
     'CALCULATE',
+    'NO_CONSTANTS',
     'Always',
     'And',
     'Arithmetic',
     'CheckResult',
     'Comparison',
+    'Constants',
     'Eventually',
     'Feature',
     'FieldReference',
@@ -48,6 +53,7 @@ __all__ = [
     'FormulaGroup',
     'FormulaLimits',
     'FormulaResult',
+    'Function',
     'Historically',
     'Interval',
     'Kind',
@@ -60,10 +66,12 @@ __all__ = [
     'Term',
     'Until',
     'add_domain_option',
+    'call_function_on_vectors',
     'check_trace',
     'check_types',
     'ground_atoms',
     'objects_text',
+    'parse_constants',
     'parse_formula',
     'parts',
     'read_domains',

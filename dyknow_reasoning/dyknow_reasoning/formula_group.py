@@ -17,8 +17,10 @@ from dyknow_reasoning.errors import ReasoningError
 from dyknow_reasoning.execution import InstanceMonitor, Outcomes, Recording
 from dyknow_reasoning.explanation.explanation import VerdictReasons, explain
 from dyknow_reasoning.explanation.remainders import Remainders
+from dyknow_reasoning.language.constants import NO_CONSTANTS, Constants
 from dyknow_reasoning.language.formula import Formula
 from dyknow_reasoning.language.parsing import parse_formula
+from dyknow_reasoning.language.quantities import check_units_are_known
 from dyknow_reasoning.language.symbols import symbols_of
 from dyknow_reasoning.language.type_checking import check_types
 from dyknow_reasoning.progression.atoms import Values
@@ -93,17 +95,22 @@ class FormulaGroup:
         """The ids of the formulas without a result; empty before `begin`."""
         return self._undecided
 
-    def add_formula(self, name: str, text: str) -> int:
+    def add_formula(self, name: str, text: str, constants: Constants = NO_CONSTANTS) -> int:
         """Add a formula and return its id.
 
         If the group has begun, the formula begins with the next state.
+
+        Args:
+            name: the name of the formula.
+            text: the formula.
+            constants: the values of names that the text does not define, from `parse_constants`.
 
         Raises:
             LanguageError: for a text that is not a formula or is badly typed, with the position.
             ReasoningError: if the group has begun, for a sort without a domain, or a formula that
                 is too large for its domains.
         """
-        formula = parse_formula(text)
+        formula = parse_formula(text, constants)
         named = NamedFormula(name, formula, check_types(formula, text))
         self._limit_nodes()
         instances: list[Instance] = []
@@ -315,6 +322,7 @@ class FormulaGroup:
         return sizes
 
     def _instances_of(self, formula: Formula, domains: Domains) -> list[Instance]:
+        check_units_are_known(formula)
         instances = instances_of(formula, domains, self._store)
         size = max((instance.node.size for instance in instances), default=0)
         if size > self._limits.node_limit:

@@ -13,6 +13,8 @@ from dyknow_reasoning.language.formula import (
     Always,
     And,
     Comparison,
+    CountBound,
+    CountOf,
     Equivalent,
     Eventually,
     Feature,
@@ -85,6 +87,8 @@ def holds(formula: Formula, trace: Trace, i: int) -> bool | None:  # noqa: C901,
             return holds(Until(Truth(True), body, interval), trace, i)
         case Always(body, interval):
             return negation(holds(Eventually(Not(body), interval), trace, i))
+        case CountOf(bound, number, members):
+            return counted(bound, number, [holds(each, trace, i) for each in members])
         case Until(left, right, interval):
             return until(left, right, interval, trace, i)
         case Once(body, interval):
@@ -96,6 +100,21 @@ def holds(formula: Formula, trace: Trace, i: int) -> bool | None:  # noqa: C901,
         case Since(left, right, interval):
             return since(left, right, interval, trace, i)
     raise AssertionError(formula)
+
+
+def counted(bound: CountBound, number: int, values: Sequence[bool | None]) -> bool | None:
+    """At least, at most or exactly a number of what may be unknown."""
+    fewest = sum(value is True for value in values)
+    most = sum(value is not False for value in values)
+    enough = True if fewest >= number else None if most >= number else False
+    few = True if most <= number else None if fewest <= number else False
+    match bound:
+        case CountBound.AT_LEAST:
+            return enough
+        case CountBound.AT_MOST:
+            return few
+        case CountBound.EXACTLY:
+            return conjunction([enough, few])
 
 
 def value_of(term: Any, values: Mapping[str, Value]) -> Any:
@@ -138,8 +157,16 @@ def deeper(inner: st.SearchStrategy[Formula]) -> st.SearchStrategy[Formula]:
     temporal = [st.builds(kind, inner, intervals()) for kind in (Always, Eventually)]
     past = [st.builds(kind, inner, intervals()) for kind in (Historically, Once)]
     joined = [st.builds(kind, inner, inner, intervals()) for kind in (Until, Since)]
+    members = st.lists(inner, min_size=1, max_size=4).map(tuple)
+    count = st.builds(CountOf, st.sampled_from(CountBound), st.integers(0, 4), members)
     return st.one_of(
-        st.builds(Not, inner), *connectives, *temporal, *past, *joined, st.builds(Previous, inner)
+        st.builds(Not, inner),
+        count,
+        *connectives,
+        *temporal,
+        *past,
+        *joined,
+        st.builds(Previous, inner),
     )
 
 

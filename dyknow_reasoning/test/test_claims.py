@@ -54,9 +54,9 @@ FACT = re.compile(
 )
 FLAG = re.compile(rf'(?P<name>\S+) is (true|false) at {TIME}')
 STATE = re.compile(rf'there is a state at {TIME}')
-SPAN = rf'(?P<opens>from|after) {TIME} (?P<closes>to|before) {TIME}'
+SPAN = rf'in (?P<opens>[\[(]){TIME}, {TIME}(?P<closes>[\])])'
 HELD = re.compile(rf"'(?P<formula>.*)' held at (?P<which>every|no) state {SPAN}")
-NO_STATE = re.compile(rf'there is no state {SPAN}')
+NO_STATE = re.compile(rf'there was no state {SPAN}')
 PAST = re.compile(
     r"'(?P<formula>[^']*)' (?P<how>held at a|held at no|held at every|did not hold at every) state "
     rf'(?:(?P<opens>from|after) {TIME} |up )?(?P<closes>to|before) {TIME}'
@@ -180,8 +180,8 @@ class Judge:
 
     def within(self, found: re.Match[str]) -> list[int]:
         """The states that a span contains."""
-        first, last = (nanoseconds(time) for time in found.groups()[-3::2])
-        first, last = first + (found['opens'] == 'after'), last - (found['closes'] == 'before')
+        first, last = (nanoseconds(time) for time in found.groups()[-3:-1])
+        first, last = first + (found['opens'] == '('), last - (found['closes'] == ')')
         return [i for i, (time, _) in enumerate(self.states) if first <= time <= last]
 
     def check_due(self, word: str, interval: str | None, since: int) -> None:

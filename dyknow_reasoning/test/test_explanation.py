@@ -42,15 +42,15 @@ def test_a_surge() -> None:
     }
     assert explained(POWER, columns) == (
         'FALSE: for u = uav2: Power[uav2] = 231.4 at 10.300 s is not < 200 '
-        '(until must hold since 10.100 s)'
+        'and Power[uav2] = 231.4 at 10.300 s is not <= 150 (until must hold since 10.100 s)'
     )
 
 
 def test_a_long_rise() -> None:
     columns: dict[str, list[Value]] = {'Power[uav1]': [140.0], 'Power[uav2]': [160.0] * 60}
     assert explained(POWER, columns) == (
-        "FALSE: for u = uav2: 'always[0 s, 3 s] (Power[uav2] <= 150)' held at no state from "
-        '10.000 s to 15.000 s; Power[uav2] = 160.0 at 15.000 s is not <= 150'
+        "FALSE: for u = uav2: 'always[0 s, 3 s] (Power[uav2] <= 150)' held at no state in "
+        '[10.000 s, 15.000 s]; Power[uav2] = 160.0 at 15.000 s is not <= 150'
     )
 
 
@@ -88,17 +88,17 @@ MANY = (
         (
             'always[0, 250] p',
             {'p': [True] * 4},
-            "TRUE: 'p' held at every state from 10.000 s to 10.250 s",
+            "TRUE: 'p' held at every state in [10.000 s, 10.250 s]",
         ),
         (
             'eventually[100, 250] p',
             {'p': [True, False, False, False]},
-            "FALSE: 'p' held at no state from 10.100 s to 10.250 s",
+            "FALSE: 'p' held at no state in [10.100 s, 10.250 s]",
         ),
         (
             'eventually[0, 200] p',
             {'p': [False] * 4},
-            "FALSE: 'p' held at no state from 10.000 s to 10.200 s; p is false at 10.200 s",
+            "FALSE: 'p' held at no state in [10.000 s, 10.200 s]; p is false at 10.200 s",
         ),
         (
             'eventually p',
@@ -108,12 +108,18 @@ MANY = (
         (
             'always (p -> q until r)',
             {'p': [False, True, False], 'q': [True, True, False], 'r': [False]},
-            'FALSE: q is false at 10.200 s (until must hold since 10.100 s)',
+            (
+                'FALSE: q is false at 10.200 s and r is false at 10.200 s '
+                '(until must hold since 10.100 s)'
+            ),
         ),
         (
             'not (q until r)',
             {'q': [True, False], 'r': [False]},
-            'TRUE: q is false at 10.100 s (not until awaited since 10.000 s)',
+            (
+                'TRUE: q is false at 10.100 s and r is false at 10.100 s '
+                '(not until awaited since 10.000 s)'
+            ),
         ),
         (
             'p until[0, 1 s] q',
@@ -144,7 +150,14 @@ MANY = (
             ),
         ),
         ('a or b or c or d or e or f', {key: [False] for key in 'abcdef'}, MANY),
-        ('eventually true', {'p': [True]}, 'TRUE: there is a state at 10.000 s'),
+        (
+            'eventually[100, 200] true and (p or not p)',
+            {'p': [True, True]},
+            (
+                'TRUE: there is a state at 10.100 s '
+                '(eventually[100 ms, 200 ms] awaited since 10.000 s)'
+            ),
+        ),
         (
             'p -> (always q) and eventually not q',
             {'p': [True], 'q': [True]},
@@ -167,46 +180,46 @@ SECOND = 1_000_000_000
             'always[5 s, 6 s] p',
             {'p': [True, False]},
             7 * SECOND,
-            'TRUE: there is no state from 15.000 s to 16.000 s',
+            'TRUE: there was no state in [15.000 s, 16.000 s]',
         ),
         (
             'eventually[5 s, 6 s] p',
             {'p': [True, True]},
             7 * SECOND,
-            'FALSE: there is no state from 15.000 s to 16.000 s',
+            'FALSE: there was no state in [15.000 s, 16.000 s]',
         ),
         # A window whose only state is its end, or is before the deciding state.
         (
             'always[5 s, 6 s] p',
             {'p': [False, True]},
             6 * SECOND,
-            "TRUE: 'p' held at every state from 15.000 s to 16.000 s",
+            "TRUE: 'p' held at every state in [15.000 s, 16.000 s]",
         ),
         (
             'eventually[2 s, 3 s] p',
             {'p': [True, False, True]},
             2 * SECOND,
-            "FALSE: 'p' held at no state from 12.000 s to 13.000 s",
+            "FALSE: 'p' held at no state in [12.000 s, 13.000 s]",
         ),
         # Bounds that the interval excludes.
         (
             'eventually(0 s, 1 s] p',
             {'p': [True, False, False]},
             SECOND // 2,
-            "FALSE: 'p' held at no state after 10.000 s to 11.000 s; p is false at 11.000 s",
+            "FALSE: 'p' held at no state in (10.000 s, 11.000 s]; p is false at 11.000 s",
         ),
         (
             'always[0 s, 1 s) p',
             {'p': [True, True, False]},
             SECOND // 2,
-            "TRUE: 'p' held at every state from 10.000 s before 11.000 s",
+            "TRUE: 'p' held at every state in [10.000 s, 11.000 s)",
         ),
         # Two windows over one body, joined.
         (
             '(always[1 s, 2 s] p) and always[1500, 3 s] p',
             {'p': [False, True, True, True]},
             SECOND,
-            "TRUE: 'p' held at every state from 11.000 s to 13.000 s",
+            "TRUE: 'p' held at every state in [11.000 s, 13.000 s]",
         ),
         # An interval that starts later: the operator does not matter before that.
         (
@@ -263,6 +276,62 @@ SECOND = 1_000_000_000
             'TRUE: x = 0.3 at 10.000 s is < y = 0.30000000000000004',
         ),
         ('x < 1', {'x': [0.1 + 0.2]}, 1, 'TRUE: x = 0.3 at 10.000 s is < 1'),
+        (
+            'x + y > 0.3',
+            {'x': [0.1], 'y': [0.2]},
+            1,
+            'TRUE: x + y = 0.30000000000000004 at 10.000 s is > 0.3',
+        ),
+        (
+            '0.1 + 0.2 <= x',
+            {'x': [0.3]},
+            1,
+            'FALSE: 0.1 + 0.2 = 0.30000000000000004 at 10.000 s is not <= x = 0.3',
+        ),
+        # An empty window with open bounds, and one that is due.
+        (
+            'eventually(2 s, 5 s] p',
+            {'p': [False, True]},
+            6 * SECOND,
+            'FALSE: there was no state in (12.000 s, 15.000 s]',
+        ),
+        (
+            'always (q -> eventually(1 s, 2 s) p)',
+            {'p': [True], 'q': [True, True]},
+            3 * SECOND,
+            'FALSE: there was no state in (11.000 s, 12.000 s)',
+        ),
+        # The side of until that failed: the right one in time, the left one before, or both.
+        (
+            'p until[0, 2 s] q',
+            {'p': [True], 'q': [False] * 3},
+            SECOND,
+            "FALSE: 'q' held at no state in [10.000 s, 12.000 s]; q is false at 12.000 s",
+        ),
+        (
+            'p until[3 s, 5 s] q',
+            {'p': [True, False], 'q': [False]},
+            SECOND,
+            'FALSE: p is false at 11.000 s (until[3 s, 5 s] must hold since 10.000 s)',
+        ),
+        (
+            'p until[0, 5 s] q',
+            {'p': [True, False], 'q': [False]},
+            SECOND,
+            (
+                'FALSE: p is false at 11.000 s and q is false at 11.000 s '
+                '(until must hold since 10.000 s)'
+            ),
+        ),
+        (
+            'not (p until q)',
+            {'p': [True, False], 'q': [False]},
+            SECOND,
+            (
+                'TRUE: p is false at 11.000 s and q is false at 11.000 s '
+                '(not until awaited since 10.000 s)'
+            ),
+        ),
         # Decided by what is left of two parts together, whose truth is open.
         (
             '(always[1 s, inf] p) or (q and eventually not p)',

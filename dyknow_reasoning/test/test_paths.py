@@ -165,10 +165,14 @@ NUMBERS = st.one_of(
 )
 TERMS = st.recursive(
     st.sampled_from(['A[x]', 'B[x]', '2', '0.5', '3']),
-    lambda inner: st.tuples(inner, st.sampled_from('+-*/'), inner).map(
-        lambda parts: f'({" ".join(parts)})'
+    lambda inner: (
+        st.tuples(inner, st.sampled_from('+-*/'), inner).map(lambda parts: f'({" ".join(parts)})')
+        | st.tuples(st.sampled_from(['abs', 'sqrt']), inner).map('{0[0]}({0[1]})'.format)
+        | st.tuples(st.sampled_from(['min', 'max', 'hypot', 'angle_difference']), inner, inner).map(
+            '{0[0]}({0[1]}, {0[2]})'.format
+        )
     ),
-    max_leaves=4,
+    max_leaves=5,
 )
 
 

@@ -3,19 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from reprlib import Repr
 from typing import Any, Final
 
 import yaml
 
-from dyknow_common import read_text
+from dyknow_common import DyKnowError, read_text
+from dyknow_reasoning import Constants, parse_constants
 from dyknow_recordings.errors import RecordingError
 from dyknow_recordings.evaluation.results import RequestedFormula
 from dyknow_recordings.evaluation.vocabulary import MonitoringFiles
 
 _FILES: Final = ('ontology', 'annotations', 'streams', 'bridges')
-_KEYS: Final = (*_FILES, 'domains', 'formulas')
+_KEYS: Final = (*_FILES, 'domains', 'constants', 'formulas')
 _SHORT: Final = Repr()
 _SHORT.maxlevel = 3
 _SHORT.maxstring = _SHORT.maxother = 100
@@ -25,8 +27,9 @@ def read_configuration(path: Path) -> tuple[MonitoringFiles, tuple[RequestedForm
     """Return the files and the formulas that a YAML file names.
 
     Its keys are `ontology`, `annotations`, `streams` and `bridges` (a path or a list of paths,
-    relative to the folder of the file), `domains` (lists of objects by sort), and `formulas` (such
-    a list as `read_formulas` reads, or paths of files with formulas).
+    relative to the folder of the file), `domains` (lists of objects by sort), `constants` (values
+    by name: numbers, or texts such as `150 W`), and `formulas` (such a list as `read_formulas`
+    reads, or paths of files with formulas).
 
     Raises:
         RecordingError: naming the file, the key and the mend.
@@ -51,7 +54,9 @@ def read_configuration(path: Path) -> tuple[MonitoringFiles, tuple[RequestedForm
         bridges,
         {sort: _texts(path, f'domains.{sort}', found) for sort, found in domains.items()},
     )
-    return files, _configured_formulas(path, content.get('formulas', []))
+    constants = _constants(path, content.get('constants', {}))
+    formulas = _configured_formulas(path, content.get('formulas', []))
+    return files, tuple(replace(each, constants=constants) for each in formulas)
 
 
 def read_formulas(path: Path) -> tuple[RequestedFormula, ...]:
@@ -68,6 +73,22 @@ def read_formulas(path: Path) -> tuple[RequestedFormula, ...]:
     lines = read_text(path, 'formulas', RecordingError).splitlines()
     stripped = [line.strip() for line in lines]
     return tuple(RequestedFormula(line) for line in stripped if line and line[0] != '#')
+
+
+def _constants(path: Path, content: Any) -> Constants:
+    if not isinstance(content, dict):
+        raise _error(path, 'constants', 'write a mapping from names to values', content)
+    found: Constants = ()
+    for name, value in content.items():
+        key = f'constants.{name}'
+        if not isinstance(name, str) or not isinstance(value, bool | int | float | str):
+            raise _error(path, key, 'write a number, or a text such as 150 W,', value)
+        text = str(value).lower() if isinstance(value, bool) else str(value)
+        try:
+            found += parse_constants({name: text})
+        except DyKnowError as error:
+            raise RecordingError(f'{path}: {key}: {error.message}') from None
+    return found
 
 
 def _configured_formulas(path: Path, value: Any) -> tuple[RequestedFormula, ...]:

@@ -159,7 +159,8 @@ def test_a_configuration(bag: Path, tmp_path: Path, capsys: pytest.CaptureFixtur
     path = tmp_path / 'monitoring.yaml'
     path.write_text(
         'streams: s.streams\ndomains: {Robot: [r1]}\nformulas:\n'
-        "  - {name: mode, formula: 'always m.mode < 4', description: It is three.}\n"
+        "  - {name: mode, formula: 'always m.mode < most', description: It is three.}\n"
+        'constants: {most: 4, unused: 150 W, name: \'"LAND"\', isOn: true, low: -1.5e-3}\n'
     )
     more = ['--formulas', str(tmp_path / 'more.txt')]
     assert main([str(bag), '--config', str(path), '--json', *more]) == 0
@@ -182,6 +183,12 @@ def test_a_configuration(bag: Path, tmp_path: Path, capsys: pytest.CaptureFixtur
             'formulas: [{name: a, formula: b}, {name: a, formula: b}]',
             "formulas[1]: the name 'a' is taken",
         ),
+        ('constants: [a]', 'constants: write a mapping from names to values instead of'),
+        ('constants: {a: [1]}', 'constants.a: write a number, or a text such as 150 W, instead'),
+        ('constants: {limit: 3 mm/s/fo}', "constants.limit: formula:1:15: unknown unit 'mm/s/fo'"),
+        ('constants: {limit: x}', "constants.limit: formula:1:5: the constant 'limit' must be a"),
+        ('constants: {limit: "2, b = 3"}', "the constant 'limit' must be one number"),
+        ('constants: {until: 2}', "constants.until: formula:1:5: unexpected 'until', expected a"),
         ('a: [', ':1:5: not YAML'),
         ('a: 2026-13-45', 'not YAML'),
         ('"\\x07', 'not YAML'),

@@ -10,6 +10,7 @@ import pytest
 from recorded import TYPE, ListedSamples, RecordedSample, at, recording, sample
 
 from dyknow_common import DyKnowError, ExitCode, Verdict
+from dyknow_reasoning import parse_constants
 from dyknow_recordings.evaluation.episodes import FROM_FIRST_STATE, EpisodeStart, Every
 from dyknow_recordings.evaluation.evaluation import evaluate_recording
 from dyknow_recordings.evaluation.results import FormulaReport, Outcome, RequestedFormula
@@ -133,6 +134,40 @@ def test_a_topic_of_an_unknown_type() -> None:
     error = check(source, 'always "/a".p < 5').error
     assert error is not None
     assert f'the message type {TYPE} of /a is not defined' in error.message
+
+
+def in_watts(formula: str, files: MonitoringFiles) -> FormulaReport:
+    return check(recording(series('/main', steps(0, 2), 150.0)), formula, files)
+
+
+def test_numbers_are_converted_to_the_unit_of_their_feature(files: MonitoringFiles) -> None:
+    report = in_watts('forall r: always[0 s, 1 s] Power[r] < 0.2 kW', files)
+    assert report.formula == 'forall r in Robot: (always[0 s, 1 s] (Power[r] < 200.0))'
+    assert report.outcome is Outcome.TRUE
+    assert in_watts('eventually[0 s, 1 s] Power[r1] > 0.15 "kW"', files).outcome is Outcome.FALSE
+    limits = 'let most = 150 W, least = 1 mW in'
+    report = in_watts(f'{limits} always[0 s, 1 s] (Power[r1] <= most and Power[r1] > least)', files)
+    assert report.outcome is Outcome.TRUE
+    constants = parse_constants({'most': '0.15 kW'})
+    requested = RequestedFormula('eventually[0 s, 1 s] Power[r1] > most', '', constants)
+    source = recording(series('/main', steps(0, 2), 150.0))
+    assert evaluate_recording(source, [requested], files).formulas[0].outcome is Outcome.FALSE
+
+
+@pytest.mark.parametrize(
+    ('formula', 'message'),
+    [
+        ('always Power[r1] < 2 m', """'2 "m"' is in m, which does not convert to W"""),
+        ('always "/main".p < 2 W', """'"/main".p' is a field of a stream, which states no unit"""),
+        ('always main.power < 2 W', "'main.power' is a field of a stream, which states no unit"),
+        ('always main < 2 W', "'main' has no unit; state the unit, let main: UNIT in ..., or"),
+    ],
+)
+def test_numbers_that_do_not_convert(formula: str, message: str, files: MonitoringFiles) -> None:
+    error = in_watts(formula, files).error
+    assert error is not None
+    assert message in error.message
+    assert '^' in error.message
 
 
 def test_a_violation_without_a_stand_in(files: MonitoringFiles) -> None:

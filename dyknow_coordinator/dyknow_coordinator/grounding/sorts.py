@@ -26,7 +26,8 @@ _QUERY: Final = """
 
 # A text in quotes, or a quantifier without a sort.
 _UNSORTED: Final = re.compile(
-    r'"(?:\\.|[^"\\])*"|\b(?:forall|exists) (?P<variable>[A-Za-z_]\w*\'*):'
+    r'"(?:\\.|[^"\\])*"'
+    r'|\b(?:forall|exists|(?:at least|at most|exactly) [0-9]+) (?P<variable>[A-Za-z_]\w*\'*):'
 )
 
 

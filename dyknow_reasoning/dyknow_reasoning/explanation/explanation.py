@@ -26,7 +26,6 @@ from dyknow_reasoning.language.formula import (
     Comparison,
     Eventually,
     Formula,
-    Interval,
     Number,
     PastAtom,
     Term,
@@ -35,7 +34,14 @@ from dyknow_reasoning.language.formula import (
     Until,
     walk,
 )
-from dyknow_reasoning.progression.atoms import COMPARE, NEGATED_COMPARISONS, Values, evaluate
+from dyknow_reasoning.language.interval import Interval
+from dyknow_reasoning.progression.atoms import (
+    COMPARE,
+    MIRRORED_COMPARISONS,
+    NEGATED_COMPARISONS,
+    Values,
+    evaluate,
+)
 from dyknow_reasoning.progression.bounds import Bound
 from dyknow_reasoning.progression.memories import RememberingProgression
 from dyknow_reasoning.progression.nodes import (
@@ -48,6 +54,7 @@ from dyknow_reasoning.progression.nodes import (
     PreviousState,
     Remembering,
     Sides,
+    AtLeast,
     Window,
     constant,
     descendants,
@@ -56,7 +63,6 @@ from dyknow_reasoning.progression.nodes import (
 
 _MAX_REASONS = 4
 _LITERALS = (Number, TextLiteral, Truth)
-_MIRRORED = {'<': '>', '<=': '>=', '>': '<', '>=': '<=', '=': '=', '!=': '!='}
 
 
 @dataclass(frozen=True, slots=True)
@@ -143,6 +149,8 @@ class _Explainer:
                 return [self._fact(node)]
             case Junction():
                 return self._reasons_of_junction(node, fresh=fresh)
+            case AtLeast():
+                return self._reasons_of_threshold(node, fresh=fresh)
             case Window():
                 return self._reasons_of_window(node, fresh=fresh)
             case Remembering():
@@ -154,13 +162,26 @@ class _Explainer:
             case Constant():
                 return [f'there is a state at {format_time(self._now)}']
 
+    def _reasons_of_threshold(self, node: AtLeast, *, fresh: bool) -> list[str]:
+        verdict = self._progressed(node, fresh=fresh)
+        parts = parts_in_order(node, self._atoms)
+        deciding = [part for part in parts if self._progressed(part, fresh=fresh) is verdict]
+        needed = node.count if verdict is TRUE else len(parts) - node.count + 1
+        if len(deciding) < needed:
+            return [self._whatever_follows(node, fresh=fresh)]
+        return [reason for part in deciding for reason in self._reasons(part, fresh=fresh)]
+
+    def _whatever_follows(self, node: Junction | AtLeast, *, fresh: bool) -> str:
+        verdict = self._progressed(node, fresh=fresh)
+        whatever = f'is {str(verdict is TRUE).lower()} whatever states follow'
+        return f"'{self._remaining(node, fresh=fresh)}' {whatever}"
+
     def _reasons_of_junction(self, node: Junction, *, fresh: bool) -> list[str]:
         verdict = self._progressed(node, fresh=fresh)
         parts = parts_in_order(node, self._atoms)
         deciding = [part for part in parts if self._progressed(part, fresh=fresh) is verdict]
         if not deciding:
-            whatever = f'is {str(verdict is TRUE).lower()} whatever states follow'
-            return [f"'{self._remaining(node, fresh=fresh)}' {whatever}"]
+            return [self._whatever_follows(node, fresh=fresh)]
         if verdict is constant(value=not node.universal):
             deciding = deciding[:1]
         return [reason for part in deciding for reason in self._reasons(part, fresh=fresh)]
@@ -170,12 +191,18 @@ class _Explainer:
         if verdict is constant(value=node.universal):
             if node.end is not None and self._time(node.end, fresh=fresh) <= self._now:
                 return self._reasons_of_closed_window(node, node.end, fresh=fresh)
-            side = node.left
+            sides = [node.left]
+            # The right side has not decided the window either, if its interval has begun.
+            neutral = constant(value=node.universal)
+            begun = node.start is None or self._time(node.start, fresh=fresh) <= self._now
+            if begun and self._progressed(node.right, fresh=True) is neutral:
+                sides.append(node.right)
         else:
-            side = node.right
+            sides = [node.right]
         # A side is smaller than the window, and cannot contradict it: so it is decided itself.
-        reasons = list(dict.fromkeys(self._reasons(side, fresh=True)))
-        pending = '' if fresh else self._pending(node, after=side is node.right)
+        found = (reason for side in sides for reason in self._reasons(side, fresh=True))
+        reasons = list(dict.fromkeys(found))
+        pending = '' if fresh else self._pending(node, after=sides == [node.right])
         return [f'{" and ".join(reasons)} ({pending})'] if pending else reasons
 
     def _reasons_of_closed_window(self, node: Window, end: Bound, *, fresh: bool) -> list[str]:
@@ -189,7 +216,7 @@ class _Explainer:
         self.windows[first, last] = None
         # An earlier state was not later than the end, or it would have decided the window.
         if (fresh or self._previous < first) and not first <= self._now <= last:
-            return [f'there is no state {span}']
+            return [f'there was no state {span}']
         right = shortened_text(residual_text(node.right, self._atoms))
         if node.universal:
             return [f"'{right}' held at every state {span}"]
@@ -239,17 +266,21 @@ class _Explainer:
         end = None if node.end is None else node.end.offset
         return {each for each in self._intervals[sides(node)] if each.end == end}
 
-    def _remaining(self, node: Junction, *, fresh: bool) -> str:
-        """Return the text of what remains of a junction after this state."""
-        progressed = (
+    def _remaining(self, node: Junction | AtLeast, *, fresh: bool) -> str:
+        """Return the text of what remains of a node after this state."""
+        progressed = [
             self._progressed(part, fresh=fresh) for part in parts_in_order(node, self._atoms)
-        )
-        texts = (
-            f'({remaining_text(part, self._times, self._now, self._atoms)})'
+        ]
+        texts = [
+            remaining_text(part, self._times, self._now, self._atoms)
             for part in progressed
             if type(part) is not Constant
-        )
-        return shortened_text((' and ' if node.universal else ' or ').join(texts))
+        ]
+        if isinstance(node, AtLeast):
+            count = node.count - progressed.count(TRUE)
+            return shortened_text(f'at least {count} of ({", ".join(texts)})')
+        word = ' and ' if node.universal else ' or '
+        return shortened_text(word.join(f'({text})' for text in texts))
 
     def _fact(self, literal: Literal) -> str:
         """Return the value of an atom at this state, compared with its bound."""
@@ -273,7 +304,7 @@ class _Explainer:
             shown = values
         first, second = map(_with_value, terms, shown)
         if isinstance(atom.left, _LITERALS):
-            operator, first, second = _MIRRORED[operator], second, first
+            operator, first, second = MIRRORED_COMPARISONS[operator], second, first
         return f'{first} at {time} is {"" if holds else "not "}{operator} {second}'
 
 
@@ -286,10 +317,10 @@ def _rounded(value: Value) -> Value:
 
 
 def _span(first: int, last: int, interval: Interval) -> str:
-    """Return the times from `first` to `last`, without the bounds that an interval excludes."""
+    """Return the times from `first` to `last`, with the brackets of an interval."""
     after, before = interval.excludes_start, interval.excludes_end
-    start = f'after {format_time(first - 1)}' if after else f'from {format_time(first)}'
-    return f'{start} {"before" if before else "to"} {format_time(last + before)}'
+    start, end = format_time(first - after), format_time(last + before)
+    return f'in {"(" if after else "["}{start}, {end}{")" if before else "]"}'
 
 
 def _operator(node: Window) -> str:

@@ -16,6 +16,7 @@ from dyknow_reasoning.progression.nodes import (
     PastWindow,
     PreviousState,
     Sides,
+    AtLeast,
     Window,
     constant,
     descendants,
@@ -64,6 +65,8 @@ def _parts(node: Node, context: _Context) -> Iterator[tuple[Node, _Context]]:
             is_plain = context is None or node.universal is context
             alone = sum(map(_has_windows, node.parts)) == 1
             yield from ((part, context if is_plain or alone else '') for part in node.parts)
+        case AtLeast():
+            yield from ((part, context if context is None else '') for part in node.parts)
         case Window():
             fits = context in {None, node.universal} and _is_one_sided(node)
             yield from ((side, node.universal if fits else '') for side in (node.left, node.right))

@@ -6,7 +6,8 @@ from collections.abc import Mapping, Sequence
 from functools import reduce
 from operator import attrgetter
 
-from dyknow_reasoning.language.formula import Atom, Comparison, Formula, Interval, Not, operand_text
+from dyknow_reasoning.language.formula import Atom, Comparison, Formula, Not, operand_text
+from dyknow_reasoning.language.interval import Interval
 from dyknow_reasoning.progression.atoms import NEGATED_COMPARISONS
 from dyknow_reasoning.progression.bounds import Bound, Chronology
 from dyknow_reasoning.progression.node_store import NodeStore
@@ -20,6 +21,7 @@ from dyknow_reasoning.progression.nodes import (
     PastWindow,
     PreviousState,
     Remembering,
+    AtLeast,
     Window,
     bounds_of,
     descendants,
@@ -66,6 +68,8 @@ def holds_at_the_end(node: Node) -> bool:
             case Junction():
                 combine = all if each.universal else any
                 found[each] = combine(found[part] for part in each.parts)
+            case AtLeast():
+                found[each] = sum(found[part] for part in each.parts) >= each.count
             case Window():
                 found[each] = each.universal
             case Remembering():
@@ -75,8 +79,8 @@ def holds_at_the_end(node: Node) -> bool:
     return found[node]
 
 
-def parts_in_order(node: Junction, atoms: Sequence[Atom]) -> Sequence[Node]:
-    """Return the parts of a junction in the order of their first atoms."""
+def parts_in_order(node: Junction | AtLeast, atoms: Sequence[Atom]) -> Sequence[Node]:
+    """Return the parts of a node in the order of their first atoms."""
     return sorted(node.parts, key=lambda part: _order(part, residual_text(part, atoms)))
 
 
@@ -105,6 +109,9 @@ def _text(  # noqa: PLR0911 - one for each kind
             *inner, last = others
             left = reduce(lambda left, right: f'({left} {word} {right})', inner, first)
             return f'{left} {word} {last}'
+        case AtLeast():
+            parts = sorted(node.parts, key=lambda part: _order(part, texts[part]))
+            return f'at least {node.count} of ({", ".join(texts[part] for part in parts)})'
         case Window():
             words = ('always', 'eventually', 'until')
             return _window_text(node, interval_of(node), words, texts, atoms)

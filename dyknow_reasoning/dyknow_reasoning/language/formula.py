@@ -10,44 +10,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
+from enum import StrEnum
 from typing import Any, ClassVar, TypeAlias
 
-from dyknow_common import NANOSECONDS, SyntaxNode, format_duration
-
-_MICROSECOND = NANOSECONDS['us']
-
-
-@dataclass(frozen=True, slots=True)
-class Interval:
-    """The times from `start` to `end`, both included, in nanoseconds; no end is infinite."""
-
-    start: int = 0
-    end: int | None = None
-
-    def __str__(self) -> str:
-        opening, closing = '(' if self.excludes_start else '[', ')' if self.excludes_end else ']'
-        start = format_duration(self.start - self.excludes_start)
-        end = 'inf' if self.end is None else format_duration(self.end + self.excludes_end)
-        return f'{opening}{start}, {end}{closing}'
-
-    @property
-    def excludes_start(self) -> bool:
-        """True if the text excludes the start with a round bracket: 1 ns after a whole us."""
-        return self.start % _MICROSECOND == 1
-
-    @property
-    def excludes_end(self) -> bool:
-        """True if the text excludes the end with a round bracket: 1 ns before a whole us."""
-        return self.end is not None and self.end % _MICROSECOND == _MICROSECOND - 1
-
-    @property
-    def suffix(self) -> str:
-        """The text after an operator; empty if the interval is all the future."""
-        return '' if self == ALL_FUTURE else str(self)
-
-
-ALL_FUTURE = Interval()
-"""The interval of an operator without one."""
+from dyknow_common import SyntaxNode
+from dyknow_reasoning.language.interval import ALL_FUTURE, Interval
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,6 +25,17 @@ class Number(SyntaxNode):
 
     def __str__(self) -> str:
         return repr(self.value)
+
+
+@dataclass(frozen=True, slots=True)
+class Quantity(SyntaxNode):
+    """A number with a unit of measurement, until it is converted to the unit of a feature."""
+
+    value: int | float
+    unit: str
+
+    def __str__(self) -> str:
+        return f'{self.value!r} "{self.unit}"'
 
 
 @dataclass(frozen=True, slots=True)
@@ -146,6 +124,17 @@ class Arithmetic(_Operation):
 
 
 @dataclass(frozen=True, slots=True)
+class Function(SyntaxNode):
+    """A function of numbers, `hypot(x, y)`."""
+
+    name: str
+    arguments: tuple[Term, ...]
+
+    def __str__(self) -> str:
+        return f'{self.name}({", ".join(map(str, self.arguments))})'
+
+
+@dataclass(frozen=True, slots=True)
 class Comparison(_Operation):
     """Two terms joined by `=`, `!=`, `<`, `<=`, `>` or `>=`."""
 
@@ -207,7 +196,12 @@ class _Quantifier(SyntaxNode):
 
     def __str__(self) -> str:
         sort = f' in {self.sort}' if self.is_sorted else ''
-        return f'{self.symbol} {self.variable}{sort}: {operand_text(self.body)}'
+        return f'{self.words} {self.variable}{sort}: {operand_text(self.body)}'
+
+    @property
+    def words(self) -> str:
+        """The words before the variable."""
+        return self.symbol
 
     @property
     def is_sorted(self) -> bool:
@@ -227,6 +221,39 @@ class Exists(_Quantifier):
     """The body for at least one object of a sort."""
 
     symbol: ClassVar[str] = 'exists'
+
+
+class CountBound(StrEnum):
+    """How a count is compared with a number."""
+
+    AT_LEAST = 'at least'
+    AT_MOST = 'at most'
+    EXACTLY = 'exactly'
+
+
+@dataclass(frozen=True, slots=True)
+class Count(_Quantifier):
+    """The body for at least, at most or exactly a number of the objects of a sort."""
+
+    bound: CountBound
+    number: int
+
+    @property
+    def words(self) -> str:
+        """The words before the variable."""
+        return f'{self.bound} {self.number}'
+
+
+@dataclass(frozen=True, slots=True)
+class CountOf(SyntaxNode):
+    """At least, at most or exactly a number of some formulas."""
+
+    bound: CountBound
+    number: int
+    members: tuple[Formula, ...]
+
+    def __str__(self) -> str:
+        return f'{self.bound} {self.number} of ({", ".join(map(str, self.members))})'
 
 
 @dataclass(frozen=True, slots=True)
@@ -319,8 +346,32 @@ class PastAtom(SyntaxNode):
         return str(self.formula)
 
 
+@dataclass(frozen=True, slots=True)
+class Let(SyntaxNode):
+    """A formula with constants and the units of features; parsing replaces it by its meaning.
+
+    Args:
+        constants: the values by their names.
+        units: the unit of each feature, by its name, or of a reference, by its text.
+        body: the formula.
+    """
+
+    constants: tuple[tuple[Object, Term], ...]
+    units: tuple[tuple[Object, str], ...]
+    body: Formula
+
+
 Term: TypeAlias = (
-    Number | TextLiteral | Truth | Object | Variable | Feature | FieldReference | Arithmetic
+    Number
+    | Quantity
+    | TextLiteral
+    | Truth
+    | Object
+    | Variable
+    | Feature
+    | FieldReference
+    | Arithmetic
+    | Function
 )
 """An operand of a comparison."""
 
@@ -343,10 +394,13 @@ Formula: TypeAlias = (
     | Equivalent
     | Forall
     | Exists
+    | Count
+    | CountOf
     | Always
     | Eventually
     | Until
     | PastFormula
+    | Let
 )
 """A formula, which is true or false of a sequence of states."""
 
@@ -356,12 +410,14 @@ def parts(node: Formula | Term) -> tuple[Formula | Term, ...]:
     match node:
         case _Operation() | _Connective() | _BinaryTemporal():
             return (node.left, node.right)
-        case Not() | _Quantifier() | _Temporal() | Previous():
+        case Not() | _Quantifier() | _Temporal() | Previous() | Let():
             return (node.body,)
         case PastAtom():
             return (node.formula,)
-        case Feature():
+        case Feature() | Function():
             return node.arguments
+        case CountOf():
+            return node.members
         case _:
             return ()
 
@@ -371,10 +427,12 @@ def with_changed_parts(node: Any, change: Callable[[Any], Any]) -> Any:
     match node:
         case _Operation() | _Connective() | _BinaryTemporal():
             return replace(node, left=change(node.left), right=change(node.right))
-        case Not() | _Quantifier() | _Temporal() | Previous():
+        case Not() | _Quantifier() | _Temporal() | Previous() | Let():
             return replace(node, body=change(node.body))
-        case Feature():
+        case Feature() | Function():
             return replace(node, arguments=tuple(map(change, node.arguments)))
+        case CountOf():
+            return replace(node, members=tuple(map(change, node.members)))
         case _:
             return node
 

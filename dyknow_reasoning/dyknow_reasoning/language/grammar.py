@@ -15,9 +15,14 @@ _SPELLINGS: Final = {
     **dict.fromkeys(('PLUS', 'TIMES', 'DIVIDED_BY'), _OPERATOR),
     **dict.fromkeys(('NOT', 'ALWAYS', 'EVENTUALLY', 'FORALL', 'EXISTS', 'TRUE', 'FALSE'), _FORMULA),
     **dict.fromkeys(('STRING', 'REFERENCE', 'QUOTED_REFERENCE'), _FORMULA),
+    'FUNCTION': _FORMULA,
+    'UNIT': 'a unit',
     'DURATION': 'a duration such as 5 s',
     'INFINITY': "'inf'",
     '_IN': "'in'",
+    '_LET': _FORMULA,
+    'COUNT': _FORMULA,
+    '_OF': "'of'",
 }
 
 _CORRECTIONS: Final = {

@@ -8,10 +8,12 @@ from typing import Any
 from dyknow_reasoning.language.formula import (
     Arithmetic,
     Comparison,
+    Count,
     Exists,
     Feature,
     Forall,
     Formula,
+    Function,
     Object,
     Term,
     Variable,
@@ -35,7 +37,7 @@ def _object_names(formula: Formula) -> _Names:
     """Return the names of objects and variables, from their uses in the whole formula."""
     nodes = list(walk(formula))
     names = {node.name for node in nodes if isinstance(node, Object | Variable)}
-    names |= {node.variable for node in nodes if isinstance(node, Forall | Exists)}
+    names |= {node.variable for node in nodes if isinstance(node, Forall | Exists | Count)}
     compared: dict[str, set[str]] = defaultdict(set)
     for pair in map(_compared_names, nodes):
         for name in pair:
@@ -62,9 +64,9 @@ def _resolved(node: Any, objects: _Names, bound: _Names, *, is_operand: bool) ->
             return kind(name, position=node.position)
         case Object(name) if name in bound:
             return Variable(name, position=node.position)
-        case Forall() | Exists():
+        case Forall() | Exists() | Count():
             bound |= {node.variable}
-    are_operands = isinstance(node, Comparison | Arithmetic)
+    are_operands = isinstance(node, Comparison | Arithmetic | Function)
     return with_changed_parts(
         node, lambda part: _resolved(part, objects, bound, is_operand=are_operands)
     )

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from functools import lru_cache
 from typing import Any, Final
@@ -12,10 +12,12 @@ from lark import Token
 
 from dyknow_common import (
     FUNCTIONS,
+    DyKnowError,
     PositionedError,
     SyntaxBuilder,
     TextPosition,
     builder,
+    check_unit,
     comparison_value,
     duration_value,
     number_value,
@@ -23,32 +25,64 @@ from dyknow_common import (
 )
 from dyknow_reasoning.language import formula as syntax
 from dyknow_reasoning.language import sugar
-from dyknow_reasoning.language.formula import Formula, Interval, Term
+from dyknow_reasoning.language.constants import (
+    NO_CONSTANTS,
+    Constant,
+    Constants,
+    constants_of,
+    without_lets,
+)
+from dyknow_reasoning.language.formula import Formula, Term
+from dyknow_reasoning.language.functions import check_call, not_a_function
 from dyknow_reasoning.language.grammar import LANGUAGE
+from dyknow_reasoning.language.interval import ALL_FUTURE, Interval
 from dyknow_reasoning.language.names import resolve
+from dyknow_reasoning.language.quantities import with_converted_numbers
 
 _MAX_KEPT: Final = 1000
 """The length of a text whose abstract syntax is kept: one formula is often asked for again."""
 
 
-def parse_formula(text: str) -> Formula:
+def parse_formula(text: str, constants: Constants = NO_CONSTANTS) -> Formula:
     """Return the abstract syntax of a formula.
 
     A name without arguments is a variable within the reach of its quantifier. Elsewhere it is an
     object if it is an argument of a feature somewhere in the formula, or is compared by `=` or `!=`
     with a variable or an object; else it is a feature without arguments.
 
+    Constants are replaced by their values. Numbers with a unit are converted to the units of
+    features, where `let` states these; otherwise they remain.
+
+    Args:
+        text: the formula.
+        constants: the values of names that the text does not define.
+
     Raises:
         LanguageError: with the position, for a text that is not a formula.
     """
-    return _parse_again(text) if len(text) <= _MAX_KEPT else _parse(text)
+    return (_parse_again if len(text) <= _MAX_KEPT else _parse)(text, constants)
 
 
-def _parse(text: str) -> Formula:
+def parse_constants(texts: Mapping[str, str]) -> Constants:
+    """Return constants, given the text of each value: `150 W`.
+
+    Raises:
+        LanguageError: naming the constant that has no such name or value.
+    """
+    found: list[tuple[str, Constant]] = []
+    for name, value in texts.items():
+        text = f'let {name} = {value} in true'
+        with LANGUAGE.errors_in(text):
+            found += constants_of(LANGUAGE.parse(text, _FormulaBuilder()), name)
+    return tuple(found)
+
+
+def _parse(text: str, constants: Constants) -> Formula:
     with LANGUAGE.errors_in(text):
         formula = _formula(LANGUAGE.parse(text, _FormulaBuilder()))
         LANGUAGE.check_depth(formula, syntax.parts)
-    return resolve(formula)
+        formula, units = without_lets(formula, constants)
+        return resolve(with_converted_numbers(formula, units))
 
 
 _parse_again = lru_cache(1024)(_parse)
@@ -62,7 +96,7 @@ def _shown(node: Formula | Term) -> str:
 
 def _formula(node: Formula | Term) -> Formula:
     match node:
-        case syntax.Number() | syntax.Arithmetic():
+        case syntax.Number() | syntax.Quantity() | syntax.Arithmetic() | syntax.Function():
             raise PositionedError(
                 f"'{_shown(node)}' is a number, not a formula; compare it with another",
                 node.position,
@@ -86,6 +120,26 @@ def _term(node: Formula | Term) -> Term:
     )
 
 
+def _whole(token: Token) -> int:
+    number = number_value(token)
+    if isinstance(number, float):
+        raise PositionedError(
+            f"a count is compared with a whole number, not '{token}'", TextPosition.of(token)
+        )
+    return number
+
+
+def _unit_text(token: Token) -> str:
+    unit = token[1:-1] if token.type == 'STRING' else str(token)
+    try:
+        check_unit(unit)
+    except DyKnowError as error:
+        is_long = token.type == 'UNIT' and not unit.isalpha()
+        hint = '; if only a part of it is the unit, put that in double quotes' if is_long else ''
+        raise PositionedError(f'{error.message}{hint}', TextPosition.of(token)) from None
+    return unit
+
+
 def _connective(kind: Callable[..., Formula]) -> Callable[..., Formula]:
     def build(_: object, left: Formula | Term, right: Formula | Term) -> Formula:
         return kind(_formula(left), _formula(right), position=left.position)
@@ -95,7 +149,7 @@ def _connective(kind: Callable[..., Formula]) -> Callable[..., Formula]:
 
 def _temporal(kind: Callable[..., Formula]) -> Callable[..., Formula]:
     def build(_: object, _word: Token, interval: Interval | None, body: Formula | Term) -> Formula:
-        return kind(_formula(body), interval or syntax.ALL_FUTURE)
+        return kind(_formula(body), interval or ALL_FUTURE)
 
     return build
 
@@ -104,7 +158,7 @@ def _binary(kind: Callable[..., Formula]) -> Callable[..., Formula]:
     def build(
         _: object, left: Formula | Term, interval: Interval | None, right: Formula | Term
     ) -> Formula:
-        interval = interval or syntax.ALL_FUTURE
+        interval = interval or ALL_FUTURE
         return kind(_formula(left), _formula(right), interval, position=left.position)
 
     return build
@@ -142,6 +196,37 @@ class _FormulaBuilder(SyntaxBuilder[Any]):
     def previous(self, _word: Token, body: Formula | Term) -> Formula:
         return syntax.Previous(_formula(body))
 
+    def count(
+        self,
+        words: Token,
+        number: Token,
+        variable: Token,
+        sort: Token | None,
+        body: Formula | Term,
+    ) -> Formula:
+        bound = syntax.CountBound(' '.join(words.split()))
+        named = str(variable), str(sort or f'?{variable}')
+        return syntax.Count(*named, _formula(body), bound, _whole(number))
+
+    def count_of(self, words: Token, number: Token, *members: Formula | Term) -> Formula:
+        bound = syntax.CountBound(' '.join(words.split()))
+        return syntax.CountOf(bound, _whole(number), tuple(map(_formula, members)))
+
+    def constant(self, name: Token, value: Formula | Term) -> tuple[syntax.Object, Any]:
+        return syntax.Object(str(name), position=TextPosition.of(name)), value
+
+    def unit(self, name: Token, unit: Token) -> tuple[syntax.Object, str]:
+        text = str(name if name.type == 'NAME' else self.reference(name))
+        # A feature without a unit is a pure number.
+        found = _unit_text(unit) if unit != '""' else ''
+        return syntax.Object(text, position=TextPosition.of(name)), found
+
+    def let(self, *children: Any) -> Formula:
+        *bindings, body = children
+        units = tuple(each for each in bindings if isinstance(each[1], str))
+        constants = tuple(each for each in bindings if not isinstance(each[1], str))
+        return syntax.Let(constants, units, _formula(body))
+
     def not_(self, _word: Token, body: Formula | Term) -> Formula:
         return syntax.Not(_formula(body))
 
@@ -154,12 +239,19 @@ class _FormulaBuilder(SyntaxBuilder[Any]):
         return syntax.Arithmetic(symbol, _term(left), _term(right), position=left.position)
 
     def negative(self, minus: Token, operand: Formula | Term) -> Term:
-        if isinstance(operand, syntax.Number):
+        if isinstance(operand, syntax.Number | syntax.Quantity):
             return replace(operand, value=-operand.value, position=TextPosition.of(minus))
         return syntax.Arithmetic('-', syntax.Number(0), _term(operand))
 
     def number(self, token: Token) -> Term:
         return syntax.Number(number_value(token))
+
+    def quantity(self, number: Token, unit: Token) -> Term:
+        return syntax.Quantity(number_value(number), _unit_text(unit))
+
+    def call(self, name: Token, *arguments: Formula | Term) -> Term:
+        check_call(name, len(arguments))
+        return syntax.Function(str(name), tuple(map(_term, arguments)))
 
     def text(self, token: Token) -> Term:
         return syntax.TextLiteral(re.sub(r'\\(.)', r'\1', token[1:-1]))
@@ -182,11 +274,7 @@ class _FormulaBuilder(SyntaxBuilder[Any]):
 
     def feature(self, token: Token, arguments: tuple[syntax.Object, ...]) -> Term:
         if token in FUNCTIONS:
-            message = (
-                f"'{token}' is the name of a function, and formulas have none; apply a "
-                'computational unit in a stream, and use that stream'
-            )
-            raise PositionedError(message, TextPosition.of(token))
+            raise not_a_function(token)
         return syntax.Feature(str(token), arguments)
 
     def arguments(self, *tokens: Token) -> tuple[syntax.Object, ...]:
@@ -197,7 +285,7 @@ class _FormulaBuilder(SyntaxBuilder[Any]):
     ) -> Interval:
         start = duration_value(first) + (opening == '(')
         if last.type == 'INFINITY':
-            return syntax.Interval(start, None)
+            return Interval(start, None)
         end = duration_value(last) - (closing == ')')
         if end < start:
             written = f'{opening}{first}, {last}{closing}'
@@ -205,4 +293,4 @@ class _FormulaBuilder(SyntaxBuilder[Any]):
                 f"the interval '{written}' is empty; it must end after it begins",
                 TextPosition.of(opening),
             )
-        return syntax.Interval(start, end)
+        return Interval(start, end)

@@ -9,7 +9,7 @@ alone is a boolean. A kind that the formula leaves open follows from the values 
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import StrEnum
 from typing import TypeAlias
@@ -18,6 +18,8 @@ from dyknow_common import PositionedError, TextPosition
 from dyknow_reasoning.language import formula as syntax
 from dyknow_reasoning.language.formula import Formula, Term, parts, walk
 from dyknow_reasoning.language.grammar import LANGUAGE
+
+_QUANTIFIERS = syntax.Forall | syntax.Exists | syntax.Count
 
 
 class Kind(StrEnum):
@@ -66,7 +68,7 @@ class _TypeChecker:
     def check_names(self, formula: Formula) -> None:
         """Check that a name stands for one thing: a feature, a sort, a variable or an object."""
         nodes = list(walk(formula))
-        quantifiers = [node for node in nodes if isinstance(node, syntax.Forall | syntax.Exists)]
+        quantifiers = [node for node in nodes if isinstance(node, _QUANTIFIERS)]
         variables = {node.variable for node in quantifiers}
         sorts = {node.sort for node in quantifiers}
         objects = {node.name for node in nodes if isinstance(node, syntax.Object)}
@@ -81,7 +83,7 @@ class _TypeChecker:
 
     def check_variables(self, node: Formula | Term, bound: Mapping[str, TextPosition]) -> None:
         """Check that no quantifier binds a variable again."""
-        if isinstance(node, syntax.Forall | syntax.Exists):
+        if isinstance(node, _QUANTIFIERS):
             if node.variable in bound:
                 raise PositionedError(
                     f"the variable '{node.variable}' is bound already, "
@@ -117,17 +119,23 @@ class _TypeChecker:
             case syntax.Comparison('=' | '!=', left, right):
                 for side in (left, right):
                     self._infer_numbers(side)
-            case syntax.Comparison() | syntax.Arithmetic():
+            case syntax.Comparison() | syntax.Arithmetic() | syntax.Function():
                 self._infer_numbers(node)
             case _:
                 for part in parts(node):
                     self._infer_use(part)
 
     def _infer_numbers(self, node: Formula | Term) -> None:
-        if isinstance(node, syntax.Comparison | syntax.Arithmetic):
-            for side in (node.left, node.right):
-                self._infer_numbers(side)
-                self._require(side, Kind.NUMBER, f"as an operand of '{node.operator}'")
+        match node:
+            case syntax.Comparison(symbol, left, right) | syntax.Arithmetic(symbol, left, right):
+                operands: tuple[Term, ...] = (left, right)
+            case syntax.Function(symbol, operands):
+                pass
+            case _:
+                return
+        for each in operands:
+            self._infer_numbers(each)
+            self._require(each, Kind.NUMBER, f"as an operand of '{symbol}'")
 
     def _infer_equality(self, node: syntax.Comparison) -> None:
         left, right = self._kind(node.left), self._kind(node.right)
@@ -138,7 +146,7 @@ class _TypeChecker:
 
     def _kind(self, term: Term) -> Kind | None:
         match term:
-            case syntax.Number() | syntax.Arithmetic():
+            case syntax.Number() | syntax.Quantity() | syntax.Arithmetic() | syntax.Function():
                 return Kind.NUMBER
             case syntax.TextLiteral():
                 return Kind.STRING
@@ -184,7 +192,7 @@ def _check_feature(node: syntax.Feature, variables: set[str], objects: set[str])
 
 
 def _check_sorts(
-    quantifiers: list[syntax.Forall | syntax.Exists], nodes: list[Formula | Term]
+    quantifiers: Sequence[syntax.Forall | syntax.Exists | syntax.Count], nodes: list[Formula | Term]
 ) -> None:
     """Check that each variable without a sort is an argument of a feature, which has one."""
     arguments = {
@@ -194,7 +202,7 @@ def _check_sorts(
         if not node.is_sorted and node.variable not in arguments:
             raise PositionedError(
                 f"the sort of '{node.variable}' is unknown, as no feature has it as an argument; "
-                f'write {node.symbol} {node.variable} in SORT: ...',
+                f'write {node.words} {node.variable} in SORT: ...',
                 node.position,
             )
 

@@ -16,6 +16,7 @@ from dyknow_reasoning.language.formula import (
     Feature,
     FieldReference,
     Formula,
+    Function,
     Number,
     Object,
     PastAtom,
@@ -25,6 +26,7 @@ from dyknow_reasoning.language.formula import (
     walk,
 )
 from dyknow_reasoning.language.type_checking import Kind, Kinds
+from dyknow_reasoning.progression.functions import call_function
 
 Values: TypeAlias = Mapping[str, Value]
 """A value for each ground feature, by its canonical text."""
@@ -68,6 +70,16 @@ NEGATED_COMPARISONS: Mapping[str, str] = {
 }
 """The negation of each comparison operator."""
 
+MIRRORED_COMPARISONS: Mapping[str, str] = {
+    '=': '=',
+    '!=': '!=',
+    '<': '>',
+    '>': '<',
+    '<=': '>=',
+    '>=': '<=',
+}
+"""Each comparison operator with its sides exchanged."""
+
 
 def field_name(node: Term | Atom) -> str:
     """Return the name of the field that holds the value of a feature or of a past operator."""
@@ -87,6 +99,9 @@ def evaluate(term: Term, values: Values) -> Value:
         case Arithmetic(symbol, left, right):
             result: Value = CALCULATE[symbol](evaluate(left, values), evaluate(right, values))
             return result
+        case Function(name, arguments):
+            operands: list[Any] = [evaluate(each, values) for each in arguments]
+            return call_function(name, operands)
         case Object():
             return str(term)
         case _:
@@ -146,6 +161,8 @@ def _reader(term: Term, kinds: Kinds) -> _Reader:
             return lambda _: value
         case Arithmetic():
             return _calculation(term, kinds)
+        case Function():
+            return _call(term, kinds)
         case Feature() | FieldReference():
             return _field(term, kind_of(term, kinds))
         case _:
@@ -166,6 +183,20 @@ def _calculation(term: Arithmetic, kinds: Kinds) -> _Reader:
         if result != result:  # noqa: PLR0124 - only NaN differs from itself
             raise ReasoningError(f"'{term}' is {first} {term.operator} {second}: not a number")
         return result
+
+    return read
+
+
+def _call(term: Function, kinds: Kinds) -> _Reader:
+    readers = [_reader(each, kinds) for each in term.arguments]
+
+    def read(values: Values) -> int | float:
+        operands = [reader(values) for reader in readers]
+        try:
+            return call_function(term.name, operands)
+        except ReasoningError as error:
+            shown = ', '.join(map(str, operands))
+            raise ReasoningError(f"'{term}' is {term.name}({shown}): {error}") from None
 
     return read
 

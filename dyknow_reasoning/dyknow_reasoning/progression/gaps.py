@@ -41,6 +41,7 @@ from dyknow_reasoning.progression.nodes import (
     Literal,
     Node,
     Remembering,
+    AtLeast,
     Window,
     constant,
     descendants,
@@ -100,9 +101,9 @@ def halves_after(node: Node, gap: Gap, times: Sequence[int], store: NodeStore) -
                 found[each] = _window_halves(each, gap, times)
             case Remembering():
                 found[each] = TRUE, FALSE  # The memories are not those of the missing states.
-            case Junction():
+            case Junction() | AtLeast():
                 halves = zip(*(found[part] for part in each.parts), strict=True)
-                optimistic, pessimistic = (_junction(each, half, store) for half in halves)
+                optimistic, pessimistic = (_combined(each, half, store) for half in halves)
                 found[each] = optimistic, pessimistic
             case _:
                 found[each] = each, each
@@ -121,6 +122,8 @@ def apart(node: Node, mask: int, offset: int, store: NodeStore) -> Node:
             case Junction():
                 parts = [found[part] for part in each.parts]
                 found[each] = store.junction(parts, universal=each.universal)
+            case AtLeast():
+                found[each] = store.threshold(each.count, [found[part] for part in each.parts])
             case Window():
                 sides = found[each.left], found[each.right]
                 universal = each.universal
@@ -180,8 +183,13 @@ def _overlap(node: Window, gap: Gap, times: Sequence[int]) -> bool:
     return first <= last
 
 
-def _junction(node: Junction, members: tuple[Node, ...], store: NodeStore) -> Node:
-    return node if members == node.parts else store.junction(members, universal=node.universal)
+def _combined(node: Junction | AtLeast, members: tuple[Node, ...], store: NodeStore) -> Node:
+    """Return a node with other parts: the better or the worse they are, so is the node."""
+    if members == node.parts:
+        return node
+    if isinstance(node, AtLeast):
+        return store.threshold(node.count, members)
+    return store.junction(members, universal=node.universal)
 
 
 def unknowable(gap: Gap) -> ReasoningError:

@@ -19,6 +19,9 @@ from dyknow_reasoning.language.formula import (
     Arithmetic,
     Atom,
     Comparison,
+    Count,
+    CountBound,
+    CountOf,
     Equivalent,
     Eventually,
     Exists,
@@ -26,8 +29,10 @@ from dyknow_reasoning.language.formula import (
     FieldReference,
     Forall,
     Formula,
+    Function,
     Historically,
     Implies,
+    Let,
     Not,
     Object,
     Once,
@@ -50,6 +55,7 @@ from dyknow_reasoning.progression.atoms import NEGATED_COMPARISONS, fields, pred
 from dyknow_reasoning.progression.bounds import Bound
 from dyknow_reasoning.progression.node_store import NodeStore
 from dyknow_reasoning.progression.nodes import FALSE, TRUE, Constant, Node, constant, slots
+from dyknow_reasoning.progression.thresholds import Thresholds
 
 Domains: TypeAlias = Mapping[str, Sequence[str]]
 """The objects of each sort."""
@@ -122,7 +128,11 @@ def _ground_atoms(formula: Formula, binding: Binding, domains: Domains) -> Itera
             yield cast('StateAtom', _substitute(formula, binding))
         case Comparison(operator, left, right):
             yield Comparison(operator, _substitute(left, binding), _substitute(right, binding))
-        case Forall(variable, sort, body) | Exists(variable, sort, body):
+        case (
+            Forall(variable, sort, body)
+            | Exists(variable, sort, body)
+            | Count(variable, sort, body)
+        ):
             for name in _objects(sort, domains):
                 yield from _ground_atoms(body, {**binding, variable: name}, domains)
         case _:
@@ -151,6 +161,7 @@ class _Translator:
     def __init__(self, store: NodeStore, domains: Domains) -> None:
         self.slots: dict[Atom, int] = {}
         self._store = store
+        self._thresholds = Thresholds(store)
         self._domains = domains
 
     def node(  # noqa: PLR0911 - one for each kind
@@ -164,18 +175,18 @@ class _Translator:
                 return self._atom(formula, binding)
             case Not(body):
                 return self._store.negation(self.node(body, binding))
-            case Forall(variable, sort, body) | Exists(variable, sort, body):
-                names = _objects(sort, self._domains)
-                members = [self.node(body, {**binding, variable: name}) for name in names]
-                return self._store.junction(members, universal=isinstance(formula, Forall))
+            case Forall() | Exists() | Count() | CountOf():
+                return self._quantified(formula, binding)
             case And() | Or() | Implies() | Equivalent():
                 return self._connective(formula, binding)
             case Historically() | Once() | Previous() | Since():
                 return self._past(formula, binding)
             case PastAtom():
                 return self._literal(formula, positive=True)
-            case _:
+            case Always() | Eventually() | Until():
                 return self._window(formula, binding)
+            case Let():  # pragma: no cover - parsing replaces it
+                raise AssertionError(formula)
 
     def _past(self, formula: PastFormula, binding: Binding) -> Node:
         if not any(isinstance(each, Always | Eventually | Until) for each in walk(formula)):
@@ -205,13 +216,43 @@ class _Translator:
                 sides = self.node(left, binding), self.node(right, binding)
         start, end = formula.interval.start, formula.interval.end
         bounds = Bound(0, start) if start else None, None if end is None else Bound(0, end)
-        return self._store.window(*bounds, *sides, universal=isinstance(formula, Always))
+        universal = isinstance(formula, Always)
+        # The present state is in the interval, and decides what needs one state.
+        if not start and sides[1] is constant(value=not universal):
+            return sides[1]
+        return self._store.window(*bounds, *sides, universal=universal)
+
+    def _quantified(self, formula: Forall | Exists | Count | CountOf, binding: Binding) -> Node:
+        if isinstance(formula, CountOf):
+            members = [self.node(each, binding) for each in formula.members]
+            return self._count(formula.bound, formula.number, members)
+        members = [
+            self.node(formula.body, {**binding, formula.variable: name})
+            for name in _objects(formula.sort, self._domains)
+        ]
+        if isinstance(formula, Count):
+            return self._count(formula.bound, formula.number, members)
+        return self._thresholds.junction(members, universal=isinstance(formula, Forall))
+
+    def _count(self, bound: CountBound, number: int, members: Sequence[Node]) -> Node:
+        store = self._store
+        enough = store.threshold(number, members)
+        # At most `number` hold if all others do not.
+        rest = len(members) - number
+        few = store.threshold(rest, [store.negation(each) for each in members])
+        match bound:
+            case CountBound.AT_LEAST:
+                return enough
+            case CountBound.AT_MOST:
+                return few
+            case CountBound.EXACTLY:
+                return store.junction((enough, few), universal=True)
 
     def _connective(self, formula: And | Or | Implies | Equivalent, binding: Binding) -> Node:
         left, right = self.node(formula.left, binding), self.node(formula.right, binding)
         negation = self._store.negation
-        all_of = partial(self._store.junction, universal=True)
-        any_of = partial(self._store.junction, universal=False)
+        all_of = partial(self._thresholds.junction, universal=True)
+        any_of = partial(self._thresholds.junction, universal=False)
         match formula:
             case And():
                 return all_of((left, right))
@@ -241,6 +282,7 @@ class _Translator:
 
     def _literal(self, atom: Atom, *, positive: bool) -> Node:
         slot = self.slots.setdefault(atom, len(self.slots))
+        self._thresholds.add(slot, atom)
         return self._store.literal(slot, positive=positive)
 
 
@@ -322,6 +364,8 @@ def _substitute(term: Term, binding: Binding) -> Term:
             return Feature(name, tuple(map(Object, names)))
         case Arithmetic(operator, left, right):
             return Arithmetic(operator, _substitute(left, binding), _substitute(right, binding))
+        case Function(name, operands):
+            return Function(name, tuple(_substitute(each, binding) for each in operands))
         case _:
             return term
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from functools import cmp_to_key
 from itertools import count
 from typing import Any, TypeAlias
@@ -19,6 +19,7 @@ from dyknow_reasoning.progression.nodes import (
     PreviousState,
     Remembering,
     Sides,
+    AtLeast,
     Window,
     constant,
     descendants,
@@ -30,6 +31,7 @@ _WindowKey: TypeAlias = tuple[bool, Bound | None, Bound | None, Node, Node]
 _JunctionKey: TypeAlias = tuple[bool, tuple[Node, ...]]
 _PastKey: TypeAlias = tuple[bool, int, int | None, Node, Node] | tuple[bool, Node]
 _RememberingKey: TypeAlias = tuple[Node, tuple[Memory, ...]]
+_AtLeastKey: TypeAlias = tuple[int, tuple[Node, ...]]
 
 
 class NodeStore:
@@ -44,6 +46,7 @@ class NodeStore:
         self._chronology = chronology
         self._literals: dict[tuple[int, bool], Literal] = {}
         self._junctions: dict[_JunctionKey, Junction] = {}
+        self._thresholds: dict[_AtLeastKey, AtLeast] = {}
         self._windows: dict[_WindowKey, Window] = {}
         self._past: dict[_PastKey, PastNode] = {}
         self._remembering: dict[_RememberingKey, Remembering] = {}
@@ -54,7 +57,14 @@ class NodeStore:
         self._serials = count(1 + max((node.serial for node in adopted), default=0))
 
     def __len__(self) -> int:
-        found = (self._literals, self._junctions, self._windows, self._past, self._remembering)
+        found = (
+            self._literals,
+            self._junctions,
+            self._thresholds,
+            self._windows,
+            self._past,
+            self._remembering,
+        )
         return sum(len(each) for each in found)
 
     def literal(self, slot: int, *, positive: bool) -> Node:
@@ -136,6 +146,23 @@ class NodeStore:
             self._remembering[key] = found
         return found
 
+    def threshold(self, count: int, members: Iterable[Node]) -> Node:
+        """Return the simplified formula that at least `count` of the members hold."""
+        open_members: list[Node] = []
+        for member in members:
+            if type(member) is not Constant:
+                open_members.append(member)
+            elif member.value:
+                count -= 1
+        if count <= 0 or count > len(open_members):
+            return constant(value=count <= 0)
+        distinct = dict.fromkeys(open_members)
+        if count == 1 or len(distinct) == 1:
+            return self.junction(distinct, universal=False)
+        if count == len(open_members):
+            return self.junction(distinct, universal=True)
+        return self._threshold((count, tuple(sorted(open_members, key=_rank))))
+
     def negation(self, node: Node) -> Node:
         """Return the negation of a formula that has seen no state."""
         found = self._negations.get(node)
@@ -174,6 +201,9 @@ class NodeStore:
                         for past, entries in memories
                     )
                     found[each] = self.remembering(found[formula], kept)
+                case AtLeast(count, members):
+                    ordered = tuple(sorted((found[member] for member in members), key=_rank))
+                    found[each] = self._threshold((count, ordered))
                 case _:
                     found[each] = each
         return found[node]
@@ -184,6 +214,8 @@ class NodeStore:
                 self._literals[slot, positive] = node
             case Junction(universal, parts):
                 self._junctions[universal, parts] = node
+            case AtLeast(count, members):
+                self._thresholds[count, members] = node
             case Window(universal, start, end, left, right):
                 self._windows[universal, start, end, left, right] = node
             case PastWindow(universal, first, last, left, right):
@@ -202,6 +234,8 @@ class NodeStore:
             case Junction():
                 parts = map(self.negation, node.parts)
                 return self.junction(parts, universal=not node.universal)
+            case AtLeast(count, members):
+                return self.threshold(len(members) - count + 1, map(self.negation, members))
             case Window(universal, start, end, left, right):
                 opposite = self.negation(left), self.negation(right)
                 return self.window(start, end, *opposite, universal=not universal)
@@ -232,16 +266,16 @@ class NodeStore:
     def _junction(self, key: _JunctionKey) -> Junction:
         node = self._junctions.get(key)
         if node is None:
-            _, parts = key
-            unbounded = dict.fromkeys(window for part in parts for window in part.unbounded)
             node = self._junctions[key] = Junction(
-                *key,
-                serial=next(self._serials),
-                mask=_slots_of(parts),
-                size=1 + sum(part.size for part in parts),
-                depth=1 + max(part.depth for part in parts),
-                looks_back=any(part.looks_back for part in parts),
-                unbounded=tuple(unbounded),
+                *key, serial=next(self._serials), **_attributes(key[1])
+            )
+        return node
+
+    def _threshold(self, key: _AtLeastKey) -> AtLeast:
+        node = self._thresholds.get(key)
+        if node is None:
+            node = self._thresholds[key] = AtLeast(
+                *key, serial=next(self._serials), **_attributes(key[1])
             )
         return node
 
@@ -358,14 +392,21 @@ def _slots_of(nodes: Iterable[Node]) -> int:
     return mask
 
 
-def _over(*parts: Node) -> dict[str, Any]:
-    """Return the attributes of a node of the past over some parts."""
+def _attributes(parts: Sequence[Node]) -> dict[str, Any]:
+    """Return the attributes of a node over some parts, all but its serial number."""
+    unbounded = dict.fromkeys(window for part in parts for window in part.unbounded)
     return {
         'mask': _slots_of(parts),
         'size': 1 + sum(part.size for part in parts),
         'depth': 1 + max(part.depth for part in parts),
-        'looks_back': True,
+        'looks_back': any(part.looks_back for part in parts),
+        'unbounded': tuple(unbounded),
     }
+
+
+def _over(*parts: Node) -> dict[str, Any]:
+    """Return the attributes of a node of the past over some parts."""
+    return {**_attributes(parts), 'looks_back': True, 'unbounded': ()}
 
 
 def _rank(node: Node) -> tuple[int, int]:

@@ -1,8 +1,9 @@
 """Formulas as progression uses them: in negation normal form, each stored once.
 
-Two nodes cover the whole logic, each in a universal and an existential form: a junction (`and`,
-`or`) and a window (the negation of `until`, and `until`). `always F` is a universal window whose
-left side is false, `eventually F` an existential one whose left side is true. Atoms are numbers,
+Two nodes cover the logic without counts, each in a universal and an existential form: a junction
+(`and`, `or`) and a window (the negation of `until`, and `until`). `always F` is a universal window
+whose left side is false, `eventually F` an existential one whose left side is true. A threshold
+counts its parts; not at least 2 of 3 is at least 2 of the negations of these 3. Atoms are numbers,
 called slots, so formulas that differ only in their objects share their nodes.
 
 Equal nodes are one object: compare them with `is`.
@@ -67,6 +68,14 @@ class Junction(_NodeBase):
 
 
 @dataclass(eq=False, slots=True)
+class AtLeast(_NodeBase):
+    """At least `count` of some formulas, between all and one; a formula may occur several times."""
+
+    count: int
+    parts: tuple[Node, ...]
+
+
+@dataclass(eq=False, slots=True)
 class Window(_NodeBase):
     """`left until[start, end] right`, or its dual if universal.
 
@@ -118,7 +127,9 @@ class Remembering(_NodeBase):
     memories: tuple[Memory, ...]
 
 
-Node: TypeAlias = Constant | Literal | Junction | Window | PastWindow | PreviousState | Remembering
+Node: TypeAlias = (
+    Constant | Literal | Junction | AtLeast | Window | PastWindow | PreviousState | Remembering
+)
 
 Sides: TypeAlias = tuple[bool, Node, Node]
 """A window without its bounds: universal, left, right."""
@@ -148,7 +159,7 @@ def descendants(roots: Iterable[Node]) -> set[Node]:
         if node not in found:
             found.add(node)
             match node:
-                case Junction():
+                case Junction() | AtLeast():
                     pending.extend(node.parts)
                 case Remembering():
                     pending += members(node)
@@ -169,9 +180,9 @@ def operands(node: Node) -> tuple[Node, ...]:
 
 
 def pending_parts(node: Node) -> list[Node]:
-    """Return a node that has seen states and the parts of its junctions, the simplest first.
+    """Return a node that has seen states and all parts but sides of windows, the simplest first.
 
-    The sides of windows are not included: they have seen no state.
+    The sides of windows have seen no state.
     """
     found: dict[Node, None] = {}
     pending = [node]
@@ -184,9 +195,9 @@ def pending_parts(node: Node) -> list[Node]:
 
 
 def members(node: Node) -> tuple[Node, ...]:
-    """Return the parts of a junction, and of a formula that remembers, which have seen states."""
+    """Return the parts of a node that have seen states: all but the sides of operators."""
     match node:
-        case Junction():
+        case Junction() | AtLeast():
             return node.parts
         case Remembering():
             kept = (each for _, entries in node.memories for _, each in entries)

@@ -28,6 +28,7 @@ from dyknow_reasoning.progression.nodes import (
     Junction,
     Literal,
     Node,
+    AtLeast,
     Window,
 )
 
@@ -82,11 +83,14 @@ class Progression:
             return self.store.junction(members, universal=node.universal)
         if type(node) is Junction:
             members = self._step_parts(node, fresh=fresh)
+            if members != node.parts:
+                return self.store.junction(members, universal=node.universal)
             # Unchanged parts need no simplification: the order of their bounds never changes.
-            if members == node.parts:
-                return node
-            return self.store.junction(members, universal=node.universal)
-        if type(node) is Literal:
+        elif type(node) is AtLeast:
+            members = tuple([self.progress(part, fresh=fresh) for part in node.parts])
+            if members != node.parts:
+                return self.store.threshold(node.count, members)
+        elif type(node) is Literal:
             return TRUE if (self._symbol >> node.slot & 1) == node.positive else FALSE
         return node
 
@@ -137,7 +141,7 @@ class Progression:
         pending: list[Node] = [node]
         while pending:
             each = pending.pop()
-            if type(each) is Junction:
+            if isinstance(each, Junction | AtLeast):
                 found = {part for part in each.parts if part.depth > _RECURSION_DEPTH} - deep
                 deep |= found
                 pending.extend(found)

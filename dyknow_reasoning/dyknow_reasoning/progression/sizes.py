@@ -17,10 +17,14 @@ from dyknow_reasoning.language.formula import (
     Always,
     Arithmetic,
     Comparison,
+    Count,
+    CountBound,
+    CountOf,
     Exists,
     Feature,
     Forall,
     Formula,
+    Function,
     parts,
     walk,
 )
@@ -142,10 +146,20 @@ def amount(count: int) -> str:
 def _parts(formula: Formula, counts: Counts) -> int:
     match formula:
         case Comparison(_, left, right):
-            return 1 + sum(isinstance(each, Arithmetic) for each in chain(walk(left), walk(right)))
+            terms = chain(walk(left), walk(right))
+            return 1 + sum(isinstance(each, Arithmetic | Function) for each in terms)
         case Feature():
             return 1
         case Forall(_, sort, body) | Exists(_, sort, body):
             return 1 + counts.get(sort, 1) * _parts(body, counts)
+        case Count(_, sort, body, bound):
+            return _sides(bound) * (1 + counts.get(sort, 1) * _parts(body, counts))
+        case CountOf(bound, _, members):
+            return _sides(bound) * (1 + sum(_parts(each, counts) for each in members))
         case _:
             return 1 + sum(_parts(cast('Formula', part), counts) for part in parts(formula))
+
+
+def _sides(bound: CountBound) -> int:
+    """Return the number of counts that one is made of: exactly is at least and at most."""
+    return 2 if bound is CountBound.EXACTLY else 1

@@ -152,7 +152,8 @@ class RecordingEvaluation:
 
     def _ground(self, grounder: FormulaGrounder, requested: RequestedFormula) -> _Request:
         try:
-            return _Request(requested, grounder.ground(requested.text, self._start.trigger))
+            grounded = grounder.ground(requested.text, self._start.trigger, requested.constants)
+            return _Request(requested, grounded)
         except DyKnowError as error:
             return _Request(requested, error=error)
 

@@ -14,12 +14,15 @@ from dyknow_coordinator import (
     Grounding,
     check_symbols,
     feature_symbols,
+    find_units,
+    has_units,
     infer_sorts,
     parse_sources,
     sort_names,
     with_sorts,
+    with_units,
 )
-from dyknow_reasoning import FormulaGroup
+from dyknow_reasoning import NO_CONSTANTS, Constants, FormulaGroup, parse_formula
 from dyknow_recordings.evaluation.streams import RecordedStreams
 from dyknow_recordings.evaluation.vocabulary import Vocabulary
 
@@ -49,14 +52,21 @@ class FormulaGrounder:
         self._streams = streams
         self._search = CandidateSearch(self._matching_sources, streams.fields)
 
-    def ground(self, formula: str, trigger: str = '') -> GroundedFormula:
+    def ground(
+        self, formula: str, trigger: str = '', constants: Constants = NO_CONSTANTS
+    ) -> GroundedFormula:
         """Return the inputs of a formula, and of the trigger of its episodes.
+
+        Args:
+            formula: its text.
+            trigger: the text of the formula that begins its episodes; empty without one.
+            constants: the values of names that the texts do not define.
 
         Raises:
             DyKnowError: if a text is no formula, or has a sort or a feature that is not found.
         """
         group = FormulaGroup()
-        texts = [self._with_sorts(text) for text in filter(None, (formula, trigger))]
+        texts = [self._completed(text, constants) for text in filter(None, (formula, trigger))]
         for text in texts:
             group.add_formula(text, text)
         symbols = tuple(group.symbols())
@@ -75,14 +85,18 @@ class FormulaGrounder:
         )
         return GroundedFormula(texts[0], texts[1] if trigger else '', inputs)
 
-    def _with_sorts(self, text: str) -> str:
-        """Return the canonical text of a formula, in which every quantifier has a sort."""
+    def _completed(self, text: str, constants: Constants) -> str:
+        """Return the canonical text of a formula, with all sorts, and numbers without units."""
         group = FormulaGroup()
-        formula_id = group.add_formula(text, text)
+        formula_id = group.add_formula(text, text, constants)
         symbols: Sequence[Symbol] = group.symbols()
         check_symbols(symbols, Grounding.AUTO)
         canonical = str(group.formulas[formula_id])
-        return with_sorts(canonical, _finished(infer_sorts(symbols, self._query)))
+        formula = with_sorts(canonical, _finished(infer_sorts(symbols, self._query)))
+        if not has_units(canonical):
+            return formula
+        units = _finished(find_units(symbols, self._query))
+        return str(parse_formula(with_units(formula, units)))
 
     async def _matching_sources(self, concept: str) -> tuple[FeatureSource, ...]:
         return parse_sources(self._vocabulary.matching_streams(concept))

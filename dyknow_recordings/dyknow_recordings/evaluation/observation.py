@@ -16,8 +16,10 @@ from dyknow_reasoning import (
     Feature,
     FieldReference,
     Formula,
+    Function,
     Number,
     Term,
+    call_function_on_vectors,
     ground_atoms,
     parse_formula,
     parts,
@@ -227,6 +229,8 @@ class _Features:
                 with np.errstate(all='ignore'):
                     result: Numbers = CALCULATE[operator](self.numbers(left), self.numbers(right))
                 return result
+            case Function(name, operands):
+                return call_function_on_vectors(name, [self.numbers(each) for each in operands])
             case _:
                 name = str(term)
                 if name not in self._columns:

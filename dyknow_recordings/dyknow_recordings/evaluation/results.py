@@ -7,6 +7,7 @@ from enum import StrEnum
 
 from dyknow_common import DyKnowError, Verdict
 from dyknow_coordinator import SymbolGrounding
+from dyknow_reasoning import NO_CONSTANTS, Constants
 from dyknow_recordings.evaluation.observation import StateSignals
 from dyknow_stream_processing import Violation
 
@@ -30,10 +31,12 @@ class RequestedFormula:
     Args:
         text: in the formula language.
         name: for people; empty for its text.
+        constants: the values of names that the text does not define.
     """
 
     text: str
     name: str = ''
+    constants: Constants = NO_CONSTANTS
 
 
 @dataclass(frozen=True, slots=True)

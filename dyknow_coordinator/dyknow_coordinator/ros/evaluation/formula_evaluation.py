@@ -26,6 +26,7 @@ from dyknow_coordinator.grounding.feature_sources import SymbolGrounding
 from dyknow_coordinator.grounding.sorts import infer_sorts, with_sorts
 from dyknow_coordinator.grounding.state_specification import FormulaInputs
 from dyknow_coordinator.grounding.symbols import check_symbols, feature_symbols, sort_names
+from dyknow_coordinator.grounding.units import find_units, has_units, with_units
 from dyknow_coordinator.reporting.evaluation_status import EvaluationStatus
 from dyknow_coordinator.ros.context import CoordinatorContext
 from dyknow_coordinator.ros.evaluation.candidates import find_candidates
@@ -269,10 +270,13 @@ class FormulaEvaluation(Evaluation):
         symbols = await clients.symbols(group_id)
         check_symbols(symbols, self.request.grounding)
         sorts = await infer_sorts(symbols, clients.query)
-        if not sorts:
+        states_units = has_units(self.canonical_formula)
+        if not sorts and not states_units:
             return formula_id, symbols
         await clients.remove_formula(group_id, formula_id)
         formula = with_sorts(self.canonical_formula, sorts)
+        if states_units:
+            formula = with_units(formula, await find_units(symbols, clients.query))
         formula_id, self.canonical_formula = await clients.add_formula(group_id, name, formula)
         return formula_id, await clients.symbols(group_id)
 

@@ -98,6 +98,8 @@ class Automaton:
         self.has_grown = True
         self._progression = RememberingProgression([formula])
         self._locations: dict[Node, Location] = {}
+        # The steps that were found; over many atoms, each state may need another one.
+        self._found = 0
         self._limit = _MAX_NODES
 
     def move(self, location: Location, symbol: int, times: Times) -> Move:
@@ -136,8 +138,8 @@ class Automaton:
 
     @property
     def is_full(self) -> bool:
-        """True if there are so many nodes that `forget` should be called."""
-        return len(self._progression.store) > self._limit
+        """True if there are so many nodes or steps that `forget` should be called."""
+        return max(len(self._progression.store), self._found) > self._limit
 
     def forget(self, locations: Iterable[Location]) -> None:
         """Drop everything but the initial location and the given ones."""
@@ -145,6 +147,7 @@ class Automaton:
             location.moves.clear()
         self._locations = {each.node: each for each in locations if each is not self.initial}
         self._progression = RememberingProgression([self.initial.node, *self._locations])
+        self._found = 0
         self._limit = max(_MAX_NODES, 2 * len(self._progression.store))
 
     def _find(self, location: Location, symbol: int, times: Times) -> Move:
@@ -154,6 +157,7 @@ class Automaton:
         questions = progression.chronology.asked.items()
         move = self._move(node)
         self.has_grown = True
+        self._found += 1
         location.moves[symbol] = _grafted(location.moves.get(symbol), questions, move)
         return move
 

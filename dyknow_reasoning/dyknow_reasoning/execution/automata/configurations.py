@@ -23,6 +23,7 @@ from dyknow_reasoning.execution.automata.automaton import Automaton, Location, T
 
 _MAX_CONFIGURATIONS = 1 << 14
 _MAX_STEPS = 16
+_MAX_ENTRIES = 1 << 18
 
 
 @dataclass(eq=False, slots=True)
@@ -71,6 +72,7 @@ class Configurations:
         self._automaton = automaton
         self._numbers: dict[tuple[Location, Times], Configuration] = {}
         self._steps: set[int] = set()
+        self._entries = 0
 
     @property
     def are_too_many(self) -> bool:
@@ -80,7 +82,8 @@ class Configurations:
     @property
     def is_full(self) -> bool:
         """True if `forget` should be called."""
-        return self.are_too_many or len(self._steps) > _MAX_STEPS
+        has_many_steps = len(self._steps) > _MAX_STEPS
+        return self.are_too_many or has_many_steps or self._entries > _MAX_ENTRIES
 
     def at(self, location: Location, ages: Times) -> Configuration:
         """Return the configuration of a location and ages."""
@@ -107,6 +110,8 @@ class Configurations:
         same_windows = has_begun and target.unbounded == location.unbounded
         if same_atoms and same_windows and target.verdict is None:
             before.row(elapsed)[symbol] = after.row(elapsed)
+            self._entries += 1
+            self._automaton.has_grown |= self._entries > _MAX_ENTRIES
         return after
 
     def forget(self) -> None:
@@ -116,3 +121,4 @@ class Configurations:
         self.found = []
         self._numbers = {}
         self._steps.clear()
+        self._entries = 0

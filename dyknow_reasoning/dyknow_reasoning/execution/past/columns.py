@@ -12,7 +12,7 @@ import numpy as np
 
 from dyknow_reasoning.execution.past.machines import Machine, PreviousMachine, SinceMachine
 from dyknow_reasoning.execution.vectors.atom_vectors import Array
-from dyknow_reasoning.progression.nodes import Constant, Junction, Literal, Node
+from dyknow_reasoning.progression.nodes import Constant, Junction, Literal, Node, AtLeast
 
 _MAX_TIME = 1 << 60
 
@@ -29,6 +29,9 @@ def node_truths(node: Node, symbols: Array) -> Array:
             combine = np.logical_and if universal else np.logical_or
             found: Array = combine.reduce([node_truths(part, symbols) for part in parts])
             return found
+        case AtLeast(count=count, parts=parts):
+            counts: Array = np.sum([node_truths(part, symbols) for part in parts], axis=0)
+            return counts >= count
         case _:  # pragma: no cover - operands have no windows
             raise AssertionError(node)
 

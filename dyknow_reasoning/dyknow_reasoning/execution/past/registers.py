@@ -26,7 +26,15 @@ from dyknow_reasoning.progression.gaps import (
 )
 from dyknow_reasoning.progression.instances import PastOperands
 from dyknow_reasoning.progression.node_store import NodeStore
-from dyknow_reasoning.progression.nodes import TRUE, Constant, Junction, Literal, Node, slots
+from dyknow_reasoning.progression.nodes import (
+    TRUE,
+    AtLeast,
+    Constant,
+    Junction,
+    Literal,
+    Node,
+    slots,
+)
 
 _MAX_MEMO_ATOMS = 8
 
@@ -247,6 +255,8 @@ def _holds(node: Node, symbol: int) -> bool:
             return bool(symbol >> slot & 1) == positive
         case Junction(universal=universal, parts=parts):
             return (all if universal else any)(_holds(part, symbol) for part in parts)
+        case AtLeast(count=count, parts=parts):
+            return sum(_holds(part, symbol) for part in parts) >= int(count)
         case _:  # pragma: no cover - operands have no windows
             raise AssertionError(node)
 

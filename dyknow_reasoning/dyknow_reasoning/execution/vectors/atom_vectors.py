@@ -21,6 +21,7 @@ from dyknow_reasoning.language.formula import (
     Comparison,
     Feature,
     FieldReference,
+    Function,
     Number,
     Term,
     TextLiteral,
@@ -35,6 +36,7 @@ from dyknow_reasoning.progression.atoms import (
     has_unknown_kind,
     kind_of,
 )
+from dyknow_reasoning.progression.functions import call_function_on_vectors
 
 Array: TypeAlias = 'np.ndarray[Any, np.dtype[Any]]'
 
@@ -128,6 +130,11 @@ class FieldVectors:
                 left = self._terms([part.left for part in parts], kinds)
                 right = self._terms([part.right for part in parts], kinds)
                 return lambda: _calculated(symbol, left(), right())
+            case Function(name):
+                calls = [term for term in terms if isinstance(term, Function)]
+                columns = zip(*(call.arguments for call in calls), strict=True)
+                operands = [self._terms(column, kinds) for column in columns]
+                return lambda: _called(name, [operand() for operand in operands])
             case Feature() | FieldReference() as term:
                 field = self._field(terms, kind_of(term, kinds))
                 return lambda: field.values
@@ -267,6 +274,14 @@ def _calculated(symbol: str, left: Any, right: Any) -> Any:
     if np.isnan(result).any():
         raise UnreadableError
     return result.astype(int) if whole and symbol != '/' else result
+
+
+def _called(name: str, operands: Sequence[Any]) -> Array:
+    """Return the values of a function, exactly as for single values."""
+    result = call_function_on_vectors(name, operands)
+    if np.isnan(result).any():
+        raise UnreadableError
+    return result
 
 
 def _are_small(sides: Iterable[Array]) -> bool:

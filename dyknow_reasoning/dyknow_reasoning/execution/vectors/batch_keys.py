@@ -11,6 +11,7 @@ from dyknow_reasoning.language.formula import (
     Comparison,
     Feature,
     FieldReference,
+    Function,
     Number,
     Term,
     TextLiteral,
@@ -54,6 +55,9 @@ def _term_form(term: Term, kinds: Kinds) -> Any:
         case Arithmetic(symbol, left, right):
             sides = _term_form(left, kinds), _term_form(right, kinds)
             return None if None in sides else (symbol, *sides)
+        case Function(name, arguments):
+            operands = [_term_form(each, kinds) for each in arguments]
+            return None if None in operands else (name, *operands)
         case Feature() | FieldReference():
             return ('field', kind_of(term, kinds))
         case _:

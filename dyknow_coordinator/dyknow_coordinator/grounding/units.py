@@ -1,0 +1,75 @@
+"""Units of features, for formulas that have numbers with units.
+
+In the canonical text of a formula, the unit of a number is in double quotes: `Power[u] > 1 "kW"`.
+If the ontology says that `Power` is in W, the formula is `let Power: "W" in (Power[u] > 1 "kW")`,
+from which the reasoning engine makes `Power[u] > 1000.0`.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Awaitable, Callable, Iterable, Mapping, Sequence
+from typing import Final
+
+from dyknow_common import Symbol, quoted
+from dyknow_coordinator.errors import CoordinationError
+from dyknow_coordinator.grounding.symbols import feature_symbols
+
+_QUERY: Final = """
+    SELECT DISTINCT ?above ?unit WHERE {{
+        ?feature rdfs:subClassOf* ?above .
+        ?above <http://www.dyknow.org/ontology#unit> ?unit .
+        FILTER(STRENDS(STR(?feature), "#{feature}") || STRENDS(STR(?feature), "/{feature}"))
+    }}
+"""
+
+# The unit of a number, or another text in quotes.
+_QUOTED: Final = re.compile(r'(?P<unit>(?<=[0-9]) )?"(?:\\.|[^"\\])*"')
+
+
+def has_units(formula: str) -> bool:
+    """Return True if a number in a canonical text has a unit."""
+    return any(found['unit'] for found in _QUOTED.finditer(formula))
+
+
+async def find_units(
+    symbols: Iterable[Symbol], query: Callable[[str], Awaitable[Sequence[tuple[str, ...]]]]
+) -> dict[str, str]:
+    """Return the unit of each feature among symbols, by name; empty for one without a unit.
+
+    Args:
+        symbols: of the formula.
+        query: returns the solutions of a SPARQL query of the ontology.
+
+    Raises:
+        DyKnowError: for a feature with several units, or if the query fails.
+    """
+    names = [each.name for each in feature_symbols(symbols) if not each.is_reference]
+    return {
+        name: only_unit(name, await query(_QUERY.format(feature=name)))
+        for name in dict.fromkeys(names)
+    }
+
+
+def only_unit(feature: str, rows: Sequence[tuple[str, ...]]) -> str:
+    """Return the unit of a feature, given the concepts that state one; empty if none does.
+
+    A feature that states its unit does not inherit it.
+
+    Raises:
+        CoordinationError: if there are several.
+    """
+    own = {unit for concept, unit in rows if concept.rpartition(':')[2] == feature}
+    found = own or {unit for _, unit in rows}
+    if len(found) > 1:
+        raise CoordinationError(
+            f"the unit of '{feature}' is ambiguous, as concepts above it have different ones: "
+            f'{", ".join(sorted(found))}; write plain numbers'
+        )
+    return next(iter(found), '')
+
+
+def with_units(formula: str, units: Mapping[str, str]) -> str:
+    """Return a text that states the units of features before a formula."""
+    stated = ', '.join(f'{name}: {quoted(unit)}' for name, unit in units.items())
+    return f'let {stated} in ({formula})' if stated else formula

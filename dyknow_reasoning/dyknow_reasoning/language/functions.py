@@ -1,0 +1,42 @@
+"""The functions of terms, and how many operands they have."""
+
+from __future__ import annotations
+
+from typing import Final
+
+from lark import Token
+
+from dyknow_common import PositionedError, TextPosition
+
+_OPERANDS: Final[dict[str, tuple[str, int, int | None]]] = {
+    'abs': ('one operand', 1, 1),
+    'sqrt': ('one operand', 1, 1),
+    'angle_difference': ('two operands', 2, 2),
+    'min': ('two operands or more', 2, None),
+    'max': ('two operands or more', 2, None),
+    'hypot': ('two operands or more', 2, None),
+}
+"""For each function, its operands in words, the fewest and the most."""
+
+
+def check_call(name: Token, operands: int) -> None:
+    """Check that a function has this number of operands.
+
+    Raises:
+        PositionedError: if it has not.
+    """
+    wanted, fewest, most = _OPERANDS[name]
+    if operands < fewest or (most is not None and operands > most):
+        raise PositionedError(f"'{name}' has {wanted}, not {operands}", TextPosition.of(name))
+
+
+def not_a_function(name: Token) -> PositionedError:
+    """Return the error of a name that is reserved for functions, where it is not one."""
+    if name in _OPERANDS:
+        message = f"'{name}' is a function; write its operands in round brackets, {name}(...)"
+    else:
+        message = (
+            f"'{name}' is no function of formulas, which are {', '.join(_OPERANDS)}; apply a "
+            'computational unit in a stream, and use that stream'
+        )
+    return PositionedError(message, TextPosition.of(name))

@@ -1,0 +1,214 @@
+"""Numbers with units of measurement, converted to the units of the features beside them.
+
+Terms that are compared, added or subtracted must have one unit, that of the first one that is not
+a number. Numbers are converted, values of features never. Example, where `Distance` is in m and
+`Time` in s:
+
+    Distance[u] - 1 km < Time[u] * 10 m/s      1 km beside Distance[u] is 1000.0, in m
+    Distance[u] - 1000.0 < Time[u] * 10        m and (s)*(m/s) are the same unit
+
+With `36 km/h` instead, the right side would be in (s)*(km/h). That is an error, as it is no number.
+
+Comparisons without such a number are not checked: their plain numbers are in the units of the
+features.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any, TypeAlias
+
+from dyknow_common import DyKnowError, PositionedError, unit_conversion
+from dyknow_reasoning.errors import ReasoningError
+from dyknow_reasoning.language.constants import Units
+from dyknow_reasoning.language.formula import (
+    Arithmetic,
+    Comparison,
+    Feature,
+    FieldReference,
+    Formula,
+    Function,
+    Number,
+    Quantity,
+    Term,
+    walk,
+    with_changed_parts,
+)
+
+_Measured: TypeAlias = tuple[Term, str | None]
+"""A term and its unit; None for a plain number."""
+
+_NO_UNITS = 'state the unit, let {name}: UNIT in ..., or write a plain number'
+
+
+def with_converted_numbers(formula: Formula, units: Units) -> Formula:
+    """Return a formula in which numbers have no units.
+
+    Without any units, comparisons of features keep theirs: the units may be stated later.
+
+    Args:
+        formula: without `let`.
+        units: of the features and references, by name; empty for one that is a pure number.
+
+    Raises:
+        PositionedError: for a number that does not convert, or beside something without a unit.
+    """
+    converted: Formula = _converted(formula, _Conversion(units))
+    return converted
+
+
+def check_units_are_known(formula: Formula) -> None:
+    """Check that all numbers with a unit were converted.
+
+    Raises:
+        ReasoningError: names the first that was not, and a feature beside it.
+    """
+    for node in walk(formula):
+        if isinstance(node, Comparison) and (quantity := _quantity(node)):
+            name = next(str(each.name) for each in walk(node) if isinstance(each, Feature))
+            correction = _NO_UNITS.format(name=name)
+            raise ReasoningError(
+                f"'{quantity}' has a unit, and the unit of '{name}' is not known; {correction}"
+            )
+
+
+def _converted(node: Any, conversion: _Conversion) -> Any:
+    if not isinstance(node, Comparison):
+        return with_changed_parts(node, lambda part: _converted(part, conversion))
+    if _quantity(node) is None:
+        return node
+    fields = [each for each in walk(node) if isinstance(each, Feature | FieldReference)]
+    if fields and not conversion.units and all(isinstance(each, Feature) for each in fields):
+        return node
+    (left, _), (right, _) = conversion.alike((node.left, node.right))
+    return Comparison(node.operator, left, right, position=node.position)
+
+
+def _quantity(node: Comparison) -> Quantity | None:
+    return next((each for each in walk(node) if isinstance(each, Quantity)), None)
+
+
+@dataclass(frozen=True, slots=True)
+class _Conversion:
+    """The conversion of the numbers of comparisons; its methods raise `PositionedError`."""
+
+    units: Units
+
+    def alike(
+        self, terms: Sequence[Term], wanted: str | None = None, *, is_sum: bool = False
+    ) -> list[_Measured]:
+        """Return terms that must have one unit, with their numbers converted to it.
+
+        Args:
+            terms: the terms.
+            wanted: the unit; None for that of the first term that is not a number.
+            is_sum: True if they are added or subtracted.
+        """
+        measured = [self._measured(each) for each in terms]
+        fixed = [each for each in measured if not isinstance(each[0], Number | Quantity)]
+        anchor = next((each for each in (*fixed, *measured) if each[1] is not None), None)
+        if anchor is None:
+            return measured
+        unit = wanted or anchor[1] or ''
+        may_shift = not is_sum and isinstance(anchor[0], Feature | FieldReference)
+        return [
+            (self._in_unit(term, given, unit, may_shift=may_shift, is_sum=is_sum), unit)
+            for term, given in measured
+        ]
+
+    def _in_unit(
+        self, term: Term, given: str | None, unit: str, *, may_shift: bool, is_sum: bool
+    ) -> Term:
+        if given is None:
+            if is_sum and term == Number(0):
+                return term
+            message = f"'{term}' has no unit, and the number beside it has; give it one, or none"
+            raise PositionedError(message, term.position)
+        try:
+            convert = unit_conversion(given, unit)
+        except DyKnowError:
+            message = f"'{term}' is in {given}, which does not convert to {unit}"
+            raise PositionedError(message, term.position) from None
+        if isinstance(term, Quantity):
+            value = term.value if convert is None else _converted_value(term.value, convert)
+            if math.isinf(value):
+                raise PositionedError(f"'{term}' is too large in {unit}", term.position)
+            if convert is not None and convert(0) and not may_shift:
+                raise PositionedError(
+                    f"'{term}' is not a difference, as 0 {given} is not 0 {unit}; compare it with "
+                    f'a feature alone, or write a difference in {unit}',
+                    term.position,
+                )
+            return Number(value, position=term.position)
+        if convert is not None:
+            message = f"'{term}' is in {given} and the term beside it in {unit}"
+            raise PositionedError(f'{message}; convert one by a factor', term.position)
+        return term
+
+    def _measured(self, term: Term) -> _Measured:
+        match term:
+            case Quantity():
+                return term, term.unit
+            case Feature() | FieldReference():
+                return term, self._unit_of(term)
+            case Arithmetic('+' | '-' as operator, left, right):
+                (first, unit), (second, _) = self.alike((left, right), is_sum=True)
+                return Arithmetic(operator, first, second, position=term.position), unit
+            case Arithmetic():
+                return self._product(term)
+            case Function():
+                return self._function(term)
+            case _:
+                return term, None
+
+    def _product(self, term: Arithmetic) -> _Measured:
+        (left, first), (right, second) = self._measured(term.left), self._measured(term.right)
+        match left, term.operator, right:
+            case (Quantity(value, unit), '*', Number(factor)) | (
+                Number(factor),
+                '*',
+                Quantity(value, unit),
+            ):
+                return Quantity(value * factor, unit, position=term.position), unit
+        sides = (_plain(each) for each in (left, right))
+        product = Arithmetic(term.operator, *sides, position=term.position)
+        if second is None:
+            return product, first
+        return product, f'({first or "dimensionless"}){term.operator}({second})'
+
+    def _function(self, term: Function) -> _Measured:
+        if term.name == 'sqrt':
+            ((_, unit),) = self.alike(term.arguments)
+            if unit is not None:
+                message = f"the unit of '{term}' is not known; write plain numbers beside it"
+                raise PositionedError(message, term.position)
+            return term, None
+        wanted = 'rad' if term.name == 'angle_difference' else None
+        measured = self.alike(term.arguments, wanted)
+        arguments = tuple(argument for argument, _ in measured)
+        return Function(term.name, arguments, position=term.position), measured[0][1]
+
+    def _unit_of(self, term: Feature | FieldReference) -> str:
+        name = term.name if isinstance(term, Feature) else str(term)
+        if unit := self.units.get(name):
+            return unit
+        if isinstance(term, FieldReference):
+            reason = f"'{term}' is a field of a stream, which states no unit"
+        else:
+            known = name in self.units
+            reason = f"'{name}' has no unit" if known else f"the unit of '{name}' is not known"
+        correction = _NO_UNITS.format(name=name)
+        raise PositionedError(f'{reason}; {correction}', term.position)
+
+
+def _converted_value(value: float, convert: Callable[[float], float]) -> float:
+    try:
+        return convert(value)
+    except OverflowError:
+        return math.inf
+
+
+def _plain(term: Term) -> Term:
+    return Number(term.value, position=term.position) if isinstance(term, Quantity) else term

@@ -1,0 +1,94 @@
+"""Functions of numbers, over single values and over vectors, with the same results to the bit.
+
+Absolute values, extremes and square roots are exact or rounded correctly, by Python as by numpy.
+The others differ between the two, so vectors apply the function of Python to each element.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from functools import reduce
+from typing import Any, Final, TypeAlias
+
+import numpy as np
+
+from dyknow_reasoning.errors import ReasoningError
+
+_Array: TypeAlias = 'np.ndarray[Any, np.dtype[Any]]'
+_Number: TypeAlias = int | float
+
+
+def call_function(name: str, values: Sequence[_Number]) -> _Number:
+    """Return the value of a function.
+
+    Raises:
+        ReasoningError: if it has none.
+    """
+    try:
+        result = _FUNCTIONS[name](*values)
+    except (ValueError, ArithmeticError) as error:
+        reason = _REASONS.get(name) if isinstance(error, ValueError) else None
+        raise ReasoningError(reason or str(error)) from None
+    if math.isnan(result):
+        raise ReasoningError('not a number')
+    return result
+
+
+def call_function_on_vectors(name: str, vectors: Sequence[Any]) -> _Array:
+    """Return the values of a function for vectors and single numbers; NaN where it has none.
+
+    The integers must be small enough for a float to be exact.
+    """
+    with np.errstate(all='ignore'):
+        if name in _VECTOR_FUNCTIONS:
+            found: _Array = _VECTOR_FUNCTIONS[name](vectors)
+            return found
+    operands = np.broadcast_arrays(*vectors)
+    columns = (operand.ravel().tolist() for operand in operands)
+    values = (_value_or_nan(name, each) for each in zip(*columns, strict=True))
+    return np.fromiter(values, float, operands[0].size).reshape(operands[0].shape)
+
+
+def _value_or_nan(name: str, values: Sequence[_Number]) -> _Number:
+    try:
+        return _FUNCTIONS[name](*values)
+    except (ValueError, ArithmeticError):
+        return math.nan
+
+
+def _angle_difference(first: _Number, second: _Number) -> float:
+    difference = math.remainder(first - second, math.tau)
+    return math.pi if difference == -math.pi else difference
+
+
+def _extreme(choose: Callable[..., _Number]) -> Callable[..., _Number]:
+    """Return an extreme that is a float if any operand is one, as results of arithmetic are."""
+
+    def chosen(*values: _Number) -> _Number:
+        found = choose(values)
+        return float(found) if any(isinstance(each, float) for each in values) else found
+
+    return chosen
+
+
+_FUNCTIONS: Final[Mapping[str, Callable[..., _Number]]] = {
+    'abs': abs,
+    'min': _extreme(min),
+    'max': _extreme(max),
+    'sqrt': math.sqrt,
+    'hypot': math.hypot,
+    'angle_difference': _angle_difference,
+}
+
+_VECTOR_FUNCTIONS: Final[Mapping[str, Callable[[Sequence[Any]], _Array]]] = {
+    'abs': lambda vectors: np.abs(vectors[0]),
+    'min': lambda vectors: reduce(np.minimum, vectors),
+    'max': lambda vectors: reduce(np.maximum, vectors),
+    'sqrt': lambda vectors: np.sqrt(vectors[0]),
+}
+
+_REASONS: Final = {
+    'sqrt': 'a negative number has no square root',
+    'angle_difference': 'an infinite angle has no direction',
+}

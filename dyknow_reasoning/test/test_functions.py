@@ -1,0 +1,169 @@
+"""Functions of terms: their values, and their results on all paths."""
+
+from __future__ import annotations
+
+import math
+from itertools import product
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from test_paths import EXAMPLES, plain
+
+from dyknow_common import Verdict
+from dyknow_reasoning import FormulaGroup, FormulaResult, ReasoningError, parse_formula
+from dyknow_reasoning.execution import instance_pool
+from dyknow_reasoning.language.formula import Comparison
+from dyknow_reasoning.progression.atoms import evaluate
+
+NAMES = [f'o{index}' for index in range(30)]
+
+
+def decided(text: str, **values: Any) -> FormulaResult:
+    """The result of a formula at one state."""
+    group = FormulaGroup()
+    group.add_formula('it', text)
+    group.begin({})
+    (result,) = group.decided_at_once() or group.progress(0, values)
+    return result
+
+
+@pytest.mark.parametrize(
+    ('term', 'values', 'expected'),
+    [
+        ('abs(x)', {'x': -3.5}, 3.5),
+        ('abs(x)', {'x': -(1 << 60) - 1}, (1 << 60) + 1),
+        ('min(x, y)', {'x': 2, 'y': 1.5}, 1.5),
+        ('min(x, 5, y)', {'x': 7, 'y': 6}, 5),
+        ('max(x, y, 1)', {'x': -2, 'y': 0.5}, 1),
+        ('sqrt(x)', {'x': 2.25}, 1.5),
+        ('hypot(x, y)', {'x': 5, 'y': 12.0}, 13),
+        ('hypot(x, y, 12)', {'x': 3, 'y': 4}, 13),
+        ('hypot(x, y)', {'x': 3 * 2.0**600, 'y': 4 * 2.0**600}, 5 * 2.0**600),
+        ('angle_difference(x, y)', {'x': 3.0, 'y': -3.0}, math.remainder(6.0, math.tau)),
+        ('angle_difference(x, 0)', {'x': math.pi}, math.pi),
+        ('angle_difference(x, 0)', {'x': -math.pi}, math.pi),
+        ('angle_difference(0, x)', {'x': math.pi}, math.pi),
+        ('angle_difference(x, y)', {'x': 0.25, 'y': 0.5}, -0.25),
+        ('abs(min(x, -x)) * 2', {'x': 3}, 6),
+    ],
+)
+def test_values(term: str, values: dict[str, float], expected: float) -> None:
+    assert decided(f'{term} = z', z=expected, **values).verdict is Verdict.TRUE
+
+
+@pytest.mark.parametrize(
+    ('term', 'values', 'error'),
+    [
+        ('sqrt(x)', {'x': -4.0}, "'sqrt(x)' is sqrt(-4.0): a negative number has no square root"),
+        (
+            'angle_difference(x, 1)',
+            {'x': math.inf},
+            (
+                "'angle_difference(x, 1)' is angle_difference(inf, 1): an infinite angle has no "
+                'direction'
+            ),
+        ),
+        (
+            'angle_difference(x, x)',
+            {'x': math.inf},
+            "'angle_difference(x, x)' is angle_difference(inf, inf): not a number",
+        ),
+        (
+            'hypot(x, 1)',
+            {'x': 10**400},
+            f"'hypot(x, 1)' is hypot(1{'0' * 43}…{'0' * 49}, 1): int too large to convert to float",
+        ),
+    ],
+)
+def test_no_value_is_an_error(term: str, values: dict[str, float], error: str) -> None:
+    result = decided(f'{term} < 1', **values)
+    assert result.verdict is Verdict.UNDECIDED
+    assert str(result.error) == f'at 0.000 s: {error}'
+
+
+def test_constants_need_no_state() -> None:
+    result = decided('hypot(3, 4) = max(5, 2)')
+    assert result.explanation == 'it is true, whatever the states are'
+    assert 'sqrt(-1)' in str(decided('sqrt(-1) < 2').error)
+
+
+def test_an_explanation() -> None:
+    result = decided('hypot(x, y) < 5', x=3.0, y=4.5)
+    assert result.explanation == 'hypot(x, y) = 5.40832691 at 0.000 s is not < 5'
+
+
+CALLS = [
+    'abs(A)',
+    'min(A, B)',
+    'max(A, B, 1)',
+    'sqrt(A)',
+    'hypot(A, B)',
+    'angle_difference(A, B)',
+    'min(A, B) * A',
+]
+ANY = st.one_of(
+    st.floats(allow_nan=False),
+    st.floats(-10, 10),
+    st.sampled_from([math.pi, -math.pi, 3 * math.pi, -0.0, 0.0, math.inf]),
+)
+
+
+@settings(max_examples=EXAMPLES // 4, deadline=None)
+@given(
+    st.sampled_from(CALLS),
+    st.lists(st.tuples(ANY, ANY), min_size=3, max_size=6),
+    st.booleans(),
+)
+def test_all_paths_agree_to_the_bit(
+    call: str,
+    values: list[tuple[float, float]],
+    whole: bool,  # noqa: FBT001
+) -> None:
+    """Compare each call with its own value as computed for one state: it equals no other number."""
+    exact = []
+    for first, second in values:
+        state: dict[str, Any] = {'A': first, 'B': second}
+        if whole:
+            state = {name: int(max(-9, min(9, value))) for name, value in state.items()}
+        exact.append((state, value(call, state)))
+    texts = [
+        f'always {call.replace("A", f"A[{name}]").replace("B", f"B[{name}]")} = C[{name}]'
+        for name in NAMES
+    ]
+    found = []
+    for batch, many in product((1, 1000), (False, True)):
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr(instance_pool, '_MIN_BATCH_SIZE', batch)
+            group = FormulaGroup()
+            for text in texts:
+                group.add_formula(text, text)
+            group.begin({})
+            columns = {
+                f'{key}[{name}]': [{**state, 'C': result}[key] for state, result in exact]
+                for name in NAMES
+                for key in 'ABC'
+            }
+            times = range(len(exact))
+            if many:
+                arrays = {name: np.array(column) for name, column in columns.items()}
+                results = group.progress_many(times, arrays)
+            else:
+                results = []
+                for index in times:
+                    state = {name: column[index] for name, column in columns.items()}
+                    results += group.progress(index, state)
+            found.append([plain(each) for each in results])
+    assert all(each == found[0] for each in found)
+    assert not [each for each in found[0] if each.verdict is Verdict.FALSE]
+
+
+def value(call: str, state: dict[str, Any]) -> float:
+    formula = parse_formula(f'{call} = 0')
+    assert isinstance(formula, Comparison)
+    try:
+        return evaluate(formula.left, state)  # type: ignore[return-value]
+    except ReasoningError:
+        return 0.0

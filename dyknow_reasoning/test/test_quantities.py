@@ -1,0 +1,103 @@
+"""Numbers with units and named constants."""
+
+from __future__ import annotations
+
+import pytest
+
+from dyknow_common import LanguageError, TextPosition
+from dyknow_reasoning import FormulaGroup, ReasoningError, parse_constants, parse_formula
+
+
+@pytest.mark.parametrize(
+    ('text', 'expected'),
+    [
+        ('let v: km/h in v[r] < 1 m/s', 'v[r] < 3.6'),
+        ('let v: m/s in v[r] < 1 "m / s"', 'v[r] < 1'),
+        ('let v: m/s in v[r]<1m/s and p', '(v[r] < 1) and p'),
+        ('let v: m/s in -5 m/s <= v[r]', '-5 <= v[r]'),
+        ('let T: K in T < 20 degC', 'T < 293.15'),
+        ('let T: K in max(T, 0 degC) > 1 K', 'max(T, 273.15) > 1'),
+        ('let T: degC in T - 5 degC < 90 degC', '(T - 5) < 90'),
+        ('let D: m, t: s in D - 1 km < t * 10 m/s', '(D - 1000.0) < (t * 10)'),
+        ('let D: m, t: s in D / t > 5 m/s', '(D / t) > 5'),
+        ('let D: m, t: s in 1 / t < 2 Hz', '(1 / t) < 2'),
+        ('let D: m in -D < 2 * 1 km', '(0 - D) < 2000.0'),
+        ('let a: rad in angle_difference(a, 180 deg) < 1 deg', None),
+        ('let v: m/s in hypot(v, 36 km/h) > 2 m/s', None),
+        ('let c: "%" in c > 20 %', 'c > 20'),
+        ('let "/t".a[0].v: ft in "/t".a[0].v < 1 m', '"/t".a[0].v < 3.2808398950131235'),
+        ('1 km > 2 m', '1 > 0.002'),
+        ('v[r] < 1 m/s', 'v[r] < 1 "m/s"'),
+        ('always[0, 5 s] t[r] < 5 s', 'always[0 s, 5 s] (t[r] < 5 "s")'),
+        ('let a = 2, b = "on" in let c = true in x < a and m = b and (c = n)', None),
+        ('forall u in S: let most = 2 in P[u] < most', 'forall u in S: (P[u] < 2)'),
+        ('let most = 2 in p until q or x < most', '(p until q) or (x < 2)'),
+    ],
+)
+def test_canonical_texts(text: str, expected: str | None) -> None:
+    found = str(parse_formula(text))
+    assert str(parse_formula(found)) == found
+    if expected is not None:
+        assert found == expected
+
+
+def test_a_constant_is_the_same_as_its_value() -> None:
+    constants = parse_constants({'most': '-150 W', 'name': '"LAND"', 'on': 'true', 'no': '1e-3'})
+    text = 'let P: kW in P < most or m = name or on = q or on or x < no'
+    assert parse_formula(text, constants) == parse_formula(
+        'let P: kW in P < -150 W or m = "LAND" or true = q or true or x < 0.001'
+    )
+
+
+def test_the_position_of_a_constant_is_that_of_its_use() -> None:
+    with pytest.raises(LanguageError) as error:
+        parse_formula('let most = 3 kg, v: m/s in\n always v < most')
+    assert error.value.position == TextPosition(2, 13)
+    assert '\'3 "kg"\' is in kg, which does not convert to m/s' in error.value.message
+
+
+def test_constants_of_a_configuration_hide_nothing() -> None:
+    constants = parse_constants({'most': '3'})
+    for text in ('let most = 2 in x < most', 'always most[u] < 2', 'forall most in S: P[most]'):
+        with pytest.raises(LanguageError, match=r"'most' is .*in the configuration; "):
+            parse_formula(text, constants)
+
+
+@pytest.mark.parametrize(
+    ('name', 'value', 'message'),
+    [
+        ('most', '3 kgg', "formula:1:14: unknown unit 'kgg'"),
+        ('most', 'x', "formula:1:5: the constant 'most' must be a number, a quoted text"),
+        ('most', '1 + 2', "formula:1:5: the constant 'most' must be a number"),
+        ('most', '1, b = 2', "formula: the constant 'most' must be one number"),
+        ('a = 1, most', '1', "formula: the constant 'a = 1, most' must be one number"),
+        ('in', '1', "formula:1:5: unexpected 'in'"),
+    ],
+)
+def test_bad_constants(name: str, value: str, message: str) -> None:
+    with pytest.raises(LanguageError) as error:
+        parse_constants({name: value})
+    assert error.value.message.startswith(message)
+
+
+def test_a_group_needs_to_know_the_units() -> None:
+    group = FormulaGroup()
+    group.add_formula('it', 'always Speed[u1] < 1 m/s')
+    with pytest.raises(ReasoningError) as error:
+        group.begin({})
+    assert error.value.message == (
+        "'1 \"m/s\"' has a unit, and the unit of 'Speed' is not known; state the unit, "
+        'let Speed: UNIT in ..., or write a plain number'
+    )
+    known = FormulaGroup()
+    known.add_formula('it', 'let Speed: km/h in always Speed[u1] < 1 m/s')
+    known.begin({})
+    assert known.progress(0, {'Speed[u1]': 3.5}) == []
+    (result,) = known.progress(1, {'Speed[u1]': 3.6})
+    assert result.explanation.startswith('Speed[u1] = 3.6 at 0.000000001 s is not < 3.6')
+
+
+def test_many_lets_take_linear_time() -> None:
+    bindings = ', '.join(f'c{index} = {index}' for index in range(20_000))
+    uses = ' and '.join(f'x < c{index}' for index in range(50))
+    assert str(parse_formula(f'let {bindings} in {uses}')).count('x <') == 50
