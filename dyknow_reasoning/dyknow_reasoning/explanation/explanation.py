@@ -43,12 +43,12 @@ from dyknow_reasoning.progression.atoms import (
 from dyknow_reasoning.progression.bounds import Bound
 from dyknow_reasoning.progression.nodes import (
     TRUE,
+    AtLeast,
     Constant,
     Junction,
     Literal,
     Node,
     Sides,
-    Threshold,
     Window,
     constant,
     descendants,
@@ -143,14 +143,14 @@ class _Explainer:
                 return [self._fact(node)]
             case Junction():
                 return self._reasons_of_junction(node, fresh=fresh)
-            case Threshold():
-                return self._reasons_of_threshold(node, fresh=fresh)
+            case AtLeast():
+                return self._reasons_of_count(node, fresh=fresh)
             case Window():
                 return self._reasons_of_window(node, fresh=fresh)
             case Constant():
                 return [f'there is a state at {format_time(self._now)}']
 
-    def _reasons_of_threshold(self, node: Threshold, *, fresh: bool) -> list[str]:
+    def _reasons_of_count(self, node: AtLeast, *, fresh: bool) -> list[str]:
         verdict = self._progressed(node, fresh=fresh)
         parts = parts_in_order(node, self._atoms)
         deciding = [part for part in parts if self._progressed(part, fresh=fresh) is verdict]
@@ -159,7 +159,7 @@ class _Explainer:
             return [self._whatever_follows(node, fresh=fresh)]
         return [reason for part in deciding for reason in self._reasons(part, fresh=fresh)]
 
-    def _whatever_follows(self, node: Junction | Threshold, *, fresh: bool) -> str:
+    def _whatever_follows(self, node: Junction | AtLeast, *, fresh: bool) -> str:
         verdict = self._progressed(node, fresh=fresh)
         whatever = f'is {str(verdict is TRUE).lower()} whatever states follow'
         return f"'{self._remaining(node, fresh=fresh)}' {whatever}"
@@ -254,7 +254,7 @@ class _Explainer:
         end = None if node.end is None else node.end.offset
         return {each for each in self._intervals[sides(node)] if each.end == end}
 
-    def _remaining(self, node: Junction | Threshold, *, fresh: bool) -> str:
+    def _remaining(self, node: Junction | AtLeast, *, fresh: bool) -> str:
         """Return the text of what remains of a node after this state."""
         progressed = [
             self._progressed(part, fresh=fresh) for part in parts_in_order(node, self._atoms)
@@ -264,7 +264,7 @@ class _Explainer:
             for part in progressed
             if type(part) is not Constant
         ]
-        if isinstance(node, Threshold):
+        if isinstance(node, AtLeast):
             count = node.count - progressed.count(TRUE)
             return _shortened(f'at least {count} of ({", ".join(texts)})')
         word = ' and ' if node.universal else ' or '

@@ -11,10 +11,10 @@ from collections.abc import Iterator
 from typing import TypeAlias
 
 from dyknow_reasoning.progression.nodes import (
+    AtLeast,
     Junction,
     Node,
     Sides,
-    Threshold,
     Window,
     constant,
     descendants,
@@ -62,7 +62,7 @@ def _parts(node: Node, context: _Context) -> Iterator[tuple[Node, _Context]]:
             is_plain = context is None or node.universal is context
             alone = sum(map(_has_windows, node.parts)) == 1
             yield from ((part, context if is_plain or alone else '') for part in node.parts)
-        case Threshold():
+        case AtLeast():
             yield from ((part, context if context is None else '') for part in node.parts)
         case Window():
             fits = context in {None, node.universal} and _is_one_sided(node)

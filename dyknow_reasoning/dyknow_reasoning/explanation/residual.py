@@ -14,11 +14,11 @@ from dyknow_reasoning.progression.node_store import NodeStore
 from dyknow_reasoning.progression.nodes import (
     FALSE,
     TRUE,
+    AtLeast,
     Constant,
     Junction,
     Literal,
     Node,
-    Threshold,
     Window,
     bounds_of,
     descendants,
@@ -65,7 +65,7 @@ def holds_at_the_end(node: Node) -> bool:
             case Junction():
                 combine = all if each.universal else any
                 found[each] = combine(found[part] for part in each.parts)
-            case Threshold():
+            case AtLeast():
                 found[each] = sum(found[part] for part in each.parts) >= each.count
             case Window():
                 found[each] = each.universal
@@ -74,7 +74,7 @@ def holds_at_the_end(node: Node) -> bool:
     return found[node]
 
 
-def parts_in_order(node: Junction | Threshold, atoms: Sequence[Atom]) -> Sequence[Node]:
+def parts_in_order(node: Junction | AtLeast, atoms: Sequence[Atom]) -> Sequence[Node]:
     """Return the parts of a node in the order of their first atoms."""
     return sorted(node.parts, key=lambda part: _order(part, residual_text(part, atoms)))
 
@@ -102,7 +102,7 @@ def _text(node: Node, texts: Mapping[Node, str], atoms: Sequence[Atom]) -> str:
             *inner, last = others
             left = reduce(lambda left, right: f'({left} {word} {right})', inner, first)
             return f'{left} {word} {last}'
-        case Threshold():
+        case AtLeast():
             parts = sorted(node.parts, key=lambda part: _order(part, texts[part]))
             return f'at least {node.count} of ({", ".join(texts[part] for part in parts)})'
         case Window():

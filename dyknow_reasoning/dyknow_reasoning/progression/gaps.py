@@ -31,9 +31,9 @@ from dyknow_reasoning.progression.node_store import NodeStore
 from dyknow_reasoning.progression.nodes import (
     FALSE,
     TRUE,
+    AtLeast,
     Junction,
     Node,
-    Threshold,
     Window,
     constant,
     pending_parts,
@@ -84,7 +84,7 @@ def halves_after(node: Node, gap: Gap, times: Sequence[int], store: NodeStore) -
         match each:
             case Window():
                 found[each] = _window_halves(each, gap, times)
-            case Junction() | Threshold():
+            case Junction() | AtLeast():
                 halves = zip(*(found[part] for part in each.parts), strict=True)
                 optimistic, pessimistic = (_combined(each, half, store) for half in halves)
                 found[each] = optimistic, pessimistic
@@ -115,12 +115,12 @@ def _overlap(node: Window, gap: Gap, times: Sequence[int]) -> bool:
     return first <= last
 
 
-def _combined(node: Junction | Threshold, members: tuple[Node, ...], store: NodeStore) -> Node:
+def _combined(node: Junction | AtLeast, members: tuple[Node, ...], store: NodeStore) -> Node:
     """Return a node with other parts: the better or the worse they are, so is the node."""
     if members == node.parts:
         return node
-    if isinstance(node, Threshold):
-        return store.threshold(node.count, members)
+    if isinstance(node, AtLeast):
+        return store.at_least(node.count, members)
     return store.junction(members, universal=node.universal)
 
 

@@ -9,12 +9,12 @@ from typing import Any, TypeAlias
 
 from dyknow_reasoning.progression.bounds import Bound, Chronology
 from dyknow_reasoning.progression.nodes import (
+    AtLeast,
     Constant,
     Junction,
     Literal,
     Node,
     Sides,
-    Threshold,
     Window,
     constant,
     descendants,
@@ -23,7 +23,7 @@ from dyknow_reasoning.progression.nodes import (
 
 _WindowKey: TypeAlias = tuple[bool, Bound | None, Bound | None, Node, Node]
 _JunctionKey: TypeAlias = tuple[bool, tuple[Node, ...]]
-_ThresholdKey: TypeAlias = tuple[int, tuple[Node, ...]]
+_AtLeastKey: TypeAlias = tuple[int, tuple[Node, ...]]
 
 
 class NodeStore:
@@ -38,7 +38,7 @@ class NodeStore:
         self._chronology = chronology
         self._literals: dict[tuple[int, bool], Literal] = {}
         self._junctions: dict[_JunctionKey, Junction] = {}
-        self._thresholds: dict[_ThresholdKey, Threshold] = {}
+        self._counts: dict[_AtLeastKey, AtLeast] = {}
         self._windows: dict[_WindowKey, Window] = {}
         self._negations: dict[Node, Node] = {}
         adopted = descendants(roots)
@@ -47,7 +47,7 @@ class NodeStore:
         self._serials = count(1 + max((node.serial for node in adopted), default=0))
 
     def __len__(self) -> int:
-        junctions = len(self._junctions) + len(self._thresholds)
+        junctions = len(self._junctions) + len(self._counts)
         return len(self._literals) + junctions + len(self._windows)
 
     def literal(self, slot: int, *, positive: bool) -> Node:
@@ -95,7 +95,7 @@ class NodeStore:
         ordered = tuple(sorted(flat, key=_rank))
         return self._junction((universal, ordered))
 
-    def threshold(self, count: int, members: Iterable[Node]) -> Node:
+    def at_least(self, count: int, members: Iterable[Node]) -> Node:
         """Return the simplified formula that at least `count` of the members hold."""
         open_members: list[Node] = []
         for member in members:
@@ -110,7 +110,7 @@ class NodeStore:
             return self.junction(distinct, universal=False)
         if count == len(open_members):
             return self.junction(distinct, universal=True)
-        return self._threshold((count, tuple(sorted(open_members, key=_rank))))
+        return self._counted((count, tuple(sorted(open_members, key=_rank))))
 
     def negation(self, node: Node) -> Node:
         """Return the negation of a formula that has seen no state."""
@@ -139,9 +139,9 @@ class NodeStore:
                 case Junction(universal, members):
                     ordered = tuple(sorted((found[member] for member in members), key=_rank))
                     found[each] = self._junction((universal, ordered))
-                case Threshold(count, members):
+                case AtLeast(count, members):
                     ordered = tuple(sorted((found[member] for member in members), key=_rank))
-                    found[each] = self._threshold((count, ordered))
+                    found[each] = self._counted((count, ordered))
                 case _:
                     found[each] = each
         return found[node]
@@ -152,8 +152,8 @@ class NodeStore:
                 self._literals[slot, positive] = node
             case Junction(universal, members):
                 self._junctions[universal, members] = node
-            case Threshold(count, members):
-                self._thresholds[count, members] = node
+            case AtLeast(count, members):
+                self._counts[count, members] = node
             case Window(universal, start, end, left, right):
                 self._windows[universal, start, end, left, right] = node
 
@@ -166,8 +166,8 @@ class NodeStore:
             case Junction():
                 parts = map(self.negation, node.parts)
                 return self.junction(parts, universal=not node.universal)
-            case Threshold(count, members):
-                return self.threshold(len(members) - count + 1, map(self.negation, members))
+            case AtLeast(count, members):
+                return self.at_least(len(members) - count + 1, map(self.negation, members))
             case Window(universal, start, end, left, right):
                 opposite = self.negation(left), self.negation(right)
                 return self.window(start, end, *opposite, universal=not universal)
@@ -193,10 +193,10 @@ class NodeStore:
             node = self._junctions[key] = Junction(*key, **self._attributes(key[1]))
         return node
 
-    def _threshold(self, key: _ThresholdKey) -> Threshold:
-        node = self._thresholds.get(key)
+    def _counted(self, key: _AtLeastKey) -> AtLeast:
+        node = self._counts.get(key)
         if node is None:
-            node = self._thresholds[key] = Threshold(*key, **self._attributes(key[1]))
+            node = self._counts[key] = AtLeast(*key, **self._attributes(key[1]))
         return node
 
     def _attributes(self, members: tuple[Node, ...]) -> dict[str, Any]:

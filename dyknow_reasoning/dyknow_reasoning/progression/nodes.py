@@ -2,9 +2,9 @@
 
 Two nodes cover the logic without counts, each in a universal and an existential form: a junction
 (`and`, `or`) and a window (the negation of `until`, and `until`). `always F` is a universal window
-whose left side is false, `eventually F` an existential one whose left side is true. A threshold
-counts its parts; not at least 2 of 3 is at least 2 of the negations of these 3. Atoms are numbers,
-called slots, so formulas that differ only in their objects share their nodes.
+whose left side is false, `eventually F` an existential one whose left side is true. `AtLeast` counts
+its parts; "not at least 2 of 3" is "at least 2 of the 3 negations". Atoms are numbers, called
+slots, so formulas that differ only in their objects share their nodes.
 
 Equal nodes are one object: compare them with `is`.
 """
@@ -66,7 +66,7 @@ class Junction(_NodeBase):
 
 
 @dataclass(eq=False, slots=True)
-class Threshold(_NodeBase):
+class AtLeast(_NodeBase):
     """At least `count` of some formulas, between all and one; a formula may occur several times."""
 
     count: int
@@ -89,7 +89,7 @@ class Window(_NodeBase):
     right: Node
 
 
-Node: TypeAlias = Constant | Literal | Junction | Threshold | Window
+Node: TypeAlias = Constant | Literal | Junction | AtLeast | Window
 
 Sides: TypeAlias = tuple[bool, Node, Node]
 """A window without its bounds: universal, left, right."""
@@ -119,7 +119,7 @@ def descendants(roots: Iterable[Node]) -> set[Node]:
         if node not in found:
             found.add(node)
             match node:
-                case Junction() | Threshold():
+                case Junction() | AtLeast():
                     pending.extend(node.parts)
                 case Window():
                     pending += (node.left, node.right)
@@ -137,7 +137,7 @@ def pending_parts(node: Node) -> list[Node]:
         each = pending.pop()
         if each not in found:
             found[each] = None
-            pending.extend(each.parts if isinstance(each, Junction | Threshold) else ())
+            pending.extend(each.parts if isinstance(each, Junction | AtLeast) else ())
     return sorted(found, key=attrgetter('depth'))
 
 

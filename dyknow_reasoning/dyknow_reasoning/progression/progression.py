@@ -24,11 +24,11 @@ from dyknow_reasoning.progression.node_store import NodeStore
 from dyknow_reasoning.progression.nodes import (
     FALSE,
     TRUE,
+    AtLeast,
     Constant,
     Junction,
     Literal,
     Node,
-    Threshold,
     Window,
 )
 
@@ -86,10 +86,10 @@ class Progression:
             if members != node.parts:
                 return self.store.junction(members, universal=node.universal)
             # Unchanged parts need no simplification: the order of their bounds never changes.
-        elif type(node) is Threshold:
+        elif type(node) is AtLeast:
             members = tuple([self.progress(part, fresh=fresh) for part in node.parts])
             if members != node.parts:
-                return self.store.threshold(node.count, members)
+                return self.store.at_least(node.count, members)
         elif type(node) is Literal:
             return TRUE if (self._symbol >> node.slot & 1) == node.positive else FALSE
         return node
@@ -141,7 +141,7 @@ class Progression:
         pending: list[Node] = [node]
         while pending:
             each = pending.pop()
-            if isinstance(each, Junction | Threshold):
+            if isinstance(each, Junction | AtLeast):
                 found = {part for part in each.parts if part.depth > _RECURSION_DEPTH} - deep
                 deep |= found
                 pending.extend(found)
