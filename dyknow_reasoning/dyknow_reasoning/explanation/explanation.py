@@ -46,6 +46,7 @@ from dyknow_reasoning.progression.bounds import Bound
 from dyknow_reasoning.progression.memories import RememberingProgression
 from dyknow_reasoning.progression.nodes import (
     TRUE,
+    AtLeast,
     Constant,
     Junction,
     Literal,
@@ -54,7 +55,6 @@ from dyknow_reasoning.progression.nodes import (
     PreviousState,
     Remembering,
     Sides,
-    AtLeast,
     Window,
     constant,
     descendants,
@@ -142,7 +142,9 @@ class _Explainer:
     def _progressed(self, node: Node, *, fresh: bool) -> Node:
         return self._progression.progress(node, fresh=fresh)
 
-    def _reasons(self, node: Node, *, fresh: bool) -> list[str]:
+    def _reasons(  # noqa: PLR0911 - one for each kind
+        self, node: Node, *, fresh: bool
+    ) -> list[str]:
         """Return the reasons why the state decides a node."""
         match node:
             case Literal():
@@ -150,7 +152,7 @@ class _Explainer:
             case Junction():
                 return self._reasons_of_junction(node, fresh=fresh)
             case AtLeast():
-                return self._reasons_of_threshold(node, fresh=fresh)
+                return self._reasons_of_count(node, fresh=fresh)
             case Window():
                 return self._reasons_of_window(node, fresh=fresh)
             case Remembering():
@@ -162,7 +164,7 @@ class _Explainer:
             case Constant():
                 return [f'there is a state at {format_time(self._now)}']
 
-    def _reasons_of_threshold(self, node: AtLeast, *, fresh: bool) -> list[str]:
+    def _reasons_of_count(self, node: AtLeast, *, fresh: bool) -> list[str]:
         verdict = self._progressed(node, fresh=fresh)
         parts = parts_in_order(node, self._atoms)
         deciding = [part for part in parts if self._progressed(part, fresh=fresh) is verdict]

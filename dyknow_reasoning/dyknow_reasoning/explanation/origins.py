@@ -11,12 +11,12 @@ from collections.abc import Iterator
 from typing import TypeAlias
 
 from dyknow_reasoning.progression.nodes import (
+    AtLeast,
     Junction,
     Node,
     PastWindow,
     PreviousState,
     Sides,
-    AtLeast,
     Window,
     constant,
     descendants,

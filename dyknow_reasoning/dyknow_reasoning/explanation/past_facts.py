@@ -5,11 +5,11 @@ from __future__ import annotations
 from dyknow_common import format_time
 from dyknow_reasoning.language.formula import (
     Historically,
-    Interval,
     Once,
     PastFormula,
     Previous,
 )
+from dyknow_reasoning.language.interval import Interval
 
 _MAX_FORMULA_LENGTH = 160
 

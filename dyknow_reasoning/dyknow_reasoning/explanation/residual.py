@@ -14,6 +14,7 @@ from dyknow_reasoning.progression.node_store import NodeStore
 from dyknow_reasoning.progression.nodes import (
     FALSE,
     TRUE,
+    AtLeast,
     Constant,
     Junction,
     Literal,
@@ -21,7 +22,6 @@ from dyknow_reasoning.progression.nodes import (
     PastWindow,
     PreviousState,
     Remembering,
-    AtLeast,
     Window,
     bounds_of,
     descendants,

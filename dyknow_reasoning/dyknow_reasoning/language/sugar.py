@@ -18,12 +18,12 @@ from dyknow_reasoning.language.formula import (
     Always,
     And,
     Formula,
-    Interval,
     Not,
     Or,
     Until,
     walk,
 )
+from dyknow_reasoning.language.interval import Interval
 
 _MAX_PARTS: Final = 20_000
 """The most parts of a formula that is written out: sides are repeated, so they may grow fast."""

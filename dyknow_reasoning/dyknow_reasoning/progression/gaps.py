@@ -37,11 +37,11 @@ from dyknow_reasoning.progression.node_store import NodeStore
 from dyknow_reasoning.progression.nodes import (
     FALSE,
     TRUE,
+    AtLeast,
     Junction,
     Literal,
     Node,
     Remembering,
-    AtLeast,
     Window,
     constant,
     descendants,
@@ -123,7 +123,7 @@ def apart(node: Node, mask: int, offset: int, store: NodeStore) -> Node:
                 parts = [found[part] for part in each.parts]
                 found[each] = store.junction(parts, universal=each.universal)
             case AtLeast():
-                found[each] = store.threshold(each.count, [found[part] for part in each.parts])
+                found[each] = store.at_least(each.count, [found[part] for part in each.parts])
             case Window():
                 sides = found[each.left], found[each.right]
                 universal = each.universal
@@ -188,7 +188,7 @@ def _combined(node: Junction | AtLeast, members: tuple[Node, ...], store: NodeSt
     if members == node.parts:
         return node
     if isinstance(node, AtLeast):
-        return store.threshold(node.count, members)
+        return store.at_least(node.count, members)
     return store.junction(members, universal=node.universal)
 
 

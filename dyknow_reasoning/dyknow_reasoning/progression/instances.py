@@ -236,10 +236,10 @@ class _Translator:
 
     def _count(self, bound: CountBound, number: int, members: Sequence[Node]) -> Node:
         store = self._store
-        enough = store.threshold(number, members)
+        enough = store.at_least(number, members)
         # At most `number` hold if all others do not.
         rest = len(members) - number
-        few = store.threshold(rest, [store.negation(each) for each in members])
+        few = store.at_least(rest, [store.negation(each) for each in members])
         match bound:
             case CountBound.AT_LEAST:
                 return enough

@@ -9,6 +9,7 @@ from typing import Any, TypeAlias
 
 from dyknow_reasoning.progression.bounds import Bound, Chronology
 from dyknow_reasoning.progression.nodes import (
+    AtLeast,
     Constant,
     Junction,
     Literal,
@@ -19,7 +20,6 @@ from dyknow_reasoning.progression.nodes import (
     PreviousState,
     Remembering,
     Sides,
-    AtLeast,
     Window,
     constant,
     descendants,
@@ -46,7 +46,7 @@ class NodeStore:
         self._chronology = chronology
         self._literals: dict[tuple[int, bool], Literal] = {}
         self._junctions: dict[_JunctionKey, Junction] = {}
-        self._thresholds: dict[_AtLeastKey, AtLeast] = {}
+        self._counts: dict[_AtLeastKey, AtLeast] = {}
         self._windows: dict[_WindowKey, Window] = {}
         self._past: dict[_PastKey, PastNode] = {}
         self._remembering: dict[_RememberingKey, Remembering] = {}
@@ -60,7 +60,7 @@ class NodeStore:
         found = (
             self._literals,
             self._junctions,
-            self._thresholds,
+            self._counts,
             self._windows,
             self._past,
             self._remembering,
@@ -146,7 +146,7 @@ class NodeStore:
             self._remembering[key] = found
         return found
 
-    def threshold(self, count: int, members: Iterable[Node]) -> Node:
+    def at_least(self, count: int, members: Iterable[Node]) -> Node:
         """Return the simplified formula that at least `count` of the members hold."""
         open_members: list[Node] = []
         for member in members:
@@ -161,7 +161,7 @@ class NodeStore:
             return self.junction(distinct, universal=False)
         if count == len(open_members):
             return self.junction(distinct, universal=True)
-        return self._threshold((count, tuple(sorted(open_members, key=_rank))))
+        return self._counted((count, tuple(sorted(open_members, key=_rank))))
 
     def negation(self, node: Node) -> Node:
         """Return the negation of a formula that has seen no state."""
@@ -203,7 +203,7 @@ class NodeStore:
                     found[each] = self.remembering(found[formula], kept)
                 case AtLeast(count, members):
                     ordered = tuple(sorted((found[member] for member in members), key=_rank))
-                    found[each] = self._threshold((count, ordered))
+                    found[each] = self._counted((count, ordered))
                 case _:
                     found[each] = each
         return found[node]
@@ -215,7 +215,7 @@ class NodeStore:
             case Junction(universal, parts):
                 self._junctions[universal, parts] = node
             case AtLeast(count, members):
-                self._thresholds[count, members] = node
+                self._counts[count, members] = node
             case Window(universal, start, end, left, right):
                 self._windows[universal, start, end, left, right] = node
             case PastWindow(universal, first, last, left, right):
@@ -225,7 +225,7 @@ class NodeStore:
             case Remembering(formula, memories):
                 self._remembering[formula, memories] = node
 
-    def _negation(self, node: Node) -> Node:
+    def _negation(self, node: Node) -> Node:  # noqa: PLR0911 - one for each kind
         match node:
             case Constant():
                 return constant(value=not node.value)
@@ -235,7 +235,7 @@ class NodeStore:
                 parts = map(self.negation, node.parts)
                 return self.junction(parts, universal=not node.universal)
             case AtLeast(count, members):
-                return self.threshold(len(members) - count + 1, map(self.negation, members))
+                return self.at_least(len(members) - count + 1, map(self.negation, members))
             case Window(universal, start, end, left, right):
                 opposite = self.negation(left), self.negation(right)
                 return self.window(start, end, *opposite, universal=not universal)
@@ -271,10 +271,10 @@ class NodeStore:
             )
         return node
 
-    def _threshold(self, key: _AtLeastKey) -> AtLeast:
-        node = self._thresholds.get(key)
+    def _counted(self, key: _AtLeastKey) -> AtLeast:
+        node = self._counts.get(key)
         if node is None:
-            node = self._thresholds[key] = AtLeast(
+            node = self._counts[key] = AtLeast(
                 *key, serial=next(self._serials), **_attributes(key[1])
             )
         return node

@@ -2,9 +2,9 @@
 
 Two nodes cover the logic without counts, each in a universal and an existential form: a junction
 (`and`, `or`) and a window (the negation of `until`, and `until`). `always F` is a universal window
-whose left side is false, `eventually F` an existential one whose left side is true. A threshold
-counts its parts; not at least 2 of 3 is at least 2 of the negations of these 3. Atoms are numbers,
-called slots, so formulas that differ only in their objects share their nodes.
+whose left side is false, `eventually F` an existential one whose left side is true. `AtLeast` is a
+count: "not at least 2 of 3" is "at least 2 of the 3 negations". Atoms are numbers, called slots, so
+formulas that differ only in their objects share their nodes.
 
 Equal nodes are one object: compare them with `is`.
 """

@@ -24,11 +24,11 @@ from dyknow_reasoning.progression.node_store import NodeStore
 from dyknow_reasoning.progression.nodes import (
     FALSE,
     TRUE,
+    AtLeast,
     Constant,
     Junction,
     Literal,
     Node,
-    AtLeast,
     Window,
 )
 
@@ -89,7 +89,7 @@ class Progression:
         elif type(node) is AtLeast:
             members = tuple([self.progress(part, fresh=fresh) for part in node.parts])
             if members != node.parts:
-                return self.store.threshold(node.count, members)
+                return self.store.at_least(node.count, members)
         elif type(node) is Literal:
             return TRUE if (self._symbol >> node.slot & 1) == node.positive else FALSE
         return node

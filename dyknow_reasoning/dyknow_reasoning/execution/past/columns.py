@@ -12,7 +12,7 @@ import numpy as np
 
 from dyknow_reasoning.execution.past.machines import Machine, PreviousMachine, SinceMachine
 from dyknow_reasoning.execution.vectors.atom_vectors import Array
-from dyknow_reasoning.progression.nodes import Constant, Junction, Literal, Node, AtLeast
+from dyknow_reasoning.progression.nodes import AtLeast, Constant, Junction, Literal, Node
 
 _MAX_TIME = 1 << 60
 
