@@ -137,6 +137,7 @@ def expansion(bound: CountBound, number: int, members: tuple[Formula, ...]) -> F
     return found
 
 
+@pytest.mark.timeout(3600)
 @settings(max_examples=EXAMPLES // 2, deadline=None)
 @given(BOUNDS, st.integers(0, 4), st.lists(formulas(2), min_size=1, max_size=4), irregular)
 def test_a_count_is_its_expansion(
@@ -153,6 +154,7 @@ def test_a_count_is_its_expansion(
             assert first == known
 
 
+@pytest.mark.timeout(3600)
 @settings(max_examples=EXAMPLES // 2, deadline=None)
 @given(BOUNDS, st.integers(0, 5), formulas(2), st.data())
 def test_a_quantifier_is_a_count_of_its_instances(

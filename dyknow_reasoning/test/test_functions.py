@@ -111,6 +111,7 @@ ANY = st.one_of(
 )
 
 
+@pytest.mark.timeout(3600)
 @settings(max_examples=EXAMPLES // 4, deadline=None)
 @given(
     st.sampled_from(CALLS),
