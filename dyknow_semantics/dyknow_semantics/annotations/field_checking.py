@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from functools import partial
 
-from dyknow_common import ExitCode, TextPosition, ValueType, absence, listed_as
+from dyknow_common import ExitCode, TextPosition, ValueType, absence, field_type, listed_as
 from dyknow_semantics.annotations.annotation import ANNOTATION, Annotation
 from dyknow_semantics.ontology.knowledge import Knowledge
 
@@ -55,8 +55,8 @@ def _field_type(
     field: str,
     position: TextPosition,
 ) -> ValueType:
-    listed = listed_as(fields, field)
-    if listed is None:
+    found = field_type(fields, field) if listed_as(fields, field) else None
+    if found is None:
         message = absence(owner, fields, field)
         raise ANNOTATION.error(message, annotation.text, position, ExitCode.NOT_FOUND)
-    return fields[listed]
+    return found

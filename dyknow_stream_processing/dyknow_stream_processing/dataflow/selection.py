@@ -6,11 +6,11 @@ import operator
 from collections.abc import Callable, Mapping, Sequence
 from typing import Final
 
-from dyknow_common import Value, ValueType
+from dyknow_common import Value, ValueType, value_text
 from dyknow_stream_processing.dataflow.operators import END, Operator, Wiring
 from dyknow_stream_processing.dataflow.scheduler import BEGINNING
 from dyknow_stream_processing.errors import StreamError
-from dyknow_stream_processing.language.specification import Condition, Selection, value_text
+from dyknow_stream_processing.language.specification import Condition, Selection
 from dyknow_stream_processing.language.type_rules import comparable_types
 from dyknow_stream_processing.sample import missing_text
 from dyknow_stream_processing.violation import Fault, ViolationKind

@@ -14,8 +14,10 @@ from dyknow_common import (
     TextPosition,
     ValueType,
     absence,
+    field_type,
     listed_as,
     shortened,
+    value_text,
 )
 from dyknow_stream_processing.language import specification as syntax
 from dyknow_stream_processing.language.specification import Specification, Term
@@ -228,7 +230,7 @@ class _Resolver:
             if found is not None and found not in comparable_types(condition):
                 message = (
                     f"field '{condition.field}' is {_typed(found)}, which cannot be compared "
-                    f'with {syntax.value_text(condition.value)}'
+                    f'with {value_text(condition.value)}'
                 )
                 raise self._error(message, condition.position)
         selected = self._selected(select.selections, fields, owner)
@@ -324,10 +326,9 @@ class _Resolver:
         """Return the type of a field, or `None` if it is not known."""
         if fields is None:
             return None
-        listed = listed_as(fields, name)
-        if listed is None:
+        if listed_as(fields, name) is None:
             raise self._error(absence(owner, fields, name), position)
-        return fields[listed]
+        return field_type(fields, name)
 
     def _check_declared_once(self, declarations: Iterable[syntax.Declaration]) -> None:
         streams: set[str] = set()

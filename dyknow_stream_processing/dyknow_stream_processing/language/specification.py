@@ -20,6 +20,7 @@ from dyknow_common import (
     ValueType,
     format_duration,
     quoted,
+    value_text,
 )
 
 LANGUAGE: Final = Language(
@@ -27,9 +28,7 @@ LANGUAGE: Final = Language(
     __package__,
     'stream.lark',
     {
-        'TRUTH': 'true or false',
         'TYPE': f'a type ({", ".join(ValueType)})',
-        'COMPARISON': 'a comparison (= != < <= > >=)',
         'RENAMING': 'a new name',
         'CHOICE': 'approximation',
         'APPROXIMATION': 'latest or linear',
@@ -47,7 +46,7 @@ class TypedField(SyntaxNode):
     type: ValueType
 
     def __str__(self) -> str:
-        return f'{_field_text(self.name)}: {self.type}'
+        return f'{LANGUAGE.field_text(self.name)}: {self.type}'
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -141,8 +140,10 @@ class Selection(SyntaxNode):
 
     def __str__(self) -> str:
         if self.renaming is None:
-            return _field_text(self.field)
-        return f'{_field_text(self.field)} as {LANGUAGE.name_text(self.renaming, "RENAMING")}'
+            return LANGUAGE.field_text(self.field)
+        return (
+            f'{LANGUAGE.field_text(self.field)} as {LANGUAGE.name_text(self.renaming, "RENAMING")}'
+        )
 
 
 @dataclass(frozen=True, slots=True)
@@ -154,7 +155,7 @@ class Condition(SyntaxNode):
     value: Value
 
     def __str__(self) -> str:
-        return f'{_field_text(self.field)} {self.operator} {value_text(self.value)}'
+        return f'{LANGUAGE.field_text(self.field)} {self.operator} {value_text(self.value)}'
 
 
 @dataclass(frozen=True, slots=True)
@@ -338,17 +339,6 @@ def subterms(term: Term) -> Iterator[Term]:
 def references(term: Term) -> Iterator[StreamReference]:
     """Yield every reference in a term."""
     return (each for each in subterms(term) if isinstance(each, StreamReference))
-
-
-def value_text(value: Value) -> str:
-    """Return a value as it is written in the stream language."""
-    if isinstance(value, bool):
-        return 'true' if value else 'false'
-    return quoted(value) if isinstance(value, str) else repr(value)
-
-
-def _field_text(name: str) -> str:
-    return LANGUAGE.name_text(name, 'FIELD')
 
 
 def _listed(parts: Iterable[object]) -> str:
