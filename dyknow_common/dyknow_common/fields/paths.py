@@ -135,6 +135,11 @@ class ComputedField:
     condition: ElementCondition | None = None
 
     @property
+    def gives_number(self) -> bool:
+        """True if its value is a number."""
+        return self.function not in {'any', 'all', 'text'}
+
+    @property
     def fault(self) -> str:
         """The reason why there is no such function; empty if there is one."""
         if self.function not in (*AGGREGATES, *CONVERSIONS):

@@ -12,7 +12,7 @@ _SPELLINGS: Final = {
     **dict.fromkeys(('_AND', '_OR', '_IMPLIES', '_EQUIVALENT', '_UNTIL', 'COMPARISON'), _OPERATOR),
     **dict.fromkeys(('PLUS', 'TIMES', 'DIVIDED_BY'), _OPERATOR),
     **dict.fromkeys(('NOT', 'ALWAYS', 'EVENTUALLY', 'FORALL', 'EXISTS', 'TRUE', 'FALSE'), _FORMULA),
-    **dict.fromkeys(('STRING', 'REFERENCE', 'QUOTED_REFERENCE'), _FORMULA),
+    **dict.fromkeys(('STRING', 'REFERENCE', 'QUOTED_REFERENCE', 'FUNCTION'), _FORMULA),
     'DURATION': 'a duration such as 5 s',
     'INFINITY': "'inf'",
     '_IN': "'in'",

@@ -22,6 +22,12 @@ from dyknow_common import (
     shortened,
 )
 from dyknow_reasoning.language import formula as syntax
+from dyknow_reasoning.language.field_functions import (
+    FIELD_FUNCTIONS,
+    field_reference,
+    function_of_field,
+    with_numbers,
+)
 from dyknow_reasoning.language.formula import Formula, Interval, Term
 from dyknow_reasoning.language.grammar import LANGUAGE
 from dyknow_reasoning.language.names import resolve
@@ -47,7 +53,8 @@ def _parse(text: str) -> Formula:
     with LANGUAGE.errors_in(text):
         formula = _formula(LANGUAGE.parse(text, _FormulaBuilder()))
         LANGUAGE.check_depth(formula, syntax.parts)
-    return resolve(formula)
+    resolved: Formula = with_numbers(resolve(formula))
+    return resolved
 
 
 _parse_again = lru_cache(1024)(_parse)
@@ -154,11 +161,13 @@ class _FormulaBuilder(SyntaxBuilder[Any]):
         return syntax.Truth(False)
 
     def reference(self, token: Token) -> Term:
-        if token.startswith('"'):
-            stream, path = token[1:].split('".', 1)
-        else:
-            stream, path = token.split('.', 1)
-        return syntax.FieldReference(stream, path)
+        return field_reference(token)
+
+    def call(self, name: Token, *arguments: Formula | Term) -> Term:
+        if len(arguments) != 1:
+            message = f"'{name}' takes one argument, a field of a stream"
+            raise PositionedError(message, TextPosition.of(name))
+        return function_of_field(name, arguments[0])
 
     def name(self, token: Token) -> Term:
         return self.feature(token, ())
@@ -166,7 +175,10 @@ class _FormulaBuilder(SyntaxBuilder[Any]):
     def feature(self, token: Token, arguments: tuple[syntax.Object, ...]) -> Term:
         if token in FUNCTIONS:
             message = (
-                f"'{token}' is the name of a function, and formulas have none; apply a "
+                f"'{token}' is the name of a function; in a formula, it takes a field of a stream, "
+                'such as min("/scan".ranges)'
+                if token in FIELD_FUNCTIONS
+                else f"'{token}' is the name of a function that formulas do not have; apply a "
                 'computational unit in a stream, and use that stream'
             )
             raise PositionedError(message, TextPosition.of(token))

@@ -20,6 +20,7 @@ _SPELLINGS: Final = {
     'CONCEPT': 'a name',
     '_IN': "'in'",
     'UNIT': 'a unit such as [m]',
+    'PATH': 'a field',
     'DURATION': 'a duration such as 100 ms',
 }
 
@@ -75,7 +76,7 @@ class Content(SyntaxNode):
 
     Args:
         feature: the feature.
-        field: a dotted path to the field.
+        field: a path to the field, or a function of one.
         unit: of the value; `None` leaves it to the ontology.
     """
 
@@ -86,7 +87,7 @@ class Content(SyntaxNode):
 
     def __str__(self) -> str:
         unit = '' if self.unit is None else f' [{self.unit}]'
-        return f'{self.feature} = {_field_text(self.field)}{unit}'
+        return f'{self.feature} = {ANNOTATION.field_text(self.field)}{unit}'
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
@@ -97,7 +98,7 @@ class Key(SyntaxNode):
     field: str
 
     def __str__(self) -> str:
-        return f'{self.variable} = {_field_text(self.field)}'
+        return f'{self.variable} = {ANNOTATION.field_text(self.field)}'
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
@@ -150,7 +151,3 @@ class Concept:
 
 def _ranges(ranges: tuple[Range, ...]) -> str:
     return f' for every {", ".join(map(str, ranges))}' if ranges else ''
-
-
-def _field_text(name: str) -> str:
-    return ANNOTATION.name_text(name, 'FIELD')

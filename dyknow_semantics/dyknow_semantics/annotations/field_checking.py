@@ -5,7 +5,15 @@ from __future__ import annotations
 from collections.abc import Mapping
 from functools import partial
 
-from dyknow_common import ExitCode, TextPosition, ValueType, absence, field_type, listed_as
+from dyknow_common import (
+    ExitCode,
+    TextPosition,
+    ValueType,
+    absence,
+    field_type,
+    listed_as,
+    number_of,
+)
 from dyknow_semantics.annotations.annotation import ANNOTATION, Annotation
 from dyknow_semantics.ontology.knowledge import Knowledge
 
@@ -26,19 +34,21 @@ def check_fields(
             feature (a float feature may have an int field), and a field that names objects but is
             not a string.
     """
-    field_type = partial(_field_type, annotation, owner, fields)
+    type_of = partial(_type_of, annotation, owner, fields)
     for content in annotation.contents:
         feature = knowledge.feature(content.feature.name)
-        found = field_type(content.field, content.feature.position)
+        is_number = feature.value_type in {ValueType.INT, ValueType.FLOAT}
+        field = number_of(content.field) if is_number else content.field
+        found = type_of(field, content.feature.position)
         if not feature.value_type.accepts(found):
             raise ANNOTATION.error(
                 f"feature '{feature.name}' has values of the type {feature.value_type}, "
-                f"but field '{content.field}' of {owner} is of the type {found}",
+                f"but field '{field}' of {owner} is of the type {found}",
                 annotation.text,
                 content.feature.position,
             )
     for key in annotation.keys:
-        found = field_type(key.field, key.position)
+        found = type_of(key.field, key.position)
         if found is not ValueType.STRING:
             raise ANNOTATION.error(
                 f"the field that names the object '{key.variable}' must be of the type string, "
@@ -48,7 +58,7 @@ def check_fields(
             )
 
 
-def _field_type(
+def _type_of(
     annotation: Annotation,
     owner: str,
     fields: Mapping[str, ValueType],

@@ -16,6 +16,7 @@ from dyknow_common import (
     TextPosition,
     builder,
     distinct_settings,
+    field_name,
     text_value,
 )
 from dyknow_semantics.annotations.annotation import (
@@ -71,16 +72,16 @@ class _AnnotationBuilder(ConstraintBuilder[Any]):
 
     def content(self, feature: FeatureTerm, field: Token, unit: Token | None = None) -> Content:
         if unit is None:
-            return Content(feature, text_value(field))
+            return Content(feature, field_name(field))
         position = TextPosition.of(unit)
-        return Content(feature, text_value(field), unit[1:-1].strip(), unit_position=position)
+        return Content(feature, field_name(field), unit[1:-1].strip(), unit_position=position)
 
     def keys(self, *keys: Key) -> dict[str, Any]:
         _require_distinct(keys)
         return {'keys': keys}
 
     def key(self, variable: Token, field: Token) -> Key:
-        return Key(str(variable), text_value(field))
+        return Key(str(variable), field_name(field))
 
     def constraints(self, *settings: tuple[Token, int]) -> dict[str, Any]:
         constraints = StreamConstraints(**distinct_settings(settings))

@@ -5,16 +5,17 @@ This is the only module of the core that knows the stream language.
 
 from __future__ import annotations
 
+import dataclasses
 import re
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import chain, count
 from math import inf
 from operator import attrgetter
 from typing import Final, NamedTuple
 
-from dyknow_common import StreamConstraints, ValueType, unit_conversion
+from dyknow_common import StreamConstraints, ValueType, number_of, unit_conversion
 from dyknow_semantics.annotations.annotation import Annotation, Content, feature_text
 from dyknow_semantics.matching.patterns import Pattern
 from dyknow_stream_processing import (
@@ -98,6 +99,7 @@ class AnnotatedField:
         content: the part of the annotation that describes the field.
         pattern: the ground features that the field carries.
         unit: the unit of the values; empty for none.
+        is_number: True if the feature has numbers for values.
         matches: a cache of matches, by query and names of objects.
     """
 
@@ -105,13 +107,21 @@ class AnnotatedField:
     content: Content
     pattern: Pattern
     unit: str
-    matches: dict[MatchQuery, dict[tuple[str, ...], Match]] = field(default_factory=dict)
+    is_number: bool
+    matches: dict[MatchQuery, dict[tuple[str, ...], Match]] = dataclasses.field(
+        default_factory=dict
+    )
 
     def __str__(self) -> str:
         arguments = {argument.name for argument in self.content.feature.arguments}
         ranges = [each for each in self.annotation.ranges if each.variable in arguments]
         every = f' for every {", ".join(map(str, ranges))}' if ranges else ''
         return f'{self.source} carries {self.content.feature}{every}'
+
+    @property
+    def field(self) -> str:
+        """The field that holds the values, as numbers if these are."""
+        return number_of(self.content.field) if self.is_number else self.content.field
 
     @property
     def source(self) -> StreamReference:
@@ -142,7 +152,7 @@ def make_match(
     )
     converted = bool(query.unit and carrier.unit and unit_conversion(carrier.unit, query.unit))
     stream = Select(
-        (Selection(carrier.content.field, _VALUE.name if converted else ground),),
+        (Selection(carrier.field, _VALUE.name if converted else ground),),
         carrier.source,
         conditions,
         constraints=carrier.annotation.constraints,

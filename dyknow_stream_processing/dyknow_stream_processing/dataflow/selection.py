@@ -139,7 +139,7 @@ def _namer(selection: Selection) -> Callable[[Mapping[str, Value]], str]:
     def name(fields: Mapping[str, Value]) -> str:
         texts = parts.copy()
         for index in range(1, len(parts), 2):
-            value = fields[parts[index]]
+            value = fields[parts[index]] if parts[index] else '%'
             texts[index] = value if isinstance(value, str) else value_text(value)
         return ''.join(texts)
 

@@ -187,10 +187,10 @@ def _checked(name: str, token: Token) -> str:
 
 def _renaming(token: Token) -> str:
     name = _name(token)
-    parts = name.split('%')
-    if len(parts) % 2 == 0 or not all(parts[1::2]):
+    if name.count('%') % 2:
         raise PositionedError(
-            f"'{name}' has a % without its pair; a field's value is embedded as %field%",
+            f"'{name}' has a % without its pair; a field's value is embedded as %field%, and a "
+            'percent sign is %%',
             TextPosition.of(token),
         )
     return name

@@ -121,8 +121,8 @@ class Selection(SyntaxNode):
 
     Args:
         field: the field to select.
-        renaming: its name in the result, where `%C%` stands for the value of field `C`; `None`
-            keeps the name.
+        renaming: its name in the result, where `%C%` stands for the value of field `C` and `%%` for
+            a percent sign; `None` keeps the name.
     """
 
     field: str
@@ -131,12 +131,14 @@ class Selection(SyntaxNode):
     @property
     def embedded_fields(self) -> tuple[str, ...]:
         """The fields whose values the new name embeds."""
-        return tuple((self.renaming or '').split('%')[1::2])
+        return tuple(filter(None, (self.renaming or '').split('%')[1::2]))
 
     @property
     def name(self) -> str:
         """The name in the result; a pattern, if it embeds fields."""
-        return self.field if self.renaming is None else self.renaming
+        if self.renaming is None:
+            return self.field
+        return self.renaming if self.embedded_fields else self.renaming.replace('%%', '%')
 
     def __str__(self) -> str:
         if self.renaming is None:

@@ -30,7 +30,7 @@ def without_element(fields: dict[str, Value], message: Any, path: str) -> Partia
 def with_value(fields: dict[str, Value], message: Any, path: str) -> dict[str, Value]:
     """Return the fields of a sample with one that is found by a key or computed, if possible."""
     try:
-        fields[path] = _value_reader(type(message), path)(message)
+        fields[path] = _value_reader(message.__class__, path)(message)
     except NoValueError as error:
         reasons = fields.reasons if isinstance(fields, PartialFields) else {}
         return PartialFields(fields, {**reasons, path: str(error)})
