@@ -17,11 +17,14 @@ from typing import Final, NamedTuple
 from dyknow_common.fields.paths import (
     AGGREGATES,
     CONDITIONED,
+    INDEX,
     NUMERIC,
+    ArrayElements,
     ArraySlice,
     ComputedField,
     ElementKey,
     MessagePath,
+    UnnestedArray,
     parse_field,
 )
 from dyknow_common.values import Value, ValueType
@@ -33,6 +36,7 @@ _INDEX = re.compile(r'\[(?P<first>\d+)(?P<more>\.\.(?P<last>\d*))?\]', re.ASCII)
 _MAX_INDEX_DIGITS: Final = 18
 _MAX_SUGGESTIONS: Final = 4
 _NUMBERS: Final = frozenset({ValueType.INT, ValueType.FLOAT})
+_STEP_OF_ENTRY: Final = re.compile(r'(?<!\.)\.(?!\.)')
 _ENTRY: Final = re.compile(r"[\w']+(\[0\.\.\d*\])?(\.[\w']+(\[0\.\.\d*\])?)*", re.ASCII)
 
 
@@ -93,6 +97,8 @@ def field_type(fields: FieldTypes, path: str) -> ValueType | None:
     if path in fields:
         return fields[path]
     field, found = parse_field(path), fields[_Lookup(fields).entry(path)]
+    if isinstance(field, UnnestedArray):
+        return None
     return _result_type(field.function, found) if isinstance(field, ComputedField) else found
 
 
@@ -120,6 +126,32 @@ def key_array(
     if beside is None or beside.lasts[-1] is None or _has_arrays(beside.lasts[number:-1]):
         return None
     return ListedKeys(beside.entry, are_members=False)
+
+
+def element_fields(fields: FieldTypes, elements: ArrayElements) -> FieldTypes | str:
+    """Return the fields of a sample that is made of an element of an array.
+
+    They are those of the element, its number, and those of the message.
+
+    Args:
+        fields: of the message, with their types.
+        elements: those of which each is a sample.
+
+    Returns:
+        The fields; or the reason why there are no such elements.
+    """
+    array, name = parse_field(elements.array), elements.variable
+    if any(re.split(r'[.\[]', each)[0] == name for each in fields):
+        return f"the message has a field '{name}', too; give the element another name"
+    try:
+        inside = _Lookup(fields).elements(array) if isinstance(array, MessagePath) else {}
+    except _AbsenceError as error:
+        return str(error)
+    if not inside:
+        arrays = sorted({'.'.join(names[:-1] or names) for names in arrays_of(fields)})
+        return f"'{elements.array}' is not an array (arrays are in: {', '.join(arrays) or 'none'})"
+    found = {f'{name}.{rest}' if rest else name: kind for rest, kind in inside.items()}
+    return {**fields, **found, elements.index: ValueType.INT}
 
 
 def absence(owner: str, fields: Collection[str] | FieldTypes, path: str) -> str:
@@ -163,9 +195,37 @@ class _Lookup:
             raise _AbsenceError
         if isinstance(field, MessagePath):
             return self._of_array(field, '')
+        if isinstance(field, UnnestedArray):
+            return self._of_elements(field)
+        if field.function == INDEX:
+            raise _AbsenceError(f'{INDEX} takes the element of: each ... as {field.path} in ...')
         found = self._argument(field)
         _check_type(field, found, self._types.get(found))
         return found
+
+    def elements(self, array: MessagePath) -> FieldTypes:
+        """Return the fields of the elements of an array, by the paths within them."""
+        names, many = array.names, False
+        found: dict[str, ValueType | None] = {}
+        for key, listed in self._arrays.items():
+            if key[: len(names)] != names:
+                continue
+            opened = [self._are_many(array, place, listed.lasts) for place in range(len(names))]
+            many = any(opened)
+            rest = '.'.join(_STEP_OF_ENTRY.split(listed.entry)[len(names) :])
+            found[rest] = self._types.get(listed.entry)
+        if found and not many:
+            raise _AbsenceError(f"'{array}' is a single element of its array")
+        return found
+
+    def _of_elements(self, field: UnnestedArray) -> str:
+        inside = element_fields(self._types, field.elements)
+        if isinstance(inside, str):
+            raise _AbsenceError(inside)
+        for each in field.fields:
+            if not listed_as(inside, each):
+                raise _AbsenceError(absence('a sample of each element', inside, each))
+        return next(iter(self._types))
 
     def _argument(self, field: ComputedField) -> str:
         """Return the entry of the values that a function is given."""
@@ -185,8 +245,8 @@ class _Lookup:
             found = next(inside, None)
         if found is None:
             raise _AbsenceError
-        are_many = [self._are_many(path, number, found.lasts) for number in range(len(names))]
-        if any(are_many) is (function in AGGREGATES):
+        opened = [self._are_many(path, number, found.lasts) for number in range(len(names))]
+        if any(opened) is (function in AGGREGATES):
             return found.entry
         if function in AGGREGATES:
             raise _AbsenceError(f"'{path}' is a single value, and {function} takes an array")

@@ -28,7 +28,13 @@ from lark.visitors import Transformer_NonRecursive
 from dyknow_common.constraints import CONSTRAINT_KINDS
 from dyknow_common.durations import MAX_DIGITS, parse_duration
 from dyknow_common.errors import DyKnowError, ExitCode, shortened
-from dyknow_common.fields.paths import ComputedField, ElementCondition, MessagePath, parse_field
+from dyknow_common.fields.paths import (
+    ArrayElements,
+    ComputedField,
+    ElementCondition,
+    MessagePath,
+    parse_field,
+)
 from dyknow_common.limits import MAX_CHARACTERS, MAX_DEPTH, MAX_WORDS
 from dyknow_common.values import Value
 
@@ -353,6 +359,10 @@ class ConstraintBuilder(SyntaxBuilder[Syntax]):
         return Token.new_borrow_pos(
             'COMPUTED', str(computed_field(function, path, condition)), function
         )
+
+    def elements(self, array: Token, variable: Token) -> ArrayElements:
+        """Return the elements of an array."""
+        return ArrayElements(str(message_path(array)), str(variable))
 
 
 def computed_field(

@@ -16,6 +16,7 @@ from dyknow_recordings.reading.messages.cdr import CdrReader
 from dyknow_recordings.reading.messages.definitions import TypeDefinition, TypeLayout
 
 Drawn = tuple[dict[str, list[Member]], list[Any], list[bytes]]
+MAX_EXACT = 1e30
 FUNCTIONS = ['min', 'max', 'sum', 'mean', 'count']
 
 
@@ -25,7 +26,7 @@ def shape(path: str) -> str:
 
 def naive(function: str, values: list[Any]) -> Any:
     """Return an aggregate; None if there is none."""
-    known = [float(each) if isinstance(each, np.floating) else each for each in values]
+    known = [each.item() if isinstance(each, np.generic) else each for each in values]
     known = [each for each in known if each == each]  # noqa: PLR0124 - NaN differs from itself
     if function == 'count':
         return len(known)
@@ -54,6 +55,8 @@ def test_aggregates_of_random_messages(drawn: Drawn, data: st.DataObject) -> Non
         for row, message in enumerate(decoded):
             every = all_values(message, made)
             expected = naive(function, [every[each] for each in every if shape(each) == argument])
+            if isinstance(expected, float) and abs(expected) > MAX_EXACT and function != 'max':
+                continue  # Partial sums overflow in one order and not in another.
             if expected is None or expected != expected:  # noqa: PLR0124 - inf and -inf
                 assert row in fields.absent[path]
             else:
@@ -78,9 +81,9 @@ def test_a_message_that_is_cut_has_no_values() -> None:
     layout = TypeLayout(TypeDefinition('made_up/msg/Top', 'ros2msg', TEXT))
     whole = (
         b'\0\1\0\0'  # little endian
-        b'\1\0\0\0' b'\2\0\0\0a\0' b'\0\0'  # name: "a"
-        b'\1\0\0\0' b'\0\0\0\0\0\0\xf0\x3f'  # position: 1.0, aligned to 8
-        b'\0\0\0\0' b'\7'
+        b'\1\0\0\0\2\0\0\0a\0\0\0'  # name: "a"
+        b'\1\0\0\0\0\0\0\0\0\0\xf0\x3f'  # position: 1.0, aligned to 8
+        b'\0\0\0\0\7'
     )  # fmt: skip
     paths = ['position[name = "a"]', 'position[name = "b"]', 'count(parts)', 'min(position)']
     fields, faults = CdrReader(layout, paths).read(stored([whole, whole[:-1], whole[:2]]))

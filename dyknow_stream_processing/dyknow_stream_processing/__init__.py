@@ -31,7 +31,7 @@ from dyknow_stream_processing.language.specification import (
 from dyknow_stream_processing.language.type_rules import Unit
 from dyknow_stream_processing.management.relocation import in_namespace
 from dyknow_stream_processing.management.stream_files import read_streams
-from dyknow_stream_processing.path_values import value_reader
+from dyknow_stream_processing.path_values import rows_reader, value_reader
 from dyknow_stream_processing.reporting.silence import joined_reasons, nearest_topics
 from dyknow_stream_processing.sample import PartialFields, Sample
 from dyknow_stream_processing.violation import Violation, ViolationKind
@@ -74,6 +74,7 @@ __all__ = [
     'parse_specification',
     'read_streams',
     'resolve',
+    'rows_reader',
     'specifications_by_sink',
     'subterms',
     'unknown_stream',

@@ -9,7 +9,7 @@ A path is taken apart once, into functions of which each reads the value of the 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from itertools import chain
 from operator import attrgetter
 from typing import Any
@@ -21,14 +21,17 @@ from dyknow_common import (
     FieldTypes,
     MessagePath,
     PathStep,
+    UnnestedArray,
     Value,
     arrays_of,
+    element_fields,
     key_array,
     listed,
     listed_as,
     parse_field,
 )
 from dyknow_stream_processing.aggregates import NoValueError, aggregate, number, plain, text
+from dyknow_stream_processing.sample import PartialFields, Rows
 
 Reader = Callable[[Any], Any]
 
@@ -44,7 +47,9 @@ def value_reader(fields: FieldTypes, path: str) -> Callable[[Any], Value]:
         The function; it raises NoValueError for a message that has no such value.
     """
     field, entry = parse_field(path), listed_as(fields, path)
-    if field is None or entry is None:  # pragma: no cover - callers have looked it up
+    if (
+        field is None or entry is None or isinstance(field, UnnestedArray)
+    ):  # pragma: no cover - callers have looked it up
         raise NoValueError(f"there is no field '{path}'")
     if isinstance(field, MessagePath):
         return _chained(_path_reader(fields, field), plain)
@@ -53,6 +58,51 @@ def value_reader(fields: FieldTypes, path: str) -> Callable[[Any], Value]:
         return _chained(read, number if field.function == 'number' else text)
     is_struct = field.function == 'count' and field.path.names not in arrays_of(fields)
     return _chained(read, aggregate(field, None if is_struct else fields[entry]))
+
+
+def rows_reader(fields: FieldTypes, unnested: UnnestedArray) -> Callable[[Any], Rows]:
+    """Return a function that reads fields of each element of an array of a message.
+
+    It raises NoValueError for a message that has no such array. A row lacks the values that its
+    element lacks, with the reasons.
+
+    Args:
+        fields: of the message type, with their types.
+        unnested: the array and the fields, which the type has.
+    """
+    elements = unnested.elements
+    inside, array = element_fields(fields, elements), parse_field(elements.array)
+    if isinstance(inside, str) or not isinstance(array, MessagePath):  # pragma: no cover
+        raise NoValueError(f"there are no elements '{elements.array}'")
+    read = _path_reader(fields, array)
+    readers = {
+        path: attrgetter(path) if path == elements.index else value_reader(inside, path)
+        for path in unnested.fields
+    }
+
+    def row(message: Any, index: int, element: Any) -> Mapping[str, Value]:
+        view = _ElementView(message, {elements.variable: element, elements.index: index})
+        found: dict[str, Value] = {}
+        reasons: dict[str, str] = {}
+        for path, read_value in readers.items():
+            try:
+                found[path] = read_value(view)
+            except NoValueError as error:
+                reasons[path] = str(error)
+        return PartialFields(found, reasons) if reasons else found
+
+    return lambda message: [row(message, *each) for each in enumerate(read(message))]
+
+
+class _ElementView:
+    """A message with further attributes: an element of one of its arrays, and its number."""
+
+    def __init__(self, message: Any, attributes: Mapping[str, Any]) -> None:
+        self.__dict__.update(attributes)
+        self._message = message
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._message, name)
 
 
 def _chained(first: Reader, second: Reader) -> Reader:

@@ -16,6 +16,7 @@ from __future__ import annotations
 import json
 import math
 import re
+from collections.abc import Collection
 from dataclasses import dataclass
 from typing import Final
 
@@ -30,9 +31,13 @@ CONDITIONED: Final = ('count', 'any', 'all')
 CONVERSIONS: Final = ('number', 'text')
 """Functions of one value."""
 
+INDEX: Final = 'index'
+"""The function that gives the number of an element, counted from 0, where each is a sample."""
+
 NUMERIC: Final = ('min', 'max', 'mean', 'sum', 'number')
 """The functions that take numbers, or texts that are numbers."""
 
+_EACH: Final = 'each '
 _MAX_DIGITS: Final = 400
 """The digits of a number; Python refuses to convert thousands."""
 
@@ -47,7 +52,7 @@ _STEP: Final = re.compile(
     )\])?""",
     re.VERBOSE,
 )
-_FUNCTION: Final = re.compile(rf'({"|".join((*AGGREGATES, *CONVERSIONS))})\s*\(\s*')
+_FUNCTION: Final = re.compile(rf'({"|".join((*AGGREGATES, *CONVERSIONS, INDEX))})\s*\(\s*')
 _CONDITION: Final = re.compile(
     rf"""\s*(?P<operator>!=|<=|>=|=|<|>)\s*
     (?P<value>{_QUOTED}|true|false|-?[0-9]+(?:\.[0-9]+)?(?:[eE][+-]?[0-9]+)?)\s*\Z""",
@@ -142,8 +147,8 @@ class ComputedField:
     @property
     def fault(self) -> str:
         """The reason why there is no such function; empty if there is one."""
-        if self.function not in (*AGGREGATES, *CONVERSIONS):
-            known = ', '.join((*AGGREGATES, *CONVERSIONS))
+        if self.function not in (*AGGREGATES, *CONVERSIONS, INDEX):
+            known = ', '.join((*AGGREGATES, *CONVERSIONS, INDEX))
             return f"'{self.function}' is no function of fields (there are: {known})"
         if self.condition is not None and self.function not in CONDITIONED:
             return f"'{self.function}' takes no condition; {', '.join(CONDITIONED)} do"
@@ -153,8 +158,47 @@ class ComputedField:
         return f'{self.function}({self.path}{"" if self.condition is None else self.condition})'
 
 
-def parse_field(text: str) -> MessagePath | ComputedField | None:
-    """Return what a text names in a message; None if it is no path and no function of one."""
+@dataclass(frozen=True, slots=True)
+class ArrayElements:
+    """The elements of an array, each of which is a sample; a variable stands for the element.
+
+    Args:
+        array: the path to the array, `status`.
+        variable: the first step of paths into the element: `s` in `s.name`.
+    """
+
+    array: str
+    variable: str
+
+    def __str__(self) -> str:
+        return f'each {self.array} as {self.variable} in'
+
+    @property
+    def index(self) -> str:
+        """The field with the number of the element, `index(s)`."""
+        return f'{INDEX}({self.variable})'
+
+    def rows(self, fields: Collection[str]) -> str:
+        """Return the name of the field that holds some fields of all elements."""
+        return f'{_EACH}{json.dumps([self.array, self.variable, *sorted(fields)])}'
+
+
+@dataclass(frozen=True, slots=True)
+class UnnestedArray:
+    """Fields of all elements of an array."""
+
+    elements: ArrayElements
+    fields: tuple[str, ...]
+
+
+def parse_field(text: str) -> MessagePath | ComputedField | UnnestedArray | None:
+    """Return what a text names in a message; None if it names nothing there could be."""
+    if text.startswith(_EACH):
+        try:
+            array, variable, *fields = json.loads(text.removeprefix(_EACH))
+        except (ValueError, TypeError):
+            return None
+        return UnnestedArray(ArrayElements(array, variable), tuple(fields))
     head = _FUNCTION.match(text)
     if head is None:
         return _path(text)

@@ -1,4 +1,4 @@
-"""The operator of `select ... from ... where ...`."""
+"""The operators of `select ... from each ... where ...`."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from dyknow_stream_processing.dataflow.scheduler import BEGINNING
 from dyknow_stream_processing.errors import StreamError
 from dyknow_stream_processing.language.specification import Condition, Selection
 from dyknow_stream_processing.language.type_rules import comparable_types
-from dyknow_stream_processing.sample import missing_text
+from dyknow_stream_processing.sample import PartialFields, missing_text
 from dyknow_stream_processing.violation import Fault, ViolationKind
 
 _COMPARISONS: Final[Mapping[str, Callable[[Value, Value], bool]]] = {
@@ -108,6 +108,31 @@ class SelectOperator(Operator):
                 raise StreamError(f"two selected fields are both named '{name}'; rename one")
             selected[name] = fields[field]
         return selected
+
+
+class ElementsOperator(Operator):
+    """A sample for each element of an array; all have the times of the message.
+
+    Args:
+        rows: the name under which the samples of the source hold fields of the elements.
+    """
+
+    def __init__(self, wiring: Wiring, rows: str) -> None:
+        super().__init__(wiring)
+        self._rows = rows
+
+    def receive(
+        self, port: int, valid_time: int, fields: Mapping[str, Value], watermark: int, now: int
+    ) -> None:
+        """Emit the elements, which may be none."""
+        if isinstance(fields, PartialFields) and self._rows in fields.rows:
+            for row in fields.rows[self._rows]:
+                self._emit(valid_time, row, watermark, now)
+        else:
+            reasons = fields.reasons if isinstance(fields, PartialFields) else {}
+            message = reasons.get(self._rows, 'the message has no such array')
+            self._reject(Fault(ViolationKind.FIELDS, valid_time, message))
+        self.promise(port, watermark, now)
 
 
 def _shown(field: str, value: Value) -> str:

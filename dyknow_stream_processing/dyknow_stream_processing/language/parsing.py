@@ -11,6 +11,7 @@ from lark import Token
 from dyknow_common import (
     NO_CONSTRAINTS,
     NOWHERE,
+    ArrayElements,
     ConstraintBuilder,
     DyKnowError,
     PositionedError,
@@ -138,17 +139,19 @@ class _SpecificationBuilder(ConstraintBuilder[tuple[Declaration, ...]]):
     def sync(self, *inputs: Term) -> syntax.Sync:
         return syntax.Sync(inputs)
 
-    def select(self, selections: tuple[syntax.Selection, ...], source: Term, *rest: Any) -> Term:
+    def select(self, selections: tuple[syntax.Selection, ...], *rest: Any) -> Term:
+        elements = rest[0] if isinstance(rest[0], ArrayElements) else None
+        source, *others = rest[1:] if elements else rest
         conditions: tuple[syntax.Condition, ...] = ()
         constraints = _GivenConstraints()
-        for part in rest:
+        for part in others:
             # Constraints belong to the source if conditions or more constraints follow them.
             source, constraints = constraints.added_to(source), _GivenConstraints()
             if isinstance(part, _GivenConstraints):
                 constraints = part
             else:
                 conditions = part
-        return constraints.added_to(syntax.Select(selections, source, conditions))
+        return constraints.added_to(syntax.Select(selections, source, conditions, elements))
 
     def selection(self, field: Token, renaming: Token | None = None) -> syntax.Selection:
         return syntax.Selection(_field(field), None if renaming is None else _renaming(renaming))

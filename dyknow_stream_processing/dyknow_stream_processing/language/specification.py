@@ -10,6 +10,7 @@ from typing import Final, TypeVar
 from dyknow_common import (
     NO_CONSTRAINTS,
     NOWHERE,
+    ArrayElements,
     ExitCode,
     Language,
     LanguageError,
@@ -162,11 +163,26 @@ class Condition(SyntaxNode):
 
 @dataclass(frozen=True, slots=True)
 class Select(_Constrained):
-    """Some fields of those samples of a stream that satisfy every condition."""
+    """Some fields of those samples of a stream that satisfy every condition.
+
+    Args:
+        selections: the fields.
+        source: the stream.
+        conditions: all of which a sample must satisfy.
+        elements: of an array of the messages of the source; each is a sample.
+    """
 
     selections: tuple[Selection, ...]
     source: Term
     conditions: tuple[Condition, ...] = ()
+    elements: ArrayElements | None = None
+
+    @property
+    def demand(self) -> frozenset[str]:
+        """The fields that it reads of its source."""
+        named = {name for each in self.selections for name in (each.field, *each.embedded_fields)}
+        fields = named | {condition.field for condition in self.conditions}
+        return frozenset({self.elements.rows(fields)} if self.elements else fields)
 
     @property
     def inputs(self) -> tuple[Term, ...]:
@@ -175,6 +191,7 @@ class Select(_Constrained):
 
     def __str__(self) -> str:
         source = f'({self.source})' if _ends_open(self.source) else str(self.source)
+        source = source if self.elements is None else f'{self.elements} {source}'
         conditions = f' where {" and ".join(map(str, self.conditions))}' if self.conditions else ''
         return self._with_constraints(
             f'select {_listed(self.selections)} from {source}{conditions}'

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping
 from typing import Any, Final
 
 import numpy as np
@@ -13,6 +13,7 @@ from dyknow_common import (
     ElementKey,
     MessagePath,
     PathStep,
+    UnnestedArray,
     ValueType,
     field_type,
     parse_field,
@@ -20,7 +21,7 @@ from dyknow_common import (
 from dyknow_recordings.reading.messages.definitions import TypeLayout
 from dyknow_recordings.reading.messages.stored_messages import StoredMessages
 from dyknow_recordings.reading.messages.whole_messages import WholeMessageReader
-from dyknow_stream_processing import NoValueError, value_reader
+from dyknow_stream_processing import NoValueError, rows_reader, value_reader
 
 ComputedColumn = tuple[str, NDArray[Any], Mapping[int, str]]
 """A path, the values in all messages, and by message the reason why it has none."""
@@ -41,7 +42,7 @@ class ComputedColumns:
     """
 
     def __init__(self, layout: TypeLayout, paths: Collection[str]) -> None:
-        self._readers = {path: value_reader(layout.fields, path) for path in paths}
+        self._readers = {path: _reader(layout, path) for path in paths}
         self._types = {path: field_type(layout.fields, path) for path in paths}
         self._messages = WholeMessageReader(
             layout, {each for path in paths for each in _members(path)}
@@ -55,7 +56,7 @@ class ComputedColumns:
         for row, data in enumerate(messages.contents()):
             message = self._messages.read(data) if is_intact[row] else None
             for path, read in self._readers.items():
-                value = _NOTHING[self._types[path]]
+                value = _NOTHING.get(self._types[path])
                 try:
                     value = value if message is None else read(message)
                 except NoValueError as error:
@@ -73,10 +74,17 @@ _NOTHING: Final[Mapping[ValueType | None, Any]] = {
 }
 
 
+def _reader(layout: TypeLayout, path: str) -> Callable[[Any], Any]:
+    field = parse_field(path)
+    if isinstance(field, UnnestedArray):
+        return rows_reader(layout.fields, field)
+    return value_reader(layout.fields, path)
+
+
 def is_computed(path: str) -> bool:
     """Return True for a path that is found by a key or computed from an array."""
     field = parse_field(path)
-    return isinstance(field, ComputedField) or (
+    return isinstance(field, ComputedField | UnnestedArray) or (
         isinstance(field, MessagePath)
         and any(isinstance(step.selector, ElementKey) for step in field.steps)
     )
@@ -85,6 +93,9 @@ def is_computed(path: str) -> bool:
 def _members(path: str) -> Iterator[str]:
     """Yield the members of the message that a path may need."""
     field = parse_field(path)
+    if isinstance(field, UnnestedArray):
+        for each in (field.elements.array, *field.fields):
+            yield from _members(each)
     found = field.path if isinstance(field, ComputedField) else field
     match found:
         case MessagePath((PathStep(name, selector), *_)):
@@ -94,6 +105,12 @@ def _members(path: str) -> Iterator[str]:
 
 
 def _column(values: list[Any], kind: ValueType | None) -> NDArray[Any]:
+    if kind is None:
+        # The rows of elements, which numpy would take for dimensions.
+        column = np.empty(len(values), np.object_)
+        for row, value in enumerate(values):
+            column[row] = value
+        return column
     try:
         return np.array(values, _DTYPES.get(kind, np.object_))
     except OverflowError:  # An unsigned integer of 64 bits, or a sum.
