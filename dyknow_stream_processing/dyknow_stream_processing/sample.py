@@ -30,8 +30,8 @@ class PartialFields(dict[str, Value]):
         super().__init__(fields)
         if isinstance(fields, PartialFields):
             reasons, rows = {**fields.reasons, **reasons}, {**fields.rows, **rows}
-        self.reasons = reasons
-        self.rows = rows
+        self.reasons: Mapping[str, str] = reasons
+        self.rows: Mapping[str, Rows] = rows
 
     def __missing__(self, name: str) -> Value:
         raise KeyError(name, self.reasons[name]) if name in self.reasons else KeyError(name)

@@ -9,6 +9,7 @@ from typing import Final
 from dyknow_common import (
     NO_CONSTRAINTS,
     NOWHERE,
+    ArrayElements,
     Language,
     StreamConstraints,
     SyntaxNode,
@@ -16,6 +17,7 @@ from dyknow_common import (
     quoted,
 )
 
+_PARTS: Final = 2
 _SPELLINGS: Final = {
     'CONCEPT': 'a name',
     '_IN': "'in'",
@@ -92,10 +94,23 @@ class Content(SyntaxNode):
 
 @dataclasses.dataclass(frozen=True, slots=True)
 class Key(SyntaxNode):
-    """The field of a sample that names the object that a variable stands for, `u = id`."""
+    """The field of a sample that names the object that a variable stands for, `u = id`.
+
+    Args:
+        variable: the variable.
+        field: the field, which holds the name of the object, or `drone_%id%`: the name is made of
+            the value of a field.
+    """
 
     variable: str
     field: str
+
+    @property
+    def parts(self) -> tuple[str, str, str]:
+        """The field, and what is before and after its value in the name of the object."""
+        before, *embedded = self.field.split('%')
+        is_made = len(embedded) == _PARTS and embedded[0]
+        return (embedded[0], before, embedded[1]) if is_made else (self.field, '', '')
 
     def __str__(self) -> str:
         return f'{self.variable} = {ANNOTATION.field_text(self.field)}'
@@ -111,6 +126,7 @@ class Annotation:
         ranges: the variables of the features, for a stream that carries many objects.
         keys: for each variable, the field that names its object.
         constraints: those that the samples of each ground feature keep.
+        elements: of an array of the messages, each of which is a sample.
         is_topic: true if the name is that of a topic, quoted in the text.
         text: the parsed text, for error messages.
     """
@@ -120,11 +136,13 @@ class Annotation:
     ranges: tuple[Range, ...] = ()
     keys: tuple[Key, ...] = ()
     constraints: StreamConstraints = NO_CONSTRAINTS
+    elements: ArrayElements | None = None
     is_topic: bool = dataclasses.field(default=False, kw_only=True)
     text: str = dataclasses.field(default='', compare=False, kw_only=True)
 
     def __str__(self) -> str:
         stream = quoted(self.stream) if self.is_topic else self.stream
+        stream = stream if self.elements is None else f'{self.elements} {stream}'
         contents = ', '.join(map(str, self.contents))
         keys = f' where {", ".join(map(str, self.keys))}' if self.keys else ''
         constraints = '' if self.constraints.is_empty else f' with {self.constraints}'

@@ -10,6 +10,7 @@ from dyknow_common import (
     TextPosition,
     ValueType,
     absence,
+    element_fields,
     field_type,
     listed_as,
     number_of,
@@ -34,7 +35,7 @@ def check_fields(
             feature (a float feature may have an int field), and a field that names objects but is
             not a string.
     """
-    type_of = partial(_type_of, annotation, owner, fields)
+    type_of = partial(_type_of, annotation, owner, _available(annotation, owner, fields))
     for content in annotation.contents:
         feature = knowledge.feature(content.feature.name)
         is_number = feature.value_type in {ValueType.INT, ValueType.FLOAT}
@@ -48,20 +49,36 @@ def check_fields(
                 content.feature.position,
             )
     for key in annotation.keys:
-        found = type_of(key.field, key.position)
-        if found is not ValueType.STRING:
+        field, *_ = key.parts
+        found = type_of(field, key.position)
+        is_embedded = field != key.field
+        if found is not ValueType.STRING and not (is_embedded and found is ValueType.INT):
+            hint = f'; write {key.variable} = "name_%{field}%"' if found is ValueType.INT else ''
             raise ANNOTATION.error(
                 f"the field that names the object '{key.variable}' must be of the type string, "
-                f"but '{key.field}' of {owner} is of the type {found}",
+                f"but '{field}' of {owner} is of the type {found}{hint}",
                 annotation.text,
                 key.position,
             )
 
 
+def _available(
+    annotation: Annotation, owner: str, fields: Mapping[str, ValueType]
+) -> Mapping[str, ValueType | None]:
+    """Return the fields of the samples of an annotated stream."""
+    if annotation.elements is None:
+        return fields
+    found = element_fields(fields, annotation.elements)
+    if isinstance(found, str):
+        position = annotation.contents[0].feature.position
+        raise ANNOTATION.error(f'{owner}: {found}', annotation.text, position, ExitCode.NOT_FOUND)
+    return found
+
+
 def _type_of(
     annotation: Annotation,
     owner: str,
-    fields: Mapping[str, ValueType],
+    fields: Mapping[str, ValueType | None],
     field: str,
     position: TextPosition,
 ) -> ValueType:

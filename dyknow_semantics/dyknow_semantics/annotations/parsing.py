@@ -9,6 +9,7 @@ from typing import Any
 from lark import Token
 
 from dyknow_common import (
+    ArrayElements,
     ConstraintBuilder,
     DyKnowError,
     PositionedError,
@@ -61,12 +62,14 @@ class _AnnotationBuilder(ConstraintBuilder[Any]):
 
     contents = annotations
 
-    def annotation(
-        self, stream: Token, contents: tuple[Content, ...], *clauses: dict[str, Any]
-    ) -> Annotation:
+    def annotation(self, *parts: Any) -> Annotation:
+        elements = parts[0] if isinstance(parts[0], ArrayElements) else None
+        stream, contents, *clauses = parts[1:] if elements else parts
         given = {name: value for clause in clauses for name, value in clause.items()}
         is_topic = stream.type == 'QUOTED'
-        annotation = Annotation(text_value(stream), contents, **given, is_topic=is_topic)
+        annotation = Annotation(
+            text_value(stream), contents, **given, elements=elements, is_topic=is_topic
+        )
         _require_keys(annotation)
         return annotation
 

@@ -219,7 +219,9 @@ class Matcher:
                     if names not in matches:
                         keys = self._keys(carrier.pattern, objects)
                         matches[names] = make_match(query, names, carrier, keys)
-                    found.append(matches[names])
+                    made = matches[names]
+                    if made is not None:
+                        found.append(made)
                     if len(found) > max_matches:
                         raise _too_many(max_matches)
 

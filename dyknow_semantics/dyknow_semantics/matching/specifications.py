@@ -15,8 +15,15 @@ from math import inf
 from operator import attrgetter
 from typing import Final, NamedTuple
 
-from dyknow_common import StreamConstraints, ValueType, number_of, unit_conversion
-from dyknow_semantics.annotations.annotation import Annotation, Content, feature_text
+from dyknow_common import (
+    ComputedField,
+    StreamConstraints,
+    ValueType,
+    number_of,
+    parse_field,
+    unit_conversion,
+)
+from dyknow_semantics.annotations.annotation import Annotation, Content, Key, feature_text
 from dyknow_semantics.matching.patterns import Pattern
 from dyknow_stream_processing import (
     Call,
@@ -108,7 +115,7 @@ class AnnotatedField:
     pattern: Pattern
     unit: str
     is_number: bool
-    matches: dict[MatchQuery, dict[tuple[str, ...], Match]] = dataclasses.field(
+    matches: dict[MatchQuery, dict[tuple[str, ...], Match | None]] = dataclasses.field(
         default_factory=dict
     )
 
@@ -131,8 +138,10 @@ class AnnotatedField:
 
 def make_match(
     query: MatchQuery, objects: Iterable[str], carrier: AnnotatedField, keys: Mapping[str, str]
-) -> Match:
+) -> Match | None:
     """Return the stream of one ground feature that a field carries.
+
+    There is none if no value of a key makes the name of the object: `drone_%id%` and `rover_1`.
 
     Args:
         query: the request.
@@ -145,16 +154,20 @@ def make_match(
     """
     ground = feature_text(query.name, objects)
     name = '_'.join(map(_word, (ground, 'from', carrier.annotation.stream)))
-    conditions = tuple(
-        Condition(key.field, '=', keys[key.variable])
+    conditions = [
+        _condition(key, keys[key.variable])
         for key in carrier.annotation.keys
         if key.variable in keys
-    )
+    ]
+    known = tuple(each for each in conditions if each is not None)
+    if len(known) < len(conditions):
+        return None
     converted = bool(query.unit and carrier.unit and unit_conversion(carrier.unit, query.unit))
     stream = Select(
         (Selection(carrier.field, _VALUE.name if converted else ground),),
         carrier.source,
-        conditions,
+        known,
+        carrier.annotation.elements,
         constraints=carrier.annotation.constraints,
     )
     reason = _reason(query, ground, carrier)
@@ -164,6 +177,21 @@ def make_match(
         reason += f'; {carrier.unit} is converted to {query.unit}'
     declaration = StreamDeclaration(name, stream)
     return Match(ground, declaration, carrier.annotation.constraints, query.exact, reason)
+
+
+def _condition(key: Key, name: str) -> Condition | None:
+    """Return the condition that a sample is about an object; None if none can be."""
+    field, before, after = key.parts
+    if field == key.field:
+        return Condition(field, '=', name)
+    value = name.removeprefix(before).removesuffix(after)
+    if name != f'{before}{value}{after}':
+        return None
+    parsed = parse_field(field)
+    if not isinstance(parsed, ComputedField):
+        return Condition(f'text({field})', '=', value)
+    is_number = parsed.gives_number and re.fullmatch('0|[1-9][0-9]{,17}', value)
+    return Condition(field, '=', int(value)) if is_number else None
 
 
 def in_order(matches: Iterable[Match]) -> tuple[Match, ...]:
