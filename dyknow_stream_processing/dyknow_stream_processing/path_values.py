@@ -33,6 +33,9 @@ from dyknow_common import (
 from dyknow_stream_processing.aggregates import NoValueError, aggregate, number, plain, text
 from dyknow_stream_processing.sample import PartialFields, Rows
 
+MAX_ELEMENTS = 10_000
+"""The number of samples that are made of one message."""
+
 Reader = Callable[[Any], Any]
 
 
@@ -91,7 +94,15 @@ def rows_reader(fields: FieldTypes, unnested: UnnestedArray) -> Callable[[Any], 
                 reasons[path] = str(error)
         return PartialFields(found, reasons) if reasons else found
 
-    return lambda message: [row(message, *each) for each in enumerate(read(message))]
+    def rows(message: Any) -> Rows:
+        found = read(message)
+        if len(found) > MAX_ELEMENTS:
+            raise NoValueError(
+                f"'{elements.array}' has {len(found)} elements; at most {MAX_ELEMENTS} are samples"
+            )
+        return [row(message, *each) for each in enumerate(found)]
+
+    return rows
 
 
 class _ElementView:
