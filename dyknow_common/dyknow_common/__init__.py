@@ -1,5 +1,13 @@
 """The parts that every package of DyKnow shares."""
 
+from dyknow_common.builders.field_builder import (
+    FieldBuilder,
+    computed_field,
+    field_name,
+    field_text,
+    literal_value,
+    message_path,
+)
 from dyknow_common.constraints import (
     CONSTRAINT_KINDS,
     NO_CONSTRAINTS,
@@ -63,12 +71,8 @@ from dyknow_common.parsing import (
     TextPosition,
     builder,
     comparison_value,
-    computed_field,
     distinct_settings,
     duration_value,
-    field_name,
-    literal_value,
-    message_path,
     number_value,
     quoted,
     text_value,
@@ -113,6 +117,7 @@ __all__ = [
     'ElementCondition',
     'ElementKey',
     'ExitCode',
+    'FieldBuilder',
     'FieldTypes',
     'Language',
     'LanguageError',
@@ -141,6 +146,7 @@ __all__ = [
     'duration_value',
     'element_fields',
     'field_name',
+    'field_text',
     'field_type',
     'format_duration',
     'format_time',

@@ -28,15 +28,7 @@ from lark.visitors import Transformer_NonRecursive
 from dyknow_common.constraints import CONSTRAINT_KINDS
 from dyknow_common.durations import MAX_DIGITS, parse_duration
 from dyknow_common.errors import DyKnowError, ExitCode, shortened
-from dyknow_common.fields.paths import (
-    ArrayElements,
-    ComputedField,
-    ElementCondition,
-    MessagePath,
-    parse_field,
-)
 from dyknow_common.limits import MAX_CHARACTERS, MAX_DEPTH, MAX_WORDS
-from dyknow_common.values import Value
 
 Syntax = TypeVar('Syntax')
 
@@ -60,8 +52,6 @@ _SPELLINGS: Final = {
     'NUMBER': 'a number',
     'DURATION': 'a duration',
     'FUNCTION': 'a function of a field',
-    'COMPARISON': 'a comparison (= != < <= > >=)',
-    'TRUTH': 'true or false',
     'CONSTRAINT': f'a constraint ({", ".join(CONSTRAINT_KINDS)})',
 }
 """The names in messages of terminals that several languages have."""
@@ -279,13 +269,6 @@ class Language:
         """Return a name as texts of the language have it: in quotes, unless it is a terminal."""
         return name if re.fullmatch(self.pattern(terminal), name) else quoted(name)
 
-    def field_text(self, name: str) -> str:
-        """Return the name of a field as texts of the language have it."""
-        field = parse_field(name)
-        if str(field) != name:
-            return quoted(name)
-        return name if isinstance(field, ComputedField) else self.name_text(name, 'FIELD')
-
     def _unexpected_token(
         self, text: str, error: UnexpectedToken, terminals: Iterable[str]
     ) -> PositionedError:
@@ -339,77 +322,11 @@ class SyntaxBuilder(Transformer_NonRecursive[Token, Syntax]):
 
 @builder
 class ConstraintBuilder(SyntaxBuilder[Syntax]):
-    """A builder for the rules of `common.lark`."""
+    """A builder for the rule `constraint` of `common.lark`."""
 
     def constraint(self, name: Token, duration: Token) -> tuple[Token, int]:
         """Return the name of a constraint and its value in nanoseconds."""
         return name, duration_value(duration)
-
-    def computed(
-        self,
-        function: Token,
-        path: Token,
-        comparison: Token | None = None,
-        value: Token | None = None,
-    ) -> Token:
-        """Return the canonical text of a function of the values at a path."""
-        condition = None
-        if comparison is not None and value is not None:
-            condition = ElementCondition(comparison_value(comparison), literal_value(value))
-        return Token.new_borrow_pos(
-            'COMPUTED', str(computed_field(function, path, condition)), function
-        )
-
-    def elements(self, array: Token, variable: Token) -> ArrayElements:
-        """Return the elements of an array."""
-        return ArrayElements(str(message_path(array)), str(variable))
-
-
-def computed_field(
-    function: Token, path: Token, condition: ElementCondition | None
-) -> ComputedField:
-    """Return a function of the values at a path.
-
-    Raises:
-        PositionedError: for an unknown function, or one that has no condition.
-    """
-    field = ComputedField(str(function), message_path(path), condition)
-    if field.fault:
-        raise PositionedError(field.fault, TextPosition.of(function))
-    return field
-
-
-def message_path(token: Token) -> MessagePath:
-    """Return the path that a token stands for.
-
-    Raises:
-        PositionedError: for a key that no message of ROS can hold.
-    """
-    path = parse_field(token)
-    if not isinstance(path, MessagePath):
-        message = f'{shortened(token)!r} is no path to a field; look at the key'
-        raise PositionedError(message, TextPosition.of(token))
-    return path
-
-
-def field_name(token: Token) -> str:
-    """Return the name of a field: the canonical text of a path, or the content of quotes.
-
-    Raises:
-        PositionedError: see `message_path` and `text_value`.
-    """
-    return str(message_path(token)) if token.type == 'FIELD' else text_value(token)
-
-
-def literal_value(token: Token) -> Value:
-    """Return the value of a number, a quoted text, `true` or `false`.
-
-    Raises:
-        PositionedError: see `number_value` and `text_value`.
-    """
-    if token.type == 'QUOTED':
-        return text_value(token)
-    return token.startswith('t') if token.type == 'TRUTH' else number_value(token)
 
 
 def distinct_settings(settings: Iterable[tuple[Token, Any]]) -> dict[str, Any]:

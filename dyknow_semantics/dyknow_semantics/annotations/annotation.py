@@ -14,6 +14,7 @@ from dyknow_common import (
     StreamConstraints,
     SyntaxNode,
     TextPosition,
+    field_text,
     quoted,
 )
 
@@ -23,6 +24,8 @@ _SPELLINGS: Final = {
     '_IN': "'in'",
     'UNIT': 'a unit such as [m]',
     'PATH': 'a field',
+    'TRUTH': 'true or false',
+    'COMPARISON': 'a comparison (= != < <= > >=)',
     'DURATION': 'a duration such as 100 ms',
 }
 
@@ -89,7 +92,7 @@ class Content(SyntaxNode):
 
     def __str__(self) -> str:
         unit = '' if self.unit is None else f' [{self.unit}]'
-        return f'{self.feature} = {ANNOTATION.field_text(self.field)}{unit}'
+        return f'{self.feature} = {field_text(ANNOTATION, self.field)}{unit}'
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
@@ -113,7 +116,7 @@ class Key(SyntaxNode):
         return (embedded[0], before, embedded[1]) if is_made else (self.field, '', '')
 
     def __str__(self) -> str:
-        return f'{self.variable} = {ANNOTATION.field_text(self.field)}'
+        return f'{self.variable} = {field_text(ANNOTATION, self.field)}'
 
 
 @dataclasses.dataclass(frozen=True, slots=True)

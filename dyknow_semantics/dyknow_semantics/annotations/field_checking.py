@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from functools import partial
 
 from dyknow_common import (
@@ -15,7 +15,7 @@ from dyknow_common import (
     listed_as,
     number_of,
 )
-from dyknow_semantics.annotations.annotation import ANNOTATION, Annotation
+from dyknow_semantics.annotations.annotation import ANNOTATION, Annotation, Key
 from dyknow_semantics.ontology.knowledge import Knowledge
 
 
@@ -49,17 +49,24 @@ def check_fields(
                 content.feature.position,
             )
     for key in annotation.keys:
-        field, *_ = key.parts
-        found = type_of(field, key.position)
-        is_embedded = field != key.field
-        if found is not ValueType.STRING and not (is_embedded and found is ValueType.INT):
-            hint = f'; write {key.variable} = "name_%{field}%"' if found is ValueType.INT else ''
-            raise ANNOTATION.error(
-                f"the field that names the object '{key.variable}' must be of the type string, "
-                f"but '{field}' of {owner} is of the type {found}{hint}",
-                annotation.text,
-                key.position,
-            )
+        _check_key(annotation, owner, key, type_of)
+
+
+def _check_key(
+    annotation: Annotation, owner: str, key: Key, type_of: Callable[[str, TextPosition], ValueType]
+) -> None:
+    """Check that a field holds the names of objects, or numbers that are parts of these."""
+    field, *_ = key.parts
+    found = type_of(field, key.position)
+    if found is ValueType.STRING or (found is ValueType.INT and field != key.field):
+        return
+    hint = f'; write {key.variable} = "name_%{field}%"' if found is ValueType.INT else ''
+    raise ANNOTATION.error(
+        f"the field that names the object '{key.variable}' must be of the type string, "
+        f"but '{field}' of {owner} is of the type {found}{hint}",
+        annotation.text,
+        key.position,
+    )
 
 
 def _available(

@@ -10,8 +10,8 @@ from lark import Token
 
 from dyknow_common import (
     ArrayElements,
-    ConstraintBuilder,
     DyKnowError,
+    FieldBuilder,
     PositionedError,
     StreamConstraints,
     TextPosition,
@@ -54,7 +54,7 @@ def parse_concept(text: str) -> Concept:
 
 
 @builder
-class _AnnotationBuilder(ConstraintBuilder[Any]):
+class _AnnotationBuilder(FieldBuilder[Any]):
     """The builder of the abstract syntax; it has a method for each rule of the grammar."""
 
     def annotations(self, *parts: Any) -> tuple[Any, ...]:

@@ -154,19 +154,15 @@ def make_match(
     """
     ground = feature_text(query.name, objects)
     name = '_'.join(map(_word, (ground, 'from', carrier.annotation.stream)))
-    conditions = [
-        _condition(key, keys[key.variable])
-        for key in carrier.annotation.keys
-        if key.variable in keys
-    ]
-    known = tuple(each for each in conditions if each is not None)
-    if len(known) < len(conditions):
+    given = [key for key in carrier.annotation.keys if key.variable in keys]
+    conditions = tuple(filter(None, (_condition(key, keys[key.variable]) for key in given)))
+    if len(conditions) < len(given):
         return None
     converted = bool(query.unit and carrier.unit and unit_conversion(carrier.unit, query.unit))
     stream = Select(
         (Selection(carrier.field, _VALUE.name if converted else ground),),
         carrier.source,
-        known,
+        conditions,
         carrier.annotation.elements,
         constraints=carrier.annotation.constraints,
     )

@@ -12,8 +12,8 @@ from dyknow_common import (
     NO_CONSTRAINTS,
     NOWHERE,
     ArrayElements,
-    ConstraintBuilder,
     DyKnowError,
+    FieldBuilder,
     PositionedError,
     StreamConstraints,
     TextPosition,
@@ -76,7 +76,7 @@ class _GivenConstraints:
 
 
 @builder
-class _SpecificationBuilder(ConstraintBuilder[tuple[Declaration, ...]]):
+class _SpecificationBuilder(FieldBuilder[tuple[Declaration, ...]]):
     """The builder of the abstract syntax; it has a method for each rule of the grammar."""
 
     def start(self, *parts: Any) -> tuple[Any, ...]:

@@ -19,6 +19,7 @@ from dyknow_common import (
     TextPosition,
     Value,
     ValueType,
+    field_text,
     format_duration,
     quoted,
     value_text,
@@ -29,6 +30,8 @@ LANGUAGE: Final = Language(
     __package__,
     'stream.lark',
     {
+        'TRUTH': 'true or false',
+        'COMPARISON': 'a comparison (= != < <= > >=)',
         'TYPE': f'a type ({", ".join(ValueType)})',
         'RENAMING': 'a new name',
         'CHOICE': 'approximation',
@@ -47,7 +50,7 @@ class TypedField(SyntaxNode):
     type: ValueType
 
     def __str__(self) -> str:
-        return f'{LANGUAGE.field_text(self.name)}: {self.type}'
+        return f'{field_text(LANGUAGE, self.name)}: {self.type}'
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -143,9 +146,9 @@ class Selection(SyntaxNode):
 
     def __str__(self) -> str:
         if self.renaming is None:
-            return LANGUAGE.field_text(self.field)
+            return field_text(LANGUAGE, self.field)
         return (
-            f'{LANGUAGE.field_text(self.field)} as {LANGUAGE.name_text(self.renaming, "RENAMING")}'
+            f'{field_text(LANGUAGE, self.field)} as {LANGUAGE.name_text(self.renaming, "RENAMING")}'
         )
 
 
@@ -158,7 +161,7 @@ class Condition(SyntaxNode):
     value: Value
 
     def __str__(self) -> str:
-        return f'{LANGUAGE.field_text(self.field)} {self.operator} {value_text(self.value)}'
+        return f'{field_text(LANGUAGE, self.field)} {self.operator} {value_text(self.value)}'
 
 
 @dataclass(frozen=True, slots=True)

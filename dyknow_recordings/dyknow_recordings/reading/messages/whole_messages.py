@@ -39,7 +39,7 @@ class WholeMessageReader:
     def __init__(self, layout: TypeLayout, members: Collection[str]) -> None:
         names = [name for name, _ in layout.members(layout.name)]
         count = 1 + max(names.index(each) for each in members if each in names)
-        self._reads = [_Compiler(layout, order).message(layout.name, count) for order in '><']
+        self._reads = [_FunctionMaker(layout, order).message(layout.name, count) for order in '><']
 
     def read(self, data: bytes) -> Any:
         """Return a message, given as it is serialised; it must not be shorter than its type."""
@@ -47,7 +47,7 @@ class WholeMessageReader:
         return message
 
 
-class _Compiler:
+class _FunctionMaker:
     """Makes functions that read values of one byte order."""
 
     def __init__(self, layout: TypeLayout, order: str) -> None:
