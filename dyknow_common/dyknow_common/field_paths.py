@@ -168,10 +168,10 @@ def absence(owner: str, fields: Collection[str] | FieldTypes, path: str) -> str:
     except _AbsenceError as error:
         if str(error):
             return f'{lack}: {error}'
-    shape = _shape(path)
+    shape = _shape_of_path(path)
     inside = [each for each in fields if _shape(each).startswith((f'{shape}.', f'{shape}['))]
     if inside:
-        return f'{lack}: it is not a single value; ask for {_suggestion(path, inside)}'
+        return f'{lack}: it is not a single value; ask for {_suggestion(path, shape, inside)}'
     return f'{lack} (it has: {", ".join(sorted(fields)) or "none"})'
 
 
@@ -353,12 +353,21 @@ def _bounds(path: str) -> Iterator[tuple[float, float]]:
         yield first, last
 
 
-def _suggestion(path: str, inside: Iterable[str]) -> str:
-    known = len(list(_INDEX.finditer(path)))
+def _shape_of_path(path: str) -> str:
+    field = parse_field(path)
+    if not isinstance(field, MessagePath):
+        return _shape(path)
+    return '.'.join(
+        each.name if each.selector is None else f'{each.name}[]' for each in field.steps
+    )
+
+
+def _suggestion(path: str, shape: str, inside: Iterable[str]) -> str:
+    known = shape.count('[]')
     paths = []
     for each in inside:
         firsts = [first for first, _ in _bounds(each)][known:]
-        tail = _shape(each)[len(_shape(path)) :].replace('[]', '[{}]')
+        tail = _shape(each)[len(shape) :].replace('[]', '[{}]')
         paths.append(path + tail.format(*firsts))
     if len(paths) > _MAX_SUGGESTIONS:
         return f'{", ".join(paths[:_MAX_SUGGESTIONS])}, ...'
