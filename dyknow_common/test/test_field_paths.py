@@ -187,3 +187,9 @@ def test_elements_as_samples() -> None:
         fault = element_fields(TYPES, ArrayElements(array, variable))
         assert isinstance(fault, str)
         assert fault.startswith(why)
+
+
+@pytest.mark.parametrize('text', ['each [1, 2]', 'each ["s"]', 'each {', 'each ' + '[' * 200_000])
+def test_texts_like_those_of_elements(text: str) -> None:
+    assert parse_field(text) is None
+    assert listed_as(TYPES, text) is None

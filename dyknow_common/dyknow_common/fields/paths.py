@@ -194,11 +194,7 @@ class UnnestedArray:
 def parse_field(text: str) -> MessagePath | ComputedField | UnnestedArray | None:
     """Return what a text names in a message; None if it names nothing there could be."""
     if text.startswith(_EACH):
-        try:
-            array, variable, *fields = json.loads(text.removeprefix(_EACH))
-        except (ValueError, TypeError):
-            return None
-        return UnnestedArray(ArrayElements(array, variable), tuple(fields))
+        return _unnested(text.removeprefix(_EACH))
     head = _FUNCTION.match(text)
     if head is None:
         return _path(text)
@@ -207,6 +203,16 @@ def parse_field(text: str) -> MessagePath | ComputedField | UnnestedArray | None
     inner = text[head.end() : -1].rstrip()
     path = _path(inner)
     return _conditioned(head[1], inner) if path is None else ComputedField(head[1], path)
+
+
+def _unnested(text: str) -> UnnestedArray | None:
+    try:
+        array, variable, *fields = json.loads(text)
+    except (ValueError, TypeError, RecursionError):
+        return None
+    if not all(isinstance(each, str) for each in (array, variable, *fields)):
+        return None
+    return UnnestedArray(ArrayElements(array, variable), tuple(fields))
 
 
 def number_of(text: str) -> str:
