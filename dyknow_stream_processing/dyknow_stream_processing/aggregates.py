@@ -28,6 +28,7 @@ _OPERATORS: Final[Mapping[str, Callable[[Any, Any], Any]]] = {
 _WIDE: Final = 8
 """The bytes of integers whose sum numpy may not hold."""
 
+_MAX_INT64: Final = (1 << 63) - 1
 _MAX_EXACT: Final = 1 << 53
 """The integers up to this are floats, too."""
 
@@ -96,9 +97,7 @@ def text(value: Any) -> str:
 
 
 def _vector(elements: Any, kind: ValueType | None) -> NDArray[Any]:
-    if isinstance(elements, np.ndarray):
-        return elements
-    if isinstance(elements, array):
+    if isinstance(elements, np.ndarray | array):
         return np.asarray(elements)
     if kind is ValueType.STRING:
         return np.array([number(each) for each in elements], np.float64)
@@ -106,7 +105,10 @@ def _vector(elements: Any, kind: ValueType | None) -> NDArray[Any]:
         return np.frombuffer(b''.join(elements), np.uint8)
     if not len(elements):
         return np.zeros(0, np.int64 if kind is ValueType.INT else np.float64)
-    return np.asarray(elements)
+    if kind is not ValueType.INT:
+        return np.asarray(elements)
+    # By itself, numpy makes floats of integers of which some need 64 bits without a sign.
+    return np.array(elements, np.uint64 if max(elements) > _MAX_INT64 else np.int64)
 
 
 def _count(elements: Any) -> int:
