@@ -18,6 +18,7 @@ from dyknow_interfaces.msg import Field
 from dyknow_interfaces.msg import Sample as SampleMessage
 from nav_msgs.msg import Odometry
 from rclpy.serialization import deserialize_message, serialize_message
+from sensor_msgs.msg import LaserScan
 
 from dyknow_stream_processing import Sample
 from dyknow_stream_processing.ros import (
@@ -32,6 +33,9 @@ SIZES = (10, 100, 1000)
 ODOMETRY_FIELDS = ('pose.pose.position.z', 'twist.twist.linear.x', 'pose.covariance[35]')
 ODOMETRY_GOAL = 3.0
 """Microseconds for a sample of three fields of an Odometry message."""
+SCAN_SIZE = 1080
+SCAN_GOAL = 10.0
+"""Microseconds for the minimum of a LaserScan."""
 
 REPETITIONS = 7
 MIN_REPETITION_S = 0.05
@@ -68,6 +72,21 @@ def odometry_row() -> dict[str, Any]:
         'row': 'Odometry to a sample of 3 fields',
         'microseconds': microseconds(convert),
         'goal': ODOMETRY_GOAL,
+        'rclpy_deserialise': _deserialisation(message),
+    }
+
+
+def scan_row() -> dict[str, Any]:
+    """Return the cost of the minimum of a LaserScan, in microseconds."""
+    ranges = np.random.default_rng(1).uniform(0.1, 30.0, SCAN_SIZE).astype(np.float32)
+    message = LaserScan(ranges=ranges.tolist())
+    message = deserialize_message(serialize_message(message), LaserScan)
+    extract = extractor(LaserScan, ['min(ranges)'])
+    assert extract(message) == {'min(ranges)': float(ranges.min())}
+    return {
+        'row': f'LaserScan of {SCAN_SIZE} ranges to its minimum',
+        'microseconds': microseconds(lambda: extract(message)),
+        'goal': SCAN_GOAL,
         'rclpy_deserialise': _deserialisation(message),
     }
 
@@ -109,13 +128,14 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
     parser.add_argument('--json', action='store_true', help='print JSON')
     as_json = parser.parse_args().json
-    odometry, samples = odometry_row(), [sample_row(size) for size in SIZES]
+    messages, samples = [odometry_row(), scan_row()], [sample_row(size) for size in SIZES]
     if as_json:
-        json.dump({'rows': [odometry, *samples]}, sys.stdout, indent=2)
+        json.dump({'rows': [*messages, *samples]}, sys.stdout, indent=2)
         print()
         return
-    print(f'{odometry["row"]}: {odometry["microseconds"]:.2f} us (goal: {ODOMETRY_GOAL:.0f} us)')
-    print(f'  rclpy needs {odometry["rclpy_deserialise"]:.1f} us to deserialise the message')
+    for each in messages:
+        print(f'{each["row"]}: {each["microseconds"]:.2f} us (goal: {each["goal"]:.0f} us)')
+        print(f'  rclpy needs {each["rclpy_deserialise"]:.1f} us to deserialise the message')
     columns = list(samples[0])[1:]
     print(f'{"microseconds for each field":28}', *(f'{column:>18}' for column in columns))
     for row in samples:

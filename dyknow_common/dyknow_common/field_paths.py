@@ -1,20 +1,74 @@
-"""Paths to single values in a message: `pose.position.z`, `covariance[35]`, `points[2].x`.
+"""Fields among those that a message or a stream has.
 
 A list of fields has all elements of an array as one entry, `covariance[0..35]`, or `ranges[0..]`
-if the length of the array differs between messages. The path `covariance[7]` is listed as
-`covariance[0..35]`; `covariance[36]` is absent.
+if the length of the array differs between messages. Paths and functions of paths (see
+`fields.paths`) are listed as the entry of the values that they are made of: `covariance[7]`,
+`max(covariance)` and `covariance[0..35]` are one entry; `covariance[36]` is absent.
 """
 
 from __future__ import annotations
 
 import math
 import re
-from collections.abc import Collection, Iterable, Iterator
-from typing import Final
+from collections.abc import Collection, Iterable, Iterator, Mapping
+from functools import cached_property
+from typing import Final, NamedTuple
+
+from dyknow_common.fields.paths import (
+    AGGREGATES,
+    CONDITIONED,
+    INDEX,
+    NUMERIC,
+    ArrayElements,
+    ArraySlice,
+    ComputedField,
+    ElementKey,
+    MessagePath,
+    UnnestedArray,
+    parse_field,
+)
+from dyknow_common.values import Value, ValueType
+
+FieldTypes = Mapping[str, ValueType | None]
+"""Fields with the types of their values; None for a type that is not known."""
 
 _INDEX = re.compile(r'\[(?P<first>\d+)(?P<more>\.\.(?P<last>\d*))?\]', re.ASCII)
 _MAX_INDEX_DIGITS: Final = 18
 _MAX_SUGGESTIONS: Final = 4
+_NUMBERS: Final = frozenset({ValueType.INT, ValueType.FLOAT})
+_STEP_OF_ENTRY: Final = re.compile(r'(?<!\.)\.(?!\.)')
+_ENTRY: Final = re.compile(r"[\w']+(\[0\.\.\d*\])?(\.[\w']+(\[0\.\.\d*\])?)*", re.ASCII)
+
+
+class ListedArray(NamedTuple):
+    """The entry of a path through arrays.
+
+    Args:
+        entry: as it is listed.
+        lasts: for each step, the last index of its array; None if it is no array.
+    """
+
+    entry: str
+    lasts: tuple[float | None, ...]
+
+
+class ListedKeys(NamedTuple):
+    """The entry of the keys of an array.
+
+    Args:
+        entry: as it is listed.
+        are_members: True if they are members of the elements, False for those of a parallel array.
+    """
+
+    entry: str
+    are_members: bool
+
+
+ListedArrays = Mapping[tuple[str, ...], ListedArray]
+
+
+class _AbsenceError(Exception):
+    """The reason why a path is not among some fields; it may be empty."""
 
 
 def all_elements(array: str, size: int | None) -> str:
@@ -27,14 +81,80 @@ def all_elements(array: str, size: int | None) -> str:
     return f'{array}[0..{"" if size is None else size - 1}]'
 
 
-def listed_as(fields: Collection[str], path: str) -> str | None:
-    """Return the entry of a path among the fields of a stream; `None` if there is none."""
+def listed_as(fields: Collection[str] | FieldTypes, path: str) -> str | None:
+    """Return the entry of a path among the fields of a stream; `None` if there is none.
+
+    If the types of the fields are given, there is none for a path that does not fit them either.
+    """
+    try:
+        return _Lookup(fields).entry(path)
+    except _AbsenceError:
+        return None
+
+
+def field_type(fields: FieldTypes, path: str) -> ValueType | None:
+    """Return the type of the value at a path that is listed; None if it is not known."""
     if path in fields:
-        return path
-    return next((each for each in fields if _covers(each, path)), None)
+        return fields[path]
+    field, found = parse_field(path), fields[_Lookup(fields).entry(path)]
+    if isinstance(field, UnnestedArray):
+        return None
+    return _result_type(field.function, found) if isinstance(field, ComputedField) else found
 
 
-def absence(owner: str, fields: Collection[str], path: str) -> str:
+def arrays_of(fields: Collection[str]) -> ListedArrays:
+    """Return the listed paths through arrays, by the names of their steps."""
+    return dict(_parsed_entry(each) for each in fields if '..' in each and _ENTRY.fullmatch(each))
+
+
+def key_array(
+    arrays: ListedArrays, names: tuple[str, ...], number: int, field: str
+) -> ListedKeys | None:
+    """Return the keys of an array; None if there are none.
+
+    Args:
+        arrays: the listed arrays.
+        names: of the steps of a path.
+        number: of the step of the array.
+        field: the name of the key.
+    """
+    key = tuple(field.split('.'))
+    member = arrays.get((*names[: number + 1], *key))
+    if member is not None and not _has_arrays(member.lasts[number + 1 :]):
+        return ListedKeys(member.entry, are_members=True)
+    beside = arrays.get((*names[:number], *key))
+    if beside is None or beside.lasts[-1] is None or _has_arrays(beside.lasts[number:-1]):
+        return None
+    return ListedKeys(beside.entry, are_members=False)
+
+
+def element_fields(fields: FieldTypes, elements: ArrayElements) -> FieldTypes | str:
+    """Return the fields of a sample that is made of an element of an array.
+
+    They are those of the element, its number, and those of the message.
+
+    Args:
+        fields: of the message, with their types.
+        elements: those of which each is a sample.
+
+    Returns:
+        The fields; or the reason why there are no such elements.
+    """
+    array, name = parse_field(elements.array), elements.variable
+    if any(re.split(r'[.\[]', each)[0] == name for each in fields):
+        return f"the message has a field '{name}', too; give the element another name"
+    try:
+        inside = _Lookup(fields).elements(array) if isinstance(array, MessagePath) else {}
+    except _AbsenceError as error:
+        return str(error)
+    if not inside:
+        arrays = sorted({'.'.join(names[:-1] or names) for names in arrays_of(fields)})
+        return f"'{elements.array}' is not an array (arrays are in: {', '.join(arrays) or 'none'})"
+    found = {f'{name}.{rest}' if rest else name: kind for rest, kind in inside.items()}
+    return {**fields, **found, elements.index: ValueType.INT}
+
+
+def absence(owner: str, fields: Collection[str] | FieldTypes, path: str) -> str:
     """Return the message that a path is not among the fields of a stream or message.
 
     Args:
@@ -43,14 +163,178 @@ def absence(owner: str, fields: Collection[str], path: str) -> str:
         path: the path that is not listed.
     """
     lack = f"{owner} has no field '{path}'"
-    shape = _shape(path)
-    for each in fields:
-        if '..' in each and _shape(each) == shape and (beyond := _beyond(each, path)):
-            return f'{lack}: {beyond}'
+    try:
+        _Lookup(fields).entry(path)
+    except _AbsenceError as error:
+        if str(error):
+            return f'{lack}: {error}'
+    shape = _shape_of_path(path)
     inside = [each for each in fields if _shape(each).startswith((f'{shape}.', f'{shape}['))]
     if inside:
-        return f'{lack}: it is not a single value; ask for {_suggestion(path, inside)}'
+        return f'{lack}: it is not a single value; ask for {_suggestion(path, shape, inside)}'
     return f'{lack} (it has: {", ".join(sorted(fields)) or "none"})'
+
+
+class _Lookup:
+    """Looks up paths among some fields; each method raises `_AbsenceError` with the reason."""
+
+    def __init__(self, fields: Collection[str] | FieldTypes) -> None:
+        self._fields = fields
+        self._types: FieldTypes = fields if isinstance(fields, Mapping) else {}
+
+    @cached_property
+    def _arrays(self) -> ListedArrays:
+        return arrays_of(self._fields)
+
+    def entry(self, path: str) -> str:
+        """Return the entry of a path."""
+        if path in self._fields:
+            return path
+        field = parse_field(path)
+        if field is None:
+            raise _AbsenceError
+        if isinstance(field, MessagePath):
+            return self._of_array(field, '')
+        if isinstance(field, UnnestedArray):
+            return self._of_elements(field)
+        if field.function == INDEX:
+            raise _AbsenceError(f'{INDEX} takes the element of: each ... as {field.path} in ...')
+        found = self._argument(field)
+        _check_type(field, found, self._types.get(found))
+        return found
+
+    def elements(self, array: MessagePath) -> FieldTypes:
+        """Return the fields of the elements of an array, by the paths within them."""
+        names, many = array.names, False
+        found: dict[str, ValueType | None] = {}
+        for key, listed in self._arrays.items():
+            if key[: len(names)] != names:
+                continue
+            opened = [self._are_many(array, place, listed.lasts) for place in range(len(names))]
+            many = any(opened)
+            rest = '.'.join(_STEP_OF_ENTRY.split(listed.entry)[len(names) :])
+            found[rest] = self._types.get(listed.entry)
+        if found and not many:
+            raise _AbsenceError(f"'{array}' is a single element of its array")
+        return found
+
+    def _of_elements(self, field: UnnestedArray) -> str:
+        inside = element_fields(self._types, field.elements)
+        if isinstance(inside, str):
+            raise _AbsenceError(inside)
+        for each in field.fields:
+            if not listed_as(inside, each):
+                raise _AbsenceError(absence('a sample of each element', inside, each))
+        return next(iter(self._types))
+
+    def _argument(self, field: ComputedField) -> str:
+        """Return the entry of the values that a function is given."""
+        path = str(field.path)
+        if path not in self._fields:
+            return self._of_array(field.path, field.function)
+        if field.function in AGGREGATES:
+            raise _AbsenceError(f"'{path}' is a single value, and {field.function} takes an array")
+        return path
+
+    def _of_array(self, path: MessagePath, function: str) -> str:
+        names = path.names
+        found = self._arrays.get(names)
+        if found is None and function == 'count':
+            # Structs can be counted, too.
+            inside = (each for key, each in self._arrays.items() if key[: len(names)] == names)
+            found = next(inside, None)
+        if found is None:
+            raise _AbsenceError
+        opened = [self._are_many(path, number, found.lasts) for number in range(len(names))]
+        if any(opened) is (function in AGGREGATES):
+            return found.entry
+        if function in AGGREGATES:
+            raise _AbsenceError(f"'{path}' is a single value, and {function} takes an array")
+        if any(isinstance(step.selector, ArraySlice) for step in path.steps):
+            raise _AbsenceError(f'a slice is many values; aggregate them, such as max({path})')
+        raise _AbsenceError
+
+    def _are_many(self, path: MessagePath, number: int, lasts: tuple[float | None, ...]) -> bool:
+        """Check the selector of a step; return True if it leads to several elements of an array."""
+        selector, last, array = path.steps[number].selector, lasts[number], path.before(number)
+        if last is None and selector is not None:
+            raise _AbsenceError(f"'{array}' is not an array")
+        match selector:
+            case int(index):
+                _check_bound(array, index, last)
+            case ElementKey():
+                self._check_key(path, number, selector)
+            case ArraySlice(start, stop):
+                if stop is not None and stop <= start:
+                    raise _AbsenceError(f'the slice [{selector}] is empty; end it after its start')
+                _check_bound(array, start if stop is None else stop - 1, last)
+        return last is not None and (selector is None or isinstance(selector, ArraySlice))
+
+    def _check_key(self, path: MessagePath, number: int, key: ElementKey) -> None:
+        keys = key_array(self._arrays, path.names, number, key.field)
+        if keys is None:
+            array, name = path.before(number), key.field
+            message = f"the elements of '{array}' have no '{name}', and no array '{name}' is "
+            raise _AbsenceError(f'{message}beside it')
+        _check_comparable(keys.entry, self._types.get(keys.entry), key.value)
+
+
+def _has_arrays(lasts: Iterable[float | None]) -> bool:
+    return any(last is not None for last in lasts)
+
+
+def _check_bound(array: str, index: int, last: float | None) -> None:
+    if last is not None and index > last:
+        raise _AbsenceError(f"the last element of '{array}' is [{last:.0f}]")
+
+
+def _check_type(field: ComputedField, entry: str, found: ValueType | None) -> None:
+    """Check that a function fits the type of its values."""
+    if found is None:
+        return
+    function, condition = field.function, field.condition
+    # Texts in structs that are found by keys stand for numbers where these are wanted.
+    is_text = found is ValueType.STRING and (field.path.is_keyed or function == 'number')
+    if function in NUMERIC and found not in _NUMBERS and not is_text:
+        raise _AbsenceError(f"'{entry}' is {_typed(found)}, and {function} takes numbers")
+    if condition is not None and not (is_text and ValueType.of(condition.value) in _NUMBERS):
+        _check_comparable(entry, found, condition.value)
+    if function in {'any', 'all'} and condition is None and found is not ValueType.BOOLEAN:
+        message = f"'{entry}' is {_typed(found)}; give a condition, such as {function}({field.path}"
+        raise _AbsenceError(f'{message} > 1)')
+    if function == 'text' and found not in {ValueType.STRING, ValueType.INT}:
+        raise _AbsenceError(f"'{entry}' is {_typed(found)}, and text takes an int or a string")
+
+
+def _check_comparable(entry: str, found: ValueType | None, value: Value) -> None:
+    wanted = ValueType.of(value)
+    if found is None or found is wanted or {found, wanted} <= _NUMBERS:
+        return
+    message = f"'{entry}' is {_typed(found)}, which cannot be compared with {_typed(wanted)}"
+    raise _AbsenceError(message)
+
+
+def _typed(value_type: ValueType) -> str:
+    return f'{"an" if value_type is ValueType.INT else "a"} {value_type}'
+
+
+def _result_type(function: str, found: ValueType | None) -> ValueType | None:
+    if function == 'count':
+        return ValueType.INT
+    if function == 'text':
+        return ValueType.STRING
+    if function in CONDITIONED:
+        return ValueType.BOOLEAN
+    is_text = found is ValueType.STRING
+    return ValueType.FLOAT if function == 'mean' or is_text else found
+
+
+def _parsed_entry(entry: str) -> tuple[tuple[str, ...], ListedArray]:
+    steps = [each.partition('[0:') for each in entry.replace('..', ':').split('.')]
+    lasts = tuple(
+        float(last.rstrip(']') or math.inf) if bracket else None for _, bracket, last in steps
+    )
+    return tuple(name for name, _, _ in steps), ListedArray(entry, lasts)
 
 
 def _shape(path: str) -> str:
@@ -69,26 +353,21 @@ def _bounds(path: str) -> Iterator[tuple[float, float]]:
         yield first, last
 
 
-def _covers(listed: str, path: str) -> bool:
-    if '..' not in listed or _shape(listed) != _shape(path):
-        return False
-    pairs = zip(_bounds(listed), _bounds(path), strict=True)
-    return all(first <= index <= last and index < math.inf for (first, last), (index, _) in pairs)
+def _shape_of_path(path: str) -> str:
+    field = parse_field(path)
+    if not isinstance(field, MessagePath):
+        return _shape(path)
+    return '.'.join(
+        each.name if each.selector is None else f'{each.name}[]' for each in field.steps
+    )
 
 
-def _beyond(listed: str, path: str) -> str | None:
-    for index, (_, last) in zip(_INDEX.finditer(path), _bounds(listed), strict=True):
-        if _number(index['first']) > last:
-            return f"the last element of '{path[: index.start()]}' is [{last:.0f}]"
-    return None
-
-
-def _suggestion(path: str, inside: Iterable[str]) -> str:
-    known = len(list(_INDEX.finditer(path)))
+def _suggestion(path: str, shape: str, inside: Iterable[str]) -> str:
+    known = shape.count('[]')
     paths = []
     for each in inside:
         firsts = [first for first, _ in _bounds(each)][known:]
-        tail = _shape(each)[len(_shape(path)) :].replace('[]', '[{}]')
+        tail = _shape(each)[len(shape) :].replace('[]', '[{}]')
         paths.append(path + tail.format(*firsts))
     if len(paths) > _MAX_SUGGESTIONS:
         return f'{", ".join(paths[:_MAX_SUGGESTIONS])}, ...'

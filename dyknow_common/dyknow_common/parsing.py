@@ -53,6 +53,7 @@ _SPELLINGS: Final = {
     'QUOTED': 'a quoted text',
     'NUMBER': 'a number',
     'DURATION': 'a duration',
+    'FUNCTION': 'a function of a field',
     'CONSTRAINT': f'a constraint ({", ".join(CONSTRAINT_KINDS)})',
 }
 """The names in messages of terminals that several languages have."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass
 from enum import IntEnum
 from typing import Final
@@ -19,6 +20,10 @@ FUNCTIONS: Final = frozenset(
     {'abs', 'max', 'maximum', 'mean', 'min', 'minimum', 'sqrt', 'sum', 'hypot', 'angle_difference'}
 )
 """Names of functions, which no feature and no stream may have."""
+
+_REFERENCE: Final = re.compile(
+    r"""(?P<function>\w+\()?(?P<stream>"[^"]+"|[\w']+)\.(?P<path>.+)""", re.ASCII | re.DOTALL
+)
 
 
 class SymbolKind(IntEnum):
@@ -55,6 +60,14 @@ class Symbol:
     def is_reference(self) -> bool:
         """True if the symbol names a stream and a field itself."""
         return self.kind is SymbolKind.FEATURE and '.' in self.name
+
+    @property
+    def reference(self) -> tuple[str, str]:
+        """The stream and the field that a reference names, as texts of the stream language."""
+        found = _REFERENCE.fullmatch(self.name)
+        if found is None:
+            raise ValueError(self.name)
+        return found['stream'], f'{found["function"] or ""}{found["path"]}'
 
     @property
     def may_be_stream(self) -> bool:

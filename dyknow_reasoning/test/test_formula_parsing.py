@@ -33,6 +33,7 @@ from dyknow_reasoning.language.formula import (
     Truth,
     Until,
     Variable,
+    walk,
 )
 
 BAD_FORMULAS = sorted((Path(__file__).parent / 'bad_formulas').glob('*.formula'))
@@ -306,3 +307,45 @@ def test_what_other_tools_write_is_corrected(text: str, mistake: str, meant: str
     with pytest.raises(LanguageError, match=f"did you mean '{meant}' instead of ") as error:
         parse_formula(text)
     assert f"instead of '{mistake}'?" in str(error.value)
+
+
+@pytest.mark.parametrize(
+    ('text', 'expected', 'reference'),
+    [
+        (
+            'min("/scan".ranges[90:270]) < 0.5',
+            'min("/scan".ranges[90:270]) < 0.5',
+            FieldReference('/scan', 'min(ranges[90:270])'),
+        ),
+        (
+            'any(scan.ranges<0.3)',
+            'any(scan.ranges < 0.3)',
+            FieldReference('scan', 'any(ranges < 0.3)'),
+        ),
+        (
+            'count ( "/scan".ranges[:9] != -1 ) >= 2',
+            'count("/scan".ranges[:9] != -1) >= 2',
+            FieldReference('/scan', 'count(ranges[:9] != -1)'),
+        ),
+        (
+            '"/joints".position[ name="elbow" ] < 1.5',
+            '"/joints".position[name = "elbow"] < 1.5',
+            FieldReference('/joints', 'position[name = "elbow"]'),
+        ),
+        (
+            '11 < "/d".status[name = "a"].values[key = "100 %"].value',
+            '11 < number("/d".status[name = "a"].values[key = "100 %"].value)',
+            FieldReference('/d', 'number(status[name = "a"].values[key = "100 %"].value)'),
+        ),
+        (
+            '"/d".status[name = "a"].message = "OK"',
+            '"/d".status[name = "a"].message = "OK"',
+            FieldReference('/d', 'status[name = "a"].message'),
+        ),
+    ],
+)
+def test_values_in_arrays(text: str, expected: str, reference: FieldReference) -> None:
+    formula = parse_formula(text)
+    assert str(formula) == expected
+    assert reference in list(walk(formula))
+    assert parse_formula(expected) == formula

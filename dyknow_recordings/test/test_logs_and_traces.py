@@ -34,6 +34,8 @@ def test_topics_and_fields_of_a_log(path: Path) -> None:
             'parts[0..1].a': ValueType.INT,
             'parts[0..1].b': ValueType.FLOAT,
         }
+        with pytest.raises(RecordingError, match='computed from an array'):
+            list(opened.columns({'/number': ['max(q)']}))
         with pytest.raises(RecordingError, match="topic '/number' has no field 'z'") as error:
             opened.columns({'/number': ['z']})
         assert error.value.code == ExitCode.NOT_FOUND

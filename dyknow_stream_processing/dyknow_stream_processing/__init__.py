@@ -1,5 +1,6 @@
 """Streams: samples, the stream language, and the dataflow that runs specifications."""
 
+from dyknow_stream_processing.aggregates import NoValueError
 from dyknow_stream_processing.dataflow.computational_units import load_units
 from dyknow_stream_processing.dataflow.dataflow import Dataflow, SourceType, Statistics
 from dyknow_stream_processing.errors import StreamError, unknown_stream
@@ -30,6 +31,7 @@ from dyknow_stream_processing.language.specification import (
 from dyknow_stream_processing.language.type_rules import Unit
 from dyknow_stream_processing.management.relocation import in_namespace
 from dyknow_stream_processing.management.stream_files import read_streams
+from dyknow_stream_processing.path_values import rows_reader, value_reader
 from dyknow_stream_processing.reporting.silence import joined_reasons, nearest_topics
 from dyknow_stream_processing.sample import PartialFields, Sample
 from dyknow_stream_processing.violation import Violation, ViolationKind
@@ -42,6 +44,7 @@ __all__ = [
     'Dataflow',
     'FreeNames',
     'Merge',
+    'NoValueError',
     'PartialFields',
     'Sample',
     'Select',
@@ -71,7 +74,9 @@ __all__ = [
     'parse_specification',
     'read_streams',
     'resolve',
+    'rows_reader',
     'specifications_by_sink',
     'subterms',
     'unknown_stream',
+    'value_reader',
 ]

@@ -2,23 +2,36 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from types import MappingProxyType
 
 from dyknow_common import Value
 
+Rows = Sequence[Mapping[str, Value]]
+"""The fields of each element of an array."""
+
 
 class PartialFields(dict[str, Value]):
-    """Fields of a sample that lacks some of the fields that it should have.
+    """Fields of a sample that lacks some of the fields that it should have, or has more than them.
 
     Args:
         fields: the fields that it has.
         reasons: for each missing field, why it is missing.
+        rows: fields of the elements of arrays, by the name under which an operator asks for them.
     """
 
-    def __init__(self, fields: Mapping[str, Value], reasons: Mapping[str, str]) -> None:
+    def __init__(
+        self,
+        fields: Mapping[str, Value],
+        reasons: Mapping[str, str],
+        rows: Mapping[str, Rows] = MappingProxyType({}),
+    ) -> None:
         super().__init__(fields)
-        self.reasons = reasons
+        if isinstance(fields, PartialFields):
+            reasons, rows = {**fields.reasons, **reasons}, {**fields.rows, **rows}
+        self.reasons: Mapping[str, str] = reasons
+        self.rows: Mapping[str, Rows] = rows
 
     def __missing__(self, name: str) -> Value:
         raise KeyError(name, self.reasons[name]) if name in self.reasons else KeyError(name)

@@ -7,14 +7,13 @@ or *syntactically*, when it names a stream and a field: `uav1_power.power`,
 
 from __future__ import annotations
 
-import json
 import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import IntEnum
 from functools import cached_property
 
-from dyknow_common import ExitCode, Symbol, listed
+from dyknow_common import ExitCode, Symbol, listed, quoted
 from dyknow_coordinator.errors import CoordinationError
 from dyknow_stream_processing import Select, StreamDeclaration, UnitDeclaration, parse_specification
 
@@ -165,11 +164,7 @@ def _sources_in(specification: str) -> Iterable[FeatureSource]:
 
 def referenced_source(symbol: Symbol) -> FeatureSource:
     """Return the source of a symbol that names its stream and field."""
-    if symbol.name.startswith('"'):
-        end = symbol.name.index('"', 1) + 1
-        return _syntactic_source(symbol, symbol.name[:end], symbol.name[end + 1 :])
-    stream, _, selected = symbol.name.partition('.')
-    return _syntactic_source(symbol, stream, selected)
+    return _syntactic_source(symbol, *symbol.reference)
 
 
 def single_field_source(symbol: Symbol, fields: Sequence[str]) -> FeatureSource:
@@ -188,6 +183,7 @@ def single_field_source(symbol: Symbol, fields: Sequence[str]) -> FeatureSource:
 
 def _syntactic_source(symbol: Symbol, stream: str, selected: str) -> FeatureSource:
     name = 'reference_to_' + re.sub('[^A-Za-z0-9]+', '_', symbol.name).strip('_')
-    text = f'stream {name} = select {selected} as {json.dumps(symbol.name)} from {stream}'
+    renaming = quoted(symbol.name.replace('%', '%%'))
+    text = f'stream {name} = select {selected} as {renaming} from {stream}'
     declaration = str(parse_specification(text))
     return FeatureSource(symbol.name, name, declaration, grounding=Grounding.SYNTACTIC)

@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 from enum import StrEnum
 from typing import Any, ClassVar, TypeAlias
 
-from dyknow_common import SyntaxNode
+from dyknow_common import ComputedField, SyntaxNode, parse_field
 from dyknow_reasoning.language.interval import ALL_FUTURE, Interval
 
 
@@ -96,7 +96,7 @@ class FieldReference(SyntaxNode):
 
     Args:
         stream: the name of a stream or topic.
-        path: the path to the field, `ranges[0]`.
+        path: the path to the field, `ranges[0]`, or a function of it, `min(ranges[90:270])`.
     """
 
     stream: str
@@ -105,7 +105,10 @@ class FieldReference(SyntaxNode):
     def __str__(self) -> str:
         plain = self.stream.isascii() and self.stream.isidentifier()
         stream = self.stream if plain else f'"{self.stream}"'
-        return f'{stream}.{self.path}'
+        field = parse_field(self.path)
+        if not isinstance(field, ComputedField):
+            return f'{stream}.{self.path}'
+        return f'{field.function}({stream}.{self.path[len(field.function) + 1 :]}'
 
 
 @dataclass(frozen=True, slots=True)

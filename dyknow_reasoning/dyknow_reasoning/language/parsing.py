@@ -32,8 +32,13 @@ from dyknow_reasoning.language.constants import (
     constants_of,
     without_lets,
 )
+from dyknow_reasoning.language.field_functions import (
+    field_reference,
+    function_of_field,
+    with_numbers,
+)
 from dyknow_reasoning.language.formula import Formula, Term
-from dyknow_reasoning.language.functions import check_call, not_a_function
+from dyknow_reasoning.language.functions import FIELD_FUNCTIONS, check_call, not_a_function
 from dyknow_reasoning.language.grammar import LANGUAGE
 from dyknow_reasoning.language.interval import ALL_FUTURE, Interval
 from dyknow_reasoning.language.names import resolve
@@ -82,7 +87,8 @@ def _parse(text: str, constants: Constants) -> Formula:
         formula = _formula(LANGUAGE.parse(text, _FormulaBuilder()))
         LANGUAGE.check_depth(formula, syntax.parts)
         formula, units = without_lets(formula, constants)
-        return resolve(with_converted_numbers(formula, units))
+        resolved: Formula = with_numbers(resolve(with_converted_numbers(formula, units)))
+        return resolved
 
 
 _parse_again = lru_cache(1024)(_parse)
@@ -250,6 +256,8 @@ class _FormulaBuilder(SyntaxBuilder[Any]):
         return syntax.Quantity(number_value(number), _unit_text(unit))
 
     def call(self, name: Token, *arguments: Formula | Term) -> Term:
+        if len(arguments) == 1 and name in FIELD_FUNCTIONS:
+            return function_of_field(name, arguments[0])
         check_call(name, len(arguments))
         return syntax.Function(str(name), tuple(map(_term, arguments)))
 
@@ -263,11 +271,7 @@ class _FormulaBuilder(SyntaxBuilder[Any]):
         return syntax.Truth(False)
 
     def reference(self, token: Token) -> Term:
-        if token.startswith('"'):
-            stream, path = token[1:].split('".', 1)
-        else:
-            stream, path = token.split('.', 1)
-        return syntax.FieldReference(stream, path)
+        return field_reference(token)
 
     def name(self, token: Token) -> Term:
         return self.feature(token, ())

@@ -14,7 +14,7 @@ from dataclasses import dataclass, field
 from enum import StrEnum
 from typing import TypeAlias
 
-from dyknow_common import PositionedError, TextPosition
+from dyknow_common import ComputedField, PositionedError, TextPosition, parse_field
 from dyknow_reasoning.language import formula as syntax
 from dyknow_reasoning.language.formula import Formula, Term, parts, walk
 from dyknow_reasoning.language.grammar import LANGUAGE
@@ -96,6 +96,9 @@ class _TypeChecker:
 
     def infer_kinds(self, formula: Formula) -> None:
         """Check that every feature is used as one kind of value."""
+        for node in walk(formula):
+            if isinstance(node, syntax.FieldReference) and (kind := _computed_kind(node)):
+                self.uses[str(node)] = _Use(kind, node.position)
         self._infer_use(formula)
         comparisons: dict[str, list[syntax.Comparison]] = defaultdict(list)
         for node in walk(formula):
@@ -174,6 +177,8 @@ class _TypeChecker:
 
     def _evidence(self, term: Term) -> str:
         use = self.uses.get(_name(term))
+        if isinstance(term, syntax.FieldReference) and _computed_kind(term):
+            return ''
         return f' (from its use at {use.position})' if use else ''
 
 
@@ -233,6 +238,16 @@ def _check_object(node: syntax.Object, variables: set[str], sorts: set[str]) -> 
 def _counted(feature: syntax.Feature) -> str:
     count = len(feature.arguments)
     return '1 argument' if count == 1 else f'{count} arguments'
+
+
+def _computed_kind(reference: syntax.FieldReference) -> Kind | None:
+    """Return the kind of a function of a field, whatever its use is."""
+    field = parse_field(reference.path)
+    if not isinstance(field, ComputedField):
+        return None
+    if field.gives_number:
+        return Kind.NUMBER
+    return Kind.STRING if field.function == 'text' else Kind.BOOLEAN
 
 
 def _name(term: Term) -> str:

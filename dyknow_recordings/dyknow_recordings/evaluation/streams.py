@@ -156,8 +156,10 @@ class RecordedStreams:
         self._received[topic] = now
         valid_time = now if recorded.stamp is None else recorded.stamp
         fields, fault = recorded.values, ''
-        if recorded.absent:
-            fields = PartialFields(fields, recorded.absent)
+        rows = {name: each for name, each in fields.items() if isinstance(each, list)}
+        if recorded.absent or rows:
+            others = {name: each for name, each in fields.items() if name not in rows}
+            fields = PartialFields(others, recorded.absent, rows)
         if recorded.message_type != content.message_type:
             fault = 'the type of the topic has changed'
         elif valid_time < 0:

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pyulog import ULog
 
-from dyknow_common import ExitCode, ValueType, absence, all_elements
+from dyknow_common import ExitCode, ValueType, absence, all_elements, listed_as
 from dyknow_recordings.errors import RecordingError
 from dyknow_recordings.reading.columns import MessageColumns
 from dyknow_recordings.reading.contents import TopicContent
@@ -151,6 +151,11 @@ class _LoggedTopic:
     def check(self, paths: Collection[str], file: Path) -> None:
         """Check that the messages have some fields; raise RecordingError if not."""
         for path in paths:
+            if path not in self._kinds and listed_as(self.fields, path):
+                raise RecordingError(
+                    f"{file}: '{path}' of topic '{self._name}' is computed from an array, which "
+                    'is not possible for logs of PX4; name single elements'
+                )
             if path not in self._kinds:
                 lack = absence(f"topic '{self._name}'", self.fields, path)
                 raise RecordingError(f'{file}: {lack}', ExitCode.NOT_FOUND)

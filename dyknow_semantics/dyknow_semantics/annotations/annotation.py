@@ -9,17 +9,23 @@ from typing import Final
 from dyknow_common import (
     NO_CONSTRAINTS,
     NOWHERE,
+    ArrayElements,
     Language,
     StreamConstraints,
     SyntaxNode,
     TextPosition,
+    field_text,
     quoted,
 )
 
+_PARTS: Final = 2
 _SPELLINGS: Final = {
     'CONCEPT': 'a name',
     '_IN': "'in'",
     'UNIT': 'a unit such as [m]',
+    'PATH': 'a field',
+    'TRUTH': 'true or false',
+    'COMPARISON': 'a comparison (= != < <= > >=)',
     'DURATION': 'a duration such as 100 ms',
 }
 
@@ -75,7 +81,7 @@ class Content(SyntaxNode):
 
     Args:
         feature: the feature.
-        field: a dotted path to the field.
+        field: a path to the field, or a function of one.
         unit: of the value; `None` leaves it to the ontology.
     """
 
@@ -86,18 +92,31 @@ class Content(SyntaxNode):
 
     def __str__(self) -> str:
         unit = '' if self.unit is None else f' [{self.unit}]'
-        return f'{self.feature} = {_field_text(self.field)}{unit}'
+        return f'{self.feature} = {field_text(ANNOTATION, self.field)}{unit}'
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
 class Key(SyntaxNode):
-    """The field of a sample that names the object that a variable stands for, `u = id`."""
+    """The field of a sample that names the object that a variable stands for, `u = id`.
+
+    Args:
+        variable: the variable.
+        field: the field, which holds the name of the object, or `drone_%id%`: the name is made of
+            the value of a field.
+    """
 
     variable: str
     field: str
 
+    @property
+    def parts(self) -> tuple[str, str, str]:
+        """The field, and what is before and after its value in the name of the object."""
+        before, *embedded = self.field.split('%')
+        is_made = len(embedded) == _PARTS and embedded[0]
+        return (embedded[0], before, embedded[1]) if is_made else (self.field, '', '')
+
     def __str__(self) -> str:
-        return f'{self.variable} = {_field_text(self.field)}'
+        return f'{self.variable} = {field_text(ANNOTATION, self.field)}'
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
@@ -110,6 +129,7 @@ class Annotation:
         ranges: the variables of the features, for a stream that carries many objects.
         keys: for each variable, the field that names its object.
         constraints: those that the samples of each ground feature keep.
+        elements: of an array of the messages, each of which is a sample.
         is_topic: true if the name is that of a topic, quoted in the text.
         text: the parsed text, for error messages.
     """
@@ -119,11 +139,13 @@ class Annotation:
     ranges: tuple[Range, ...] = ()
     keys: tuple[Key, ...] = ()
     constraints: StreamConstraints = NO_CONSTRAINTS
+    elements: ArrayElements | None = None
     is_topic: bool = dataclasses.field(default=False, kw_only=True)
     text: str = dataclasses.field(default='', compare=False, kw_only=True)
 
     def __str__(self) -> str:
         stream = quoted(self.stream) if self.is_topic else self.stream
+        stream = stream if self.elements is None else f'{self.elements} {stream}'
         contents = ', '.join(map(str, self.contents))
         keys = f' where {", ".join(map(str, self.keys))}' if self.keys else ''
         constraints = '' if self.constraints.is_empty else f' with {self.constraints}'
@@ -150,7 +172,3 @@ class Concept:
 
 def _ranges(ranges: tuple[Range, ...]) -> str:
     return f' for every {", ".join(map(str, ranges))}' if ranges else ''
-
-
-def _field_text(name: str) -> str:
-    return ANNOTATION.name_text(name, 'FIELD')

@@ -2,11 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from functools import partial
 
-from dyknow_common import ExitCode, TextPosition, ValueType, absence, listed_as
-from dyknow_semantics.annotations.annotation import ANNOTATION, Annotation
+from dyknow_common import (
+    ExitCode,
+    TextPosition,
+    ValueType,
+    absence,
+    element_fields,
+    field_type,
+    listed_as,
+    number_of,
+)
+from dyknow_semantics.annotations.annotation import ANNOTATION, Annotation, Key
 from dyknow_semantics.ontology.knowledge import Knowledge
 
 
@@ -26,37 +35,62 @@ def check_fields(
             feature (a float feature may have an int field), and a field that names objects but is
             not a string.
     """
-    field_type = partial(_field_type, annotation, owner, fields)
+    type_of = partial(_type_of, annotation, owner, _available(annotation, owner, fields))
     for content in annotation.contents:
         feature = knowledge.feature(content.feature.name)
-        found = field_type(content.field, content.feature.position)
+        is_number = feature.value_type in {ValueType.INT, ValueType.FLOAT}
+        field = number_of(content.field) if is_number else content.field
+        found = type_of(field, content.feature.position)
         if not feature.value_type.accepts(found):
             raise ANNOTATION.error(
                 f"feature '{feature.name}' has values of the type {feature.value_type}, "
-                f"but field '{content.field}' of {owner} is of the type {found}",
+                f"but field '{field}' of {owner} is of the type {found}",
                 annotation.text,
                 content.feature.position,
             )
     for key in annotation.keys:
-        found = field_type(key.field, key.position)
-        if found is not ValueType.STRING:
-            raise ANNOTATION.error(
-                f"the field that names the object '{key.variable}' must be of the type string, "
-                f"but '{key.field}' of {owner} is of the type {found}",
-                annotation.text,
-                key.position,
-            )
+        _check_key(annotation, owner, key, type_of)
 
 
-def _field_type(
+def _check_key(
+    annotation: Annotation, owner: str, key: Key, type_of: Callable[[str, TextPosition], ValueType]
+) -> None:
+    """Check that a field holds the names of objects, or numbers that are parts of these."""
+    field, *_ = key.parts
+    found = type_of(field, key.position)
+    if found is ValueType.STRING or (found is ValueType.INT and field != key.field):
+        return
+    hint = f'; write {key.variable} = "name_%{field}%"' if found is ValueType.INT else ''
+    raise ANNOTATION.error(
+        f"the field that names the object '{key.variable}' must be of the type string, "
+        f"but '{field}' of {owner} is of the type {found}{hint}",
+        annotation.text,
+        key.position,
+    )
+
+
+def _available(
+    annotation: Annotation, owner: str, fields: Mapping[str, ValueType]
+) -> Mapping[str, ValueType | None]:
+    """Return the fields of the samples of an annotated stream."""
+    if annotation.elements is None:
+        return fields
+    found = element_fields(fields, annotation.elements)
+    if isinstance(found, str):
+        position = annotation.contents[0].feature.position
+        raise ANNOTATION.error(f'{owner}: {found}', annotation.text, position, ExitCode.NOT_FOUND)
+    return found
+
+
+def _type_of(
     annotation: Annotation,
     owner: str,
-    fields: Mapping[str, ValueType],
+    fields: Mapping[str, ValueType | None],
     field: str,
     position: TextPosition,
 ) -> ValueType:
-    listed = listed_as(fields, field)
-    if listed is None:
+    found = field_type(fields, field) if listed_as(fields, field) else None
+    if found is None:
         message = absence(owner, fields, field)
         raise ANNOTATION.error(message, annotation.text, position, ExitCode.NOT_FOUND)
-    return fields[listed]
+    return found

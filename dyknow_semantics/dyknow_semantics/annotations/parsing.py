@@ -9,13 +9,15 @@ from typing import Any
 from lark import Token
 
 from dyknow_common import (
-    ConstraintBuilder,
+    ArrayElements,
     DyKnowError,
+    FieldBuilder,
     PositionedError,
     StreamConstraints,
     TextPosition,
     builder,
     distinct_settings,
+    field_name,
     text_value,
 )
 from dyknow_semantics.annotations.annotation import (
@@ -52,7 +54,7 @@ def parse_concept(text: str) -> Concept:
 
 
 @builder
-class _AnnotationBuilder(ConstraintBuilder[Any]):
+class _AnnotationBuilder(FieldBuilder[Any]):
     """The builder of the abstract syntax; it has a method for each rule of the grammar."""
 
     def annotations(self, *parts: Any) -> tuple[Any, ...]:
@@ -60,27 +62,29 @@ class _AnnotationBuilder(ConstraintBuilder[Any]):
 
     contents = annotations
 
-    def annotation(
-        self, stream: Token, contents: tuple[Content, ...], *clauses: dict[str, Any]
-    ) -> Annotation:
+    def annotation(self, *parts: Any) -> Annotation:
+        elements = parts[0] if isinstance(parts[0], ArrayElements) else None
+        stream, contents, *clauses = parts[1:] if elements else parts
         given = {name: value for clause in clauses for name, value in clause.items()}
         is_topic = stream.type == 'QUOTED'
-        annotation = Annotation(text_value(stream), contents, **given, is_topic=is_topic)
+        annotation = Annotation(
+            text_value(stream), contents, **given, elements=elements, is_topic=is_topic
+        )
         _require_keys(annotation)
         return annotation
 
     def content(self, feature: FeatureTerm, field: Token, unit: Token | None = None) -> Content:
         if unit is None:
-            return Content(feature, text_value(field))
+            return Content(feature, field_name(field))
         position = TextPosition.of(unit)
-        return Content(feature, text_value(field), unit[1:-1].strip(), unit_position=position)
+        return Content(feature, field_name(field), unit[1:-1].strip(), unit_position=position)
 
     def keys(self, *keys: Key) -> dict[str, Any]:
         _require_distinct(keys)
         return {'keys': keys}
 
     def key(self, variable: Token, field: Token) -> Key:
-        return Key(str(variable), text_value(field))
+        return Key(str(variable), field_name(field))
 
     def constraints(self, *settings: tuple[Token, int]) -> dict[str, Any]:
         constraints = StreamConstraints(**distinct_settings(settings))

@@ -24,7 +24,7 @@ from dataclasses import dataclass
 from itertools import product
 from typing import Final
 
-from dyknow_common import LanguageError
+from dyknow_common import LanguageError, ValueType
 from dyknow_semantics.annotations.annotation import Annotation, Concept
 from dyknow_semantics.annotations.checking import check_annotation, check_concept
 from dyknow_semantics.errors import SemanticsError
@@ -219,7 +219,9 @@ class Matcher:
                     if names not in matches:
                         keys = self._keys(carrier.pattern, objects)
                         matches[names] = make_match(query, names, carrier, keys)
-                    found.append(matches[names])
+                    made = matches[names]
+                    if made is not None:
+                        found.append(made)
                     if len(found) > max_matches:
                         raise _too_many(max_matches)
 
@@ -252,8 +254,10 @@ class Matcher:
         identities = self._object_names.identities
         for content in annotation.contents:
             pattern = pattern_of(content.feature, annotation.ranges, self.knowledge, identities)
-            unit = content.unit or self._stated.feature(pattern.feature).unit
-            carriers.append(AnnotatedField(annotation, content, pattern, unit))
+            feature = self._stated.feature(pattern.feature)
+            unit = content.unit or feature.unit
+            is_number = feature.value_type in {ValueType.INT, ValueType.FLOAT}
+            carriers.append(AnnotatedField(annotation, content, pattern, unit, is_number))
         return _Entry(annotation, tuple(carriers))
 
 

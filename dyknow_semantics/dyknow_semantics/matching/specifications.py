@@ -5,17 +5,25 @@ This is the only module of the core that knows the stream language.
 
 from __future__ import annotations
 
+import dataclasses
 import re
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import chain, count
 from math import inf
 from operator import attrgetter
 from typing import Final, NamedTuple
 
-from dyknow_common import StreamConstraints, ValueType, unit_conversion
-from dyknow_semantics.annotations.annotation import Annotation, Content, feature_text
+from dyknow_common import (
+    ComputedField,
+    StreamConstraints,
+    ValueType,
+    number_of,
+    parse_field,
+    unit_conversion,
+)
+from dyknow_semantics.annotations.annotation import Annotation, Content, Key, feature_text
 from dyknow_semantics.matching.patterns import Pattern
 from dyknow_stream_processing import (
     Call,
@@ -98,6 +106,7 @@ class AnnotatedField:
         content: the part of the annotation that describes the field.
         pattern: the ground features that the field carries.
         unit: the unit of the values; empty for none.
+        is_number: True if the feature has numbers for values.
         matches: a cache of matches, by query and names of objects.
     """
 
@@ -105,13 +114,21 @@ class AnnotatedField:
     content: Content
     pattern: Pattern
     unit: str
-    matches: dict[MatchQuery, dict[tuple[str, ...], Match]] = field(default_factory=dict)
+    is_number: bool
+    matches: dict[MatchQuery, dict[tuple[str, ...], Match | None]] = dataclasses.field(
+        default_factory=dict
+    )
 
     def __str__(self) -> str:
         arguments = {argument.name for argument in self.content.feature.arguments}
         ranges = [each for each in self.annotation.ranges if each.variable in arguments]
         every = f' for every {", ".join(map(str, ranges))}' if ranges else ''
         return f'{self.source} carries {self.content.feature}{every}'
+
+    @property
+    def field(self) -> str:
+        """The field that holds the values, as numbers if these are."""
+        return number_of(self.content.field) if self.is_number else self.content.field
 
     @property
     def source(self) -> StreamReference:
@@ -121,8 +138,10 @@ class AnnotatedField:
 
 def make_match(
     query: MatchQuery, objects: Iterable[str], carrier: AnnotatedField, keys: Mapping[str, str]
-) -> Match:
+) -> Match | None:
     """Return the stream of one ground feature that a field carries.
+
+    There is none if no value of a key makes the name of the object: `drone_%id%` and `rover_1`.
 
     Args:
         query: the request.
@@ -135,16 +154,16 @@ def make_match(
     """
     ground = feature_text(query.name, objects)
     name = '_'.join(map(_word, (ground, 'from', carrier.annotation.stream)))
-    conditions = tuple(
-        Condition(key.field, '=', keys[key.variable])
-        for key in carrier.annotation.keys
-        if key.variable in keys
-    )
+    given = [key for key in carrier.annotation.keys if key.variable in keys]
+    conditions = tuple(filter(None, (_condition(key, keys[key.variable]) for key in given)))
+    if len(conditions) < len(given):
+        return None
     converted = bool(query.unit and carrier.unit and unit_conversion(carrier.unit, query.unit))
     stream = Select(
-        (Selection(carrier.content.field, _VALUE.name if converted else ground),),
+        (Selection(carrier.field, _VALUE.name if converted else ground),),
         carrier.source,
         conditions,
+        carrier.annotation.elements,
         constraints=carrier.annotation.constraints,
     )
     reason = _reason(query, ground, carrier)
@@ -154,6 +173,21 @@ def make_match(
         reason += f'; {carrier.unit} is converted to {query.unit}'
     declaration = StreamDeclaration(name, stream)
     return Match(ground, declaration, carrier.annotation.constraints, query.exact, reason)
+
+
+def _condition(key: Key, name: str) -> Condition | None:
+    """Return the condition that a sample is about an object; None if none can be."""
+    field, before, after = key.parts
+    if field == key.field:
+        return Condition(field, '=', name)
+    value = name.removeprefix(before).removesuffix(after)
+    if name != f'{before}{value}{after}':
+        return None
+    parsed = parse_field(field)
+    if not isinstance(parsed, ComputedField):
+        return Condition(f'text({field})', '=', value)
+    is_number = parsed.gives_number and re.fullmatch('0|[1-9][0-9]{,17}', value)
+    return Condition(field, '=', int(value)) if is_number else None
 
 
 def in_order(matches: Iterable[Match]) -> tuple[Match, ...]:

@@ -22,7 +22,7 @@ from dyknow_stream_processing.dataflow.operators import (
     Wiring,
 )
 from dyknow_stream_processing.dataflow.scheduler import Scheduler
-from dyknow_stream_processing.dataflow.selection import SelectOperator
+from dyknow_stream_processing.dataflow.selection import ElementsOperator, SelectOperator
 from dyknow_stream_processing.dataflow.synchronisation import LinearSyncOperator, SyncOperator
 from dyknow_stream_processing.language.specification import (
     Approximation,
@@ -131,6 +131,8 @@ class OperatorGraph:
                 return self._operator(check, label, [source], *limit)
             case Select():
                 source = self._constrained(term.source, may_be_late=may_be_late, max_lead=max_lead)
+                if term.elements is not None:
+                    source = self._operator(ElementsOperator, source.label, [source], *term.demand)
                 return self._selected(source, label, (term.selections, term.conditions))
             case Merge():
                 inputs = [

@@ -1,4 +1,4 @@
-"""The operator of `select ... from ... where ...`."""
+"""The operators of `select ... from each ... where ...`."""
 
 from __future__ import annotations
 
@@ -6,13 +6,13 @@ import operator
 from collections.abc import Callable, Mapping, Sequence
 from typing import Final
 
-from dyknow_common import Value, ValueType
+from dyknow_common import Value, ValueType, value_text
 from dyknow_stream_processing.dataflow.operators import END, Operator, Wiring
 from dyknow_stream_processing.dataflow.scheduler import BEGINNING
 from dyknow_stream_processing.errors import StreamError
-from dyknow_stream_processing.language.specification import Condition, Selection, value_text
+from dyknow_stream_processing.language.specification import Condition, Selection
 from dyknow_stream_processing.language.type_rules import comparable_types
-from dyknow_stream_processing.sample import missing_text
+from dyknow_stream_processing.sample import PartialFields, missing_text
 from dyknow_stream_processing.violation import Fault, ViolationKind
 
 _COMPARISONS: Final[Mapping[str, Callable[[Value, Value], bool]]] = {
@@ -110,6 +110,31 @@ class SelectOperator(Operator):
         return selected
 
 
+class ElementsOperator(Operator):
+    """A sample for each element of an array; all have the times of the message.
+
+    Args:
+        rows: the name under which the samples of the source hold fields of the elements.
+    """
+
+    def __init__(self, wiring: Wiring, rows: str) -> None:
+        super().__init__(wiring)
+        self._rows = rows
+
+    def receive(
+        self, port: int, valid_time: int, fields: Mapping[str, Value], watermark: int, now: int
+    ) -> None:
+        """Emit the elements, which may be none."""
+        if isinstance(fields, PartialFields) and self._rows in fields.rows:
+            for row in fields.rows[self._rows]:
+                self._emit(valid_time, row, watermark, now)
+        else:
+            reasons = fields.reasons if isinstance(fields, PartialFields) else {}
+            message = reasons.get(self._rows, 'the message has no such array')
+            self._reject(Fault(ViolationKind.FIELDS, valid_time, message))
+        self.promise(port, watermark, now)
+
+
 def _shown(field: str, value: Value) -> str:
     text = value_text(value)
     return f'{field} = {text if len(text) <= _MAX_VALUE else f"{text[:_MAX_VALUE]}..."}'
@@ -139,7 +164,7 @@ def _namer(selection: Selection) -> Callable[[Mapping[str, Value]], str]:
     def name(fields: Mapping[str, Value]) -> str:
         texts = parts.copy()
         for index in range(1, len(parts), 2):
-            value = fields[parts[index]]
+            value = fields[parts[index]] if parts[index] else '%'
             texts[index] = value if isinstance(value, str) else value_text(value)
         return ''.join(texts)
 

@@ -11,18 +11,20 @@ from lark import Token
 from dyknow_common import (
     NO_CONSTRAINTS,
     NOWHERE,
-    ConstraintBuilder,
+    ArrayElements,
     DyKnowError,
+    FieldBuilder,
     PositionedError,
     StreamConstraints,
     TextPosition,
-    Value,
     ValueType,
     builder,
     comparison_value,
     distinct_settings,
     duration_value,
-    number_value,
+    field_name,
+    literal_value,
+    number_of,
     text_value,
 )
 from dyknow_stream_processing.language import specification as syntax
@@ -74,7 +76,7 @@ class _GivenConstraints:
 
 
 @builder
-class _SpecificationBuilder(ConstraintBuilder[tuple[Declaration, ...]]):
+class _SpecificationBuilder(FieldBuilder[tuple[Declaration, ...]]):
     """The builder of the abstract syntax; it has a method for each rule of the grammar."""
 
     def start(self, *parts: Any) -> tuple[Any, ...]:
@@ -110,7 +112,7 @@ class _SpecificationBuilder(ConstraintBuilder[tuple[Declaration, ...]]):
         return fields
 
     def typed(self, name: Token, value_type: Token) -> syntax.TypedField:
-        return syntax.TypedField(_name(name), ValueType(value_type))
+        return syntax.TypedField(_field(name), ValueType(value_type))
 
     def constrained(self, stream: Term, *constraints: _GivenConstraints) -> Term:
         return constraints[0].added_to(stream) if constraints else stream
@@ -129,7 +131,7 @@ class _SpecificationBuilder(ConstraintBuilder[tuple[Declaration, ...]]):
     def argument(self, name: Token, value: Token) -> syntax.UnitArgument:
         if value.type == 'QUANTITY' and value[-1].isalpha():
             return syntax.UnitArgument(str(name), duration_value(value), is_duration=True)
-        return syntax.UnitArgument(str(name), _value(value))
+        return syntax.UnitArgument(str(name), literal_value(value))
 
     def merge(self, *inputs: Term) -> syntax.Merge:
         return syntax.Merge(inputs)
@@ -137,23 +139,28 @@ class _SpecificationBuilder(ConstraintBuilder[tuple[Declaration, ...]]):
     def sync(self, *inputs: Term) -> syntax.Sync:
         return syntax.Sync(inputs)
 
-    def select(self, selections: tuple[syntax.Selection, ...], source: Term, *rest: Any) -> Term:
+    def select(self, selections: tuple[syntax.Selection, ...], *rest: Any) -> Term:
+        elements = rest[0] if isinstance(rest[0], ArrayElements) else None
+        source, *others = rest[1:] if elements else rest
         conditions: tuple[syntax.Condition, ...] = ()
         constraints = _GivenConstraints()
-        for part in rest:
+        for part in others:
             # Constraints belong to the source if conditions or more constraints follow them.
             source, constraints = constraints.added_to(source), _GivenConstraints()
             if isinstance(part, _GivenConstraints):
                 constraints = part
             else:
                 conditions = part
-        return constraints.added_to(syntax.Select(selections, source, conditions))
+        return constraints.added_to(syntax.Select(selections, source, conditions, elements))
 
     def selection(self, field: Token, renaming: Token | None = None) -> syntax.Selection:
-        return syntax.Selection(_name(field), None if renaming is None else _renaming(renaming))
+        return syntax.Selection(_field(field), None if renaming is None else _renaming(renaming))
 
     def condition(self, field: Token, comparison: Token, value: Token) -> syntax.Condition:
-        return syntax.Condition(_name(field), comparison_value(comparison), _value(value))
+        compared, name = literal_value(value), _field(field)
+        if ValueType.of(compared) in {ValueType.INT, ValueType.FLOAT}:
+            name = number_of(name)
+        return syntax.Condition(name, comparison_value(comparison), compared)
 
     def constraints(self, *settings: tuple[Token, Any]) -> _GivenConstraints:
         values = distinct_settings(settings)
@@ -168,7 +175,14 @@ class _SpecificationBuilder(ConstraintBuilder[tuple[Declaration, ...]]):
 
 
 def _name(token: Token) -> str:
-    name = text_value(token)
+    return _checked(text_value(token), token)
+
+
+def _field(token: Token) -> str:
+    return _checked(field_name(token), token)
+
+
+def _checked(name: str, token: Token) -> str:
     if not name:
         raise PositionedError('a name must not be empty', TextPosition.of(token))
     return name
@@ -176,18 +190,10 @@ def _name(token: Token) -> str:
 
 def _renaming(token: Token) -> str:
     name = _name(token)
-    parts = name.split('%')
-    if len(parts) % 2 == 0 or not all(parts[1::2]):
+    if name.count('%') % 2:
         raise PositionedError(
-            f"'{name}' has a % without its pair; a field's value is embedded as %field%",
+            f"'{name}' has a % without its pair; a field's value is embedded as %field%, and a "
+            'percent sign is %%',
             TextPosition.of(token),
         )
     return name
-
-
-def _value(token: Token) -> Value:
-    if token.type == 'QUOTED':
-        return text_value(token)
-    if token.type == 'TRUTH':
-        return token.startswith('t')
-    return number_value(token)

@@ -33,7 +33,7 @@ def _demands(term: Term, wanted: Demand) -> Iterator[tuple[str, Demand]]:
     if isinstance(term, StreamReference):
         yield term.name, wanted
     elif isinstance(term, Select):
-        yield from _demands(term.source, _selected(term))
+        yield from _demands(term.source, term.demand)
     elif isinstance(term, Call) and term.declaration is not None:
         for each, parameter in zip(term.inputs, term.declaration.parameters, strict=True):
             yield from _demands(each, frozenset(field.name for field in parameter))
@@ -41,8 +41,3 @@ def _demands(term: Term, wanted: Demand) -> Iterator[tuple[str, Demand]]:
         # It is not always known which input of a sync has a field.
         for each in term.inputs:
             yield from _demands(each, wanted | {ALL} if isinstance(term, Sync) else wanted)
-
-
-def _selected(select: Select) -> frozenset[str]:
-    fields = {field for each in select.selections for field in (each.field, *each.embedded_fields)}
-    return frozenset(fields | {condition.field for condition in select.conditions})

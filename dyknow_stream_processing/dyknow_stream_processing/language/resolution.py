@@ -8,14 +8,18 @@ from dataclasses import dataclass, replace
 from dyknow_common import (
     MAX_DEPTH,
     NO_CONSTRAINTS,
+    ArrayElements,
     DyKnowError,
     ExitCode,
     StreamConstraints,
     TextPosition,
     ValueType,
     absence,
+    element_fields,
+    field_type,
     listed_as,
     shortened,
+    value_text,
 )
 from dyknow_stream_processing.language import specification as syntax
 from dyknow_stream_processing.language.specification import Specification, Term
@@ -223,16 +227,32 @@ class _Resolver:
     def _select(self, select: syntax.Select) -> _TypedTerm:
         source, fields = self.term(select.source)
         owner = _title(select.source)
+        if select.elements is not None:
+            fields = self._element_fields(select, source, select.elements, fields)
         for condition in select.conditions:
             found = self._field(fields, condition.field, owner, condition.position)
             if found is not None and found not in comparable_types(condition):
                 message = (
                     f"field '{condition.field}' is {_typed(found)}, which cannot be compared "
-                    f'with {syntax.value_text(condition.value)}'
+                    f'with {value_text(condition.value)}'
                 )
                 raise self._error(message, condition.position)
         selected = self._selected(select.selections, fields, owner)
         return replace(select, source=source), selected
+
+    def _element_fields(
+        self, select: syntax.Select, source: Term, elements: ArrayElements, fields: Fields | None
+    ) -> Fields | None:
+        """Return the fields of the samples that are made of the elements of an array."""
+        if not isinstance(source, syntax.StreamReference):
+            message = f'{_title(select.source)} has no arrays; take the elements of a topic'
+            raise self._error(message, select.source.position)
+        if fields is None:
+            return None
+        found = element_fields(fields, elements)
+        if isinstance(found, str):
+            raise self._error(f'{_title(select.source)}: {found}', select.source.position)
+        return found
 
     def _selected(
         self, selections: Iterable[syntax.Selection], fields: Fields | None, owner: str
@@ -324,10 +344,9 @@ class _Resolver:
         """Return the type of a field, or `None` if it is not known."""
         if fields is None:
             return None
-        listed = listed_as(fields, name)
-        if listed is None:
+        if listed_as(fields, name) is None:
             raise self._error(absence(owner, fields, name), position)
-        return fields[listed]
+        return field_type(fields, name)
 
     def _check_declared_once(self, declarations: Iterable[syntax.Declaration]) -> None:
         streams: set[str] = set()

@@ -10,6 +10,7 @@ from typing import Final, TypeVar
 from dyknow_common import (
     NO_CONSTRAINTS,
     NOWHERE,
+    ArrayElements,
     ExitCode,
     Language,
     LanguageError,
@@ -18,8 +19,10 @@ from dyknow_common import (
     TextPosition,
     Value,
     ValueType,
+    field_text,
     format_duration,
     quoted,
+    value_text,
 )
 
 LANGUAGE: Final = Language(
@@ -28,8 +31,8 @@ LANGUAGE: Final = Language(
     'stream.lark',
     {
         'TRUTH': 'true or false',
-        'TYPE': f'a type ({", ".join(ValueType)})',
         'COMPARISON': 'a comparison (= != < <= > >=)',
+        'TYPE': f'a type ({", ".join(ValueType)})',
         'RENAMING': 'a new name',
         'CHOICE': 'approximation',
         'APPROXIMATION': 'latest or linear',
@@ -47,7 +50,7 @@ class TypedField(SyntaxNode):
     type: ValueType
 
     def __str__(self) -> str:
-        return f'{_field_text(self.name)}: {self.type}'
+        return f'{field_text(LANGUAGE, self.name)}: {self.type}'
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -122,8 +125,8 @@ class Selection(SyntaxNode):
 
     Args:
         field: the field to select.
-        renaming: its name in the result, where `%C%` stands for the value of field `C`; `None`
-            keeps the name.
+        renaming: its name in the result, where `%C%` stands for the value of field `C` and `%%` for
+            a percent sign; `None` keeps the name.
     """
 
     field: str
@@ -132,17 +135,21 @@ class Selection(SyntaxNode):
     @property
     def embedded_fields(self) -> tuple[str, ...]:
         """The fields whose values the new name embeds."""
-        return tuple((self.renaming or '').split('%')[1::2])
+        return tuple(filter(None, (self.renaming or '').split('%')[1::2]))
 
     @property
     def name(self) -> str:
         """The name in the result; a pattern, if it embeds fields."""
-        return self.field if self.renaming is None else self.renaming
+        if self.renaming is None:
+            return self.field
+        return self.renaming if self.embedded_fields else self.renaming.replace('%%', '%')
 
     def __str__(self) -> str:
         if self.renaming is None:
-            return _field_text(self.field)
-        return f'{_field_text(self.field)} as {LANGUAGE.name_text(self.renaming, "RENAMING")}'
+            return field_text(LANGUAGE, self.field)
+        return (
+            f'{field_text(LANGUAGE, self.field)} as {LANGUAGE.name_text(self.renaming, "RENAMING")}'
+        )
 
 
 @dataclass(frozen=True, slots=True)
@@ -154,16 +161,31 @@ class Condition(SyntaxNode):
     value: Value
 
     def __str__(self) -> str:
-        return f'{_field_text(self.field)} {self.operator} {value_text(self.value)}'
+        return f'{field_text(LANGUAGE, self.field)} {self.operator} {value_text(self.value)}'
 
 
 @dataclass(frozen=True, slots=True)
 class Select(_Constrained):
-    """Some fields of those samples of a stream that satisfy every condition."""
+    """Some fields of those samples of a stream that satisfy every condition.
+
+    Args:
+        selections: the fields.
+        source: the stream.
+        conditions: all of which a sample must satisfy.
+        elements: of an array of the messages of the source; each is a sample.
+    """
 
     selections: tuple[Selection, ...]
     source: Term
     conditions: tuple[Condition, ...] = ()
+    elements: ArrayElements | None = None
+
+    @property
+    def demand(self) -> frozenset[str]:
+        """The fields that it reads of its source."""
+        named = {name for each in self.selections for name in (each.field, *each.embedded_fields)}
+        fields = named | {condition.field for condition in self.conditions}
+        return frozenset({self.elements.rows(fields)} if self.elements else fields)
 
     @property
     def inputs(self) -> tuple[Term, ...]:
@@ -172,6 +194,7 @@ class Select(_Constrained):
 
     def __str__(self) -> str:
         source = f'({self.source})' if _ends_open(self.source) else str(self.source)
+        source = source if self.elements is None else f'{self.elements} {source}'
         conditions = f' where {" and ".join(map(str, self.conditions))}' if self.conditions else ''
         return self._with_constraints(
             f'select {_listed(self.selections)} from {source}{conditions}'
@@ -338,17 +361,6 @@ def subterms(term: Term) -> Iterator[Term]:
 def references(term: Term) -> Iterator[StreamReference]:
     """Yield every reference in a term."""
     return (each for each in subterms(term) if isinstance(each, StreamReference))
-
-
-def value_text(value: Value) -> str:
-    """Return a value as it is written in the stream language."""
-    if isinstance(value, bool):
-        return 'true' if value else 'false'
-    return quoted(value) if isinstance(value, str) else repr(value)
-
-
-def _field_text(name: str) -> str:
-    return LANGUAGE.name_text(name, 'FIELD')
 
 
 def _listed(parts: Iterable[object]) -> str:

@@ -6,7 +6,11 @@ from dyknow_stream_processing.ros.messages.message_types import (
     scalar_fields,
     valid_time_reader,
 )
-from dyknow_stream_processing.ros.messages.message_values import FieldReader, without_element
+from dyknow_stream_processing.ros.messages.message_values import (
+    FieldReader,
+    with_value,
+    without_element,
+)
 from dyknow_stream_processing.ros.messages.sample_messages import (
     SampleWriter,
     sample_fields,
@@ -33,5 +37,6 @@ __all__ = [
     'scalar_fields',
     'source_type',
     'valid_time_reader',
+    'with_value',
     'without_element',
 ]

@@ -17,17 +17,16 @@ from numpy.typing import NDArray
 from rosbags.interfaces import Nodetype
 
 from dyknow_recordings.reading.messages.cdr_cursor import (
+    HEADER_SIZE,
     CdrCursor,
     SerialisedMessages,
     SizeTables,
     followed_by,
     primitive_sizes,
 )
+from dyknow_recordings.reading.messages.computed_columns import ComputedColumns, is_computed
 from dyknow_recordings.reading.messages.definitions import TypeLayout
 from dyknow_recordings.reading.messages.stored_messages import StoredMessages
-
-HEADER_SIZE: Final = 4
-"""The bytes of the encapsulation header: the byte order, and options."""
 
 _PADDING: Final = bytes(8)
 _ORDERS: Final = {0: '>', 1: '<'}
@@ -94,7 +93,9 @@ class CdrReader:
     """
 
     def __init__(self, layout: TypeLayout, paths: Collection[str]) -> None:
-        self._steps = _Compiler(layout).message(layout.name, _tree(paths))
+        whole = {path for path in paths if is_computed(path)}
+        self._steps = _Compiler(layout).message(layout.name, _tree(set(paths) - whole))
+        self._computed = ComputedColumns(layout, whole) if whole else None
 
     def read(self, messages: StoredMessages) -> tuple[DecodedFields, Mapping[str, int]]:
         """Return the fields of the messages, and the number of unreadable ones by their reason."""
@@ -112,6 +113,11 @@ class CdrReader:
             for rows in [np.flatnonzero(encapsulation == kind)]
         ]
         fields = parts[0][1] if len(kinds) == len(parts) == 1 else _joined(len(messages), parts)
+        if self._computed is not None:
+            for path, values, absent in self._computed.read(messages, fields.intact):
+                fields.values[path] = values
+                if absent:
+                    fields.absent[path] = dict(absent)
         unknown = sum(
             int((encapsulation == kind).sum()) for kind in kinds if kind not in (-1, 0, 1)
         )

@@ -16,6 +16,9 @@ Offset = Any
 ALIGNMENT: Final = 8
 """Sizes of fields depend on their position modulo this."""
 
+HEADER_SIZE: Final = 4
+"""The bytes of the encapsulation header: the byte order, and options."""
+
 _RESIDUES: Final = np.arange(ALIGNMENT)
 _LENGTH_SIZE: Final = 4
 _WIDE_SIZE: Final = 4
@@ -141,7 +144,7 @@ class CdrCursor:
         data, ends = self._messages.data, (start + sizes * self.intact).tolist()
         pieces = [data[each:end] for each, end in zip(start.tolist(), ends, strict=True)]
         if wide:
-            return [_wide_text(piece, self._messages.order) for piece in pieces]
+            return [wide_text(piece, self._messages.order) for piece in pieces]
         return [str(piece.removesuffix(b'\0'), 'utf-8', 'replace') for piece in pieces]
 
     def move(self, position: Offset) -> None:
@@ -187,6 +190,7 @@ class CdrCursor:
         return positions if self.intact.all() else np.where(self.intact, positions, 0)
 
 
-def _wide_text(piece: bytes, order: str) -> str:
+def wide_text(piece: bytes, order: str) -> str:
+    """Return a text of UTF-16 code units, each in 4 bytes of an order, `<` or `>`."""
     units = np.frombuffer(piece, f'{order}u4')
     return units.astype('<u2').tobytes().decode('utf-16-le', 'replace')

@@ -11,7 +11,15 @@ from typing import Any, Final
 from rosbags.interfaces import Nodetype
 from rosbags.typesys import Stores, get_types_from_idl, get_types_from_msg, get_typestore
 
-from dyknow_common import ExitCode, ValueType, absence, all_elements, listed_as, shortened
+from dyknow_common import (
+    ExitCode,
+    ValueType,
+    absence,
+    all_elements,
+    listed_as,
+    parse_field,
+    shortened,
+)
 from dyknow_recordings.errors import RecordingError
 
 Members = tuple[tuple[str, Any], ...]
@@ -100,7 +108,7 @@ class TypeLayout:
             RecordingError: NOT_FOUND, naming the fields that can be requested instead.
         """
         for path in paths:
-            if not listed_as(self.fields, path) or '..' in path:
+            if not listed_as(self.fields, path) or parse_field(path) is None:
                 raise RecordingError(absence(self.name, self.fields, path), ExitCode.NOT_FOUND)
 
     def _scalar_fields(self, name: str, prefix: str) -> dict[str, ValueType]:

@@ -27,7 +27,8 @@ element at the end of an array that holds no value itself, such as an empty `Las
 field and is lost on the way back.
 
 If only certain paths are requested, the first function reads these and omits elements that the
-message lacks; the second sets these, in an array at any index.
+message lacks; the second sets these, in an array at any index. Fields that are found by keys or
+computed from arrays are read by `with_value`, and cannot be set.
 """
 
 from __future__ import annotations
@@ -45,6 +46,7 @@ from rosidl_parser.definition import (
     NamespacedType,
 )
 
+from dyknow_common import ElementKey, MessagePath, parse_field
 from dyknow_common.ros import snake_case
 from dyknow_stream_processing.ros.messages.message_types import (
     check_fields,
@@ -67,6 +69,7 @@ _ELEMENT_FACTORIES: Final = {
     'float': 'float',
     'double': 'float',
 }
+_HELPERS: Final = ('FieldReader', 'with_value', 'without_element')
 _COMMA: Final = re.compile(r', (?![^\[]*\])')
 _STEP: Final = re.compile(r'(?P<name>\w+)(\[(?P<index>\d+)\])?', re.ASCII)
 
@@ -100,7 +103,9 @@ def conversion_text(class_: Any, fields: Collection[str] | None) -> str:
     name, type_name = snake_case(class_.__name__), type_name_of(class_)
     annotation = _class_expression(class_)
     reading = _read_all(class_) if fields is None else _read(class_, sorted(fields))
-    wanted = None if fields is None else {re.sub(r'\d+(?=\])', '', each) for each in fields}
+    wanted = None
+    if fields is not None:
+        wanted = {re.sub(r'\d+(?=\])', '', each) for each in fields if _is_direct(each)}
     lines = [
         '',
         f'def {name}_to_fields(message: {annotation}) -> dict[str, Value]:',
@@ -124,7 +129,7 @@ def with_imports(functions: str) -> str:
     """Return the text of functions after the imports that they need."""
     # Message types begin with a capital letter, fields do not.
     packages = sorted(set(re.findall(r'(?<![.\w])(\w+)\.msg\.[A-Z]', functions)))
-    helpers = [name for name in ('FieldReader', 'without_element') if f'{name}(' in functions]
+    helpers = [name for name in _HELPERS if f'{name}(' in functions]
     lines = [
         'from collections.abc import Mapping',
         '',
@@ -212,6 +217,9 @@ def _read(class_: Any, paths: Iterable[str]) -> list[str]:
     certain: list[tuple[str, str]] = []
     lines: list[str] = []
     for path in paths:
+        if not _is_direct(path):
+            lines.append(f'fields = with_value(fields, message, {path!r})')
+            continue
         expression, is_certain = _expression(class_, path)
         if is_certain:
             certain.append((f"'{path}'", expression))
@@ -225,6 +233,14 @@ def _read(class_: Any, paths: Iterable[str]) -> list[str]:
     if not lines:
         return _dictionary('return', certain)
     return [*_dictionary('fields: dict[str, Value] =', certain), *lines, 'return fields']
+
+
+def _is_direct(path: str) -> bool:
+    """Return True for a path of which each step is a member or an index."""
+    field = parse_field(path)
+    return isinstance(field, MessagePath) and not any(
+        isinstance(step.selector, ElementKey) for step in field.steps
+    )
 
 
 def _expression(class_: Any, path: str) -> tuple[str, bool]:
@@ -331,8 +347,9 @@ def _indented(lines: Iterable[str]) -> list[str]:
 
 
 def _wrapped(line: str) -> list[str]:
-    """Return a line as formatters break it if it is too long: within brackets."""
-    if len(line) <= _LINE_WIDTH or line.lstrip().startswith(("'", "f'", '"')):
+    """Return a line as formatters break it if it is too long: within brackets, not in texts."""
+    text = line.lstrip()
+    if len(line) <= _LINE_WIDTH or text.startswith(("'", "f'", '"', 'fields = with_value(')):
         return [line]
     indent = ' ' * (len(line) - len(line.lstrip()))
     if '(' in line:

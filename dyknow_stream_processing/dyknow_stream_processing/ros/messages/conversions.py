@@ -62,8 +62,6 @@ def extractor(class_: Any, fields: Collection[str]) -> Callable[[Any], dict[str,
     reasons = {each: absence(name, known, each) for each in absent}
 
     def extract_and_explain(message: Any) -> PartialFields:
-        found = extract(message)
-        more = found.reasons if isinstance(found, PartialFields) else {}
-        return PartialFields(found, {**reasons, **more})
+        return PartialFields(extract(message), reasons)
 
     return extract_and_explain

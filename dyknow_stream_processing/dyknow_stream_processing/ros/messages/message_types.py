@@ -17,7 +17,7 @@ from rosidl_parser.definition import (
     NamespacedType,
 )
 
-from dyknow_common import ExitCode, ValueType, absence, all_elements, listed_as
+from dyknow_common import ExitCode, ValueType, absence, all_elements, listed_as, parse_field
 from dyknow_common.ros import time_to_nanoseconds
 from dyknow_stream_processing.errors import StreamError
 from dyknow_stream_processing.language.required_fields import ALL
@@ -117,7 +117,7 @@ def check_fields(class_: Any, fields: Collection[str]) -> None:
     """
     known = scalar_fields(class_)
     for field in fields:
-        if not listed_as(known, field) or '..' in field:
+        if not listed_as(known, field) or parse_field(field) is None:
             raise StreamError(absence(type_name_of(class_), known, field), ExitCode.NOT_FOUND)
 
 

@@ -5,12 +5,23 @@ from __future__ import annotations
 import math
 import re
 from collections import defaultdict
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Hashable, Mapping
+from functools import lru_cache
 from typing import Any, Final
 
-from dyknow_common import ExitCode, Value, ValueType, absence, listed_as
+from dyknow_common import (
+    ExitCode,
+    UnnestedArray,
+    Value,
+    ValueType,
+    absence,
+    listed_as,
+    parse_field,
+    value_text,
+)
+from dyknow_stream_processing.aggregates import NoValueError
 from dyknow_stream_processing.errors import StreamError
-from dyknow_stream_processing.language.specification import value_text
+from dyknow_stream_processing.path_values import rows_reader, value_reader
 from dyknow_stream_processing.ros.messages.message_types import scalar_fields, type_name_of
 from dyknow_stream_processing.sample import PartialFields
 
@@ -21,8 +32,27 @@ _SURROGATE: Final = re.compile('[\ud800-\udfff]')
 
 def without_element(fields: dict[str, Value], message: Any, path: str) -> PartialFields:
     """Return the fields of a sample without one whose array element the message lacks."""
-    reasons = fields.reasons if isinstance(fields, PartialFields) else {}
-    return PartialFields(fields, {**reasons, path: _missing_element(message, path)})
+    return PartialFields(fields, {path: _missing_element(message, path)})
+
+
+def with_value(fields: dict[str, Value], message: Any, path: str) -> dict[str, Value]:
+    """Return the fields of a sample with one that is found by a key or computed, if possible."""
+    try:
+        value = _reader(message.__class__, path)(message)
+    except NoValueError as error:
+        return PartialFields(fields, {path: str(error)})
+    if isinstance(value, list):
+        return PartialFields(fields, {}, {path: value})
+    fields[path] = value
+    return fields
+
+
+@lru_cache(maxsize=1000)
+def _reader(class_: Hashable, path: str) -> Callable[[Any], Any]:
+    field, known = parse_field(path), scalar_fields(class_)
+    if isinstance(field, UnnestedArray):
+        return rows_reader(known, field)
+    return value_reader(known, path)
 
 
 def _missing_element(message: Any, path: str) -> str:

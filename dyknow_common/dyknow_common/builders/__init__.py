@@ -1,0 +1,1 @@
+"""Builders of the abstract syntax that several languages have."""

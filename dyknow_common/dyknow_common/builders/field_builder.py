@@ -1,0 +1,106 @@
+"""Fields of messages in the texts of all languages."""
+
+from __future__ import annotations
+
+from lark import Token
+
+from dyknow_common.errors import shortened
+from dyknow_common.fields.paths import (
+    ArrayElements,
+    ComputedField,
+    ElementCondition,
+    MessagePath,
+    parse_field,
+)
+from dyknow_common.parsing import (
+    ConstraintBuilder,
+    Language,
+    PositionedError,
+    Syntax,
+    TextPosition,
+    builder,
+    comparison_value,
+    number_value,
+    quoted,
+    text_value,
+)
+from dyknow_common.values import Value
+
+
+@builder
+class FieldBuilder(ConstraintBuilder[Syntax]):
+    """A builder for the rules of `common.lark`."""
+
+    def computed(
+        self,
+        function: Token,
+        path: Token,
+        comparison: Token | None = None,
+        value: Token | None = None,
+    ) -> Token:
+        """Return the canonical text of a function of the values at a path."""
+        condition = None
+        if comparison is not None and value is not None:
+            condition = ElementCondition(comparison_value(comparison), literal_value(value))
+        return Token.new_borrow_pos(
+            'COMPUTED', str(computed_field(function, path, condition)), function
+        )
+
+    def elements(self, array: Token, variable: Token) -> ArrayElements:
+        """Return the elements of an array."""
+        return ArrayElements(str(message_path(array)), str(variable))
+
+
+def computed_field(
+    function: Token, path: Token, condition: ElementCondition | None
+) -> ComputedField:
+    """Return a function of the values at a path.
+
+    Raises:
+        PositionedError: for an unknown function, or one that has no condition.
+    """
+    field = ComputedField(str(function), message_path(path), condition)
+    if field.fault:
+        raise PositionedError(field.fault, TextPosition.of(function))
+    return field
+
+
+def message_path(token: Token) -> MessagePath:
+    """Return the path that a token stands for.
+
+    Raises:
+        PositionedError: for a key that no message of ROS can hold.
+    """
+    path = parse_field(token)
+    if not isinstance(path, MessagePath):
+        message = f'{shortened(token)!r} is no path to a field; look at the key'
+        raise PositionedError(message, TextPosition.of(token))
+    return path
+
+
+def field_name(token: Token) -> str:
+    """Return the name of a field: the canonical text of a path, or the content of quotes.
+
+    Raises:
+        PositionedError: see `message_path` and `text_value`.
+    """
+    return str(message_path(token)) if token.type == 'FIELD' else text_value(token)
+
+
+def field_text(language: Language, name: str) -> str:
+    """Return the name of a field as texts of a language have it."""
+    field = parse_field(name)
+    if str(field) != name:
+        return quoted(name)
+    return name if isinstance(field, ComputedField) else language.name_text(name, 'FIELD')
+
+
+def literal_value(token: Token) -> Value:
+    """Return the value of a number, a quoted text, `true` or `false`.
+
+    Raises:
+        PositionedError: see `number_value` and `text_value`.
+    """
+    if token.type == 'QUOTED':
+        return text_value(token)
+    return token.startswith('t') if token.type == 'TRUTH' else number_value(token)

@@ -1,0 +1,1 @@
+"""Fields of messages: the texts that name them."""

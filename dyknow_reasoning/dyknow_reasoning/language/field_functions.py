@@ -1,0 +1,105 @@
+"""Functions of the fields of streams in formulas, `min("/scan".ranges[90:270]) < 0.5`.
+
+Such a function is a reference to a field that the stream computes, `min(ranges[90:270])`.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+from lark import Token
+
+from dyknow_common import (
+    ComputedField,
+    ElementCondition,
+    MessagePath,
+    PositionedError,
+    TextPosition,
+    computed_field,
+    message_path,
+    number_of,
+    parse_field,
+    shortened,
+)
+from dyknow_reasoning.language.formula import (
+    Arithmetic,
+    Comparison,
+    FieldReference,
+    Formula,
+    Function,
+    Number,
+    Term,
+    TextLiteral,
+    Truth,
+    with_changed_parts,
+)
+
+
+def field_reference(token: Token) -> FieldReference:
+    """Return the reference that a token stands for, `"/scan".ranges[0]`.
+
+    Raises:
+        PositionedError: for a path with a key that no message of ROS can hold.
+    """
+    if token.startswith('"'):
+        stream, path = token[1:].split('".', 1)
+    else:
+        stream, path = token.split('.', 1)
+    return FieldReference(stream, str(message_path(Token.new_borrow_pos('FIELD', path, token))))
+
+
+def function_of_field(name: Token, argument: Formula | Term) -> FieldReference:
+    """Return a function of a field, or of a comparison of its elements with a value.
+
+    Raises:
+        PositionedError: for another argument.
+    """
+    condition, reference = None, argument
+    if isinstance(argument, Comparison) and isinstance(
+        argument.right, Number | TextLiteral | Truth
+    ):
+        reference = argument.left
+        condition = ElementCondition(argument.operator, argument.right.value)
+    field = parse_field(reference.path) if isinstance(reference, FieldReference) else None
+    is_compared = isinstance(argument, Comparison)
+    if (
+        not isinstance(reference, FieldReference)
+        or not isinstance(field, MessagePath)
+        or is_compared is not (condition is not None)
+    ):
+        raise PositionedError(
+            f"'{name}' takes a field of a stream, not '{shortened(argument)}'; write "
+            f'{name}("/scan".ranges), or for count, any and all a condition, such as '
+            'any("/scan".ranges < 0.3)',
+            TextPosition.of(name),
+        )
+    path = Token.new_borrow_pos('FIELD', str(field), name)
+    return FieldReference(reference.stream, str(computed_field(name, path, condition)))
+
+
+def with_numbers(node: Any) -> Any:
+    """Return a formula in which texts of messages are numbers where these are wanted.
+
+    These are the texts in structs that are found by keys, as in diagnostics; see `number_of`.
+    """
+    node = with_changed_parts(node, with_numbers)
+    match node:
+        case Comparison('=' | '!=', left, right) if not (_is_number(left) or _is_number(right)):
+            return node
+        case Comparison() | Arithmetic() | Function():
+            return with_changed_parts(node, _as_number)
+        case _:
+            return node
+
+
+def _as_number(term: Term) -> Term:
+    if not isinstance(term, FieldReference):
+        return term
+    return FieldReference(term.stream, number_of(term.path), position=term.position)
+
+
+def _is_number(term: Term) -> bool:
+    if not isinstance(term, FieldReference):
+        return isinstance(term, Number | Arithmetic | Function)
+    field = parse_field(term.path)
+    return isinstance(field, ComputedField) and field.gives_number

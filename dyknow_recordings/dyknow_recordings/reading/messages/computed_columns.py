@@ -1,0 +1,117 @@
+"""Columns of values that are found by keys or computed from arrays."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection, Iterator, Mapping
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dyknow_common import (
+    ComputedField,
+    ElementKey,
+    MessagePath,
+    PathStep,
+    UnnestedArray,
+    ValueType,
+    field_type,
+    parse_field,
+)
+from dyknow_recordings.reading.messages.definitions import TypeLayout
+from dyknow_recordings.reading.messages.stored_messages import StoredMessages
+from dyknow_recordings.reading.messages.whole_messages import WholeMessageReader
+from dyknow_stream_processing import NoValueError, rows_reader, value_reader
+
+ComputedColumn = tuple[str, NDArray[Any], Mapping[int, str]]
+"""A path, the values in all messages, and by message the reason why it has none."""
+
+_DTYPES: Final[Mapping[ValueType | None, Any]] = {
+    ValueType.BOOLEAN: np.bool_,
+    ValueType.INT: np.int64,
+    ValueType.FLOAT: np.float64,
+}
+
+
+class ComputedColumns:
+    """Reader of values that are found by keys or computed from arrays.
+
+    Args:
+        layout: of the type of the messages.
+        paths: of the fields, which the type has.
+    """
+
+    def __init__(self, layout: TypeLayout, paths: Collection[str]) -> None:
+        self._readers = {path: _reader(layout, path) for path in paths}
+        self._types = {path: field_type(layout.fields, path) for path in paths}
+        self._messages = WholeMessageReader(
+            layout, {each for path in paths for each in _members(path)}
+        )
+
+    def read(self, messages: StoredMessages, intact: NDArray[np.bool_]) -> Iterator[ComputedColumn]:
+        """Yield the columns; messages that are not intact have no values."""
+        values: dict[str, list[Any]] = {path: [] for path in self._readers}
+        absent: dict[str, dict[int, str]] = {path: {} for path in self._readers}
+        is_intact = intact.tolist()
+        for row, data in enumerate(messages.contents()):
+            message = self._messages.read(data) if is_intact[row] else None
+            for path, read in self._readers.items():
+                value = _NOTHING.get(self._types[path])
+                try:
+                    value = value if message is None else read(message)
+                except NoValueError as error:
+                    absent[path][row] = str(error)
+                values[path].append(value)
+        for path, column in values.items():
+            yield path, _column(column, self._types[path]), absent[path]
+
+
+_NOTHING: Final[Mapping[ValueType | None, Any]] = {
+    ValueType.BOOLEAN: False,
+    ValueType.INT: 0,
+    ValueType.FLOAT: 0.0,
+    ValueType.STRING: '',
+}
+
+
+def _reader(layout: TypeLayout, path: str) -> Callable[[Any], Any]:
+    field = parse_field(path)
+    if isinstance(field, UnnestedArray):
+        return rows_reader(layout.fields, field)
+    return value_reader(layout.fields, path)
+
+
+def is_computed(path: str) -> bool:
+    """Return True for a path that is found by a key or computed from an array."""
+    field = parse_field(path)
+    return isinstance(field, ComputedField | UnnestedArray) or (
+        isinstance(field, MessagePath)
+        and any(isinstance(step.selector, ElementKey) for step in field.steps)
+    )
+
+
+def _members(path: str) -> Iterator[str]:
+    """Yield the members of the message that a path may need."""
+    field = parse_field(path)
+    if isinstance(field, UnnestedArray):
+        for each in (field.elements.array, *field.fields):
+            yield from _members(each)
+    found = field.path if isinstance(field, ComputedField) else field
+    match found:
+        case MessagePath((PathStep(name, selector), *_)):
+            yield name
+            if isinstance(selector, ElementKey):
+                yield selector.field.partition('.')[0]
+
+
+def _column(values: list[Any], kind: ValueType | None) -> NDArray[Any]:
+    if kind is None:
+        # The rows of elements, which numpy would take for dimensions.
+        column = np.empty(len(values), np.object_)
+        for row, value in enumerate(values):
+            column[row] = value
+        return column
+    try:
+        return np.array(values, _DTYPES.get(kind, np.object_))
+    except OverflowError:  # An unsigned integer of 64 bits, or a sum.
+        return np.array(values, np.object_)

@@ -1,0 +1,180 @@
+"""Aggregates of arrays, and conversions between texts and numbers.
+
+Arrays are numpy arrays, `array.array` or lists. Arrays of numbers are read by numpy, without a loop
+over their elements. NaN is ignored. Comparisons and sums of integers are exact.
+"""
+
+from __future__ import annotations
+
+import math
+import operator
+from array import array
+from collections.abc import Callable, Mapping
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dyknow_common import ComputedField, Value, ValueType, shortened
+
+_OPERATORS: Final[Mapping[str, Callable[[Any, Any], Any]]] = {
+    '=': operator.eq,
+    '!=': operator.ne,
+    '<': operator.lt,
+    '<=': operator.le,
+    '>': operator.gt,
+    '>=': operator.ge,
+}
+_WIDE: Final = 8
+"""The bytes of integers whose sum numpy may not hold."""
+
+_MAX_INT64: Final = (1 << 63) - 1
+_MAX_EXACT: Final = 1 << 53
+"""The integers up to this are floats, too."""
+
+
+class NoValueError(Exception):
+    """The reason why a message has no value at a path."""
+
+
+def aggregate(field: ComputedField, kind: ValueType | None) -> Callable[[Any], Value]:
+    """Return the function of an array that a field is computed with.
+
+    It raises NoValueError for an array that has no such value.
+
+    Args:
+        field: with an aggregate.
+        kind: the type of the elements; None for structs.
+    """
+    function, condition = field.function, field.condition
+    if condition is None and function == 'count':
+        return _count if kind is ValueType.FLOAT else len
+    if condition is None and function in _REDUCTIONS:
+        reduce = _REDUCTIONS[function]
+        return lambda elements: reduce(_vector(elements, kind))
+    symbol, wanted = ('=', True) if condition is None else (condition.operator, condition.value)
+    compare, result = _OPERATORS[symbol], _RESULTS[function]
+    if isinstance(wanted, str):
+        return lambda texts: result(sum(compare(each, wanted) for each in texts), len(texts))
+
+    def test(elements: Any) -> Value:
+        numbers = _vector(elements, kind)
+        found = _compared(numbers, compare, wanted)
+        nan = np.isnan(numbers) if numbers.dtype.kind == 'f' and not found.all() else None
+        if symbol == '!=' and numbers.dtype.kind == 'f':
+            nan = np.isnan(numbers)
+            found &= ~nan
+        omitted = 0 if nan is None else np.count_nonzero(nan)
+        return result(int(np.count_nonzero(found)), len(numbers) - int(omitted))
+
+    return test
+
+
+def plain(value: Any) -> Any:
+    """Return a value of a message as samples have it; a byte is an int."""
+    if isinstance(value, bytes):
+        return value[0]
+    return value.item() if isinstance(value, np.generic) else value
+
+
+def number(value: Any) -> int | float:
+    """Return a number, also of a text; raise NoValueError for a text that is none."""
+    value = plain(value)
+    if not isinstance(value, str):
+        return value  # type: ignore[no-any-return]
+    try:
+        found = float(value) if value.isascii() and '_' not in value else math.nan
+    except ValueError:
+        found = math.nan
+    if math.isnan(found) or (math.isinf(found) and any(each.isdigit() for each in value)):
+        raise NoValueError(f'{shortened(value)!r} is no number')
+    return found
+
+
+def text(value: Any) -> str:
+    """Return a text, also of an int."""
+    return str(plain(value))
+
+
+def _vector(elements: Any, kind: ValueType | None) -> NDArray[Any]:
+    if isinstance(elements, np.ndarray | array):
+        return np.asarray(elements)
+    if kind is ValueType.STRING:
+        return np.array([number(each) for each in elements], np.float64)
+    if elements and isinstance(elements[0], bytes):
+        return np.frombuffer(b''.join(elements), np.uint8)
+    if not len(elements):
+        return np.zeros(0, np.int64 if kind is ValueType.INT else np.float64)
+    if kind is not ValueType.INT:
+        return np.asarray(elements)
+    # By itself, numpy makes floats of integers of which some need 64 bits without a sign.
+    return np.array(elements, np.uint64 if max(elements) > _MAX_INT64 else np.int64)
+
+
+def _count(elements: Any) -> int:
+    numbers = _vector(elements, ValueType.FLOAT)
+    return len(numbers) - int(np.count_nonzero(np.isnan(numbers)))
+
+
+def _extreme(name: str, reduce: Callable[[NDArray[Any]], Any]) -> Callable[[NDArray[Any]], Value]:
+    def extreme(numbers: NDArray[Any]) -> Value:
+        found: Value = reduce(numbers).item() if len(numbers) else math.nan
+        if found != found:  # noqa: PLR0124 - NaN differs from itself
+            raise NoValueError(f'there is no number to take the {name} of')
+        return found
+
+    return extreme
+
+
+def _sum(numbers: NDArray[Any]) -> int | float:
+    if numbers.dtype.kind != 'f':
+        if numbers.itemsize == _WIDE:
+            return int(sum(numbers.tolist()))
+        return int(np.add.reduce(numbers, dtype=np.int64))
+    with np.errstate(all='ignore'):
+        total = float(np.add.reduce(numbers, dtype=np.float64))
+        if math.isnan(total):
+            known = np.where(np.isnan(numbers), 0.0, numbers)
+            total = float(np.add.reduce(known, dtype=np.float64))
+    if math.isnan(total):
+        raise NoValueError('inf and -inf have no sum')
+    return total
+
+
+def _mean(numbers: NDArray[Any]) -> float:
+    total, count = _sum(numbers), len(numbers)
+    if numbers.dtype.kind == 'f':
+        count -= int(np.count_nonzero(np.isnan(numbers)))
+    if not count:
+        raise NoValueError('there is no number to take the mean of')
+    if isinstance(total, float) and math.isinf(total) and not np.isinf(numbers).any():
+        # The sum of finite numbers is too large for a float.
+        return _sum(numbers / count)
+    return total / count
+
+
+def _compared(
+    numbers: NDArray[Any], compare: Callable[[Any, Any], Any], wanted: float
+) -> NDArray[Any]:
+    """Return the result of a comparison for each number; numpy alone would round some."""
+    if isinstance(wanted, bool):
+        return compare(numbers, wanted)  # type: ignore[no-any-return]
+    if numbers.dtype.kind != 'f':
+        is_whole = not isinstance(wanted, float) or wanted.is_integer()
+        return compare(numbers, int(wanted) if is_whole else np.float64(wanted))  # type: ignore[no-any-return]
+    if isinstance(wanted, int) and abs(wanted) > _MAX_EXACT:
+        return np.array([compare(each, wanted) for each in numbers.tolist()], np.bool_)
+    return compare(numbers, np.float64(wanted))  # type: ignore[no-any-return]
+
+
+_REDUCTIONS: Final[Mapping[str, Callable[[NDArray[Any]], Value]]] = {
+    'min': _extreme('minimum', np.fmin.reduce),
+    'max': _extreme('maximum', np.fmax.reduce),
+    'mean': _mean,
+    'sum': _sum,
+}
+_RESULTS: Final[Mapping[str, Callable[[int, int], Value]]] = {
+    'count': lambda found, _: found,
+    'any': lambda found, _: found > 0,
+    'all': lambda found, total: found == total,
+}

@@ -1,0 +1,153 @@
+"""Samples that are made of the elements of arrays."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import pytest
+
+from dyknow_common import (
+    NO_CONSTRAINTS,
+    SECOND_NS,
+    ArrayElements,
+    LanguageError,
+    Value,
+    ValueType,
+)
+from dyknow_stream_processing import (
+    Dataflow,
+    PartialFields,
+    Sample,
+    SourceType,
+    load_units,
+    parse_specification,
+)
+
+FIELDS = {'frame': ValueType.STRING, 's[0..].name': ValueType.STRING, 's[0..].z': ValueType.INT}
+
+
+class Flow:
+    """A stream over the topic `/d`, whose messages have an array `s` of structs."""
+
+    def __init__(self, text: str) -> None:
+        self.samples: list[tuple[int, Mapping[str, Value]]] = []
+        self.violations: list[str] = []
+        source = SourceType(FIELDS, receipt_time=False)
+        self._flow = Dataflow(load_units(), lambda _: source)
+        self._flow.create(
+            'made',
+            parse_specification(text),
+            NO_CONSTRAINTS,
+            lambda sample: self.samples.append((sample.valid_time // SECOND_NS, sample.fields)),
+            lambda violation: self.violations.append(violation.message),
+        )
+
+    def push(self, second: int, fields: Mapping[str, Value]) -> None:
+        time = second * SECOND_NS
+        self._flow.push('/d', Sample(time, time, fields))
+
+    def drops(self) -> Mapping[str, int]:
+        return self._flow.statistics('made').drops
+
+
+def message(fields: tuple[str, ...], *elements: dict[str, Any]) -> PartialFields:
+    """Return a message with some fields of its elements."""
+    name = ArrayElements('s', 'e').rows(fields)
+    rows = [
+        {path: {'index(e)': number, **each}[path] for path in fields}
+        for number, each in enumerate(elements)
+    ]
+    return PartialFields({'frame': 'map'}, {}, {name: rows})
+
+
+def test_each_element_is_a_sample() -> None:
+    flow = Flow('select e.name, index(e) as number from each s as e in "/d"')
+    fields = ('e.name', 'index(e)')
+    flow.push(1, message(fields, {'e.name': 'a'}, {'e.name': 'b'}))
+    flow.push(2, message(fields))
+    flow.push(3, message(fields, {'e.name': 'c'}))
+    assert flow.samples == [
+        (1, {'e.name': 'a', 'number': 0}),
+        (1, {'e.name': 'b', 'number': 1}),
+        (3, {'e.name': 'c', 'number': 0}),
+    ]
+    assert not flow.violations
+
+
+def test_an_object_is_selected_wherever_it_is() -> None:
+    selected = 'select e.z as z from each s as e in "/d" where e.name = "b"'
+    flow = Flow(f'sync({selected}, select frame from "/d")')
+    fields = ('e.name', 'e.z')
+    a, b, c = ({'e.name': name, 'e.z': number} for number, name in enumerate('abc'))
+    for second, elements in enumerate([[a, b, c], [b, a], [a, c], [c, b], [b]], start=1):
+        flow.push(second, message(fields, *elements))
+    assert flow.samples[:2] == [(1, {'z': 1, 'frame': 'map'}), (2, {'z': 1, 'frame': 'map'})]
+    # The third message has no such object: its latest value stays.
+    assert [time for time, _ in flow.samples] == [1, 2, 3, 4, 5]
+    assert {sample['z'] for _, sample in flow.samples} == {1}
+
+
+def test_a_tick_has_one_of_two_elements_of_one_name() -> None:
+    selected = 'select e.z as z from each s as e in "/d" where e.name = "a"'
+    fields = ('e.name', 'e.z')
+    twice = message(fields, {'e.name': 'a', 'e.z': 1}, {'e.name': 'a', 'e.z': 2})
+    plain = Flow(selected)
+    plain.push(1, twice)
+    assert [sample['z'] for _, sample in plain.samples] == [1, 2]
+    # Without another input, the tick is emitted with the first sample.
+    alone = Flow(f'sync({selected})')
+    alone.push(1, twice)
+    assert [sample['z'] for _, sample in alone.samples] == [1]
+    assert alone.drops() == {'superseded': 1}
+    # The other input comes later: then the latest sample counts.
+    both = Flow(f'sync({selected}, select frame from "/d")')
+    both.push(1, twice)
+    assert [sample['z'] for _, sample in both.samples] == [2]
+
+
+def test_a_message_without_the_array_is_dropped() -> None:
+    flow = Flow('select e.z from each s as e in "/d"')
+    name = ArrayElements('s', 'e').rows(('e.z',))
+    flow.push(1, PartialFields({}, {name: "'s' has 3 elements"}))
+    flow.push(2, {'frame': 'map'})
+    assert not flow.samples
+    assert flow.drops() == {'fields': 2}
+    assert [each.partition(': ')[2] for each in flow.violations] == [
+        "'s' has 3 elements",
+        'the message has no such array',
+    ]
+
+
+@pytest.mark.parametrize(
+    ('text', 'expected'),
+    [
+        (
+            'select e.q from each s as e in "/d"',
+            "stream '/d' has no field 'e.q' (it has: e.name, e.z, frame, index(e), s[0..].name,",
+        ),
+        (
+            'select e.x from each frame as e in "/d"',
+            "stream '/d': 'frame' is not an array (arrays are in: s)",
+        ),
+        (
+            'select e.x from each s as e in (select frame from "/d")',
+            'has no arrays; take the elements of a topic',
+        ),
+        ('select index(e) from "/d"', 'index takes the element of: each ... as e in ...'),
+        ('select e.z from each s in "/d"', "unexpected 'in', expected 'as'"),
+    ],
+)
+def test_faults(text: str, expected: str) -> None:
+    with pytest.raises(LanguageError) as error:
+        Flow(text)
+    assert expected in str(error.value)
+
+
+def test_a_percent_sign_in_a_name() -> None:
+    flow = Flow('select frame as "100 %%" from "/d"')
+    flow.push(1, {'frame': 'map'})
+    assert flow.samples == [(1, {'100 %': 'map'})]
+    flow = Flow('select frame as "%frame% 100 %%" from "/d"')
+    flow.push(1, {'frame': 'map'})
+    assert flow.samples == [(1, {'map 100 %': 'map'})]
