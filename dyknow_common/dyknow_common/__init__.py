@@ -27,6 +27,7 @@ from dyknow_common.limits import (
     MAX_WORDS,
     cached_by_text,
 )
+from dyknow_common.margin import Margin
 from dyknow_common.parsing import (
     NOWHERE,
     ConstraintBuilder,
@@ -78,6 +79,7 @@ __all__ = [
     'ExitCode',
     'Language',
     'LanguageError',
+    'Margin',
     'PositionedError',
     'StreamConstraints',
     'Symbol',

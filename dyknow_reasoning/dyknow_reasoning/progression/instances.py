@@ -99,12 +99,27 @@ def ground_atoms(formula: Formula, domains: Domains) -> list[tuple[Binding, tupl
     ]
 
 
+def ground_atom(atom: Atom, binding: Binding) -> Atom:
+    """Return an atom with objects for its variables."""
+    if isinstance(atom, Comparison):
+        left, right = _substitute(atom.left, binding), _substitute(atom.right, binding)
+        return Comparison(atom.operator, left, right)
+    return cast('Atom', _substitute(atom, binding))
+
+
+def objects_of(sort: str, domains: Domains) -> list[str]:
+    """Return the objects of a sort, each once.
+
+    Raises:
+        ReasoningError: for a sort without a domain.
+    """
+    return _objects(sort, domains)
+
+
 def _ground_atoms(formula: Formula, binding: Binding, domains: Domains) -> Iterator[Atom]:
     match formula:
-        case Feature() | FieldReference():
-            yield cast('Atom', _substitute(formula, binding))
-        case Comparison(operator, left, right):
-            yield Comparison(operator, _substitute(left, binding), _substitute(right, binding))
+        case Feature() | FieldReference() | Comparison():
+            yield ground_atom(formula, binding)
         case Forall(variable, sort, body) | Exists(variable, sort, body):
             for name in _objects(sort, domains):
                 yield from _ground_atoms(body, {**binding, variable: name}, domains)
