@@ -13,9 +13,7 @@ from dyknow_reasoning.language.formula import (
     Comparison,
     Equivalent,
     Eventually,
-    Exists,
     Feature,
-    Forall,
     Formula,
     Implies,
     Interval,
@@ -75,30 +73,14 @@ def margin(formula: Formula, trace: Sequence[Step], i: int) -> Bounds:  # noqa: 
             return greatest(maybe(trace, j, margin(body, trace, j), -inf) for j in js)
         case Until(left, right, interval):
             return greatest(
-                least(
-                    [
-                        margin(right, trace, j),
-                        *(maybe(trace, k, margin(left, trace, k), inf) for k in range(i + 1, j)),
-                    ]
-                )
-                if trace[j][2] is not None
-                else greatest(
-                    [
-                        (-inf, -inf),
-                        least(
-                            [
-                                UNKNOWN,
-                                *(
-                                    maybe(trace, k, margin(left, trace, k), inf)
-                                    for k in range(i + 1, j)
-                                ),
-                            ]
-                        ),
-                    ]
-                )
+                least([margin(right, trace, j), *lefts(left, trace, range(i + 1, j))])
                 for j in window(trace, i, interval)
             )
     raise AssertionError(formula)
+
+
+def lefts(left: Formula, trace: Sequence[Step], states: range) -> list[Bounds]:
+    return [maybe(trace, k, margin(left, trace, k), inf) for k in states]
 
 
 def window(trace: Sequence[Step], i: int, interval: Interval) -> list[int]:
@@ -133,8 +115,3 @@ def comparison(formula: Comparison, values: Mapping[str, float]) -> Bounds:
 def ended(trace: Sequence[Step]) -> list[Step]:
     """The trace, followed by unknown states for ever."""
     return [*trace, (int(trace[-1][1]) + 1, inf, None)]
-
-
-def quantified(formula: Formula, objects: Mapping[str, Sequence[str]]) -> Formula:
-    """The formula without quantifiers: a conjunction or disjunction for each."""
-    raise NotImplementedError((formula, objects, Forall, Exists))

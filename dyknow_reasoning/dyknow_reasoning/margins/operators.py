@@ -193,3 +193,42 @@ class JunctionMargin(MarginOperator):
             return None
         bound: Robustness = self.join(found)
         return bound
+
+
+class PreviousMargin(MarginOperator):
+    """A formula at the state before.
+
+    Args:
+        body: the operator of the formula.
+        without: the margin at the first state, which has none before it.
+    """
+
+    def __init__(self, body: MarginOperator, without: Robustness) -> None:
+        self.body = body
+        self.is_immediate = body.is_immediate
+        self._before = without
+        self._needed: float = inf
+        # For each step without a margin yet: True if it is a gap.
+        self._gaps: deque[bool] = deque()
+
+    def need(self, last: float) -> None:
+        """Record that margins are needed at the states up to a time."""
+        self._needed = last
+        self.body.need(last)
+
+    def step(
+        self, first: int, last: float, signals: Signals | None, assumption: Assumption
+    ) -> Sequence[Any]:
+        """Return the margins at the states before which that of the body is known."""
+        if first <= self._needed:
+            self._gaps.append(signals is None)
+        found: list[Any] = []
+        for margin in self.body.step(first, last, signals, assumption):
+            # The state before a missing one may be missing itself.
+            found.append(assumption.unknown if self._gaps.popleft() else self._before)
+            self._before = margin
+        return found
+
+    def follows(self, unknown: Robustness) -> bool:  # noqa: ARG002
+        """Return True if no margin is open."""
+        return self.is_immediate
