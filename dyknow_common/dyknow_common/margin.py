@@ -11,7 +11,7 @@ class Margin:
     """How far a formula is from the change of its verdict (its robustness).
 
     Above zero the formula is true, below zero false. The bounds are equal once no further state
-    changes them.
+    changes them. `str` is for people: `2.5 W (Power[uav1] > 150)`, `at most 3 m (...)`.
 
     Args:
         lower: the least margin that is still possible.
@@ -24,3 +24,14 @@ class Margin:
     upper: float = inf
     unit: str = ''
     atom: str = ''
+
+    def __str__(self) -> str:
+        unit = f' {self.unit}' if self.unit else ''
+        atom = f' ({self.atom})' if self.atom else ''
+        if self.lower == self.upper:
+            return f'{self.lower:.6g}{unit}{atom}'
+        if self.lower == -inf:
+            return 'unknown' if self.upper == inf else f'at most {self.upper:.6g}{unit}{atom}'
+        if self.upper == inf:
+            return f'at least {self.lower:.6g}{unit}{atom}'
+        return f'{self.lower:.6g} to {self.upper:.6g}{unit}{atom}'

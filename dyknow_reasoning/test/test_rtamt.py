@@ -1,4 +1,4 @@
-"""Verdicts and margins over a real launch against RTAMT's offline evaluation, where that is installed."""
+"""Verdicts and margins over a real launch against those of RTAMT, where that is installed."""
 
 from __future__ import annotations
 

@@ -87,6 +87,11 @@ def add_check_options(parser: argparse.ArgumentParser) -> None:
         help='evaluate from every state on, or from every state at which a formula begins to hold '
         '(default: from the first state on)',
     )
+    parser.add_argument(
+        '--margins',
+        action='store_true',
+        help='also compute how far each formula is from the change of its verdict',
+    )
     _add_outputs(parser)
     _add_executors(parser)
 
@@ -220,7 +225,14 @@ def _jobs(options: argparse.Namespace) -> tuple[RecordingJob, ...]:
     files, formulas = _configuration(options)
     return tuple(
         RecordingJob(
-            str(path), path, formulas, files, options.begin, options.every, _draws(options)
+            str(path),
+            path,
+            formulas,
+            files,
+            options.begin,
+            options.every,
+            keep_signals=_draws(options),
+            margins=options.margins,
         )
         for path in options.recording
     )

@@ -53,7 +53,8 @@ def check_margin(formula: Formula) -> None:
     """Raise ReasoningError for a formula with a part that has no margin."""
     if not isinstance(formula, _DEFINED):
         raise ReasoningError(
-            f"no margin is defined for '{formula}'; leave out the margin, or this part of the formula"
+            f"no margin is defined for '{formula}'; leave out the margin, or this part of the "
+            'formula'
         )
     if not isinstance(formula, Feature | FieldReference | Comparison):
         for part in parts(formula):

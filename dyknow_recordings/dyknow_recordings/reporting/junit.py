@@ -11,9 +11,9 @@ from datetime import UTC, datetime
 from pathlib import Path, PurePath
 from typing import Final
 
-from junitparser import Error, Failure, JUnitXml, TestCase, TestSuite
+from junitparser import Error, Failure, JUnitXml, Properties, Property, TestCase, TestSuite
 
-from dyknow_common import SECOND_NS, DyKnowError, ExitCode, replace_text
+from dyknow_common import SECOND_NS, DyKnowError, ExitCode, Margin, replace_text
 from dyknow_recordings.errors import RecordingError
 from dyknow_recordings.evaluation.results import FormulaReport, Outcome, RecordingReport
 from dyknow_recordings.reporting.judgement import Judgement
@@ -84,6 +84,8 @@ class JUnitReport:
             _class_name(recording.recording),
             _seconds(end - recording.start_time),
         )
+        if formula.margin is not None:
+            case.append(_properties(formula.margin))
         lines = '\n'.join(reasons(formula, decisive)), f'formula: {formula.formula}'
         if formula.outcome is Outcome.ERROR:
             error = formula.error or (decisive and decisive.error)
@@ -106,6 +108,14 @@ def _result(kind: type[Error | Failure], name: str, message: str, *more: str) ->
     result = kind(_valid(message), name)
     result.text = _valid('\n'.join([message, *more]))
     return result
+
+
+def _properties(margin: Margin) -> Properties:
+    properties = Properties()
+    for name in ('lower', 'upper', 'unit', 'atom'):
+        value = _valid(str(getattr(margin, name)))
+        properties.append(Property(f'margin_{name}', value))
+    return properties
 
 
 def _class_name(recording: str) -> str:

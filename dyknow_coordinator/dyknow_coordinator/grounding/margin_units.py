@@ -1,0 +1,77 @@
+"""Units of margins: that of the features in the comparison that limits a margin.
+
+The reasoning engine does not know the ontology, so a margin has its unit from here. Sums have the
+unit of their features; products and quotients have none that is known.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Awaitable, Callable, Iterable, Mapping, Sequence
+from dataclasses import replace
+from typing import Final
+
+from dyknow_common import Margin, Symbol, SymbolKind
+
+_QUERY: Final = """
+    SELECT DISTINCT ?above ?unit WHERE {{
+        ?feature rdfs:subClassOf* ?above .
+        ?above <http://www.dyknow.org/ontology#unit> ?unit .
+        FILTER(STRENDS(STR(?feature), "#{feature}") || STRENDS(STR(?feature), "/{feature}"))
+    }}
+"""
+
+# A syntactic reference to a quoted stream, the arguments of a feature, or a name.
+_TOKEN: Final = re.compile(
+    r'"(?:\\.|[^"\\])*"\S*|\[[^\]]*\]|(?P<name>[A-Za-z_][\w.]*\'*)(?P<call>\()?'
+)
+
+_SAME_UNIT: Final = {'abs', 'hypot', 'max', 'min'}
+"""The functions whose value has the unit of their arguments."""
+
+
+async def feature_units(
+    symbols: Iterable[Symbol], query: Callable[[str], Awaitable[Sequence[tuple[str, ...]]]]
+) -> dict[str, str]:
+    """Return the unit of each feature; empty for one without a unit, or with an unknown one.
+
+    Args:
+        symbols: of the formula.
+        query: returns the solutions of a SPARQL query of the ontology.
+
+    Raises:
+        DyKnowError: if the query fails.
+    """
+    features = [each for each in symbols if each.kind is SymbolKind.FEATURE]
+    units: dict[str, str] = {}
+    for name, is_reference in {each.name: each.is_reference for each in features}.items():
+        rows = () if is_reference else await query(_QUERY.format(feature=name))
+        own = {unit for concept, unit in rows if concept == name}
+        found = own or {unit for _, unit in rows}
+        units[name] = found.pop() if len(found) == 1 else ''
+    return units
+
+
+def with_unit(margin: Margin, units: Mapping[str, str]) -> Margin:
+    """Return a margin in the unit of its comparison.
+
+    Args:
+        margin: without its unit.
+        units: the unit of each feature.
+    """
+    return replace(margin, unit=_unit_of(margin.atom, units))
+
+
+def _unit_of(atom: str, units: Mapping[str, str]) -> str:
+    if ' * ' in atom or ' / ' in atom:
+        return ''
+    found = set()
+    for token in _TOKEN.finditer(atom):
+        name = token['name']
+        if token['call']:
+            found |= set() if name in _SAME_UNIT else {''}
+        elif name in units:
+            found.add(units[name])
+        elif token[0].startswith('"'):
+            found.add('')
+    return found.pop() if len(found) == 1 else ''
