@@ -27,7 +27,6 @@ from dyknow_common.limits import (
     MAX_WORDS,
     cached_by_text,
 )
-from dyknow_common.margin import Margin
 from dyknow_common.parsing import (
     NOWHERE,
     ConstraintBuilder,
@@ -55,7 +54,7 @@ from dyknow_common.text_files import (
 )
 from dyknow_common.units import check_unit, unit_conversion
 from dyknow_common.values import Value, ValueType
-from dyknow_common.verdict import Verdict
+from dyknow_common.verdict import Margin, Verdict
 
 __all__ = [
     'CONSTRAINT_KINDS',

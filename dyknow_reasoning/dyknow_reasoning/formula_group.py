@@ -7,7 +7,7 @@ states (execution), and `explain` gives the reasons of the verdict (explanation)
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from collections.abc import Set as AbstractSet
 from itertools import chain, count
 from typing import Any
@@ -29,9 +29,9 @@ from dyknow_reasoning.progression.instances import (
     Instance,
     instances_of,
     required_features,
+    verdict_of,
 )
 from dyknow_reasoning.progression.node_store import NodeStore
-from dyknow_reasoning.progression.nodes import FALSE, Constant
 from dyknow_reasoning.progression.sizes import (
     Counts,
     FormulaLimits,
@@ -335,7 +335,7 @@ class FormulaGroup:
     ) -> None:
         self._instances[formula_id] = instances
         self._undecided.add(formula_id)
-        if verdict := _verdict(instances):
+        if verdict := verdict_of(instances):
             self._known[formula_id] = verdict
         else:
             monitor.add(formula_id, instances, self._formulas[formula_id].kinds)
@@ -392,11 +392,3 @@ class FormulaGroup:
         return FormulaResult(
             formula_id, formula.name, verdict, None, '', located, ended_at=end, margin=margin
         )
-
-
-def _verdict(instances: Sequence[Instance]) -> Verdict:
-    """Return the verdict on a formula that holds for all states, or undecided."""
-    if any(instance.node is FALSE for instance in instances):
-        return Verdict.FALSE
-    decided = all(type(instance.node) is Constant for instance in instances)
-    return Verdict.TRUE if decided else Verdict.UNDECIDED

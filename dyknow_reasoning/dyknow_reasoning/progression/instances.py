@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 from functools import partial
 from typing import TypeAlias, cast
 
-from dyknow_common import Symbol, listed
+from dyknow_common import Symbol, Verdict, listed
 from dyknow_reasoning.errors import ReasoningError
 from dyknow_reasoning.language.formula import (
     Always,
@@ -40,7 +40,7 @@ from dyknow_reasoning.language.symbols import feature_symbol
 from dyknow_reasoning.progression.atoms import NEGATED_COMPARISONS, fields, predicate
 from dyknow_reasoning.progression.bounds import Bound
 from dyknow_reasoning.progression.node_store import NodeStore
-from dyknow_reasoning.progression.nodes import FALSE, TRUE, Node, constant, slots
+from dyknow_reasoning.progression.nodes import FALSE, TRUE, Constant, Node, constant, slots
 
 Domains: TypeAlias = Mapping[str, Sequence[str]]
 """The objects of each sort."""
@@ -77,6 +77,14 @@ def instances_of(formula: Formula, domains: Domains, store: NodeStore) -> list[I
         atoms = tuple(translator.slots)
         instances.setdefault((node, atoms), Instance(binding, atoms, node))
     return list(instances.values())
+
+
+def verdict_of(instances: Sequence[Instance]) -> Verdict:
+    """Return the verdict on a formula that holds for all states, or undecided."""
+    if any(instance.node is FALSE for instance in instances):
+        return Verdict.FALSE
+    decided = all(type(instance.node) is Constant for instance in instances)
+    return Verdict.TRUE if decided else Verdict.UNDECIDED
 
 
 def required_features(instances: Iterable[Instance]) -> list[Symbol]:

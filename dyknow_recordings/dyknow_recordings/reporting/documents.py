@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from math import isfinite
 from typing import Any
 
-from dyknow_common import DyKnowError, Margin
+from dyknow_common import DyKnowError
 from dyknow_recordings.evaluation.results import Episode, FormulaReport, RecordingReport
 from dyknow_recordings.reading.recording import RecordingReader
 from dyknow_recordings.reporting.judgement import Judgement
@@ -81,18 +80,9 @@ def _episode(episode: Episode) -> dict[str, Any]:
         'explanation': episode.explanation,
         'residual_formula': episode.residual_formula,
         'presumably_false': episode.presumably_false,
-        'margin': _margin(episode.margin),
+        'margin': episode.margin and episode.margin.document,
         'error': _error(episode.error),
     }
-
-
-def _margin(margin: Margin | None) -> dict[str, Any] | None:
-    """Return a margin; JSON has no infinite numbers, so these are texts."""
-    if margin is None:
-        return None
-    bounds = {'lower': margin.lower, 'upper': margin.upper}
-    finite = {name: each if isfinite(each) else str(each) for name, each in bounds.items()}
-    return {**finite, 'unit': margin.unit, 'atom': margin.atom}
 
 
 def _violation(violation: Violation) -> dict[str, Any]:
