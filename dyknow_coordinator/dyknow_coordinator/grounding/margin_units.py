@@ -13,8 +13,10 @@ from typing import Final
 
 from dyknow_common import Margin, Symbol, SymbolKind
 
+# Without the first condition, owlready2 does not follow the path.
 _QUERY: Final = """
     SELECT DISTINCT ?above ?unit WHERE {{
+        ?feature a owl:Class .
         ?feature rdfs:subClassOf* ?above .
         ?above <http://www.dyknow.org/ontology#unit> ?unit .
         FILTER(STRENDS(STR(?feature), "#{feature}") || STRENDS(STR(?feature), "/{feature}"))

@@ -7,13 +7,14 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
+from dataclasses import asdict
 from datetime import UTC, datetime
 from pathlib import Path, PurePath
 from typing import Final
 
-from junitparser import Error, Failure, JUnitXml, Properties, Property, TestCase, TestSuite
+from junitparser import Error, Failure, JUnitXml, TestCase, TestSuite
 
-from dyknow_common import SECOND_NS, DyKnowError, ExitCode, Margin, replace_text
+from dyknow_common import SECOND_NS, DyKnowError, ExitCode, replace_text
 from dyknow_recordings.errors import RecordingError
 from dyknow_recordings.evaluation.results import FormulaReport, Outcome, RecordingReport
 from dyknow_recordings.reporting.judgement import Judgement
@@ -48,6 +49,13 @@ class JUnitReport:
     def add(self, report: RecordingReport) -> None:
         """Add the suite of a recording."""
         suite = _suite(report.recording, [self._case(each, report) for each in report.formulas])
+        for formula in report.formulas:
+            if formula.margin is not None:
+                # The schema has properties of suites, and none of test cases.
+                for name, value in asdict(formula.margin).items():
+                    suite.add_property(
+                        _valid(f'margin_{name} of {formula.name}'), _valid(str(value))
+                    )
         suite.time = _seconds(report.end_time - report.start_time)
         start = datetime.fromtimestamp(report.start_time // SECOND_NS, UTC)
         suite.timestamp = f'{start:%Y-%m-%dT%H:%M:%S}'
@@ -84,8 +92,6 @@ class JUnitReport:
             _class_name(recording.recording),
             _seconds(end - recording.start_time),
         )
-        if formula.margin is not None:
-            case.append(_properties(formula.margin))
         lines = '\n'.join(reasons(formula, decisive)), f'formula: {formula.formula}'
         if formula.outcome is Outcome.ERROR:
             error = formula.error or (decisive and decisive.error)
@@ -108,14 +114,6 @@ def _result(kind: type[Error | Failure], name: str, message: str, *more: str) ->
     result = kind(_valid(message), name)
     result.text = _valid('\n'.join([message, *more]))
     return result
-
-
-def _properties(margin: Margin) -> Properties:
-    properties = Properties()
-    for name in ('lower', 'upper', 'unit', 'atom'):
-        value = _valid(str(getattr(margin, name)))
-        properties.append(Property(f'margin_{name}', value))
-    return properties
 
 
 def _class_name(recording: str) -> str:
