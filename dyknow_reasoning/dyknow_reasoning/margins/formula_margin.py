@@ -85,17 +85,18 @@ class FormulaMargin:
         self._gap_follows = False
         self._latest = valid_time
         signals: list[Any] = [read(values) for read in self._readers]
-        if None in signals:
+        is_known = None not in signals
+        if not is_known:
             self._fork()
         for bound in self._bounds:
-            if (unknown := bound.assumption.unknown) and None in signals:
-                known = [each or unknown for each in signals]
-                bound.step(valid_time, valid_time, known)
-            else:
-                bound.step(valid_time, valid_time, signals)
-        if self._bounds[0].assumption.is_needed:
+            unknown = bound.assumption.unknown
+            known: list[Any] = signals if is_known else [each or unknown for each in signals]
+            bound.step(valid_time, valid_time, known)
+        first = self._bounds[0]
+        if first.assumption.is_needed:
             self._fork()
-        self._is_decided = all(each.margin is not None for each in self._bounds)
+        # The bounds depend on the same states, and so they are known with the same state.
+        self._is_decided = first.margin is not None
 
     def gap(self) -> None:
         """Record that states may be missing before the next one."""

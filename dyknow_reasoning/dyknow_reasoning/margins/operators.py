@@ -171,10 +171,8 @@ class JunctionMargin(MarginOperator):
         queues = self._queues
         for member, queue in zip(self.members, queues):  # noqa: B905 - strict is slower
             queue.extend(member.step(first, last, signals, assumption))
-        found = []
-        while all(queues):
-            found.append(self.join([queue.popleft() for queue in queues]))
-        return found
+        join, known = self.join, min(map(len, queues))
+        return [join([queue.popleft() for queue in queues]) for _ in range(known)]
 
     def follows(self, unknown: Robustness) -> bool:
         """Return True if one unknown margin decides, and each member has it."""

@@ -72,13 +72,15 @@ class SlidingMargin(MarginOperator):
         self, first: int, last: float, signals: Signals | None, assumption: Assumption
     ) -> Sequence[Any]:
         """Return the margins of the states whose windows are complete."""
-        open_ = self._open
+        open_, states = self._open, self._states
         if first <= self._needed_of_body:
             open_.append((first, last))
-        for margin in self.body.step(first, last, signals, assumption):
-            enter, leave = open_.popleft()
-            self._waiting.append((enter, leave, margin))
-        states = self._states
+        margins = self.body.step(first, last, signals, assumption)
+        if margins:
+            waiting = self._waiting
+            for margin in margins:
+                enter, leave = open_.popleft()
+                waiting.append((enter, leave, margin))
         if first <= self._needed:
             states.append(None if signals is None else first)
         found: list[Any] = []
@@ -89,14 +91,15 @@ class SlidingMargin(MarginOperator):
                 states.popleft()
                 continue
             end = state + self.end
-            is_known = end <= last and not (open_ and self._is_open(state, end))
-            if not is_known and len(states) <= MAX_WAITING:
+            if end <= last and not (open_ and self._is_open(state, end)):
+                found.append(self._slide(state, end))
+            elif len(states) <= MAX_WAITING:
                 break
-            unknown = self.neutral if is_known else assumption.unknown
-            if unknown is None:
+            elif assumption.unknown is None:
                 assumption.is_needed = True
                 break
-            found.append(self.better((self._slide(state, end), unknown)))
+            else:
+                found.append(self.better((self._slide(state, end), assumption.unknown)))
             states.popleft()
         return found
 
@@ -176,12 +179,15 @@ class Product(Copyable):
     Args:
         operation: of an earlier and a later element.
         keeps_elements: False if none is ever removed.
+
+    Attributes:
+        elements: those that are kept, with the times of their steps.
     """
 
     def __init__(self, operation: Callable[[Any, Any], Any], *, keeps_elements: bool) -> None:
         self._operation = operation
         self._keeps_elements = keeps_elements
-        self._elements: deque[tuple[int, float, Any]] = deque()
+        self.elements: deque[tuple[int, float, Any]] = deque()
         # The products of the earlier elements, from each on to the last of them; the first one is
         # at the end. Then the product of the later elements.
         self._earlier: list[Any] = []
@@ -190,25 +196,20 @@ class Product(Copyable):
     def append(self, element: tuple[int, float, Any]) -> None:
         """Add an element, with the times of its step."""
         if self._keeps_elements:
-            self._elements.append(element)
+            self.elements.append(element)
         value, later = element[2], self._later
         self._later = value if later is None else self._operation(later, value)
-
-    @property
-    def first(self) -> tuple[int, float, Any] | None:
-        """The first element."""
-        return self._elements[0] if self._elements else None
 
     def pop(self) -> tuple[int, float, Any]:
         """Remove the first element and return it."""
         if not self._earlier:
             total = None
-            for _, _, value in reversed(self._elements):
+            for _, _, value in reversed(self.elements):
                 total = value if total is None else self._operation(value, total)
                 self._earlier.append(total)
             self._later = None
         self._earlier.pop()
-        return self._elements.popleft()
+        return self.elements.popleft()
 
     def total(self) -> Any:
         """Return the product; None without elements."""
@@ -246,14 +247,16 @@ class SlidingUntil(SlidingMargin):
 
     def _margin(self, state: int) -> Robustness:
         before, window, start = self._before, self._window, state + self.start
-        found = self.neutral
-        while (first := window.first) and first[1] < start:
-            before.append(window.pop())
-        while (first := before.first) and first[1] <= state:
-            before.pop()
-        while (first := window.first) and first[1] <= state:
+        found, in_window, in_front = self.neutral, window.elements, before.elements
+        if self.start > 0:
+            while in_window and in_window[0][1] < start:
+                before.append(window.pop())
+            while in_front and in_front[0][1] <= state:
+                before.pop()
+        while in_window and in_window[0][1] <= state:
             # The state itself is in its window: the left side need not hold before it.
-            found = window.pop()[2][1] if first[1] == state else found
+            _, time, (_, right) = window.pop()
+            found = right if time == state else found
         later = window.total()
         if later is not None:
             left = before.total()
@@ -301,9 +304,9 @@ class SlidingSince(SlidingMargin):
 
     def _margin(self, state: int) -> Robustness:
         window, after = self._window, self._after
-        while (first := after.first) and first[0] <= state + self._window_end:
+        while after.elements and after.elements[0][0] <= state + self._window_end:
             window.append(after.pop())
-        while (first := window.first) and first[1] < state + self.start:
+        while window.elements and window.elements[0][1] < state + self.start:
             window.pop()
         found = self.neutral
         if self._window_end == 0 and self._current is not None:
