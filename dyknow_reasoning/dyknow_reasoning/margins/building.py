@@ -38,6 +38,7 @@ from dyknow_reasoning.margins.operators import (
     MarginOperator,
     Reader,
     Robustness,
+    StateJunction,
     StateMargin,
 )
 from dyknow_reasoning.margins.windows import SlidingExtremum, SlidingUntil
@@ -223,6 +224,10 @@ def _junction(members: Sequence[MarginOperator], *, universal: bool) -> MarginOp
     if not found:
         neutral = HIGHEST if universal else LOWEST
         return StateMargin(lambda _: neutral)
+    if len(found) == 2:  # noqa: PLR2004 - such as `p -> eventually q`
+        for state, other in (found, reversed(found)):
+            if isinstance(state, StateMargin):
+                return StateJunction(state, other, join)
     return JunctionMargin(found, join)
 
 

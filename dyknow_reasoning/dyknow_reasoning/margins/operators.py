@@ -193,6 +193,52 @@ class JunctionMargin(MarginOperator):
         return bound
 
 
+class StateJunction(MarginOperator):
+    """Two formulas at the same state, one without temporal operators: a fast `JunctionMargin`.
+
+    Args:
+        state: the operator of the formula without temporal operators.
+        other: the operator of the other formula.
+        join: the least or the greatest of margins.
+    """
+
+    def __init__(
+        self, state: StateMargin, other: MarginOperator, join: Callable[[Any], Any]
+    ) -> None:
+        self.read = state.read
+        self.other = other
+        self.join = join
+        self.is_immediate = other.is_immediate
+        self._needed: float = inf
+        self._queue: deque[Robustness | None] = deque()
+
+    def need(self, last: float) -> None:
+        """Record that margins are needed at the states up to a time."""
+        self._needed = last
+        self.other.need(last)
+
+    def step(
+        self, first: int, last: float, signals: Signals | None, assumption: Assumption
+    ) -> Sequence[Any]:
+        """Return the margins at the states for which that of the other formula is known."""
+        queue, join = self._queue, self.join
+        if first <= self._needed:
+            queue.append(assumption.unknown if signals is None else self.read(signals))
+        found = self.other.step(first, last, signals, assumption)
+        return [join((queue.popleft(), margin)) for margin in found] if found else found
+
+    def follows(self, unknown: Robustness) -> bool:
+        """Return True if one unknown margin decides, and the other formula has it."""
+        if self.is_immediate:
+            return True
+        return bool(self.join((LOWEST, HIGHEST)) == unknown) and self.other.follows(unknown)
+
+    def bound(self, unknown: Robustness) -> Robustness | None:
+        """Return the margin from that of the other formula."""
+        other = self.other.bound(unknown)
+        return None if other is None else self.join((self._queue[0], other))
+
+
 class PreviousMargin(MarginOperator):
     """A formula at the state before.
 

@@ -72,15 +72,12 @@ class SlidingMargin(MarginOperator):
         self, first: int, last: float, signals: Signals | None, assumption: Assumption
     ) -> Sequence[Any]:
         """Return the margins of the states whose windows are complete."""
-        open_, states = self._open, self._states
+        open_, states, waiting = self._open, self._states, self._waiting
+        margins = self.body.step(first, last, signals, assumption)
         if first <= self._needed_of_body:
             open_.append((first, last))
-        margins = self.body.step(first, last, signals, assumption)
-        if margins:
-            waiting = self._waiting
-            for margin in margins:
-                enter, leave = open_.popleft()
-                waiting.append((enter, leave, margin))
+        for margin in margins:
+            waiting.append((*open_.popleft(), margin))
         if first <= self._needed:
             states.append(None if signals is None else first)
         found: list[Any] = []

@@ -23,7 +23,7 @@ from dyknow_coordinator.evaluation.answer import Answer
 from dyknow_coordinator.evaluation.evaluation import Evaluation, EvaluationPhase
 from dyknow_coordinator.evaluation.history import History
 from dyknow_coordinator.evaluation.request import EvaluationRequest
-from dyknow_coordinator.grounding.feature_sources import SymbolGrounding
+from dyknow_coordinator.grounding.feature_sources import Grounding, SymbolGrounding
 from dyknow_coordinator.grounding.margin_units import feature_units, with_unit
 from dyknow_coordinator.grounding.sorts import infer_sorts, with_sorts
 from dyknow_coordinator.grounding.state_specification import FormulaInputs
@@ -283,7 +283,7 @@ class FormulaEvaluation(Evaluation):
         # Step 3: the symbols of the formula.
         symbols = await clients.symbols(group_id)
         check_symbols(symbols, self.request.grounding)
-        if self.request.margin:
+        if self.request.margin and self.request.grounding is not Grounding.SYNTACTIC:
             self._units = await feature_units(symbols, clients.query)
         sorts = await infer_sorts(symbols, clients.query)
         if not sorts:
