@@ -103,6 +103,39 @@ def test_since(
         assert found[i][0] == (unknown if signals is None else better(expected))[0]
 
 
+@settings(max_examples=300, deadline=None)
+@given(traces, intervals, st.booleans(), st.booleans(), st.sampled_from([HIGHEST, LOWEST]))
+def test_the_past_of_the_future(
+    trace: list,
+    window: Window,
+    universal: bool,  # noqa: FBT001
+    of_pairs: bool,  # noqa: FBT001
+    unknown: Robustness,
+) -> None:
+    """Once or since, over what eventually holds within 3; then the future is unknown."""
+    steps, _ = with_gap(trace, 0, unknown)
+    soon = SlidingExtremum(state(0), 0, 3, universal=False)
+    start, end = -window[1], -window[0]
+    operator: MarginOperator = SlidingExtremum(soon, start, end, universal=universal)
+    if of_pairs:
+        body = JunctionMargin([state(1), soon], tuple)
+        operator = SlidingSince(body, start, end, universal=universal)
+    operator.need(inf)
+    assumption, found = Assumption(unknown), []
+    for first, last, signals in [*steps, (steps[-1][0] + 1, inf, None)]:
+        found += operator.step(first, last, signals, assumption)
+    better, worse = (min, max) if universal else (max, min)
+    ended = steps[-1][0]
+    for i in range(len(steps)):
+        expected = [HIGHEST if universal else LOWEST]
+        for j in in_window(steps, i, window):
+            later = [g[0] for t, _, g in steps[j:] if t <= steps[j][0] + 3]
+            eventually = max([*later, unknown] if steps[j][0] + 3 > ended else later)
+            lefts = [steps[k][2][1] for k in range(j + 1, i)] if of_pairs else []
+            expected.append(worse([eventually, *lefts]))
+        assert found[i][0] == better(expected)[0]
+
+
 @settings(max_examples=200, deadline=None)
 @given(traces, st.integers(0, 14), st.sampled_from([HIGHEST, LOWEST]))
 def test_previous(trace: list, gap: int, unknown: Robustness) -> None:
