@@ -12,6 +12,7 @@ from margin_reference import Step, ended, margin
 from reasoning_reference import COMPARISONS, formulas
 
 from dyknow_reasoning.language.formula import Comparison, Feature, Formula, Number
+from dyknow_reasoning.language.parsing import parse_formula
 from dyknow_reasoning.language.type_checking import check_types
 from dyknow_reasoning.margins import windows
 from dyknow_reasoning.margins.formula_margin import FormulaMargin
@@ -55,6 +56,12 @@ def check_prefixes(formula: Formula, trace: list[Step]) -> None:
 def test_bounds_are_those_of_the_reference(formula: Formula, trace: list) -> None:
     times = list(accumulate(step for step, _ in trace))
     check_prefixes(formula, [(t, t, v) for t, (_, v) in zip(times, trace, strict=True)])
+
+
+def test_an_empty_window_behind_one_that_is_open() -> None:
+    text = 'always[8 ns, 14 ns] eventually[1 ns, 1 ns] eventually[8 ns, 13 ns] y >= -3'
+    times = (5, 6, 9, 11, 16, 17, 19)
+    check_prefixes(parse_formula(text), [(time, time, {'x': 0.0, 'y': 1.0}) for time in times])
 
 
 @settings(max_examples=600, deadline=None)

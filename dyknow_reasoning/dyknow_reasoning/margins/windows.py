@@ -136,7 +136,11 @@ class SlidingExtremum(SlidingMargin):
 
     def follows(self, unknown: Robustness) -> bool:
         """Return True if one unknown margin decides, and the body has it."""
-        return self.is_immediate or (unknown == self.decisive and self.body.follows(unknown))
+        # A window without its own state may be empty: then its margin is known, but waits for that
+        # of an earlier state.
+        has_own_state = self.start <= 0 <= self.end
+        is_decided = has_own_state and unknown == self.decisive and self.body.follows(unknown)
+        return self.is_immediate or is_decided
 
     def _is_open(self, state: int, end: float) -> bool:
         start = state + self.start
