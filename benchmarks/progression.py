@@ -86,6 +86,37 @@ def one_formula(text: str, feature: str, wave: Sequence[Any], *, regular: bool) 
     return repeated(run)
 
 
+def margins(text: str, objects: int, *, ask: bool = False) -> float:
+    """Return the microseconds for a state with the margin of a formula.
+
+    Args:
+        text: the formula.
+        objects: the number of objects.
+        ask: True to ask for the margin after each state.
+    """
+    states = 20_000 // objects
+    times = times_of(states, regular=True)
+    names = [f'o{index}' for index in range(objects)]
+    cycle = [{f'Alt[{name}]': value for name in names} for value in SAWTOOTH]
+
+    def run() -> float:
+        group = FormulaGroup()
+        formula_id = group.add_formula('it', f'forall x in S: {text}', margin=True)
+        group.begin({'S': names})
+        begin = process_time()
+        for index, time in enumerate(times):
+            assert not group.progress(time, cycle[index % len(cycle)])
+            if ask:
+                group.margin(formula_id)
+        cost = (process_time() - begin) / states * 1e6
+        # The least margin: the longest climb above 2 was followed by a fall to 1 in time.
+        assert (found := group.margin(formula_id)) is not None
+        assert found.upper == (1.0 if text == RESPONSE else 2.0)
+        return cost
+
+    return repeated(run)
+
+
 def growing(*, regular: bool) -> list[float]:
     """Return the microseconds for each state of a formula that grows and never repeats."""
     states = 3000
@@ -220,6 +251,14 @@ def measurements() -> Iterator[tuple[str, str, float]]:
         costs = growing(regular=regular)
         yield 'nested formula that grows, mean', microseconds, sum(costs) / len(costs)
         yield 'nested formula that grows, worst state', microseconds, max(costs)
+    for objects in (1, 100):
+        what = 'objects' if objects > 1 else 'object'
+        cost = margins(RESPONSE, objects)
+        yield f'margin of bounded response, {objects} {what}', 'us a state', cost
+        cost = margins('always Alt[x] < 5', objects)
+        yield f'margin of an invariant, {objects} {what}', 'us a state', cost
+    cost = margins(RESPONSE, 1, ask=True)
+    yield 'margin of bounded response, asked for at each state', 'us a state', cost
     for name, wave in STREAMS.items():
         group = group_of(PAPER, 1000, separate=True)
         cost = median(from_dicts(group, 'p', 1000, wave))

@@ -74,6 +74,29 @@ def rtamt(values: Sequence[float]) -> bool:
     return violated
 
 
+def mstlo_margins(values: Sequence[float]) -> bool:
+    """Monitor online with delayed quantitative semantics: margins without bounds."""
+    return _mstlo_margins(values, 'DelayedQuantitative')
+
+
+def mstlo_bounds(values: Sequence[float]) -> bool:
+    """Monitor online with robust satisfaction intervals: margins with bounds."""
+    return _mstlo_margins(values, 'Rosi')
+
+
+def _mstlo_margins(values: Sequence[float], semantics: str) -> bool:
+    import mstlo_python as tool  # noqa: PLC0415
+
+    formula = tool.parse_formula('(x > 2) -> (F[0, 5](x < 2))')
+    monitor = tool.Monitor(formula, semantics=semantics)
+    violated = False
+    for index, value in enumerate(values):
+        for _, margin in monitor.update('x', value, index * PERIOD_S).verdicts():
+            upper = margin[1] if isinstance(margin, tuple) else margin
+            violated = violated or upper < 0
+    return violated
+
+
 def measured(
     watch: Callable[[Sequence[float]], bool], values: Sequence[float]
 ) -> dict[str, object]:
@@ -98,8 +121,15 @@ def measured(
 def main() -> None:
     """Measure all tools over the values on standard input."""
     values = json.load(sys.stdin)
-    tools = {'sentil': sentil, 'mstlo': mstlo, 'reelay': reelay, 'rtamt': rtamt}
-    fewer = {'rtamt': values[: len(values) // 10]}
+    tools = {
+        'sentil': sentil,
+        'mstlo': mstlo,
+        'mstlo, margins': mstlo_margins,
+        'mstlo, margins with bounds': mstlo_bounds,
+        'reelay': reelay,
+        'rtamt, margins': rtamt,
+    }
+    fewer = {'rtamt, margins': values[: len(values) // 10]}
     found = {name: measured(watch, fewer.get(name, values)) for name, watch in tools.items()}
     json.dump(found, sys.stdout)
 

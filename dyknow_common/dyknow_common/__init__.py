@@ -88,7 +88,7 @@ from dyknow_common.text_files import (
 )
 from dyknow_common.units import check_unit, unit_conversion
 from dyknow_common.values import Value, ValueType
-from dyknow_common.verdict import Verdict
+from dyknow_common.verdict import Margin, Verdict
 
 __all__ = [
     'AGGREGATES',
@@ -122,6 +122,7 @@ __all__ = [
     'FieldTypes',
     'Language',
     'LanguageError',
+    'Margin',
     'MessagePath',
     'PathStep',
     'PositionedError',

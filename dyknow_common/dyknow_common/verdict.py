@@ -1,6 +1,11 @@
-"""Verdicts on formulas."""
+"""Verdicts on formulas, and their margins."""
 
+from __future__ import annotations
+
+from dataclasses import dataclass
 from enum import IntEnum
+from math import inf, isfinite
+from typing import Any
 
 
 class Verdict(IntEnum):
@@ -9,3 +14,41 @@ class Verdict(IntEnum):
     UNDECIDED = 0
     TRUE = 1
     FALSE = 2
+
+
+@dataclass(frozen=True, slots=True)
+class Margin:
+    """How far a formula is from the change of its verdict (its robustness).
+
+    Above zero the formula is true, below zero false. The bounds are equal once no further state
+    changes them. `str` is for people: `2.5 W (Power[uav1] > 150)`, `at most 3 m (...)`.
+
+    Args:
+        lower: the least margin that is still possible.
+        upper: the greatest one.
+        unit: of the comparison; empty for a number without a unit.
+        atom: the comparison that limits the margin; empty if none does.
+    """
+
+    lower: float = -inf
+    upper: float = inf
+    unit: str = ''
+    atom: str = ''
+
+    @property
+    def document(self) -> dict[str, Any]:
+        """The margin for JSON, which has no infinite numbers: these are texts."""
+        bounds = {'lower': self.lower, 'upper': self.upper}
+        finite = {name: each if isfinite(each) else str(each) for name, each in bounds.items()}
+        return {**finite, 'unit': self.unit, 'atom': self.atom}
+
+    def __str__(self) -> str:
+        unit = f' {self.unit}' if self.unit else ''
+        atom = f' ({self.atom})' if self.atom else ''
+        if self.lower == self.upper:
+            return f'{self.lower:.6g}{unit}{atom}'
+        if self.lower == -inf:
+            return 'unknown' if self.upper == inf else f'at most {self.upper:.6g}{unit}{atom}'
+        if self.upper == inf:
+            return f'at least {self.lower:.6g}{unit}{atom}'
+        return f'{self.lower:.6g} to {self.upper:.6g}{unit}{atom}'

@@ -12,6 +12,7 @@ from dyknow_coordinator.grounding.feature_sources import (
     parse_sources,
 )
 from dyknow_coordinator.grounding.known_streams import KnownStream, KnownStreams, stream_topic
+from dyknow_coordinator.grounding.margin_units import feature_units, with_unit
 from dyknow_coordinator.grounding.sorts import infer_sorts, with_sorts
 from dyknow_coordinator.grounding.source_choice import (
     TRANSIENT,
@@ -71,6 +72,7 @@ __all__ = [
     'describe_violation',
     'diagnose',
     'feature_symbols',
+    'feature_units',
     'field_names',
     'find_units',
     'has_units',
@@ -81,6 +83,7 @@ __all__ = [
     'state_specification',
     'stream_topic',
     'with_sorts',
+    'with_unit',
     'with_units',
     'worst_fault',
 ]

@@ -12,7 +12,7 @@ from collections.abc import Set as AbstractSet
 from itertools import chain, count
 from typing import Any
 
-from dyknow_common import ExitCode, Symbol, SymbolKind, Verdict, round_time
+from dyknow_common import ExitCode, Margin, Symbol, SymbolKind, Verdict, round_time
 from dyknow_reasoning.errors import ReasoningError
 from dyknow_reasoning.execution import InstanceMonitor, Outcomes, Recording
 from dyknow_reasoning.explanation.explanation import VerdictReasons, explain
@@ -23,6 +23,7 @@ from dyknow_reasoning.language.parsing import parse_formula
 from dyknow_reasoning.language.quantities import check_units_are_known
 from dyknow_reasoning.language.symbols import symbols_of
 from dyknow_reasoning.language.type_checking import check_types
+from dyknow_reasoning.margins.group_margins import GroupMargins
 from dyknow_reasoning.progression.atoms import Values
 from dyknow_reasoning.progression.bounds import Chronology
 from dyknow_reasoning.progression.instances import (
@@ -30,7 +31,7 @@ from dyknow_reasoning.progression.instances import (
     Instance,
     instances_of,
     required_features,
-    verdict_without_states,
+    verdict_of,
 )
 from dyknow_reasoning.progression.node_store import NodeStore
 from dyknow_reasoning.progression.sizes import (
@@ -73,6 +74,7 @@ class FormulaGroup:
         # The residual texts of formulas that have a result.
         self._ends: dict[int, str] = {}
         self._undecided: set[int] = set()
+        self._margins = GroupMargins(limits.node_limit)
         self._store = NodeStore(Chronology())
         self._max_nodes = _MAX_NODES
         self._domains: Domains = {}
@@ -95,7 +97,9 @@ class FormulaGroup:
         """The ids of the formulas without a result; empty before `begin`."""
         return self._undecided
 
-    def add_formula(self, name: str, text: str, constants: Constants = NO_CONSTANTS) -> int:
+    def add_formula(
+        self, name: str, text: str, constants: Constants = NO_CONSTANTS, *, margin: bool = False
+    ) -> int:
         """Add a formula and return its id.
 
         If the group has begun, the formula begins with the next state.
@@ -104,11 +108,12 @@ class FormulaGroup:
             name: the name of the formula.
             text: the formula.
             constants: the values of names that the text does not define, from `parse_constants`.
+            margin: True to compute its margin, too.
 
         Raises:
             LanguageError: for a text that is not a formula or is badly typed, with the position.
             ReasoningError: if the group has begun, for a sort without a domain, or a formula that
-                is too large for its domains.
+                is too large for its domains; if a part of it has no margin, which is requested.
         """
         formula = parse_formula(text, constants)
         named = NamedFormula(name, formula, check_types(formula, text))
@@ -119,6 +124,8 @@ class FormulaGroup:
             check_size(size, self._limits, others=self.parts)
             instances = self._instances_of(formula, self._domains)
         formula_id = next(self._ids)
+        if margin:
+            self._margins.add(formula_id, named)
         self._formulas[formula_id] = named
         self._sizes[formula_id] = size.parts
         if self._monitor:
@@ -131,6 +138,7 @@ class FormulaGroup:
         if self._monitor and formula_id in self._undecided:
             self._monitor.remove([formula_id])
         self._end(formula_id)
+        self._margins.remove(formula_id)
         for each in (self._formulas, self._sizes, self._instances, self._known, self._ends):
             each.pop(formula_id, None)
 
@@ -169,6 +177,7 @@ class FormulaGroup:
             formula_id: self._instances_of(each.formula, domains)
             for formula_id, each in self._formulas.items()
         }
+        self._margins.begin(domains)
         self._domains, self._counts, self._sizes = domains, counts, sizes
         self._monitor = InstanceMonitor(self._limits.node_limit)
         self._remainders = Remainders(self._monitor)
@@ -213,6 +222,8 @@ class FormulaGroup:
             values: a value for each feature of objects, by the text of its `Symbol`.
         """
         monitor = self._monitor or self._begun()
+        if self._margins.running:
+            self._margins.progress(valid_time, values)
         if monitor.histories.registers:
             values = monitor.histories.extended(valid_time, values)
         quick_step = monitor.quick_step
@@ -245,8 +256,10 @@ class FormulaGroup:
             usable = monitor.histories.extended_recording(usable)
         results = self._known_results() if len(usable) else []
         for index, outcomes in monitor.progress_many(usable):
+            self._margins.progress_many(usable.times, usable.columns, index + 1)
             results += self._results(outcomes, usable.time(index), usable.values(index))
         end = len(usable)
+        self._margins.progress_many(usable.times, usable.columns, end)
         if end < len(recording):
             results += self.progress(recording.time(end), recording.values(end))
         return results
@@ -258,6 +271,7 @@ class FormulaGroup:
         nor false fails. Formulas that have seen no state are not affected.
         """
         self._begun().gap()
+        self._margins.gap()
 
     def fail(self, error: ReasoningError, valid_time: int) -> list[FormulaResult]:
         """Fail all undecided formulas, and return their results.
@@ -283,6 +297,11 @@ class FormulaGroup:
         if self._remainders is None or formula_id in self._known:
             return str(formula)
         return self._remainders.text(formula_id) or str(formula)
+
+    def margin(self, formula_id: int) -> Margin | None:
+        """Return the margin of a formula at present, or at its end; None if not requested."""
+        self._find(formula_id)
+        return self._margins.of(formula_id)
 
     def presumably_false(self, formula_id: int) -> bool:
         """Return True if a formula would be false if no further state came (RV-LTL).
@@ -346,7 +365,7 @@ class FormulaGroup:
         instances = monitor.histories.attach(formula_id, named.formula, instances, named.kinds)
         self._instances[formula_id] = instances
         self._undecided.add(formula_id)
-        if verdict := verdict_without_states(instances):
+        if verdict := verdict_of(instances):
             self._known[formula_id] = verdict
         else:
             monitor.add(formula_id, instances, named.kinds)
@@ -395,6 +414,7 @@ class FormulaGroup:
             objects=why.objects,
             windows=why.windows,
             ended_at=valid_time,
+            margin=self._margins.end(formula_id),
         )
 
     def _failed(self, formula_id: int, error: ReasoningError, valid_time: int) -> FormulaResult:
@@ -403,6 +423,7 @@ class FormulaGroup:
         self._ends[formula_id] = str(formula)
         located = ReasoningError(f'at {round_time(valid_time)}: {error}', error.code)
         verdict = Verdict.UNDECIDED
+        end, margin = valid_time, self._margins.end(formula_id)
         return FormulaResult(
-            formula_id, formula.name, verdict, None, '', located, ended_at=valid_time
+            formula_id, formula.name, verdict, None, '', located, ended_at=end, margin=margin
         )

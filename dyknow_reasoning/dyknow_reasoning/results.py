@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-from dyknow_common import Verdict
+from dyknow_common import Margin, Verdict
 from dyknow_reasoning.errors import ReasoningError
 from dyknow_reasoning.language.formula import Formula
 from dyknow_reasoning.language.type_checking import Kinds
@@ -45,6 +45,7 @@ class FormulaResult:
         windows: the intervals of the obligations that the explanation names, in nanoseconds.
         ended_at: the valid time of the state with which the formula got its result, also by an
             error; None if it needs no state.
+        margin: its margin at that state; None if it was not requested.
     """
 
     formula_id: int
@@ -56,3 +57,4 @@ class FormulaResult:
     objects: str = ''
     windows: tuple[tuple[int, int], ...] = ()
     ended_at: int | None = field(default=None, compare=False)
+    margin: Margin | None = None

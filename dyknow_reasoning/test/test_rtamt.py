@@ -1,4 +1,4 @@
-"""Verdicts over a real launch against RTAMT's offline evaluation, where that is installed."""
+"""Verdicts and margins over a real launch against those of RTAMT, where that is installed."""
 
 from __future__ import annotations
 
@@ -8,7 +8,8 @@ from pathlib import Path
 import pytest
 
 from dyknow_common import Verdict
-from dyknow_reasoning import FormulaGroup
+from dyknow_reasoning import FormulaGroup, check_types, parse_formula
+from dyknow_reasoning.margins.formula_margin import FormulaMargin
 
 MS = 1_000_000
 RECORDING = Path(__file__).parent / 'data' / 'sounding_rocket_launch.csv'
@@ -49,5 +50,15 @@ def test_verdicts_are_those_of_rtamt(formula: str) -> None:
         times = range(0, len(rows) * MS, MS)
         [result] = group.progress_many(times, columns)
         assert (result.verdict is Verdict.TRUE) == (robustness > 0)
+        assert _margin(text, times, columns) == pytest.approx((robustness, robustness))
         found.add(result.verdict)
     assert len(found) == 2
+
+
+def _margin(text: str, times: range, columns: dict[str, list[float]]) -> tuple[float, float]:
+    formula = parse_formula(text)
+    margin = FormulaMargin(formula, check_types(formula, text), {}, 1000)
+    for time, row in zip(times, zip(*columns.values(), strict=True), strict=True):
+        margin.step(time, dict(zip(columns, row, strict=True)))
+    found = margin.at_present()
+    return found.lower, found.upper

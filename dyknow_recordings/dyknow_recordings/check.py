@@ -67,6 +67,11 @@ def add_check_options(parser: argparse.ArgumentParser) -> None:
     )
     _add_times(parser)
     parser.add_argument(
+        '--margins',
+        action='store_true',
+        help='also compute how far each formula is from the change of its verdict',
+    )
+    parser.add_argument(
         '--undecided',
         type=Judgement,
         choices=list(Judgement),
@@ -223,7 +228,14 @@ def _jobs(options: argparse.Namespace) -> tuple[RecordingJob, ...]:
     files, formulas = _configuration(options)
     return tuple(
         RecordingJob(
-            str(path), path, formulas, files, options.begin, options.every, _draws(options)
+            str(path),
+            path,
+            formulas,
+            files,
+            options.begin,
+            options.every,
+            keep_signals=_draws(options),
+            margins=options.margins,
         )
         for path in options.recording
     )

@@ -28,6 +28,7 @@ TYPES = {
     'string': str,
     'boolean': bool,
     'integer': int,
+    'number': float,
     'null': type(None),
 }
 MISSED = Episode(START, residual_formula='eventually a.x = 1', presumably_false=True)
@@ -108,10 +109,11 @@ def test_lines_of_json_follow_their_schema(bag: Path, capsys: pytest.CaptureFixt
     formulas = [f'always {z} < 50', f'eventually {z} > 90', 'always x.y = 1', f'{z} < 80', 'true']
     options = [word for each in formulas for word in ('--formula', each)]
     main([str(bag), 'missing', *options, '--json', '--every', 'state'])
+    main([str(bag), *options, '--json', '--margins'])
     main([str(bag), '--topics', '--json'])
     main([str(bag), '--json'])
     documents = [json.loads(line) for line in capsys.readouterr().out.splitlines()]
-    assert len(documents) == 4
+    assert len(documents) == 5
     documents.append(json.loads(json.dumps(recording_document(REPORT, Judgement.AUTO))))
     for each in documents:
         assert list(faults(LINE, each)) == []

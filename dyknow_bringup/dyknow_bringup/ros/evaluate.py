@@ -37,6 +37,8 @@ def evaluate(chosen: argparse.Namespace) -> int:
         verdict = answer.verdict.name.lower()
         at = '' if answer.decided_at is None else f' at {round_time(answer.decided_at)}'
         _print(f'{verdict}{at}: {answer.explanation}')
+        if answer.margin is not None:
+            _print(f'margin: {answer.margin}')
     else:
         print(f'{answer.error.code.name}: {answer.error}', file=sys.stderr)  # noqa: T201
     return {Verdict.TRUE: SUCCESS, Verdict.FALSE: FALSE}.get(answer.verdict, ERROR)
@@ -54,6 +56,7 @@ def _ask(chosen: argparse.Namespace) -> Answer:
                 on_feedback=_SilenceWarning().check,
                 timeout=chosen.timeout / SECOND_NS,
                 grounding=GROUNDINGS[chosen.grounding],
+                margin=chosen.margin,
                 wait=COORDINATOR_TIMEOUT_S,
             )
             executor.spin_until_future_complete(monitor.outcome)
@@ -103,6 +106,7 @@ def _as_json(answer: Answer) -> dict[str, Any]:
         'verdict': answer.verdict.name.lower(),
         'decided_at_ns': answer.decided_at,
         'explanation': answer.explanation,
+        'margin': answer.margin and answer.margin.document,
         'exit_status': code.name,
         'message': '' if answer.error is None else answer.error.message,
     }
@@ -133,4 +137,9 @@ def add_evaluate_options(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument('--grounding', choices=GROUNDINGS, default='auto')
     parser.add_argument('--coordinator', default='stream_reasoning_coordinator', metavar='NODE')
+    parser.add_argument(
+        '--margin',
+        action='store_true',
+        help='also compute how far the formula is from the change of its verdict',
+    )
     parser.add_argument('--json', action='store_true', help='print a line of JSON')

@@ -34,6 +34,8 @@ from dyknow_common.ros.throttle import LogOnce, Throttle
 from dyknow_common.ros.time_messages import (
     constraints_from_message,
     constraints_to_message,
+    margin_from_message,
+    margin_to_message,
     nanoseconds_to_duration,
     nanoseconds_to_time,
     time_to_nanoseconds,
@@ -84,6 +86,8 @@ __all__ = [
     'constraints_to_message',
     'fill_exit_status',
     'full_name',
+    'margin_from_message',
+    'margin_to_message',
     'nanoseconds_to_duration',
     'nanoseconds_to_time',
     'only_from',

@@ -1,14 +1,19 @@
-"""Conversion between messages and the times and constraints of the core."""
+"""Conversion between messages and the times, constraints and margins of the core."""
 
 from __future__ import annotations
 
 from typing import Any
 
 from builtin_interfaces.msg import Duration, Time
+from dyknow_interfaces.msg import Margin as MarginMessage
 from dyknow_interfaces.msg import StreamConstraints as StreamConstraintsMessage
 
 from dyknow_common.constraints import CONSTRAINT_KINDS, ConstraintKind, StreamConstraints
 from dyknow_common.durations import SECOND_NS
+from dyknow_common.verdict import Margin
+
+_NO_MARGIN = MarginMessage()
+"""A message that nobody has filled: a margin of 0 has a comparison."""
 
 
 def time_to_nanoseconds(message: Any) -> int:
@@ -52,3 +57,17 @@ def constraints_to_message(constraints: StreamConstraints) -> Any:
             for name, value in constraints.given().items()
         }
     )
+
+
+def margin_to_message(margin: Margin | None) -> Any:
+    """Return a Margin message; an empty one if the margin was not asked for."""
+    if margin is None:
+        return MarginMessage()
+    return MarginMessage(lower=margin.lower, upper=margin.upper, unit=margin.unit, atom=margin.atom)
+
+
+def margin_from_message(message: Any) -> Margin | None:
+    """Return the margin in a message; None if the message is empty."""
+    if message == _NO_MARGIN:
+        return None
+    return Margin(message.lower, message.upper, message.unit, message.atom)

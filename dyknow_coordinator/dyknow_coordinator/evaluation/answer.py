@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Self
 
-from dyknow_common import DyKnowError, Verdict
+from dyknow_common import DyKnowError, Margin, Verdict
 from dyknow_coordinator.grounding.feature_sources import SymbolGrounding
 
 
@@ -20,6 +20,7 @@ class Answer:
         canonical_formula: fully bracketed; empty if the formula could not be parsed.
         explanation: the reason for the verdict, for people.
         groundings: the streams used.
+        margin: if it was asked for: the latest.
         error: why there is no verdict; its `code` is that of the exit status.
     """
 
@@ -28,6 +29,7 @@ class Answer:
     canonical_formula: str = ''
     explanation: str = ''
     groundings: tuple[SymbolGrounding, ...] = ()
+    margin: Margin | None = None
     error: DyKnowError | None = None
 
     def check(self) -> Self:
@@ -53,6 +55,7 @@ class Progress:
         streams: the specifications of the streams in use.
         events: what has happened since the last report.
         waits_for: why no state has come for 3 s; empty while states come.
+        margin: if it was asked for.
     """
 
     states_progressed: int
@@ -62,3 +65,4 @@ class Progress:
     streams: tuple[str, ...] = ()
     events: tuple[str, ...] = ()
     waits_for: str = ''
+    margin: Margin | None = None

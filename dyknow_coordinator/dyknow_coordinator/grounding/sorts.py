@@ -16,8 +16,10 @@ from typing import Final
 from dyknow_common import Symbol, SymbolKind
 from dyknow_coordinator.errors import CoordinationError
 
+# Without the first condition, owlready2 does not follow the path.
 _QUERY: Final = """
     SELECT DISTINCT ?above ?sort WHERE {{
+        ?feature a owl:Class .
         ?feature rdfs:subClassOf* ?above .
         ?above <http://www.dyknow.org/ontology#argument{argument}> ?sort .
         FILTER(STRENDS(STR(?feature), "#{feature}") || STRENDS(STR(?feature), "/{feature}"))

@@ -15,8 +15,10 @@ from dyknow_common import Symbol, quoted
 from dyknow_coordinator.errors import CoordinationError
 from dyknow_coordinator.grounding.symbols import feature_symbols
 
+# Without the first condition, owlready2 does not follow the path.
 _QUERY: Final = """
     SELECT DISTINCT ?above ?unit WHERE {{
+        ?feature a owl:Class .
         ?feature rdfs:subClassOf* ?above .
         ?above <http://www.dyknow.org/ontology#unit> ?unit .
         FILTER(STRENDS(STR(?feature), "#{feature}") || STRENDS(STR(?feature), "/{feature}"))
@@ -44,11 +46,19 @@ async def find_units(
     Raises:
         DyKnowError: for a feature with several units, or if the query fails.
     """
+    rows = await stated_units(symbols, query)
+    return {name: only_unit(name, found) for name, found in rows.items()}
+
+
+async def stated_units(
+    symbols: Iterable[Symbol], query: Callable[[str], Awaitable[Sequence[tuple[str, ...]]]]
+) -> dict[str, Sequence[tuple[str, ...]]]:
+    """Return the concepts with units that each feature is or is below, with these units.
+
+    The arguments and errors are those of `find_units`.
+    """
     names = [each.name for each in feature_symbols(symbols) if not each.is_reference]
-    return {
-        name: only_unit(name, await query(_QUERY.format(feature=name)))
-        for name in dict.fromkeys(names)
-    }
+    return {name: await query(_QUERY.format(feature=name)) for name in dict.fromkeys(names)}
 
 
 def only_unit(feature: str, rows: Sequence[tuple[str, ...]]) -> str:

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from enum import IntEnum
 
-from dyknow_common import DyKnowError, ExitCode, Verdict, round_duration, round_time
+from dyknow_common import DyKnowError, ExitCode, Margin, Verdict, round_duration, round_time
 from dyknow_coordinator.evaluation.evaluation import EvaluationPhase
 from dyknow_coordinator.grounding.feature_sources import SymbolGrounding
 
@@ -33,6 +33,7 @@ class EvaluationStatus:
     residual_formula: str = ''
     presumably_false: bool = False
     waits_for: str = ''
+    margin: Margin | None = None
     verdict: Verdict = Verdict.UNDECIDED
     decided_at: int | None = None
     explanation: str = ''
@@ -112,6 +113,7 @@ def details(status: EvaluationStatus) -> Iterator[tuple[str, str]]:
         ('verdict', status.verdict.name.lower()),
         ('decided at', '' if decided is None else round_time(decided)),
         ('waits for', status.waits_for),
+        ('margin', '' if status.margin is None else str(status.margin)),
         ('explanation', status.explanation),
         ('error', '' if status.error is None else status.error.message),
         ('plan', status.plan),

@@ -8,6 +8,8 @@ from dyknow_common import SECOND_NS, Verdict
 from dyknow_common.ros import (
     constraints_from_message,
     fill_exit_status,
+    margin_from_message,
+    margin_to_message,
     nanoseconds_to_time,
     time_to_nanoseconds,
 )
@@ -48,6 +50,7 @@ def request_from_message(
         timeout_s=min(timeout_s, max_timeout_s) if max_timeout_s else timeout_s,
         name=getattr(message, 'name', ''),
         restart_on_change=getattr(message, 'restart_on_change', False),
+        margin=message.margin,
     )
 
 
@@ -70,6 +73,7 @@ def fill_answer(message: Any, answer: Answer) -> None:
     message.verdict = int(answer.verdict)
     message.canonical_formula = answer.canonical_formula
     message.explanation = answer.explanation
+    message.margin = margin_to_message(answer.margin)
     message.groundings = [symbol_grounding_to_message(each) for each in answer.groundings]
     if answer.decided_at is not None:
         message.decided_at = nanoseconds_to_time(answer.decided_at)
@@ -86,6 +90,7 @@ def answer_from_message(message: Any) -> Answer:
         canonical_formula=message.canonical_formula,
         explanation=message.explanation,
         groundings=tuple(symbol_grounding_from_message(each) for each in message.groundings),
+        margin=margin_from_message(message.margin),
         error=error,
     )
 
@@ -100,4 +105,5 @@ def progress_from_message(message: Any) -> Progress:
         streams=tuple(message.streams),
         events=tuple(message.events),
         waits_for=message.waits_for,
+        margin=margin_from_message(message.margin),
     )

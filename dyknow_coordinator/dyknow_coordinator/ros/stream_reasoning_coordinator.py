@@ -13,7 +13,7 @@ from dyknow_interfaces.action import MonitorFormula
 from dyknow_interfaces.srv import EvaluateFormula
 
 from dyknow_common import SECOND_NS, DyKnowError, ExitCode
-from dyknow_common.ros import RUNNING, Background, DyKnowNode, run
+from dyknow_common.ros import RUNNING, Background, DyKnowNode, margin_to_message, run
 from dyknow_coordinator.evaluation.answer import Answer
 from dyknow_coordinator.evaluation.request import EvaluationRequest
 from dyknow_coordinator.reporting.evaluation_status import (
@@ -254,6 +254,7 @@ def _publish_feedback(goal: Any, evaluation: FormulaEvaluation) -> None:
             streams=[each.stream for each in evaluation.groundings],
             waits_for=evaluation.waits_for,
             events=evaluation.history.read(),
+            margin=margin_to_message(evaluation.margin),
             **{name: getattr(evaluation.progress, name) for name in _PROGRESS_FIELDS},
         )
         goal.publish_feedback(feedback)

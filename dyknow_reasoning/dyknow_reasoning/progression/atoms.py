@@ -127,6 +127,16 @@ def predicate(atom: Atom, kinds: Kinds) -> Predicate:
     return lambda values: compare(left(values), right(values))
 
 
+def term_reader(term: Term, kinds: Kinds) -> Callable[[Values], Any]:
+    """Return the value of a term without variables; it raises ReasoningError if unusable.
+
+    Args:
+        term: the term.
+        kinds: the kinds of features, from `check_types`.
+    """
+    return _reader(term, kinds)
+
+
 def has_unknown_kind(atom: Comparison, kinds: Kinds) -> bool:
     """Return True if only the values show the kind of a side of a comparison."""
     return any(

@@ -94,7 +94,7 @@ def instances_of(formula: Formula, domains: Domains, store: NodeStore) -> list[I
     return list(instances.values())
 
 
-def verdict_without_states(instances: Sequence[Instance]) -> Verdict:
+def verdict_of(instances: Sequence[Instance]) -> Verdict:
     """Return the verdict on a formula that holds for all states, or undecided."""
     if any(instance.node is FALSE for instance in instances):
         return Verdict.FALSE
@@ -122,12 +122,27 @@ def ground_atoms(formula: Formula, domains: Domains) -> list[tuple[Binding, tupl
     ]
 
 
+def ground_atom(atom: StateAtom, binding: Binding) -> StateAtom:
+    """Return an atom with objects for its variables."""
+    if isinstance(atom, Comparison):
+        left, right = _substitute(atom.left, binding), _substitute(atom.right, binding)
+        return Comparison(atom.operator, left, right)
+    return cast('StateAtom', _substitute(atom, binding))
+
+
+def objects_of(sort: str, domains: Domains) -> list[str]:
+    """Return the objects of a sort, each once.
+
+    Raises:
+        ReasoningError: for a sort without a domain.
+    """
+    return _objects(sort, domains)
+
+
 def _ground_atoms(formula: Formula, binding: Binding, domains: Domains) -> Iterator[StateAtom]:
     match formula:
-        case Feature() | FieldReference():
-            yield cast('StateAtom', _substitute(formula, binding))
-        case Comparison(operator, left, right):
-            yield Comparison(operator, _substitute(left, binding), _substitute(right, binding))
+        case Feature() | FieldReference() | Comparison():
+            yield ground_atom(formula, binding)
         case (
             Forall(variable, sort, body)
             | Exists(variable, sort, body)
@@ -329,10 +344,12 @@ def ground(formula: Any, binding: Binding, domains: Domains) -> Any:
             names = _objects(sort, domains)
             members = [ground(body, {**binding, variable: name}, domains) for name in names]
             return _joined(members, And if isinstance(formula, Forall) else Or)
-        case Comparison(operator, left, right):
-            return Comparison(operator, _substitute(left, binding), _substitute(right, binding))
-        case Feature() | FieldReference():
-            return _substitute(formula, binding)
+        case Count(variable, sort, body, bound, number):
+            names = _objects(sort, domains)
+            members = [ground(body, {**binding, variable: name}, domains) for name in names]
+            return CountOf(bound, number, tuple(members))
+        case Feature() | FieldReference() | Comparison():
+            return ground_atom(formula, binding)
         case _:
             return with_changed_parts(formula, lambda part: ground(part, binding, domains))
 

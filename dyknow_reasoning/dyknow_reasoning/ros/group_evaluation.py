@@ -19,7 +19,7 @@ from dyknow_common.ros import (
     Background,
     DyKnowNode,
     absolute_topic,
-    fill_exit_status,
+    margin_to_message,
     nanoseconds_to_time,
 )
 from dyknow_reasoning.errors import ReasoningError
@@ -27,6 +27,7 @@ from dyknow_reasoning.formula_group import FormulaGroup
 from dyknow_reasoning.progression.gaps import Gap
 from dyknow_reasoning.results import FormulaResult
 from dyknow_reasoning.ros.group_work import HEAVY_PARTS, MAX_QUEUED_STATES, GroupWork
+from dyknow_reasoning.ros.result_messages import result_to_message
 from dyknow_reasoning.ros.state_subscription import (
     VIOLATIONS_SUFFIX,
     Breach,
@@ -115,10 +116,10 @@ class GroupEvaluation:
         """The time since the latest request, in seconds."""
         return (self._wall_time() - self._requested_at) / SECOND_NS
 
-    async def add_formula(self, name: str, text: str) -> int:
+    async def add_formula(self, name: str, text: str, *, margin: bool = False) -> int:
         """Add a formula and return its id; raise the errors of `FormulaGroup.add_formula`."""
         formula_id = await self._work.run(
-            lambda: self.group.add_formula(name, text),
+            lambda: self.group.add_formula(name, text, margin=margin),
             lambda: len(text) > _HEAVY_TEXT or (self.has_begun and self._is_large()),
         )
         self._states_before[formula_id] = self._states
@@ -251,6 +252,7 @@ class GroupEvaluation:
                 latest_valid_time=nanoseconds_to_time(latest or 0),
                 residual_formula=self.group.residual(formula_id),
                 presumably_false=self.group.presumably_false(formula_id),
+                margin=margin_to_message(self.group.margin(formula_id)),
                 events=events,
             )
 
@@ -259,18 +261,8 @@ class GroupEvaluation:
         if self._is_destroyed:
             return
         for result in results:
-            message = FormulaResultMessage(
-                formula_group_id=self._id,
-                formula_id=result.formula_id,
-                formula_name=result.name,
-                verdict=int(result.verdict),
-                explanation=result.explanation,
-            )
+            message = result_to_message(self._id, result)
             message.header.stamp = self._node.get_clock().now().to_msg()
-            if result.decided_at is not None:
-                message.decided_at = nanoseconds_to_time(result.decided_at)
-            if result.error is not None:
-                fill_exit_status(message.exit_status, result.error)
             self._results.publish(message)
 
     def _wall_time(self) -> int:

@@ -106,7 +106,9 @@ class StreamReasoningEngine(DyKnowNode):
         formulas = sum(len(each.group.formulas) for each in self._groups.values())
         self._limits.check('formula_limit', formulas + 1, 'formulas')
         self._check_parts(1)
-        response.formula_id = await evaluation.add_formula(request.formula_name, request.formula)
+        response.formula_id = await evaluation.add_formula(
+            request.formula_name, request.formula, margin=request.margin
+        )
         response.canonical_formula = str(evaluation.group.formulas[response.formula_id])
 
     async def _remove_formula(self, request: Any, _response: Any) -> None:

@@ -11,7 +11,8 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from dyknow_common import DyKnowError, Value, Verdict
+from dyknow_common import DyKnowError, Margin, Value, Verdict
+from dyknow_coordinator import with_unit
 from dyknow_reasoning import FormulaGroup, FormulaResult, ReasoningError
 from dyknow_recordings.errors import RecordingError
 from dyknow_recordings.evaluation.grounding import GroundedFormula
@@ -228,6 +229,7 @@ class EpisodeGroup:
                     each.episodes[index].begin,
                     residual_formula=self._group.residual(formula_id),
                     presumably_false=self._group.presumably_false(formula_id),
+                    margin=_margin_of(each, self._group.margin(formula_id)),
                 )
 
     def _keep_history(self, formula: FormulaEpisodes) -> None:
@@ -238,7 +240,7 @@ class EpisodeGroup:
 
     def _open(self, formula: FormulaEpisodes) -> None:
         text = formula.grounded.formula
-        formula_id = self._group.add_formula(text, text)
+        formula_id = self._group.add_formula(text, text, margin=formula.grounded.units is not None)
         formula.open_episodes[formula_id] = len(formula.episodes)
         formula.episodes.append(Episode(None))
         self._owners[formula_id] = formula
@@ -256,6 +258,7 @@ class EpisodeGroup:
                 result.error,
                 objects=result.objects,
                 windows=result.windows,
+                margin=_margin_of(formula, result.margin),
             )
             if self.observer is not None and result.decided_at is not None:
                 self.observer.decided(result.decided_at)
@@ -266,7 +269,9 @@ class EpisodeGroup:
     def _fail(self, formula: FormulaEpisodes, error: DyKnowError) -> None:
         formula.error = error
         for formula_id, index in formula.open_episodes.items():
-            formula.episodes[index] = Episode(formula.episodes[index].begin, error=error)
+            margin = _margin_of(formula, self._group.margin(formula_id))
+            begin = formula.episodes[index].begin
+            formula.episodes[index] = Episode(begin, error=error, margin=margin)
             del self._owners[formula_id]
             self._forget(formula_id)
         formula.open_episodes.clear()
@@ -315,6 +320,12 @@ class _Trigger:
             return result.error
         held, self._held = self._held, result.verdict is Verdict.TRUE
         return self._held and not held
+
+
+def _margin_of(formula: FormulaEpisodes, margin: Margin | None) -> Margin | None:
+    """Return a margin in its unit."""
+    units = formula.grounded.units
+    return None if margin is None or units is None else with_unit(margin, units)
 
 
 def _is_plain(column: NDArray[np.generic]) -> bool:

@@ -62,6 +62,7 @@ def evaluate_recording(
     start: EpisodeStart = FROM_FIRST_STATE,
     *,
     keep_signals: bool = False,
+    margins: bool = False,
 ) -> RecordingReport:
     """Evaluate formulas over a recording.
 
@@ -71,11 +72,14 @@ def evaluate_recording(
         files: the ontologies, annotations and streams of the running system.
         start: from when the formulas are evaluated.
         keep_signals: True to keep the signals of the states, for pictures.
+        margins: True to compute the margins of the formulas.
 
     Raises:
         DyKnowError: naming a file that cannot be read, or a recording that cannot be read.
     """
-    return RecordingEvaluation(recording, formulas, files, start, keep_signals=keep_signals).run()
+    return RecordingEvaluation(
+        recording, formulas, files, start, keep_signals=keep_signals, margins=margins
+    ).run()
 
 
 class RecordingEvaluation:
@@ -89,6 +93,7 @@ class RecordingEvaluation:
         start: EpisodeStart,
         *,
         keep_signals: bool = False,
+        margins: bool = False,
     ) -> None:
         self._recording = recording
         self._keep_signals = keep_signals
@@ -97,7 +102,7 @@ class RecordingEvaluation:
         self._pending: list[StateGroup] = []
         with closing(load_vocabulary(files, recording.contents)) as vocabulary:
             self._vocabulary_notes = tuple(vocabulary.notes)
-            grounder = FormulaGrounder(vocabulary, self._streams)
+            grounder = FormulaGrounder(vocabulary, self._streams, margins=margins)
             self._requests = [self._ground(grounder, each) for each in formulas]
         grounded = [each.grounded.inputs for each in self._requests if each.grounded]
         self._fields = self._streams.prepare(

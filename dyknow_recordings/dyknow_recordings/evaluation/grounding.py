@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Coroutine, Sequence
+from collections.abc import Coroutine, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, TypeVar
 
@@ -14,6 +14,7 @@ from dyknow_coordinator import (
     Grounding,
     check_symbols,
     feature_symbols,
+    feature_units,
     find_units,
     has_units,
     infer_sorts,
@@ -37,17 +38,28 @@ class GroundedFormula:
         formula: the canonical text, with all sorts.
         trigger: the canonical text of the formula that begins its episodes; empty without one.
         inputs: of the state stream, for both.
+        units: of the features of a formula whose margin is computed; else None.
     """
 
     formula: str
     trigger: str
     inputs: FormulaInputs
+    units: Mapping[str, str] | None = None
 
 
 class FormulaGrounder:
-    """Finds the objects and streams of formulas."""
+    """Finds the objects and streams of formulas.
 
-    def __init__(self, vocabulary: Vocabulary, streams: RecordedStreams) -> None:
+    Args:
+        vocabulary: of the formulas.
+        streams: of the recording.
+        margins: True if the margins of the formulas are to be computed.
+    """
+
+    def __init__(
+        self, vocabulary: Vocabulary, streams: RecordedStreams, *, margins: bool = False
+    ) -> None:
+        self._margins = margins
         self._vocabulary = vocabulary
         self._streams = streams
         self._search = CandidateSearch(self._matching_sources, streams.fields)
@@ -68,7 +80,7 @@ class FormulaGrounder:
         group = FormulaGroup()
         texts = [self._completed(text, constants) for text in filter(None, (formula, trigger))]
         for text in texts:
-            group.add_formula(text, text)
+            group.add_formula(text, text, margin=self._margins and text is texts[0])
         symbols = tuple(group.symbols())
         domains = {sort: self._vocabulary.instances(sort) for sort in sort_names(symbols)}
         candidates = _finished(self._search.find(symbols, Grounding.AUTO))
@@ -83,7 +95,8 @@ class FormulaGrounder:
         inputs = FormulaInputs(
             symbols, Grounding.AUTO, features, candidates, domains, NO_CONSTRAINTS
         )
-        return GroundedFormula(texts[0], texts[1] if trigger else '', inputs)
+        units = _finished(feature_units(symbols, self._query)) if self._margins else None
+        return GroundedFormula(texts[0], texts[1] if trigger else '', inputs, units)
 
     def _completed(self, text: str, constants: Constants) -> str:
         """Return the canonical text of a formula, with all sorts, and numbers without units."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from enum import StrEnum
 
-from dyknow_common import DyKnowError, Verdict
+from dyknow_common import DyKnowError, Margin, Verdict
 from dyknow_coordinator import SymbolGrounding
 from dyknow_reasoning import NO_CONSTANTS, Constants
 from dyknow_recordings.evaluation.observation import StateSignals
@@ -55,6 +55,7 @@ class Episode:
             obligation that was not met. False for an invariant that was not broken.
         objects: the objects that decide the formula, `u = uav1`; empty if there is no choice.
         windows: the intervals of the obligations that the explanation names, in nanoseconds.
+        margin: at its end, if margins were asked for.
     """
 
     begin: int | None
@@ -66,6 +67,7 @@ class Episode:
     presumably_false: bool = False
     objects: str = ''
     windows: tuple[tuple[int, int], ...] = ()
+    margin: Margin | None = None
 
     @property
     def outcome(self) -> Outcome:
@@ -123,6 +125,12 @@ class FormulaReport:
         if self.error is not None:
             found.add(Outcome.ERROR)
         return next((each for each in Outcome if each in found), Outcome.UNDECIDED)
+
+    @property
+    def margin(self) -> Margin | None:
+        """The worst margin of its episodes; None if margins were not asked for."""
+        found = [each.margin for each in self.episodes if each.margin is not None]
+        return min(found, key=lambda margin: (margin.upper, margin.lower), default=None)
 
     @property
     def presumably_false(self) -> bool:

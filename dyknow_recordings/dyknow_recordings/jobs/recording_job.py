@@ -32,6 +32,7 @@ class RecordingJob:
             all of it.
         every: `first`, `state`, or the formula of a trigger.
         keep_signals: True to keep the signals of the states, for pictures.
+        margins: True to compute the margins of the formulas.
     """
 
     name: str
@@ -41,6 +42,7 @@ class RecordingJob:
     begin: int | None = None
     every: str = Every.FIRST.value
     keep_signals: bool = False
+    margins: bool = False
 
     def run(self) -> JobResult:
         """Check the recording. A fault of any kind is an error of this recording alone."""
@@ -48,7 +50,12 @@ class RecordingJob:
             with open_recording(self.path) as recording:
                 start = self._start(recording.start_time)
                 report = evaluate_recording(
-                    recording, self.formulas, self.files, start, keep_signals=self.keep_signals
+                    recording,
+                    self.formulas,
+                    self.files,
+                    start,
+                    keep_signals=self.keep_signals,
+                    margins=self.margins,
                 )
         except DyKnowError as error:
             return error

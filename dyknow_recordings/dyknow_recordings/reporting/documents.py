@@ -80,6 +80,7 @@ def _episode(episode: Episode) -> dict[str, Any]:
         'explanation': episode.explanation,
         'residual_formula': episode.residual_formula,
         'presumably_false': episode.presumably_false,
+        'margin': episode.margin and episode.margin.document,
         'error': _error(episode.error),
     }
 

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
+from dataclasses import asdict
 from datetime import UTC, datetime
 from pathlib import Path, PurePath
 from typing import Final
@@ -48,6 +49,13 @@ class JUnitReport:
     def add(self, report: RecordingReport) -> None:
         """Add the suite of a recording."""
         suite = _suite(report.recording, [self._case(each, report) for each in report.formulas])
+        for formula in report.formulas:
+            if formula.margin is not None:
+                # The schema has properties of suites, and none of test cases.
+                for name, value in asdict(formula.margin).items():
+                    suite.add_property(
+                        _valid(f'margin_{name} of {formula.name}'), _valid(str(value))
+                    )
         suite.time = _seconds(report.end_time - report.start_time)
         start = datetime.fromtimestamp(report.start_time // SECOND_NS, UTC)
         suite.timestamp = f'{start:%Y-%m-%dT%H:%M:%S}'

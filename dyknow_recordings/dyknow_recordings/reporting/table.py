@@ -18,9 +18,11 @@ _STYLES = {Outcome.TRUE: 'green', Outcome.FALSE: 'red', Outcome.ERROR: 'red'}
 def recording_table(report: RecordingReport, judgement: Judgement) -> Table:
     """Return the results of one recording: a row for each formula."""
     duration = round_duration(report.end_time - report.start_time)
+    has_margins = any(each.margin is not None for each in report.formulas)
+    margins = [folded('margin')] if has_margins else []
     return framed_table(
-        [folded('formula'), fixed('outcome'), fixed('at'), folded('why')],
-        (_row(each, judgement) for each in report.formulas),
+        [folded('formula'), fixed('outcome'), fixed('at'), *margins, folded('why')],
+        (_row(each, judgement, has_margins=has_margins) for each in report.formulas),
         title=Text(f'{report.recording} ({duration})'),
         title_justify='left',
     )
@@ -34,7 +36,7 @@ def topics_table(recording: RecordingReader) -> Table:
     return framed_table(columns, rows, title=Text(str(recording.path)), title_justify='left')
 
 
-def _row(report: FormulaReport, judgement: Judgement) -> tuple[Text, Text, Text, Text]:
+def _row(report: FormulaReport, judgement: Judgement, *, has_margins: bool) -> tuple[Text, ...]:
     style = _STYLES.get(report.outcome, 'green' if judgement.passes(report) else 'red')
     decisive = decisive_episode(report)
     at = '' if decisive is None or decisive.decided_at is None else round_time(decisive.decided_at)
@@ -42,5 +44,6 @@ def _row(report: FormulaReport, judgement: Judgement) -> tuple[Text, Text, Text,
         Text(report.name),
         Text(report.outcome, style=style),
         Text(at),
+        *([Text('' if report.margin is None else str(report.margin))] if has_margins else []),
         Text('\n'.join(reasons(report, decisive))),
     )

@@ -80,6 +80,7 @@ class FormulaClient:
     - timeout: seconds of the wall clock after which the answer is TIMEOUT.
     - grounding: how symbols find their streams.
     - constraints: of the state stream.
+    - margin: also compute how far the formula is from the change of its verdict.
     - wait: seconds to wait for the coordinator to be available.
     - name: shown to operators; by default the formula.
     - restart_on_change: restart when a sort of the formula gains or loses objects.
@@ -123,6 +124,7 @@ class FormulaClient:
         timeout: float = 60.0,  # noqa: ASYNC109 - the coordinator keeps it, not asyncio
         grounding: Grounding = Grounding.AUTO,
         constraints: StreamConstraints = NO_CONSTRAINTS,
+        margin: bool = False,
         wait: float = 5.0,
     ) -> Answer:
         """Evaluate a formula from now on, awaited by a callback or a task of rclpy.
@@ -134,6 +136,7 @@ class FormulaClient:
             return Answer(error=refusal)
         try:
             request = _request(EvaluateFormula.Request, formula, timeout, grounding, constraints)
+            request.margin = margin
             response = await self._coordinator.request(
                 EvaluateFormula, request, wait, timeout + GRACE_S
             )
@@ -148,6 +151,7 @@ class FormulaClient:
         timeout: float = 60.0,
         grounding: Grounding = Grounding.AUTO,
         constraints: StreamConstraints = NO_CONSTRAINTS,
+        margin: bool = False,
         wait: float = 5.0,
     ) -> Answer:
         """Evaluate a formula from now on, in a script or in a thread that does not spin the node.
@@ -172,6 +176,7 @@ class FormulaClient:
                     timeout=timeout,
                     grounding=grounding,
                     constraints=constraints,
+                    margin=margin,
                     wait=wait,
                 )
                 executor.spin_until_future_complete(task)
@@ -191,6 +196,7 @@ class FormulaClient:
         timeout: float = DAY_S,
         grounding: Grounding = Grounding.AUTO,
         constraints: StreamConstraints = NO_CONSTRAINTS,
+        margin: bool = False,
         wait: float = 5.0,
     ) -> Monitor:
         """Evaluate a formula from now on, in the background.
@@ -210,7 +216,7 @@ class FormulaClient:
             end(None, refusal)
             return monitor
         goal = _request(MonitorFormula.Goal, formula, timeout, grounding, constraints)
-        goal.name, goal.restart_on_change = name, restart_on_change
+        goal.name, goal.restart_on_change, goal.margin = name, restart_on_change, margin
         limits = GoalTimeouts(wait, timeout)
         monitor.call = self._send(
             MonitorFormula, goal, limits, end, lambda each: on_feedback(progress_from_message(each))

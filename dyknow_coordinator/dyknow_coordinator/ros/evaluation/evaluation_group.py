@@ -98,7 +98,7 @@ class EvaluationGroup:
             self.fail(error)
             raise
 
-    async def join(self, member: GroupMember, formula: str) -> None:
+    async def join(self, member: GroupMember, formula: str, *, margin: bool) -> None:
         """Add another formula; its first state is the next one.
 
         Raises:
@@ -107,7 +107,7 @@ class EvaluationGroup:
         self._joining += 1
         try:
             formula_id, _ = await self._context.clients.add_formula(
-                self.group_id, member.name, formula
+                self.group_id, member.name, formula, margin=margin
             )
             if self._error is not None:
                 raise self._error

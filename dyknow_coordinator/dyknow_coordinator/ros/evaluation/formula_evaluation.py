@@ -10,19 +10,21 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any, Final
 
 from dyknow_interfaces.msg import FormulaProgress
 from rclpy.task import Future
 
-from dyknow_common import DyKnowError, ExitCode, Symbol, Verdict, listed
-from dyknow_common.ros import time_to_nanoseconds
+from dyknow_common import DyKnowError, ExitCode, Margin, Symbol, Verdict, listed
+from dyknow_common.ros import margin_from_message, time_to_nanoseconds
 from dyknow_coordinator.errors import CoordinationError
 from dyknow_coordinator.evaluation.answer import Answer
 from dyknow_coordinator.evaluation.evaluation import Evaluation, EvaluationPhase
 from dyknow_coordinator.evaluation.history import History
 from dyknow_coordinator.evaluation.request import EvaluationRequest
-from dyknow_coordinator.grounding.feature_sources import SymbolGrounding
+from dyknow_coordinator.grounding.feature_sources import Grounding, SymbolGrounding
+from dyknow_coordinator.grounding.margin_units import feature_units, with_unit
 from dyknow_coordinator.grounding.sorts import infer_sorts, with_sorts
 from dyknow_coordinator.grounding.state_specification import FormulaInputs
 from dyknow_coordinator.grounding.symbols import check_symbols, feature_symbols, sort_names
@@ -63,6 +65,7 @@ class FormulaEvaluation(Evaluation):
     Attributes:
         outcome: a future of the `Answer`.
         progress: the latest FormulaProgress.
+        margin: the latest one, if it was asked for.
         on_progress: called for each FormulaProgress, and when the evaluation begins to wait.
     """
 
@@ -79,6 +82,7 @@ class FormulaEvaluation(Evaluation):
         self.canonical_formula = ''
         self.outcome: Future = Future()
         self.progress = FormulaProgress()
+        self.margin: Margin | None = None
         self.on_progress: Callable[[], None] = lambda: None
         self.history = History()
         self._context = context
@@ -87,6 +91,7 @@ class FormulaEvaluation(Evaluation):
         self._started = context.node.now()
         self._group: EvaluationGroup | None = None
         self._is_preparing = False
+        self._units: dict[str, str] = {}
         self._last_groundings: tuple[SymbolGrounding, ...] = ()
 
     @property
@@ -164,6 +169,7 @@ class FormulaEvaluation(Evaluation):
         )
         self.add_event(f'restarted with {objects}')
         self.progress = FormulaProgress()
+        self.margin = None
         try:
             await self._start(prepared)
         except DyKnowError as error:
@@ -171,6 +177,7 @@ class FormulaEvaluation(Evaluation):
 
     def receive_result(self, result: Any) -> None:
         """End with a FormulaResult of the reasoning engine (step 8)."""
+        self._receive_margin(result.margin)
         status = result.exit_status
         if status.code != ExitCode.SUCCESS:
             self.fail(CoordinationError(status.message, ExitCode(status.code)))
@@ -184,9 +191,15 @@ class FormulaEvaluation(Evaluation):
     def receive_progress(self, progress: Any) -> None:
         """Record a FormulaProgress of the reasoning engine."""
         self.progress = progress
+        self._receive_margin(progress.margin)
         for event in progress.events:
             self.add_event(event)
         self.on_progress()
+
+    def _receive_margin(self, message: Any) -> None:
+        margin = margin_from_message(message)
+        if margin is not None:
+            self.margin = with_unit(margin, self._units)
 
     def set_phase(self, phase: EvaluationPhase) -> None:
         """Set the phase, unless the evaluation has ended, and report it."""
@@ -221,6 +234,7 @@ class FormulaEvaluation(Evaluation):
             residual_formula=progress.residual_formula,
             presumably_false=progress.presumably_false,
             waits_for=self.waits_for,
+            margin=self.margin,
             verdict=answer.verdict,
             decided_at=answer.decided_at,
             explanation=answer.explanation,
@@ -265,10 +279,13 @@ class FormulaEvaluation(Evaluation):
     async def _add_formula(self, group_id: int, name: str) -> tuple[int, tuple[Symbol, ...]]:
         """Add the formula to its group; return its id and its symbols, with all sorts."""
         clients, formula = self._context.clients, self.request.formula
-        formula_id, self.canonical_formula = await clients.add_formula(group_id, name, formula)
+        add_formula = partial(clients.add_formula, group_id, name, margin=self.request.margin)
+        formula_id, self.canonical_formula = await add_formula(formula)
         # Step 3: the symbols of the formula.
         symbols = await clients.symbols(group_id)
         check_symbols(symbols, self.request.grounding)
+        if self.request.margin and self.request.grounding is not Grounding.SYNTACTIC:
+            self._units = await feature_units(symbols, clients.query)
         sorts = await infer_sorts(symbols, clients.query)
         states_units = has_units(self.canonical_formula)
         if not sorts and not states_units:
@@ -277,7 +294,7 @@ class FormulaEvaluation(Evaluation):
         formula = with_sorts(self.canonical_formula, sorts)
         if states_units:
             formula = with_units(formula, await find_units(symbols, clients.query))
-        formula_id, self.canonical_formula = await clients.add_formula(group_id, name, formula)
+        formula_id, self.canonical_formula = await add_formula(formula)
         return formula_id, await clients.symbols(group_id)
 
     async def _start(self, prepared: PreparedFormula) -> None:
@@ -294,7 +311,7 @@ class FormulaEvaluation(Evaluation):
             raise
         if group is not None:
             self._context.cleanup.destroy_group(prepared.group_id)
-            await group.join(self, self.canonical_formula)
+            await group.join(self, self.canonical_formula, margin=self.request.margin)
         else:
             # Steps 9 to 11: the stream manager has a stream processing engine make the states.
             await self._group.start(self, prepared.formula_id)
@@ -312,6 +329,11 @@ class FormulaEvaluation(Evaluation):
 
     def _set_outcome(self, answer: Answer) -> None:
         self.outcome.set_result(
-            replace(answer, canonical_formula=self.canonical_formula, groundings=self.groundings)
+            replace(
+                answer,
+                canonical_formula=self.canonical_formula,
+                groundings=self.groundings,
+                margin=self.margin,
+            )
         )
         self._on_change()

@@ -9,7 +9,13 @@ from dyknow_interfaces.msg import ExitStatus
 from dyknow_interfaces.msg import SymbolGrounding as GroundingMessage
 
 from dyknow_common import DyKnowError, ExitCode, Verdict
-from dyknow_common.ros import fill_exit_status, nanoseconds_to_time, time_to_nanoseconds
+from dyknow_common.ros import (
+    fill_exit_status,
+    margin_from_message,
+    margin_to_message,
+    nanoseconds_to_time,
+    time_to_nanoseconds,
+)
 from dyknow_coordinator.errors import CoordinationError
 from dyknow_coordinator.evaluation.evaluation import EvaluationPhase
 from dyknow_coordinator.grounding.feature_sources import Grounding, SymbolGrounding
@@ -43,6 +49,7 @@ def status_to_message(status: EvaluationStatus) -> StatusMessage:
         groundings=[symbol_grounding_to_message(each) for each in status.groundings],
         events=list(status.events),
         latest_valid_time=nanoseconds_to_time(status.latest_valid_time or 0),
+        margin=margin_to_message(status.margin),
         verdict=int(status.verdict),
         decided_at=nanoseconds_to_time(status.decided_at or 0),
     )
@@ -66,6 +73,7 @@ def status_from_message(message: StatusMessage) -> EvaluationStatus:
         groundings=tuple(symbol_grounding_from_message(each) for each in message.groundings),
         events=tuple(message.events),
         latest_valid_time=time_to_nanoseconds(message.latest_valid_time) or None,
+        margin=margin_from_message(message.margin),
         verdict=Verdict(message.verdict),
         decided_at=time_to_nanoseconds(message.decided_at) or None,
         error=error_from_status(message.exit_status),

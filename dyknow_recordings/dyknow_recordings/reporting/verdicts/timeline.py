@@ -138,6 +138,7 @@ def _ended(running: EvaluationStatus, episode: Episode) -> EvaluationStatus:
         verdict=episode.verdict,
         decided_at=episode.decided_at,
         explanation=episode.explanation,
+        margin=episode.margin,
         error=episode.error,
     )
 

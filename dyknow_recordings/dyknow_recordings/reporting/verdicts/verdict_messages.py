@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from dataclasses import asdict
 from typing import Any, Final
 
 from dyknow_common import ExitCode, Verdict
@@ -11,6 +12,7 @@ from dyknow_coordinator.reporting.evaluation_status import details
 from dyknow_recordings.markers.fences import Point
 from dyknow_recordings.markers.markers import Marker
 from dyknow_recordings.reporting.verdicts.message_types import (
+    MARGIN,
     RESULT,
     VIOLATION,
     header,
@@ -51,6 +53,7 @@ def result_message(time: int, status: EvaluationStatus, episode: int) -> Any:
         verdict=int(status.verdict),
         decided_at=time_message(status.decided_at),
         explanation=status.explanation,
+        margin=message(MARGIN, **({} if status.margin is None else asdict(status.margin))),
         exit_status=exit_status,
     )
 

@@ -1,0 +1,114 @@
+"""The margins of the formulas of a group."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from dyknow_common import Margin
+from dyknow_reasoning.margins.building import check_margin
+from dyknow_reasoning.margins.formula_margin import FormulaMargin
+from dyknow_reasoning.progression.atoms import Values
+from dyknow_reasoning.progression.instances import Domains
+from dyknow_reasoning.results import NamedFormula
+
+_BLOCK = 1 << 12
+"""The states of a recording that are read together."""
+
+
+class GroupMargins:
+    """Computes the margins of the formulas for which they are requested.
+
+    Args:
+        limit: of the operators of a formula.
+
+    Attributes:
+        running: the margins that change with the next state, by formula.
+    """
+
+    def __init__(self, limit: int) -> None:
+        self.running: dict[int, FormulaMargin] = {}
+        self._limit = limit
+        self._domains: Domains | None = None
+        self._latest: int | None = None
+        # The formulas that have not begun.
+        self._requested: dict[int, NamedFormula] = {}
+        self._ended: dict[int, Margin] = {}
+
+    def add(self, formula_id: int, formula: NamedFormula) -> None:
+        """Request the margin of a formula; it begins with the group, or with the next state.
+
+        Raises:
+            ReasoningError: for a formula with a part that has no margin, or one that is too large.
+        """
+        check_margin(formula.formula)
+        if self._domains is None:
+            self._requested[formula_id] = formula
+        else:
+            self.running[formula_id] = self._margin(formula, self._domains)
+
+    def begin(self, domains: Domains) -> None:
+        """Begin with the objects of each sort.
+
+        Raises:
+            ReasoningError: for a formula that is too large.
+        """
+        self.running = {key: self._margin(each, domains) for key, each in self._requested.items()}
+        self._domains = domains
+        self._requested.clear()
+
+    def progress(self, valid_time: int, values: Values) -> None:
+        """Process a state, unless it is not later than the one before."""
+        if self._latest is None or valid_time > self._latest:
+            self._latest = valid_time
+            for each in self.running.values():
+                each.step(valid_time, values)
+
+    def progress_many(self, times: Any, columns: Mapping[str, Any], end: int) -> None:
+        """Process the states of a recording that have not been processed yet.
+
+        Args:
+            times: the valid times of its states, a numpy array.
+            columns: numpy arrays of the values of each field.
+            end: the number of states before the end of those to process.
+        """
+        if not self.running:
+            return
+        begin = 0 if self._latest is None else int(np.searchsorted(times, self._latest, 'right'))
+        used = {name for each in self.running.values() for name in each.fields}
+        names = [name for name in columns if name in used]
+        for start in range(begin, end, _BLOCK):
+            block = slice(start, min(start + _BLOCK, end))
+            rows = zip(*(columns[name][block].tolist() for name in names), strict=True)
+            values = (dict(zip(names, row, strict=True)) for row in rows)
+            for valid_time in times[block].tolist():
+                self.progress(valid_time, next(values, {}))
+
+    def gap(self) -> None:
+        """Record that states may be missing before the next one."""
+        for each in self.running.values():
+            each.gap()
+
+    def of(self, formula_id: int) -> Margin | None:
+        """Return the margin of a formula at present, or at its end; None if not requested."""
+        if formula_id in self.running:
+            return self.running[formula_id].at_present()
+        return Margin() if formula_id in self._requested else self._ended.get(formula_id)
+
+    def end(self, formula_id: int) -> Margin | None:
+        """End with a formula, and return its margin; None if it was not requested."""
+        found = self.of(formula_id)
+        if found is not None:
+            self.running.pop(formula_id, None)
+            self._ended[formula_id] = found
+        return found
+
+    def remove(self, formula_id: int) -> None:
+        """Remove a formula."""
+        for each in (self.running, self._requested, self._ended):
+            each.pop(formula_id, None)
+
+    def _margin(self, formula: NamedFormula, domains: Domains) -> FormulaMargin:
+        return FormulaMargin(formula.formula, formula.kinds, domains, self._limit)

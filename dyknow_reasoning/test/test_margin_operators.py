@@ -1,0 +1,102 @@
+"""Margins against the naive reference, prefix by prefix."""
+
+from __future__ import annotations
+
+from itertools import accumulate
+from math import isinf, nan
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from margin_reference import Step, ended, margin
+from reasoning_reference import COMPARISONS, formulas
+
+from dyknow_reasoning.language.formula import Comparison, Feature, Formula, Number
+from dyknow_reasoning.language.parsing import parse_formula
+from dyknow_reasoning.language.type_checking import check_types
+from dyknow_reasoning.margins import windows
+from dyknow_reasoning.margins.formula_margin import FormulaMargin
+
+NAMES = ('x', 'y')
+
+numbers = st.integers(-3, 3)
+leaves = st.builds(
+    Comparison,
+    st.sampled_from(sorted(COMPARISONS)),
+    st.sampled_from(NAMES).map(Feature),
+    st.one_of(st.sampled_from(NAMES).map(Feature), numbers.map(Number)),
+)
+steps = st.tuples(
+    st.sampled_from([1, 1, 2, 3, 5]),
+    st.fixed_dictionaries({name: numbers.map(float) for name in NAMES}),
+)
+traces = st.lists(steps, min_size=1, max_size=12)
+
+
+def margin_of(formula: Formula) -> FormulaMargin:
+    return FormulaMargin(formula, check_types(formula, str(formula)), {}, 100_000)
+
+
+def check_prefixes(formula: Formula, trace: list[Step]) -> None:
+    found = margin_of(formula)
+    before: list[Step] = []
+    for first, last, values in trace:
+        before.append((first, last, values))
+        if values is None:
+            found.gap()
+            continue
+        found.step(first, values)
+        bounds = found.at_present()
+        assert (bounds.lower, bounds.upper) == margin(formula, ended(before), 0)
+        assert bool(bounds.atom) == (not (isinf(bounds.lower) and isinf(bounds.upper)))
+
+
+@settings(max_examples=600, deadline=None)
+@given(formulas(3, leaves), traces)
+def test_bounds_are_those_of_the_reference(formula: Formula, trace: list) -> None:
+    times = list(accumulate(step for step, _ in trace))
+    check_prefixes(formula, [(t, t, v) for t, (_, v) in zip(times, trace, strict=True)])
+
+
+def test_an_empty_window_behind_one_that_is_open() -> None:
+    text = 'always[8 ns, 14 ns] eventually[1 ns, 1 ns] eventually[8 ns, 13 ns] y >= -3'
+    times = (5, 6, 9, 11, 16, 17, 19)
+    check_prefixes(parse_formula(text), [(time, time, {'x': 0.0, 'y': 1.0}) for time in times])
+
+
+@settings(max_examples=600, deadline=None)
+@given(formulas(3, leaves), traces, st.sets(st.integers(1, 8), min_size=1, max_size=2))
+def test_bounds_after_gaps(formula: Formula, trace: list, gaps: set[int]) -> None:
+    found: list[Step] = []
+    now = 0
+    for index, (step, values) in enumerate(trace):
+        if index in gaps:
+            found.append((now + 1, now + step + 1, None))
+            now += step + 1
+        now += step if index not in gaps else 1
+        found.append((now, now, values))
+    check_prefixes(formula, found)
+
+
+@settings(max_examples=300, deadline=None)
+@given(formulas(3, leaves), traces, st.sets(st.integers(0, 8), min_size=1, max_size=2))
+def test_bounds_where_values_are_missing(formula: Formula, trace: list, bad: set[int]) -> None:
+    times = list(accumulate(step for step, _ in trace))
+    states = [{**v, 'x': nan} if i in bad else v for i, (_, v) in enumerate(trace)]
+    check_prefixes(formula, [(t, t, v) for t, v in zip(times, states, strict=True)])
+
+
+@settings(max_examples=300, deadline=None)
+@given(formulas(3, leaves), traces)
+def test_bounds_stay_correct_where_too_many_states_wait(formula: Formula, trace: list) -> None:
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(windows, 'MAX_WAITING', 2)
+        found = margin_of(formula)
+        times = list(accumulate(step for step, _ in trace))
+        states = list(zip(times, (v for _, v in trace), strict=True))
+        for index, (time, values) in enumerate(states, start=1):
+            found.step(time, values)
+            bounds = found.at_present()
+            low, high = margin(formula, ended([(t, t, v) for t, v in states[:index]]), 0)
+            assert bounds.lower <= low
+            assert bounds.upper >= high
