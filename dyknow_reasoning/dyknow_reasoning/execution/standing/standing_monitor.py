@@ -1,0 +1,366 @@
+"""The verdicts on a formula from every state on."""
+
+from __future__ import annotations
+
+from bisect import bisect_left, bisect_right
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field, replace
+from heapq import merge
+from itertools import chain, takewhile
+from math import inf
+from typing import Final
+
+from dyknow_reasoning.errors import ReasoningError
+from dyknow_reasoning.execution.automata.automaton import Location
+from dyknow_reasoning.execution.automata.instance_states import FormulaInstance, InstanceVerdict
+from dyknow_reasoning.execution.automata.templates import Template
+from dyknow_reasoning.execution.standing.joint_reader import joint_reader
+from dyknow_reasoning.execution.standing.open_starts import DecidedStarts, OpenStarts
+from dyknow_reasoning.execution.standing.runs import (
+    Run,
+    StateTimes,
+    coalesced,
+    count_outside,
+    count_states,
+    difference,
+    number_in,
+    union,
+)
+from dyknow_reasoning.language.type_checking import Kinds
+from dyknow_reasoning.progression.atoms import Values
+from dyknow_reasoning.progression.gaps import Gap, Half
+from dyknow_reasoning.progression.instances import Instance
+from dyknow_reasoning.progression.nodes import TRUE, Node
+
+MAX_RUNS: Final = 100_000
+"""The most runs of undecided or false start states that a formula may have."""
+
+KEPT_FAILURES: Final = 10
+"""The failures that are kept after they have ended."""
+
+_CLEANUP_STATES: Final = 4096
+"""The period in which what is no longer needed is dropped."""
+
+
+@dataclass(eq=False, slots=True)
+class Failure:
+    """Consecutive states from each of which the formula is false.
+
+    Args:
+        run: the states.
+        verdict: on the instance that was false from the first of them on.
+        decided_at: the valid time of the deciding state of the first one, in nanoseconds.
+        values: of that state.
+        has_ended: True once the formula holds from the state after the last one on.
+    """
+
+    run: Run
+    verdict: InstanceVerdict
+    decided_at: int
+    values: Values = field(repr=False)
+    has_ended: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class StartCounts:
+    """The numbers of start states, by their verdicts.
+
+    Args:
+        holds: from which the formula is true.
+        fails: from which it is false.
+        undecided: from which it is undecided yet.
+        unknown: from which its verdict depends on states that are missing in a gap.
+    """
+
+    holds: int
+    fails: int
+    undecided: int
+    unknown: int
+
+
+class StandingMonitor:
+    """Evaluates a formula from every state on.
+
+    Each verdict, and the state that decides it, is that of an evaluation that begins at this state.
+
+    Args:
+        formula_id: the formula.
+        instances: all of which must hold for the formula to hold.
+        kinds: of the features of the formula.
+        node_limit: the most nodes of what remains of an instance.
+        keeps_failures: True to keep all failures.
+    """
+
+    def __init__(
+        self,
+        formula_id: int,
+        instances: Sequence[Instance],
+        kinds: Kinds,
+        node_limit: int,
+        *,
+        keeps_failures: bool = False,
+    ) -> None:
+        self.latest: int | None = None
+        """The valid time of the latest state, in nanoseconds."""
+        self._failures: list[Failure] = []
+        self._waiting: list[Failure] = []  # Those that have not ended.
+        self.failure_count = 0
+        """The number of all failures, also of those that are forgotten."""
+        self._times = StateTimes()
+        templates: dict[Node, Template] = {}
+        self._instances = [
+            FormulaInstance(
+                each.binding, each.atoms, each.node, formula_id, order, kinds, batch_key=None
+            )
+            for order, each in enumerate(instances)
+            if each.node is not TRUE
+        ]
+        for each in self._instances:
+            if each.node not in templates:
+                templates[each.node] = Template(each.node)
+        self._templates = list(templates.values())
+        self._starts = [
+            OpenStarts(each, templates[each.node], self._times) for each in self._instances
+        ]
+        self._read = joint_reader(self._instances)
+        self._symbols: tuple[int, ...] = (-1,) * len(self._starts)
+        self._node_limit = node_limit
+        self._keeps_failures = keeps_failures
+        # As of `OpenStarts`, for all instances together.
+        self._joins_until: float = -inf
+        self._shortest_step = 0
+        # The first instance that is false at once from the latest state on, and since which state.
+        self._failing: OpenStarts | None = None
+        self._failing_since = 0
+        self._forgotten_fails = 0
+        # The starts from which the formula cannot become true, because of a gap.
+        self._unprovable: list[Run] = []
+        self._gap_follows = False
+        self._forgotten_unknown = 0
+        self._next_cleanup = _CLEANUP_STATES
+
+    @property
+    def states(self) -> int:
+        """The number of states so far."""
+        return len(self._times)
+
+    @property
+    def failures(self) -> Sequence[Failure]:
+        """In the order of their states; those that have ended are forgotten after a while."""
+        self._record_failing(len(self._times))
+        return self._failures
+
+    @property
+    def is_violated(self) -> bool:
+        """True if a failure has not ended."""
+        return bool(self._waiting)
+
+    def progress(self, now: int, values: Values) -> bool:
+        """Progress over a state; return True if a failure has begun or ended.
+
+        Args:
+            now: the valid time of the state, in nanoseconds, later than the latest one.
+            values: the values of its features.
+
+        Raises:
+            ReasoningError: for values that cannot be used, or too many undecided starts.
+        """
+        symbols = self._read(values)
+        latest = now if self.latest is None else self.latest
+        if (
+            symbols == self._symbols
+            and now < self._joins_until
+            and now - latest >= self._shortest_step
+        ):
+            self._times.append(now)
+            self.latest = now
+            return False
+        return self._step(symbols, now, now - latest, values)
+
+    def gap(self) -> None:
+        """Record that states may be missing before the next one."""
+        self._joins_until = -inf
+        self._gap_follows = self.latest is not None
+
+    def counts(self) -> StartCounts:
+        """Return the numbers of starts by their verdicts."""
+        states = len(self._times)
+        self._settle(states)
+        false = [each.run for each in self._failures]
+        undecided = self._undecided()
+        pending = count_outside(undecided, false)
+        fails = self._forgotten_fails + count_states(false)
+        unknown = count_outside(self._unprovable, union(false, undecided))
+        unknown += self._forgotten_unknown
+        return StartCounts(states - fails - pending - unknown, fails, pending, unknown)
+
+    def _undecided(self) -> list[Run]:
+        """Return the starts from which an instance is undecided, if that matters."""
+        found: list[Run] = []
+        for half in Half:
+            runs = chain.from_iterable(each.runs(half) for each in self._starts)
+            joined = _union_of(runs)
+            if half is Half.PESSIMISTIC:
+                joined = difference(joined, self._unprovable)
+            found = union(found, joined)
+        return found
+
+    def _step(self, symbols: tuple[int, ...], now: int, elapsed: int, values: Values) -> bool:
+        number = len(self._times)
+        self._record_failing(number)
+        changed = self._gap_follows and self._cross_gap(Gap(now - elapsed, now), values)
+        self._times.append(now)
+        self.latest = now
+        decided: list[tuple[OpenStarts, DecidedStarts]] = []
+        for starts, new, old in zip(self._starts, symbols, self._symbols, strict=True):
+            if new != old or now >= starts.joins_until or elapsed < starts.shortest_step:
+                decided += [(starts, found) for found in starts.step(new)]
+        self._symbols = symbols
+        self._joins_until = min((each.joins_until for each in self._starts), default=inf)
+        self._shortest_step = max((each.shortest_step for each in self._starts), default=0)
+        changed |= self._apply(decided, now, values)
+        self._failing = next((each for each in self._starts if each.fails_at_once), None)
+        if self._failing:
+            changed |= self._fail(self._failing, self._failing.begins(), now, values)
+            self._failing_since = number + 1
+        self._limit_size()
+        if number >= self._next_cleanup:
+            self._clean_up()
+        return changed | self._end_failures()
+
+    def _cross_gap(self, gap: Gap, values: Values) -> bool:
+        """Continue with the halves after a gap; return True if a failure has begun."""
+        self._gap_follows = False
+        self._symbols = (-1,) * len(self._starts)
+        decided = [(each, found) for each in self._starts for found in each.cross_gap(gap)]
+        return self._apply(decided, gap.before, values)
+
+    def _apply(
+        self, decided: Iterable[tuple[OpenStarts, DecidedStarts]], now: int, values: Values
+    ) -> bool:
+        changed = False
+        for starts, found in decided:
+            if not found.holds and found.group.half is Half.PESSIMISTIC:
+                self._unprovable = union(self._unprovable, found.runs)
+            elif not found.holds:
+                changed |= self._fail(starts, found, now, values)
+        return changed
+
+    def _fail(self, starts: OpenStarts, found: DecidedStarts, now: int, values: Values) -> bool:
+        """Record starts from which an instance is false; return True if a failure has begun."""
+        began = False
+        for run in found.runs:
+            single = replace(found, runs=(run,))
+            verdict = starts.verdict(single)
+            began |= self._add(Failure(run, verdict, now, values))
+        return began
+
+    def _add(self, new: Failure) -> bool:
+        """Join a failure with those beside it; return True if it is alone."""
+        run, failures = new.run, self._failures
+        begin = bisect_left(failures, run.first - 1, key=lambda each: each.run.last)
+        end = bisect_right(failures, run.last + 1, key=lambda each: each.run.first)
+        touched = failures[begin:end]
+        if touched:
+            first, last = touched[0], touched[-1]
+            joined = new if run.first < first.run.first else first
+            joined.has_ended = last.has_ended and run.last <= last.run.last
+            joined.run = union([each.run for each in touched], [run])[0]
+            new = joined
+        failures[begin:end] = [new]
+        self._waiting = [each for each in self._waiting if each not in touched]
+        if not new.has_ended:
+            self._waiting.append(new)
+        self.failure_count += 1 - len(touched)
+        return not touched
+
+    def _record_failing(self, end: int) -> None:
+        """Record the states before a number that needed no step and are false at once."""
+        if self._failing and end > self._failing_since:
+            first, self._failing_since = self._failing_since, end
+            run = Run(first, end - 1, self._times[first], self._times[end - 1])
+            at = bisect_left(self._failures, first - 1, key=lambda each: each.run.last)
+            self._failures[at].run = union([self._failures[at].run], [run])[0]
+
+    def _end_failures(self) -> bool:
+        """End failures after which the formula holds; return True if one has ended."""
+        if not self._waiting:
+            return False
+        ended = [each for each in self._waiting if self._holds_after(each.run)]
+        for failure in ended:
+            failure.has_ended = True
+            self._waiting.remove(failure)
+        return bool(ended)
+
+    def _holds_after(self, run: Run) -> bool:
+        """Return True if the first start after a run that is neither unknown nor false is true."""
+        number = run.last + 1
+        while number < len(self._times):
+            at = bisect_left(self._failures, number, key=lambda each: each.run.last)
+            if at < len(self._failures) and self._failures[at].run.first <= number:
+                number = self._failures[at].run.last + 1
+                continue
+            is_unprovable = number_in(self._unprovable, number)
+            if any(each.has_open(number, pessimistic=not is_unprovable) for each in self._starts):
+                return False
+            if not is_unprovable:
+                return True
+            number += 1
+        return False
+
+    def _settle(self, end: int) -> None:
+        self._record_failing(end)
+        for each in self._starts:
+            each.join(end)
+
+    def _limit_size(self) -> None:
+        """Limit the memory of automata that have grown, and the size of what remains."""
+        for template in self._templates:
+            automaton = template.automaton
+            if not automaton.has_grown:
+                continue
+            automaton.has_grown = False
+            if automaton.max_size > self._node_limit or automaton.is_full:
+                used = [each for each in self._starts if each.template is template]
+                locations = {each for starts in used for each in starts.locations}
+                self._check_sizes(locations)
+                if automaton.is_full:
+                    automaton.forget(locations)
+
+    def _check_sizes(self, locations: Iterable[Location]) -> None:
+        size = max(each.node.size for each in locations)
+        if size > self._node_limit:
+            raise ReasoningError(
+                f'what remains of the formula has {size} nodes, more than {self._node_limit} (the '
+                "limit 'node_limit'); use shorter intervals or fewer nested operators"
+            )
+
+    def _clean_up(self) -> None:
+        """Forget what no undecided start needs any more, and limit the rest."""
+        states = len(self._times)
+        self._next_cleanup = states + _CLEANUP_STATES
+        self._settle(states)
+        runs = len(self._failures) + sum(each.run_count() for each in self._starts)
+        if runs > MAX_RUNS:
+            raise ReasoningError(
+                f'there are {runs} runs of states from which the formula is undecided or false, '
+                f'more than {MAX_RUNS}; give its operators shorter intervals'
+            )
+        oldest = min((each.oldest(own=True) for each in self._starts), default=states)
+        self._times.forget(min(oldest, states - 2))
+        oldest = min((each.oldest(own=False) for each in self._starts), default=states)
+        waiting = (each.run.last for each in self._waiting)
+        oldest = min([oldest, *waiting])
+        false = [each.run for each in self._failures]
+        unprovable = [run for run in self._unprovable if run.last < oldest]
+        self._forgotten_unknown += count_outside(unprovable, false)
+        del self._unprovable[: len(unprovable)]
+        past = [] if self._keeps_failures else self._failures[:-KEPT_FAILURES]
+        forgotten = list(takewhile(lambda each: each.run.last < oldest, past))
+        self._forgotten_fails += count_states(each.run for each in forgotten)
+        del self._failures[: len(forgotten)]
+
+
+def _union_of(runs: Iterable[Sequence[Run]]) -> list[Run]:
+    """Return the states of all runs, each sequence of which is in order."""
+    return coalesced(merge(*runs))
