@@ -13,10 +13,10 @@ from reasoning_reference import formulas
 
 from dyknow_common import Verdict
 from dyknow_reasoning import FormulaGroup
+from dyknow_reasoning.execution import StandingMonitor
 from dyknow_reasoning.language.formula import Formula
 from dyknow_reasoning.language.parsing import parse_formula
 from dyknow_reasoning.language.type_checking import check_types
-from dyknow_reasoning.execution import StandingMonitor
 from dyknow_reasoning.progression.bounds import Chronology
 from dyknow_reasoning.progression.instances import instances_of
 from dyknow_reasoning.progression.node_store import NodeStore

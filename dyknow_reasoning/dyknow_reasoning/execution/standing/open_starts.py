@@ -25,11 +25,10 @@ which times this is so; such states need no call.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from math import inf
-from typing import Final, NamedTuple, TypeAlias
 
-from dyknow_reasoning.execution.automata.automaton import Decision, Guard, Location, Move, Times
+from dyknow_reasoning.execution.automata.automaton import Location
 from dyknow_reasoning.execution.automata.instance_states import (
     DecidingMoment,
     FormulaInstance,
@@ -37,6 +36,14 @@ from dyknow_reasoning.execution.automata.instance_states import (
     InstanceVerdict,
 )
 from dyknow_reasoning.execution.automata.templates import Template
+from dyknow_reasoning.execution.standing.groups import (
+    OWN,
+    Answers,
+    DecidedStarts,
+    Group,
+    Part,
+    Validity,
+)
 from dyknow_reasoning.execution.standing.runs import (
     Run,
     StateTimes,
@@ -47,85 +54,6 @@ from dyknow_reasoning.execution.standing.runs import (
 )
 from dyknow_reasoning.progression.gaps import Gap, Half
 from dyknow_reasoning.progression.nodes import bounds_of
-
-OWN: Final = None
-"""The clock of a start state that counts from itself."""
-
-Clocks: TypeAlias = tuple[int | None, ...]
-
-
-class Group(NamedTuple):
-    """Start states with one future, apart from their own clocks.
-
-    Args:
-        location: the location of the automaton.
-        clocks: the times that bounds count from, in nanoseconds, or OWN.
-        half: the half of the formula that it stands for after a gap.
-        gap: the gap that its verdict depends on.
-    """
-
-    location: Location
-    clocks: Clocks
-    half: Half = Half.WHOLE
-
-    gap: Gap | None = None
-
-    def moved(self, move: Move, now: int | None) -> Group:
-        """Return the group after a move; `now` is the time that a new clock has."""
-        clocks = (*self.clocks, now)
-        return self._replace(
-            location=move.target, clocks=tuple(clocks[number] for number in move.kept)
-        )
-
-    def times_of(self, begin: int) -> Times:
-        """Return the clocks of the start state that is valid at a time, in nanoseconds."""
-        return tuple(begin if clock is OWN else clock for clock in self.clocks)
-
-    def after_gap(self, gap: Gap, halves: tuple[Move, Move]) -> list[Group]:
-        """Return the group itself if the gap has no effect, else one half or both.
-
-        Args:
-            gap: the gap.
-            halves: the moves to the optimistic and the pessimistic half.
-        """
-        optimistic, pessimistic = halves
-        if optimistic.target is pessimistic.target is self.location:
-            return [self]
-        moves = {Half.OPTIMISTIC: optimistic, Half.PESSIMISTIC: pessimistic}
-        if self.half in moves:
-            moves = {self.half: moves[self.half]}
-        elif optimistic.target is pessimistic.target:
-            moves = {self.half: optimistic}
-        joined = self.gap.join(gap) if self.gap else gap
-        return [
-            self.moved(move, OWN)._replace(half=half, gap=joined) for half, move in moves.items()
-        ]
-
-
-@dataclass(frozen=True, slots=True)
-class DecidedStarts:
-    """Start states that are decided together.
-
-    Args:
-        group: before the deciding state.
-        holds: the verdict, of the half of the group.
-        runs: the start states.
-        symbol: the truth of the atoms at the deciding state; None if a gap decides.
-    """
-
-    group: Group
-    holds: bool
-    runs: Sequence[Run]
-    symbol: int | None
-
-
-class _Part(NamedTuple):
-    """A part of a group that makes the same move, and the times for which it is the same one."""
-
-    runs: list[Run]
-    move: Move
-    until: float
-    youngest: int
 
 
 class OpenStarts:
@@ -142,12 +70,14 @@ class OpenStarts:
         self.template = template
         self.joins_until: float = -inf
         """The time before which states with the same truth of the atoms need no `step`, ns."""
+        self.fades_at: float = inf
+        """The time at which the formula becomes true from a start in this way, in nanoseconds."""
         self.shortest_step = 0
         """The shortest time after the previous state for which this is so, in nanoseconds."""
         self._times = times
         self._groups: dict[Group, list[Run]] = {}
         # How long the groups stay the same, while the truth of the atoms does.
-        self._idle: dict[Group, _Part] = {}
+        self._idle: dict[Group, Validity] = {}
         self._initial = Group(template.automaton.initial, ())
         # Where states go at which the atoms are as at the latest one, from number `_joined` on.
         self._fresh = self._initial
@@ -198,11 +128,33 @@ class OpenStarts:
         )
 
     def join(self, end: int) -> None:
-        """Let the states before a number join that needed no `step`."""
+        """Let the states before a number join that needed no `step`, and drop those that faded."""
         first, self._joined = self._joined, end
-        if end > first and self._fresh.location.verdict is None:
+        if end == first:
+            return
+        if self._fresh.location.verdict is None:
             run = Run(first, end - 1, self._times[first], self._times[end - 1])
             add_latest(self._groups.setdefault(self._fresh, []), run)
+        latest = self._times[end - 1]
+        if latest >= self.fades_at:
+            for group, validity in list(self._idle.items()):
+                runs = self._groups[group] = self._unfaded(self._groups[group], validity, latest)
+                if not runs:
+                    del self._groups[group], self._idle[group]
+            self.fades_at = self._next_fade()
+
+    def _unfaded(self, runs: list[Run], validity: Validity, now: int) -> list[Run]:
+        """Return the starts of a group that a state, like those before, leaves undecided."""
+        if validity.fades == inf:
+            return runs
+        return split(runs, now - int(validity.fades) + 1, self._times)[1]
+
+    def _next_fade(self) -> float:
+        groups = self._idle.items()
+        return min(
+            (self._groups[group][0].begin + validity.fades for group, validity in groups),
+            default=inf,
+        )
 
     def verdict(self, decided: DecidedStarts) -> InstanceVerdict:
         """Return the verdict on the instance from the first of some starts on."""
@@ -240,7 +192,7 @@ class OpenStarts:
                 for half in group.after_gap(gap, halves):
                     verdict = half.location.verdict
                     if verdict is None:
-                        self._keep_moved(half, part)
+                        self._keep(half, part)
                     else:
                         decided.append(DecidedStarts(half, verdict, part, None))
         return decided
@@ -283,151 +235,94 @@ class OpenStarts:
         decided: list[DecidedStarts] = []
         for group, runs in before.items():
             known = idle.get(group) if is_same else None
-            if known and now < known.until and self._is_old(runs, now, known):
-                self._keep(group, runs, known)
+            if known and now < known.until and now - runs[-1].end >= known.youngest:
+                runs = self._unfaded(runs, known, now)
+                if runs:
+                    self._keep_idle(group, runs, known)
             else:
-                self._move(group, runs, (symbol, now), decided)
+                self._move(group, runs, now, decided)
         self._begin(number, now)
         return decided
 
-    def _is_old(self, runs: Sequence[Run], now: int, known: _Part) -> bool:
-        return now - runs[-1].end >= known.youngest
+    def _move(self, group: Group, runs: list[Run], now: int, decided: list[DecidedStarts]) -> None:
+        """Move the starts of a group over a state."""
+        for part in self._parts(group, runs, now):
+            target = group.moved(part.move, now)
+            verdict = target.location.verdict
+            if verdict is None:
+                self._keep(target, part.runs)
+            else:
+                decided.append(DecidedStarts(group, verdict, part.runs, self._symbol))
 
     def _begin(self, number: int, now: int) -> None:
         """Begin at the latest state, and find out how long the following ones do the same."""
         move = self.template.automaton.move(self._initial.location, self._symbol, (now,))
         self._fresh = fresh = self._initial.moved(move, OWN)
         self._joined = number
-        until: float = inf
-        self.shortest_step = 0
-        if fresh.location.verdict is None:
-            known = self._idle.get(fresh)
-            if known is None:
-                until = -inf
-            else:
-                self.shortest_step = known.youngest
-        if len(self._idle) < len(self._groups):
-            until = -inf
-        self.joins_until = min([until, *(part.until for part in self._idle.values())])
+        self.fades_at = inf
+        self.join(number + 1)
+        if fresh in self._idle:
+            self.shortest_step = self._idle[fresh].youngest
+        else:
+            self.shortest_step = 0
+        self.joins_until = inf
+        for group, runs in self._groups.items():
+            part = self._idle.get(group) or self._idle_part(group, runs, now + 1)
+            if part is None:
+                self.joins_until = -inf
+                return
+            self._idle[group] = part
+            self.joins_until = min(self.joins_until, part.until)
+            self.fades_at = min(self.fades_at, runs[0].begin + part.fades)
 
-    def _keep(self, group: Group, runs: list[Run], part: _Part) -> None:
+    def _idle_part(self, group: Group, runs: list[Run], now: int) -> Validity | None:
+        """Return how long all starts of a group stay in it; None if that is not known.
+
+        Args:
+            group: the group.
+            runs: its starts.
+            now: a time before that of the next state, in nanoseconds.
+        """
+        automaton, location, symbol = self.template.automaton, group.location, self._symbol
+
+        def explore(some: Sequence[Run], time: int) -> None:
+            automaton.move(location, symbol, (*group.times_of(some[0].begin), time))
+
+        answers = Answers(group, now, self._times, explore)
+        answers.follow(location.moves.get(symbol), runs)
+        parts = answers.found
+        if answers.unknown or any(group.moved(part.move, now) != group for part in parts):
+            return None
+        if len(parts) == 1:
+            return parts[0].validity
+        parts.sort(key=lambda part: part.runs[0].first)
+        ends = (
+            min(part.validity.until, part.runs[0].begin + part.validity.fades) for part in parts
+        )
+        return Validity(min(ends), parts[-1].validity.youngest)
+
+    def _keep_idle(self, group: Group, runs: list[Run], part: Validity) -> None:
         if group in self._groups:  # Others have moved here: how long they stay is unknown.
             self._groups[group] = union(self._groups[group], runs)
-            self._idle.pop(group, None)
         else:
             self._groups[group] = runs
             self._idle[group] = part
 
-    def _move(
-        self,
-        group: Group,
-        runs: list[Run],
-        state: tuple[int, int],
-        decided: list[DecidedStarts],
-    ) -> None:
-        """Move the starts of a group; the state is its symbol and its valid time."""
-        symbol, now = state
-        parts = self._parts(group, runs, symbol, now)
-        if len(parts) > 1:
-            parts.sort(key=lambda part: part.runs[0].first)
-        kept: _Part | None = None
-        for part in parts:
-            target = group.moved(part.move, now)
-            verdict = target.location.verdict
-            if verdict is not None:
-                decided.append(DecidedStarts(group, verdict, part.runs, symbol))
-            elif target != group:
-                self._keep_moved(target, part.runs)
-            elif kept is None:
-                kept = part
-            else:
-                runs_of_both = union(kept.runs, part.runs)
-                until = min(kept.until, part.until)
-                kept = _Part(runs_of_both, part.move, until, part.youngest)
-        if kept:
-            self._keep(group, kept.runs, kept)
-
-    def _keep_moved(self, group: Group, runs: list[Run]) -> None:
+    def _keep(self, group: Group, runs: list[Run]) -> None:
         found = self._groups.get(group)
         self._groups[group] = union(found, runs) if found else runs
         self._idle.pop(group, None)
 
-    def _parts(self, group: Group, runs: list[Run], symbol: int, now: int) -> list[_Part]:
+    def _parts(self, group: Group, runs: list[Run], now: int) -> list[Part]:
         """Split the starts of a group into parts that make one move each."""
-        automaton, location = self.template.automaton, group.location
-        found: list[_Part] = []
+        automaton, location, symbol = self.template.automaton, group.location, self._symbol
+        found: list[Part] = []
         pending = [runs]
         while pending:
-            answers = _Answers(group, now, self._times, found)
+            answers = Answers(group, now, self._times)
             answers.follow(location.moves.get(symbol), pending.pop())
+            found += answers.found
             for each in answers.unknown:
                 automaton.move(location, symbol, (*group.times_of(each[0].begin), now))
                 pending.append(each)
         return found
-
-
-class _Answers:
-    """Answers the guards of a group, and splits it where the answers differ."""
-
-    def __init__(self, group: Group, now: int, times: StateTimes, found: list[_Part]) -> None:
-        self.found = found
-        self.unknown: list[list[Run]] = []
-        """The starts for which the automaton has no move yet."""
-        self._clocks = (*group.clocks, now)
-        self._now = len(group.clocks)
-        self._times = times
-
-    def follow(
-        self, decision: Decision | None, runs: list[Run], until: float = inf, youngest: int = 0
-    ) -> None:
-        """Follow the answers of some starts to their moves.
-
-        Args:
-            decision: the next guard, the move, or None if it is not known.
-            runs: the starts, at least one.
-            until: the time before which all answers so far stay the same, in nanoseconds.
-            youngest: the least age of a start for which they are the same.
-        """
-        while type(decision) is Guard:
-            later, earlier = self._clocks[decision.later], self._clocks[decision.earlier]
-            if later is not OWN and earlier is not OWN:
-                more_than = decision.more_than
-                answer = later - earlier > more_than
-                if decision.later == self._now and not answer:
-                    until = min(until, earlier + more_than + 1)
-                elif decision.earlier == self._now and answer:
-                    until = min(until, later - more_than)
-                decision = decision.yes if answer else decision.no
-            elif later is not OWN:
-                self._follow_earlier(decision, runs, (later, until, youngest))
-                return
-            else:
-                assert earlier is not OWN  # noqa: S101 - clocks are of different states
-                self._follow_later(decision, runs, (earlier, until, youngest))
-                return
-        if type(decision) is Move:
-            self.found.append(_Part(runs, decision, until, youngest))
-        else:
-            self.unknown.append(runs)
-
-    def _follow_earlier(self, guard: Guard, runs: list[Run], known: tuple[int, float, int]) -> None:
-        """Follow the answers whether a time is more than some nanoseconds after the starts."""
-        later, until, youngest = known
-        is_now, more_than = guard.later == self._now, guard.more_than
-        yes, no = split(runs, later - more_than, self._times)
-        if yes:
-            self.follow(guard.yes, yes, until, max(youngest, more_than + 1) if is_now else youngest)
-        if no:
-            ends = no[0].begin + more_than + 1 if is_now else inf
-            self.follow(guard.no, no, min(until, ends), youngest)
-
-    def _follow_later(self, guard: Guard, runs: list[Run], known: tuple[int, float, int]) -> None:
-        """Follow the answers whether the starts are more than some nanoseconds after a time."""
-        earlier, until, youngest = known
-        is_now, more_than = guard.earlier == self._now, guard.more_than
-        no, yes = split(runs, earlier + more_than + 1, self._times)
-        if no:
-            self.follow(guard.no, no, until, max(youngest, -more_than) if is_now else youngest)
-        if yes:
-            ends = yes[0].begin - more_than if is_now else inf
-            self.follow(guard.yes, yes, min(until, ends), youngest)

@@ -23,6 +23,10 @@ class Run(NamedTuple):
     begin: int
     end: int
 
+    def to(self, later: Run) -> Run:
+        """Return the run up to the end of a later one that follows it."""
+        return Run(self.first, later.last, self.begin, later.end)
+
 
 def count_states(runs: Iterable[Run]) -> int:
     """Return the number of states of disjoint runs."""
@@ -41,7 +45,7 @@ def union(some: Sequence[Run], others: Sequence[Run]) -> list[Run]:
 def add_latest(runs: list[Run], run: Run) -> None:
     """Add states that come after all others, in place."""
     if runs and runs[-1].last + 1 == run.first:
-        runs[-1] = runs[-1]._replace(last=run.last, end=run.end)
+        runs[-1] = runs[-1].to(run)
     else:
         runs.append(run)
 
@@ -79,7 +83,7 @@ def coalesced(runs: Iterable[Run]) -> list[Run]:
     for run in runs:
         if found and run.first <= found[-1].last + 1:
             if run.last > found[-1].last:
-                found[-1] = found[-1]._replace(last=run.last, end=run.end)
+                found[-1] = found[-1].to(run)
         else:
             found.append(run)
     return found

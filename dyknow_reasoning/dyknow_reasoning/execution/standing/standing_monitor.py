@@ -14,8 +14,9 @@ from dyknow_reasoning.errors import ReasoningError
 from dyknow_reasoning.execution.automata.automaton import Location
 from dyknow_reasoning.execution.automata.instance_states import FormulaInstance, InstanceVerdict
 from dyknow_reasoning.execution.automata.templates import Template
+from dyknow_reasoning.execution.standing.groups import DecidedStarts
 from dyknow_reasoning.execution.standing.joint_reader import joint_reader
-from dyknow_reasoning.execution.standing.open_starts import DecidedStarts, OpenStarts
+from dyknow_reasoning.execution.standing.open_starts import OpenStarts
 from dyknow_reasoning.execution.standing.runs import (
     Run,
     StateTimes,
@@ -216,8 +217,6 @@ class StandingMonitor:
             if new != old or now >= starts.joins_until or elapsed < starts.shortest_step:
                 decided += [(starts, found) for found in starts.step(new)]
         self._symbols = symbols
-        self._joins_until = min((each.joins_until for each in self._starts), default=inf)
-        self._shortest_step = max((each.shortest_step for each in self._starts), default=0)
         changed |= self._apply(decided, now, values)
         self._failing = next((each for each in self._starts if each.fails_at_once), None)
         if self._failing:
@@ -226,7 +225,12 @@ class StandingMonitor:
         self._limit_size()
         if number >= self._next_cleanup:
             self._clean_up()
-        return changed | self._end_failures()
+        changed |= self._end_failures()
+        self._joins_until = min((each.joins_until for each in self._starts), default=inf)
+        self._shortest_step = max((each.shortest_step for each in self._starts), default=0)
+        if self._waiting:
+            self._joins_until = min(self._joins_until, *(each.fades_at for each in self._starts))
+        return changed
 
     def _cross_gap(self, gap: Gap, values: Values) -> bool:
         """Continue with the halves after a gap; return True if a failure has begun."""
@@ -250,6 +254,9 @@ class StandingMonitor:
         """Record starts from which an instance is false; return True if a failure has begun."""
         began = False
         for run in found.runs:
+            if self._failures and self._failures[-1].run.last + 1 == run.first:
+                self._failures[-1].run = self._failures[-1].run.to(run)
+                continue
             single = replace(found, runs=(run,))
             verdict = starts.verdict(single)
             began |= self._add(Failure(run, verdict, now, values))
@@ -286,6 +293,8 @@ class StandingMonitor:
         """End failures after which the formula holds; return True if one has ended."""
         if not self._waiting:
             return False
+        for each in self._starts:
+            each.join(len(self._times))
         ended = [each for each in self._waiting if self._holds_after(each.run)]
         for failure in ended:
             failure.has_ended = True
