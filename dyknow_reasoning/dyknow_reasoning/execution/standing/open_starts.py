@@ -18,8 +18,8 @@ Example, `p -> eventually[0, 5 s] q`, with a state each second:
 
 While the truth of the atoms stays the same, and no guard changes its answer, each state does to the
 groups what the one before did: nothing. Then the states only join the group of the latest start,
-or are decided at once as the latest one was. `joins_until` and `shortest_step` tell as long as
-which times this is so; such states need no call.
+or are decided at once as the latest one was. `joins_until` tells until when
+this is so; such states need no call.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from math import inf
 
-from dyknow_reasoning.execution.automata.automaton import Location
+from dyknow_reasoning.execution.automata.automaton import Location, Move
 from dyknow_reasoning.execution.automata.instance_states import (
     DecidingMoment,
     FormulaInstance,
@@ -37,6 +37,7 @@ from dyknow_reasoning.execution.automata.instance_states import (
 )
 from dyknow_reasoning.execution.automata.templates import Template
 from dyknow_reasoning.execution.standing.groups import (
+    ALWAYS,
     OWN,
     Answers,
     DecidedStarts,
@@ -72,8 +73,6 @@ class OpenStarts:
         """The time before which states with the same truth of the atoms need no `step`, ns."""
         self.fades_at: float = inf
         """The time at which the formula becomes true from a start in this way, in nanoseconds."""
-        self.shortest_step = 0
-        """The shortest time after the previous state for which this is so, in nanoseconds."""
         self._times = times
         self._groups: dict[Group, list[Run]] = {}
         # How long the groups stay the same, while the truth of the atoms does.
@@ -159,7 +158,9 @@ class OpenStarts:
     def verdict(self, decided: DecidedStarts) -> InstanceVerdict:
         """Return the verdict on the instance from the first of some starts on."""
         group, begin = decided.group, decided.runs[0].begin
-        instance = replace(self.instance, half=group.half, gap=group.gap)
+        instance = self.instance
+        if group.after_gap:
+            instance = replace(instance, half=group.half, gap=group.after_gap.gap)
         if decided.symbol is None:
             return InstanceVerdict(instance, decided.holds, None)
         number = len(self._times) - 1
@@ -189,7 +190,7 @@ class OpenStarts:
             for part in self._alike(group, runs, gap):
                 times = group.times_of(part[0].begin)
                 halves = self.template.automaton.halves(group.location, times, gap)
-                for half in group.after_gap(gap, halves):
+                for half in group.halves(gap, halves):
                     verdict = half.location.verdict
                     if verdict is None:
                         self._keep(half, part)
@@ -235,10 +236,10 @@ class OpenStarts:
         decided: list[DecidedStarts] = []
         for group, runs in before.items():
             known = idle.get(group) if is_same else None
-            if known and now < known.until and now - runs[-1].end >= known.youngest:
-                runs = self._unfaded(runs, known, now)
-                if runs:
-                    self._keep_idle(group, runs, known)
+            if known and now < known.until:
+                remaining = self._unfaded(runs, known, now)
+                if remaining:
+                    self._keep_idle(group, remaining, known)
             else:
                 self._move(group, runs, now, decided)
         self._begin(number, now)
@@ -257,49 +258,48 @@ class OpenStarts:
     def _begin(self, number: int, now: int) -> None:
         """Begin at the latest state, and find out how long the following ones do the same."""
         move = self.template.automaton.move(self._initial.location, self._symbol, (now,))
-        self._fresh = fresh = self._initial.moved(move, OWN)
+        self._fresh = self._initial.moved(move, OWN)
         self._joined = number
-        self.fades_at = inf
+        self.fades_at = self.joins_until = inf
         self.join(number + 1)
-        if fresh in self._idle:
-            self.shortest_step = self._idle[fresh].youngest
-        else:
-            self.shortest_step = 0
-        self.joins_until = inf
+        idle = self._idle
         for group, runs in self._groups.items():
-            part = self._idle.get(group) or self._idle_part(group, runs, now + 1)
-            if part is None:
+            validity = idle.get(group) or self._validity(group, runs, now + 1)
+            if validity is None:
                 self.joins_until = -inf
                 return
-            self._idle[group] = part
-            self.joins_until = min(self.joins_until, part.until)
-            self.fades_at = min(self.fades_at, runs[0].begin + part.fades)
+            if validity is not ALWAYS:
+                self.joins_until = min(self.joins_until, validity.until)
+                self.fades_at = min(self.fades_at, runs[0].begin + validity.fades)
+            idle[group] = validity
 
-    def _idle_part(self, group: Group, runs: list[Run], now: int) -> Validity | None:
+    def _validity(self, group: Group, runs: list[Run], now: int) -> Validity | None:
         """Return how long all starts of a group stay in it; None if that is not known.
 
         Args:
             group: the group.
             runs: its starts.
-            now: a time before that of the next state, in nanoseconds.
+            now: the earliest time of the next state, in nanoseconds.
         """
         automaton, location, symbol = self.template.automaton, group.location, self._symbol
+        decision = location.moves.get(symbol)
+        if type(decision) is Move:
+            return ALWAYS if group.moved(decision, now) == group else None
 
         def explore(some: Sequence[Run], time: int) -> None:
             automaton.move(location, symbol, (*group.times_of(some[0].begin), time))
 
         answers = Answers(group, now, self._times, explore)
-        answers.follow(location.moves.get(symbol), runs)
+        answers.follow(decision, runs)
         parts = answers.found
         if answers.unknown or any(group.moved(part.move, now) != group for part in parts):
             return None
         if len(parts) == 1:
             return parts[0].validity
-        parts.sort(key=lambda part: part.runs[0].first)
         ends = (
             min(part.validity.until, part.runs[0].begin + part.validity.fades) for part in parts
         )
-        return Validity(min(ends), parts[-1].validity.youngest)
+        return Validity(min(ends))
 
     def _keep_idle(self, group: Group, runs: list[Run], part: Validity) -> None:
         if group in self._groups:  # Others have moved here: how long they stay is unknown.
@@ -316,6 +316,9 @@ class OpenStarts:
     def _parts(self, group: Group, runs: list[Run], now: int) -> list[Part]:
         """Split the starts of a group into parts that make one move each."""
         automaton, location, symbol = self.template.automaton, group.location, self._symbol
+        decision = location.moves.get(symbol)
+        if type(decision) is Move:
+            return [Part(runs, decision, ALWAYS)]
         found: list[Part] = []
         pending = [runs]
         while pending:

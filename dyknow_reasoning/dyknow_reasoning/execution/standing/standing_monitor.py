@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from bisect import bisect_left, bisect_right
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from heapq import merge
 from itertools import chain, takewhile
 from math import inf
@@ -127,9 +127,12 @@ class StandingMonitor:
         self._symbols: tuple[int, ...] = (-1,) * len(self._starts)
         self._node_limit = node_limit
         self._keeps_failures = keeps_failures
-        # As of `OpenStarts`, for all instances together.
+        # Of each instance, as of `OpenStarts`.
+        self._ends: list[float] = [-inf] * len(self._starts)
+        self._fading: list[float] = [inf] * len(self._starts)
+        # The time before which states with the same truth of the atoms need no step.
         self._joins_until: float = -inf
-        self._shortest_step = 0
+        self._fails_at_once: set[int] = set()
         # The first instance that is false at once from the latest state on, and since which state.
         self._failing: OpenStarts | None = None
         self._failing_since = 0
@@ -168,11 +171,7 @@ class StandingMonitor:
         """
         symbols = self._read(values)
         latest = now if self.latest is None else self.latest
-        if (
-            symbols == self._symbols
-            and now < self._joins_until
-            and now - latest >= self._shortest_step
-        ):
+        if symbols == self._symbols and now < self._joins_until:
             self._times.append(now)
             self.latest = now
             return False
@@ -213,24 +212,49 @@ class StandingMonitor:
         self._times.append(now)
         self.latest = now
         decided: list[tuple[OpenStarts, DecidedStarts]] = []
-        for starts, new, old in zip(self._starts, symbols, self._symbols, strict=True):
-            if new != old or now >= starts.joins_until or elapsed < starts.shortest_step:
-                decided += [(starts, found) for found in starts.step(new)]
+        for index in self._due(symbols, now):
+            starts = self._starts[index]
+            decided += [(starts, found) for found in starts.step(symbols[index])]
+            self._ends[index] = starts.joins_until
+            self._fading[index] = starts.fades_at
+            if starts.fails_at_once:
+                self._fails_at_once.add(index)
+            else:
+                self._fails_at_once.discard(index)
         self._symbols = symbols
         changed |= self._apply(decided, now, values)
-        self._failing = next((each for each in self._starts if each.fails_at_once), None)
-        if self._failing:
+        self._failing = None
+        if self._fails_at_once:
+            self._failing = self._starts[min(self._fails_at_once)]
             changed |= self._fail(self._failing, self._failing.begins(), now, values)
             self._failing_since = number + 1
         self._limit_size()
         if number >= self._next_cleanup:
             self._clean_up()
         changed |= self._end_failures()
-        self._joins_until = min((each.joins_until for each in self._starts), default=inf)
-        self._shortest_step = max((each.shortest_step for each in self._starts), default=0)
+        self._joins_until = min(self._ends, default=inf)
         if self._waiting:
-            self._joins_until = min(self._joins_until, *(each.fades_at for each in self._starts))
+            self._joins_until = min([self._joins_until, *self._fading])
         return changed
+
+    def _due(self, symbols: tuple[int, ...], now: int) -> Sequence[int]:
+        """Return the indices of the instances that must be progressed over a state."""
+        if len(symbols) == 1:
+            return range(len(symbols))
+        before = self._symbols
+        due = [
+            index
+            for index, (new, old) in enumerate(zip(symbols, before, strict=True))
+            if new != old
+        ]
+        if now >= self._joins_until:
+            due += [
+                index
+                for index, end in enumerate(self._ends)
+                if now >= end and symbols[index] == before[index]
+            ]
+            due.sort()
+        return due
 
     def _cross_gap(self, gap: Gap, values: Values) -> bool:
         """Continue with the halves after a gap; return True if a failure has begun."""
@@ -257,7 +281,7 @@ class StandingMonitor:
             if self._failures and self._failures[-1].run.last + 1 == run.first:
                 self._failures[-1].run = self._failures[-1].run.to(run)
                 continue
-            single = replace(found, runs=(run,))
+            single = found._replace(runs=(run,))
             verdict = starts.verdict(single)
             began |= self._add(Failure(run, verdict, now, values))
         return began
