@@ -27,6 +27,7 @@ from dyknow_reasoning.progression.atoms import CALCULATE
 from dyknow_reasoning.progression.instances import ground_atoms
 from dyknow_reasoning.progression.sizes import FormulaLimits
 from dyknow_reasoning.results import FormulaResult
+from dyknow_reasoning.standing import EpisodeSummary, FailureEpisode
 from dyknow_reasoning.trace import RecordedState, read_trace
 
 __all__ = [
@@ -36,7 +37,9 @@ __all__ = [
     'Arithmetic',
     'CheckResult',
     'Comparison',
+    'EpisodeSummary',
     'Eventually',
+    'FailureEpisode',
     'Feature',
     'FieldReference',
     'Forall',

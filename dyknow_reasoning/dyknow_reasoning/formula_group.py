@@ -40,6 +40,7 @@ from dyknow_reasoning.progression.sizes import (
     object_counts,
 )
 from dyknow_reasoning.results import FormulaResult, NamedFormula
+from dyknow_reasoning.standing import StandingFormula, StandingFormulas
 
 _MAX_NODES = 10_000
 
@@ -71,6 +72,8 @@ class FormulaGroup:
         # The residual texts of formulas that have a result.
         self._ends: dict[int, str] = {}
         self._undecided: set[int] = set()
+        self.standing = StandingFormulas()
+        """The formulas that are asked at every state."""
         self._store = NodeStore(Chronology())
         self._max_nodes = _MAX_NODES
         self._domains: Domains = {}
@@ -93,10 +96,15 @@ class FormulaGroup:
         """The ids of the formulas without a result; empty before `begin`."""
         return self._undecided
 
-    def add_formula(self, name: str, text: str) -> int:
+    def add_formula(self, name: str, text: str, *, every_state: bool = False) -> int:
         """Add a formula and return its id.
 
         If the group has begun, the formula begins with the next state.
+
+        Args:
+            name: for people.
+            text: of the formula.
+            every_state: True to ask it at every state; see `standing`. It has no result but errors.
 
         Raises:
             LanguageError: for a text that is not a formula or is badly typed, with the position.
@@ -104,7 +112,7 @@ class FormulaGroup:
                 is too large for its domains.
         """
         formula = parse_formula(text)
-        named = NamedFormula(name, formula, check_types(formula, text))
+        named = NamedFormula(name, formula, check_types(formula, text), every_state)
         self._limit_nodes()
         instances: list[Instance] = []
         size = formula_size(formula, self._counts)
@@ -123,6 +131,7 @@ class FormulaGroup:
         self._find(formula_id)
         if self._monitor and formula_id in self._undecided:
             self._monitor.remove([formula_id])
+        self.standing.remove(formula_id)
         self._undecided.discard(formula_id)
         for each in (self._formulas, self._sizes, self._instances, self._known, self._ends):
             each.pop(formula_id, None)
@@ -188,13 +197,16 @@ class FormulaGroup:
             values: a value for each feature of objects, by the text of its `Symbol`.
         """
         monitor = self._monitor or self._begun()
-        quick_step = monitor.quick_step
-        if quick_step and not self._known and quick_step(valid_time, values):
+        quick_step, standing = monitor.quick_step, self.standing
+        is_done = quick_step and not self._known and quick_step(valid_time, values)
+        if is_done and not standing.formulas:
             return []
         try:
-            outcomes = monitor.progress(valid_time, values)
+            outcomes: Outcomes = {} if is_done else monitor.progress(valid_time, values)
         except ReasoningError as error:
             return self.fail(error, valid_time)
+        if standing.formulas and (failures := standing.progress(valid_time, values)):
+            outcomes = {**outcomes, **failures}
         if outcomes or self._known:
             return self._known_results() + self._results(outcomes, valid_time, values)
         return []
@@ -213,6 +225,9 @@ class FormulaGroup:
         """
         monitor = self._begun()
         recording = Recording.read(valid_times, columns)
+        if self.standing.formulas:
+            states = ((recording.time(i), recording.values(i)) for i in range(len(recording)))
+            return [each for state in states for each in self.progress(*state)]
         usable = recording.increasing(monitor.latest)
         results = self._known_results() if len(usable) else []
         for index, outcomes in monitor.progress_many(usable):
@@ -229,6 +244,7 @@ class FormulaGroup:
         nor false fails. Formulas that have seen no state are not affected.
         """
         self._begun().gap()
+        self.standing.gap()
 
     def fail(self, error: ReasoningError, valid_time: int) -> list[FormulaResult]:
         """Fail all undecided formulas, and return their results.
@@ -260,11 +276,13 @@ class FormulaGroup:
 
         Then all that must always hold does, and all that must eventually hold does not. After a
         gap, this is about the formula of `residual`. Return False for a formula that failed, and
-        before `begin`.
+        before `begin`. For one that is asked at every state, return True while it is violated.
         """
         self._find(formula_id)
         if formula_id in self._ends:
             return self._ends[formula_id] == 'false'
+        if formula_id in self.standing.formulas:
+            return self.standing.formulas[formula_id].monitor.is_violated
         if formula_id in self._known or self._remainders is None:
             return self._known.get(formula_id) is Verdict.FALSE
         return not self._remainders.holds_at_the_end(formula_id)
@@ -314,10 +332,13 @@ class FormulaGroup:
     ) -> None:
         self._instances[formula_id] = instances
         self._undecided.add(formula_id)
-        if verdict := _verdict(instances):
+        named, limit = self._formulas[formula_id], self._limits.node_limit
+        if named.every_state:
+            self.standing.add(formula_id, StandingFormula(formula_id, named, instances, limit))
+        elif verdict := _verdict(instances):
             self._known[formula_id] = verdict
         else:
-            monitor.add(formula_id, instances, self._formulas[formula_id].kinds)
+            monitor.add(formula_id, instances, named.kinds)
 
     def _known_results(self) -> list[FormulaResult]:
         known, self._known = self._known, {}
@@ -362,6 +383,7 @@ class FormulaGroup:
 
     def _failed(self, formula_id: int, error: ReasoningError, valid_time: int) -> FormulaResult:
         self._undecided.discard(formula_id)
+        self.standing.remove(formula_id)
         formula = self._formulas[formula_id]
         self._ends[formula_id] = str(formula)
         located = ReasoningError(f'at {round_time(valid_time)}: {error}', error.code)

@@ -20,12 +20,14 @@ from dyknow_reasoning.execution.automata.instance_states import (
 from dyknow_reasoning.execution.instance_monitor import InstanceMonitor
 from dyknow_reasoning.execution.recording import Recording
 from dyknow_reasoning.execution.standing.standing_monitor import (
+    KEPT_FAILURES,
     Failure,
     StandingMonitor,
     StartCounts,
 )
 
 __all__ = [
+    'KEPT_FAILURES',
     'DecidingMoment',
     'Failure',
     'FormulaInstance',

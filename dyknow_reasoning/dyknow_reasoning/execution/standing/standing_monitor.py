@@ -73,10 +73,10 @@ class StartCounts:
         unknown: from which its verdict depends on states that are missing in a gap.
     """
 
-    holds: int
-    fails: int
-    undecided: int
-    unknown: int
+    holds: int = 0
+    fails: int = 0
+    undecided: int = 0
+    unknown: int = 0
 
 
 class StandingMonitor:

@@ -1,0 +1,158 @@
+"""Formulas of a group that are asked at every state, and the episodes in which they fail."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+from dyknow_reasoning.errors import ReasoningError
+from dyknow_reasoning.execution import KEPT_FAILURES, Failure, StandingMonitor, StartCounts
+from dyknow_reasoning.explanation.explanation import VerdictReasons, explain
+from dyknow_reasoning.progression.atoms import Values
+from dyknow_reasoning.progression.instances import Instance
+from dyknow_reasoning.progression.nodes import FALSE
+from dyknow_reasoning.results import NamedFormula
+
+
+@dataclass(frozen=True, slots=True)
+class FailureEpisode:
+    """Consecutive states from each of which a formula is false.
+
+    Args:
+        begin: the valid time of the first of these states, in nanoseconds.
+        end: of the last one so far.
+        decided_at: of the state that decided the formula of the first one.
+        states: how many there are.
+        has_ended: True if the formula holds again after the last one.
+        explanation: the reason for the verdict on the first one.
+        objects: the objects that decide it, `u = uav1`; empty if there is no choice.
+    """
+
+    begin: int
+    end: int
+    decided_at: int
+    states: int
+    has_ended: bool
+    explanation: str
+    objects: str = ''
+
+
+@dataclass(frozen=True, slots=True)
+class EpisodeSummary:
+    """The verdicts on a formula that is asked at every state.
+
+    Args:
+        counts: the numbers of states from which it has each verdict.
+        is_violated: True if an episode has not ended.
+        episode_count: the number of episodes.
+        latest_episodes: the last ten, the latest last.
+    """
+
+    counts: StartCounts = field(default_factory=StartCounts)
+    is_violated: bool = False
+    episode_count: int = 0
+    latest_episodes: tuple[FailureEpisode, ...] = ()
+
+
+class StandingFormula:
+    """A formula that is asked at every state.
+
+    Args:
+        formula_id: its id in the group.
+        named: the formula.
+        instances: all of which must hold for it to hold.
+        node_limit: the most nodes of what remains of an instance.
+        keeps_episodes: True to keep all episodes, not only the latest.
+    """
+
+    def __init__(
+        self,
+        formula_id: int,
+        named: NamedFormula,
+        instances: Sequence[Instance],
+        node_limit: int,
+        *,
+        keeps_episodes: bool = False,
+    ) -> None:
+        self.monitor = StandingMonitor(
+            formula_id, instances, named.kinds, node_limit, keeps_failures=keeps_episodes
+        )
+        self._named = named
+        self._is_false = any(instance.node is FALSE for instance in instances)
+        self._reasons: dict[Failure, VerdictReasons] = {}
+
+    def summary(self) -> EpisodeSummary:
+        """Return the verdicts so far."""
+        counts = self.monitor.counts()
+        return EpisodeSummary(
+            counts,
+            self.monitor.is_violated,
+            self.monitor.failure_count,
+            self.episodes(KEPT_FAILURES),
+        )
+
+    def episodes(self, most: int) -> tuple[FailureEpisode, ...]:
+        """Return the latest episodes that are kept."""
+        latest = self.monitor.failures[-most:]
+        known = self._reasons
+        self._reasons = {each: known.get(each) or self._reason(each) for each in latest}
+        return tuple(
+            FailureEpisode(
+                each.run.begin,
+                each.run.end,
+                each.decided_at,
+                each.run.last - each.run.first + 1,
+                each.has_ended,
+                reason.text,
+                reason.objects,
+            )
+            for each, reason in self._reasons.items()
+        )
+
+    def _reason(self, failure: Failure) -> VerdictReasons:
+        if self._is_false:
+            return VerdictReasons('it is false, whatever the states are')
+        return explain(self._named.formula, failure.verdict, failure.values)
+
+
+class StandingFormulas:
+    """The formulas of a group that are asked at every state, by their ids."""
+
+    def __init__(self) -> None:
+        self.formulas: dict[int, StandingFormula] = {}
+        self._changed: set[int] = set()
+
+    def add(self, formula_id: int, formula: StandingFormula) -> None:
+        """Add a formula, which begins with the next state."""
+        self.formulas[formula_id] = formula
+
+    def remove(self, formula_id: int) -> None:
+        """Remove a formula, if it is one of these."""
+        self.formulas.pop(formula_id, None)
+        self._changed.discard(formula_id)
+
+    def gap(self) -> None:
+        """Record that states may be missing before the next one."""
+        for each in self.formulas.values():
+            each.monitor.gap()
+
+    def progress(self, valid_time: int, values: Values) -> dict[int, ReasoningError]:
+        """Progress all formulas over a state; return those that fail, which should be removed."""
+        failures: dict[int, ReasoningError] = {}
+        for formula_id, each in self.formulas.items():
+            try:
+                if each.monitor.progress(valid_time, values):
+                    self._changed.add(formula_id)
+            except ReasoningError as error:
+                failures[formula_id] = error
+        return failures
+
+    def summary(self, formula_id: int) -> EpisodeSummary:
+        """Return the verdicts so far on a formula; none if it has failed."""
+        found = self.formulas.get(formula_id)
+        return found.summary() if found else EpisodeSummary()
+
+    def changed(self) -> list[int]:
+        """Return the formulas of which an episode has begun or ended since the last call."""
+        changed, self._changed = sorted(self._changed), set()
+        return changed
