@@ -99,12 +99,8 @@ class FormulaGroup:
     def add_formula(self, name: str, text: str, *, every_state: bool = False) -> int:
         """Add a formula and return its id.
 
-        If the group has begun, the formula begins with the next state.
-
-        Args:
-            name: for people.
-            text: of the formula.
-            every_state: True to ask it at every state; see `standing`. It has no result but errors.
+        If the group has begun, the formula begins with the next state. If `every_state`, it is
+        asked at every state: its verdicts are in `standing`, and it has no result but an error.
 
         Raises:
             LanguageError: for a text that is not a formula or is badly typed, with the position.

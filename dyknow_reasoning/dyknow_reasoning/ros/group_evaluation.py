@@ -19,14 +19,15 @@ from dyknow_common.ros import (
     Background,
     DyKnowNode,
     absolute_topic,
-    fill_exit_status,
     nanoseconds_to_time,
 )
 from dyknow_reasoning.errors import ReasoningError
 from dyknow_reasoning.formula_group import FormulaGroup
 from dyknow_reasoning.progression.gaps import Gap
 from dyknow_reasoning.results import FormulaResult
+from dyknow_reasoning.ros.episode_reports import EpisodeReports
 from dyknow_reasoning.ros.group_work import HEAVY_PARTS, MAX_QUEUED_STATES, GroupWork
+from dyknow_reasoning.ros.result_messages import result_to_message
 from dyknow_reasoning.ros.state_subscription import (
     VIOLATIONS_SUFFIX,
     Breach,
@@ -72,8 +73,10 @@ class GroupEvaluation:
         name: str,
         group: FormulaGroup,
         background: Background,
+        episodes: Any,
     ) -> None:
         self.group = group
+        self._episodes = EpisodeReports(node, group_id, group, episodes)
         self.name = name
         self._node = node
         self._id = group_id
@@ -115,10 +118,10 @@ class GroupEvaluation:
         """The time since the latest request, in seconds."""
         return (self._wall_time() - self._requested_at) / SECOND_NS
 
-    async def add_formula(self, name: str, text: str) -> int:
+    async def add_formula(self, name: str, text: str, *, every_state: bool) -> int:
         """Add a formula and return its id; raise the errors of `FormulaGroup.add_formula`."""
         formula_id = await self._work.run(
-            lambda: self.group.add_formula(name, text),
+            lambda: self.group.add_formula(name, text, every_state=every_state),
             lambda: len(text) > _HEAVY_TEXT or (self.has_begun and self._is_large()),
         )
         self._states_before[formula_id] = self._states
@@ -258,20 +261,17 @@ class GroupEvaluation:
         """Publish the results of formulas."""
         if self._is_destroyed:
             return
+        stamp = self._node.get_clock().now().to_msg()
         for result in results:
-            message = FormulaResultMessage(
-                formula_group_id=self._id,
-                formula_id=result.formula_id,
-                formula_name=result.name,
-                verdict=int(result.verdict),
-                explanation=result.explanation,
-            )
-            message.header.stamp = self._node.get_clock().now().to_msg()
-            if result.decided_at is not None:
-                message.decided_at = nanoseconds_to_time(result.decided_at)
-            if result.error is not None:
-                fill_exit_status(message.exit_status, result.error)
+            message = result_to_message(result, self._id)
+            message.header.stamp = stamp
             self._results.publish(message)
+        self._episodes.publish_changes()
+
+    def report_episodes(self) -> None:
+        """Publish what is due on the formulas that are asked at every state."""
+        if not (self._is_destroyed or self._work.is_busy):
+            self._episodes.publish_changes()
 
     def _wall_time(self) -> int:
         return int(self._node.wall_clock.now().nanoseconds)
