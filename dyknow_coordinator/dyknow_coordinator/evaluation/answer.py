@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import Self
 
 from dyknow_common import DyKnowError, Verdict
+from dyknow_coordinator.evaluation.standing import StandingVerdicts
 from dyknow_coordinator.grounding.feature_sources import SymbolGrounding
 
 
@@ -14,13 +15,15 @@ class Answer:
     """Outcome of the evaluation of a formula.
 
     Args:
-        verdict: UNDECIDED if and only if there is an error.
+        verdict: UNDECIDED if there is an error; but FALSE for a formula that is asked at every
+            state and was false from one.
         decided_at: valid time of the deciding state in nanoseconds; None without a verdict, or
             if the verdict needs no state.
         canonical_formula: fully bracketed; empty if the formula could not be parsed.
         explanation: the reason for the verdict, for people.
         groundings: the streams used.
         error: why there is no verdict; its `code` is that of the exit status.
+        episodes: for a formula that is asked at every state.
     """
 
     verdict: Verdict = Verdict.UNDECIDED
@@ -29,6 +32,7 @@ class Answer:
     explanation: str = ''
     groundings: tuple[SymbolGrounding, ...] = ()
     error: DyKnowError | None = None
+    episodes: StandingVerdicts | None = None
 
     def check(self) -> Self:
         """Return this answer if it has a verdict.
@@ -53,6 +57,7 @@ class Progress:
         streams: the specifications of the streams in use.
         events: what has happened since the last report.
         waits_for: why no state has come for 3 s; empty while states come.
+        episodes: for a formula that is asked at every state.
     """
 
     states_progressed: int
@@ -62,3 +67,4 @@ class Progress:
     streams: tuple[str, ...] = ()
     events: tuple[str, ...] = ()
     waits_for: str = ''
+    episodes: StandingVerdicts | None = None

@@ -21,6 +21,7 @@ class EvaluationRequest:
         action: name of the action of that plan.
         is_monitored: True if the formula should hold: then false is an alarm, not an answer.
         restart_on_change: restart when a sort in the formula gains or loses objects.
+        every_state: ask it at every state, until the timeout or a cancellation.
         delay_s: the part of the timeout that had passed when the request was received, as the
             process was stopped.
     """
@@ -34,4 +35,5 @@ class EvaluationRequest:
     action: str = ''
     is_monitored: bool = False
     restart_on_change: bool = False
+    every_state: bool = False
     delay_s: float = 0.0

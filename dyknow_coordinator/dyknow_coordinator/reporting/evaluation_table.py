@@ -82,6 +82,8 @@ def _style(status: EvaluationStatus) -> str:
         return 'magenta'
     if status.phase is EvaluationPhase.ENDED:
         return _VERDICTS[status.verdict]
+    if status.episodes is not None and status.episodes.is_violated:
+        return _VERDICTS[Verdict.FALSE]
     if status.phase is EvaluationPhase.RUNNING and not status.presumably_false:
         return 'cyan'
     return 'yellow'
@@ -95,4 +97,6 @@ def _remark(status: EvaluationStatus) -> str:
         return status.events[-1]
     if status.phase is EvaluationPhase.WAITING:
         return status.waits_for
+    if status.episodes is not None and status.phase is EvaluationPhase.RUNNING:
+        return status.episodes.text
     return status.explanation

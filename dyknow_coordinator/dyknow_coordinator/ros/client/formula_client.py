@@ -83,6 +83,7 @@ class FormulaClient:
     - wait: seconds to wait for the coordinator to be available.
     - name: shown to operators; by default the formula.
     - restart_on_change: restart when a sort of the formula gains or loses objects.
+    - every_state: ask the formula at every state.
 
     Args:
         node: any node; the client has callback groups of its own.
@@ -188,6 +189,7 @@ class FormulaClient:
         on_feedback: Callable[[Progress], Any] = lambda _: None,
         name: str = '',
         restart_on_change: bool = False,
+        every_state: bool = False,
         timeout: float = DAY_S,
         grounding: Grounding = Grounding.AUTO,
         constraints: StreamConstraints = NO_CONSTRAINTS,
@@ -196,12 +198,16 @@ class FormulaClient:
         """Evaluate a formula from now on, in the background.
 
         `on_verdict` (may be `async`) is called once, with the answer or an error; `on_feedback`
-        after states.
+        after states. If `every_state`, the formula is asked at every state until the timeout or
+        `cancel`; the `episodes` of the feedback and of the answer have the verdicts.
         """
         monitor = Monitor()
 
         def end(result: Any, error: DyKnowError | None) -> None:
-            answer = Answer(error=error) if error is not None else answer_from_message(result)
+            if error is not None:
+                answer = Answer(error=error)
+            else:
+                answer = answer_from_message(result, every_state=every_state)
             monitor.outcome.set_result(answer)
             _notify(self._node, on_verdict, answer)
 
@@ -211,9 +217,14 @@ class FormulaClient:
             return monitor
         goal = _request(MonitorFormula.Goal, formula, timeout, grounding, constraints)
         goal.name, goal.restart_on_change = name, restart_on_change
+        goal.every_state = every_state
         limits = GoalTimeouts(wait, timeout)
         monitor.call = self._send(
-            MonitorFormula, goal, limits, end, lambda each: on_feedback(progress_from_message(each))
+            MonitorFormula,
+            goal,
+            limits,
+            end,
+            lambda each: on_feedback(progress_from_message(each, every_state=every_state)),
         )
         monitor.call.accepted.add_done_callback(lambda _: monitor.accepted.set_result(None))
         return monitor

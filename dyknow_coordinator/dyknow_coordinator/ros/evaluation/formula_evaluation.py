@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any, Final
 
 from dyknow_interfaces.msg import FormulaProgress
@@ -22,6 +23,7 @@ from dyknow_coordinator.evaluation.answer import Answer
 from dyknow_coordinator.evaluation.evaluation import Evaluation, EvaluationPhase
 from dyknow_coordinator.evaluation.history import History
 from dyknow_coordinator.evaluation.request import EvaluationRequest
+from dyknow_coordinator.evaluation.standing import StandingVerdicts
 from dyknow_coordinator.grounding.feature_sources import SymbolGrounding
 from dyknow_coordinator.grounding.sorts import infer_sorts, with_sorts
 from dyknow_coordinator.grounding.state_specification import FormulaInputs
@@ -30,6 +32,7 @@ from dyknow_coordinator.reporting.evaluation_status import EvaluationStatus
 from dyknow_coordinator.ros.context import CoordinatorContext
 from dyknow_coordinator.ros.evaluation.candidates import find_candidates
 from dyknow_coordinator.ros.evaluation.evaluation_group import EvaluationGroup, EvaluationGroups
+from dyknow_coordinator.ros.reporting.episode_messages import verdicts_from_message
 
 _MAX_SHOWN: Final = 100
 """The most groundings in the status of an evaluation, which is published each second."""
@@ -62,7 +65,9 @@ class FormulaEvaluation(Evaluation):
     Attributes:
         outcome: a future of the `Answer`.
         progress: the latest FormulaProgress.
-        on_progress: called for each FormulaProgress, and when the evaluation begins to wait.
+        episodes: the verdicts, if the formula is asked at every state.
+        on_progress: called for each FormulaProgress and FormulaEpisodes, and when the evaluation
+            begins to wait.
     """
 
     def __init__(
@@ -80,6 +85,7 @@ class FormulaEvaluation(Evaluation):
         self.progress = FormulaProgress()
         self.on_progress: Callable[[], None] = lambda: None
         self.history = History()
+        self.episodes = StandingVerdicts()
         self._context = context
         self._groups = groups
         self._on_change = on_change
@@ -162,7 +168,7 @@ class FormulaEvaluation(Evaluation):
             f'{sort}: {listed(found) or "none"}' for sort, found in prepared.inputs.domains.items()
         )
         self.add_event(f'restarted with {objects}')
-        self.progress = FormulaProgress()
+        self.progress, self.episodes = FormulaProgress(), StandingVerdicts()
         try:
             await self._start(prepared)
         except DyKnowError as error:
@@ -186,6 +192,35 @@ class FormulaEvaluation(Evaluation):
         for event in progress.events:
             self.add_event(event)
         self.on_progress()
+
+    def receive_episodes(self, episodes: Any) -> None:
+        """Record a FormulaEpisodes of the reasoning engine, and report what has changed."""
+        if self.has_ended:
+            return
+        before, self.episodes = self.episodes, verdicts_from_message(episodes)
+        if change := self.episodes.change(before):
+            self.history.add(change)
+            self._log_change(change)
+            self._on_change()
+        self.on_progress()
+
+    def _log_change(self, change: str) -> None:
+        # A logger of rclpy has one severity for each call in the code.
+        logger, text = self._context.node.get_logger(), f'{self.title}: {change}'
+        if self.episodes.is_violated:
+            logger.warning(text)
+        else:
+            logger.info(text)
+
+    def expire(self, timeout_s: float) -> None:
+        """End because the timeout has passed: with a verdict, if one is known from all states."""
+        verdict = self.episodes.verdict
+        if not self.request.every_state or verdict is Verdict.UNDECIDED:
+            super().expire(timeout_s)
+            return
+        episodes = self.episodes.latest_episodes
+        decided_at = episodes[0].decided_at if episodes else self._latest_valid_time
+        self.decide(verdict, decided_at, self.episodes.text)
 
     def set_phase(self, phase: EvaluationPhase) -> None:
         """Set the phase, unless the evaluation has ended, and report it."""
@@ -216,15 +251,20 @@ class FormulaEvaluation(Evaluation):
             groundings=self._shown_groundings,
             events=self.history.latest,
             states_progressed=progress.states_progressed,
-            latest_valid_time=time_to_nanoseconds(progress.latest_valid_time) or None,
+            latest_valid_time=self._latest_valid_time,
             residual_formula=progress.residual_formula,
             presumably_false=progress.presumably_false,
+            episodes=self.episodes if request.every_state else None,
             waits_for=self.waits_for,
             verdict=answer.verdict,
             decided_at=answer.decided_at,
             explanation=answer.explanation,
             error=answer.error,
         )
+
+    @property
+    def _latest_valid_time(self) -> int | None:
+        return time_to_nanoseconds(self.progress.latest_valid_time) or None
 
     def missing_states(self) -> str:
         """Return that no state comes, and why; empty if states come or that is unknown."""
@@ -264,7 +304,8 @@ class FormulaEvaluation(Evaluation):
     async def _add_formula(self, group_id: int, name: str) -> tuple[int, tuple[Symbol, ...]]:
         """Add the formula to its group; return its id and its symbols, with all sorts."""
         clients, formula = self._context.clients, self.request.formula
-        formula_id, self.canonical_formula = await clients.add_formula(group_id, name, formula)
+        add = partial(clients.add_formula, every_state=self.request.every_state)
+        formula_id, self.canonical_formula = await add(group_id, name, formula)
         # Step 3: the symbols of the formula.
         symbols = await clients.symbols(group_id)
         check_symbols(symbols, self.request.grounding)
@@ -273,7 +314,7 @@ class FormulaEvaluation(Evaluation):
             return formula_id, symbols
         await clients.remove_formula(group_id, formula_id)
         formula = with_sorts(self.canonical_formula, sorts)
-        formula_id, self.canonical_formula = await clients.add_formula(group_id, name, formula)
+        formula_id, self.canonical_formula = await add(group_id, name, formula)
         return formula_id, await clients.symbols(group_id)
 
     async def _start(self, prepared: PreparedFormula) -> None:
@@ -307,6 +348,10 @@ class FormulaEvaluation(Evaluation):
             group.leave(self)
 
     def _set_outcome(self, answer: Answer) -> None:
+        if self.request.every_state:
+            answer = replace(answer, episodes=self.episodes)
+            if self.episodes.fails:
+                answer = replace(answer, verdict=Verdict.FALSE)
         self.outcome.set_result(
             replace(answer, canonical_formula=self.canonical_formula, groundings=self.groundings)
         )
