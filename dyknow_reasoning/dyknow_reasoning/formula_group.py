@@ -263,7 +263,7 @@ class FormulaGroup:
         formula = self._find(formula_id)
         if formula_id in self._ends:
             return self._ends[formula_id]
-        if self._remainders is None or formula_id in self._known:
+        if self._remainders is None or formula_id in self._known or formula.every_state:
             return str(formula)
         return self._remainders.text(formula_id) or str(formula)
 

@@ -62,21 +62,12 @@ class StandingFormula:
         named: the formula.
         instances: all of which must hold for it to hold.
         node_limit: the most nodes of what remains of an instance.
-        keeps_episodes: True to keep all episodes, not only the latest.
     """
 
     def __init__(
-        self,
-        formula_id: int,
-        named: NamedFormula,
-        instances: Sequence[Instance],
-        node_limit: int,
-        *,
-        keeps_episodes: bool = False,
+        self, formula_id: int, named: NamedFormula, instances: Sequence[Instance], node_limit: int
     ) -> None:
-        self.monitor = StandingMonitor(
-            formula_id, instances, named.kinds, node_limit, keeps_failures=keeps_episodes
-        )
+        self.monitor = StandingMonitor(formula_id, instances, named.kinds, node_limit)
         self._named = named
         self._is_false = any(instance.node is FALSE for instance in instances)
         self._reasons: dict[Failure, VerdictReasons] = {}

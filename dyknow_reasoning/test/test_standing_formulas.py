@@ -47,9 +47,12 @@ def test_a_response_that_comes_too_late() -> None:
             assert summary.counts.undecided == 1
     summary = group.standing.summary(formula_id)
     assert (summary.counts.holds, summary.counts.fails, summary.counts.undecided) == (9, 1, 0)
+    assert group.residual(formula_id) == 'alarm -> (eventually[0 s, 2 s] stopped)'
     (episode,) = summary.latest_episodes
     assert (episode.begin, episode.decided_at) == (1 * SECOND, 3 * SECOND)
-    assert episode.explanation == ("'stopped' held at no state from 1.000 s to 3.000 s")
+    assert episode.explanation == (
+        "'stopped' held at no state from 1.000 s to 3.000 s; stopped is false at 3.000 s"
+    )
 
 
 def test_an_unusable_value_fails_the_formula_as_a_whole() -> None:

@@ -32,7 +32,7 @@ States = Sequence[tuple[int, dict[str, bool], bool]]
 def monitor_of(text: str, domains: Domains) -> StandingMonitor:
     formula = parse_formula(text)
     instances = instances_of(formula, domains, NodeStore(Chronology()))
-    return StandingMonitor(1, instances, check_types(formula, text), 100_000, keeps_failures=True)
+    return StandingMonitor(1, instances, check_types(formula, text), 100_000)
 
 
 Outcome = tuple[Verdict | None, int] | None

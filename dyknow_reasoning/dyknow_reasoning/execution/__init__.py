@@ -19,12 +19,13 @@ from dyknow_reasoning.execution.automata.instance_states import (
 )
 from dyknow_reasoning.execution.instance_monitor import InstanceMonitor
 from dyknow_reasoning.execution.recording import Recording
+from dyknow_reasoning.execution.standing.failures import Failure
 from dyknow_reasoning.execution.standing.standing_monitor import (
     KEPT_FAILURES,
-    Failure,
     StandingMonitor,
     StartCounts,
 )
+from dyknow_reasoning.execution.standing.verdict_log import VerdictLog
 
 __all__ = [
     'KEPT_FAILURES',
@@ -38,4 +39,5 @@ __all__ = [
     'Recording',
     'StandingMonitor',
     'StartCounts',
+    'VerdictLog',
 ]

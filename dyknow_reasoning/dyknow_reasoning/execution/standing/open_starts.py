@@ -28,7 +28,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from math import inf
 
-from dyknow_reasoning.execution.automata.automaton import Location, Move
+from dyknow_reasoning.execution.automata.automaton import Location, Move, Times
 from dyknow_reasoning.execution.automata.instance_states import (
     DecidingMoment,
     FormulaInstance,
@@ -71,6 +71,8 @@ class OpenStarts:
         self.template = template
         self.joins_until: float = -inf
         """The time before which states with the same truth of the atoms need no `step`, ns."""
+        self.can_fade = True
+        """True if `fades_at` may be later than the state that decides."""
         self.fades_at: float = inf
         """The time at which the formula becomes true from a start in this way, in nanoseconds."""
         self._times = times
@@ -126,6 +128,22 @@ class OpenStarts:
             if pessimistic or group.half is not Half.PESSIMISTIC
         )
 
+    def states(self, number: int) -> Iterator[InstanceState]:
+        """Yield what remains of the formula from an undecided state on; call `join` before."""
+        for group, runs in self._groups.items():
+            if number_in(runs, number):
+                yield self._state(group, self._times_of(group, runs, number))
+
+    def _times_of(self, group: Group, runs: Sequence[Run], number: int) -> Times:
+        is_own = OWN in group.clocks
+        return group.times_of(self._times[number] if is_own else runs[0].begin)
+
+    def _state(self, group: Group, times: Times) -> InstanceState:
+        instance = self.instance
+        if group.after_gap:
+            instance = replace(instance, half=group.half, gap=group.after_gap.gap)
+        return InstanceState(instance, self.template, group.location, times, {})
+
     def join(self, end: int) -> None:
         """Let the states before a number join that needed no `step`, and drop those that faded."""
         first, self._joined = self._joined, end
@@ -158,20 +176,15 @@ class OpenStarts:
     def verdict(self, decided: DecidedStarts) -> InstanceVerdict:
         """Return the verdict on the instance from the first of some starts on."""
         group, begin = decided.group, decided.runs[0].begin
-        instance = self.instance
-        if group.after_gap:
-            instance = replace(instance, half=group.half, gap=group.after_gap.gap)
+        before = self._state(group, group.times_of(begin))
         if decided.symbol is None:
-            return InstanceVerdict(instance, decided.holds, None)
+            return InstanceVerdict(before.instance, decided.holds, None)
+        if not self.template.opens_windows_later:
+            before = replace(before, window_origins=dict.fromkeys(group.location.unbounded, begin))
         number = len(self._times) - 1
-        is_known = not self.template.opens_windows_later
-        origins = dict.fromkeys(group.location.unbounded, begin) if is_known else {}
-        before = InstanceState(
-            instance, self.template, group.location, group.times_of(begin), origins
-        )
         previous = self._times[number - 1] if decided.runs[0].first < number else 0
         moment = DecidingMoment(before, decided.symbol, self._times[number], previous)
-        return InstanceVerdict(instance, decided.holds, moment)
+        return InstanceVerdict(before.instance, decided.holds, moment)
 
     def begins(self) -> DecidedStarts:
         """Return the verdict on the latest state, for which `fails_at_once` is true."""
@@ -289,7 +302,7 @@ class OpenStarts:
         def explore(some: Sequence[Run], time: int) -> None:
             automaton.move(location, symbol, (*group.times_of(some[0].begin), time))
 
-        answers = Answers(group, now, self._times, explore)
+        answers = Answers(group, now, self._times, explore if self.can_fade else None)
         answers.follow(decision, runs)
         parts = answers.found
         if answers.unknown or any(group.moved(part.move, now) != group for part in parts):

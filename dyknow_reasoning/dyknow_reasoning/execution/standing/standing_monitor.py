@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from bisect import bisect_left, bisect_right
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from heapq import merge
 from itertools import chain, takewhile
 from math import inf
@@ -12,8 +11,12 @@ from typing import Final
 
 from dyknow_reasoning.errors import ReasoningError
 from dyknow_reasoning.execution.automata.automaton import Location
-from dyknow_reasoning.execution.automata.instance_states import FormulaInstance, InstanceVerdict
+from dyknow_reasoning.execution.automata.instance_states import (
+    FormulaInstance,
+    InstanceState,
+)
 from dyknow_reasoning.execution.automata.templates import Template
+from dyknow_reasoning.execution.standing.failures import Failure, Failures
 from dyknow_reasoning.execution.standing.groups import DecidedStarts
 from dyknow_reasoning.execution.standing.joint_reader import joint_reader
 from dyknow_reasoning.execution.standing.open_starts import OpenStarts
@@ -27,6 +30,7 @@ from dyknow_reasoning.execution.standing.runs import (
     number_in,
     union,
 )
+from dyknow_reasoning.execution.standing.verdict_log import VerdictLog
 from dyknow_reasoning.language.type_checking import Kinds
 from dyknow_reasoning.progression.atoms import Values
 from dyknow_reasoning.progression.gaps import Gap, Half
@@ -41,25 +45,6 @@ KEPT_FAILURES: Final = 10
 
 _CLEANUP_STATES: Final = 4096
 """The period in which what is no longer needed is dropped."""
-
-
-@dataclass(eq=False, slots=True)
-class Failure:
-    """Consecutive states from each of which the formula is false.
-
-    Args:
-        run: the states.
-        verdict: on the instance that was false from the first of them on.
-        decided_at: the valid time of the deciding state of the first one, in nanoseconds.
-        values: of that state.
-        has_ended: True once the formula holds from the state after the last one on.
-    """
-
-    run: Run
-    verdict: InstanceVerdict
-    decided_at: int
-    values: Values = field(repr=False)
-    has_ended: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -89,24 +74,14 @@ class StandingMonitor:
         instances: all of which must hold for the formula to hold.
         kinds: of the features of the formula.
         node_limit: the most nodes of what remains of an instance.
-        keeps_failures: True to keep all failures.
     """
 
     def __init__(
-        self,
-        formula_id: int,
-        instances: Sequence[Instance],
-        kinds: Kinds,
-        node_limit: int,
-        *,
-        keeps_failures: bool = False,
+        self, formula_id: int, instances: Sequence[Instance], kinds: Kinds, node_limit: int
     ) -> None:
         self.latest: int | None = None
         """The valid time of the latest state, in nanoseconds."""
-        self._failures: list[Failure] = []
-        self._waiting: list[Failure] = []  # Those that have not ended.
-        self.failure_count = 0
-        """The number of all failures, also of those that are forgotten."""
+        self._failures = Failures()
         self._times = StateTimes()
         templates: dict[Node, Template] = {}
         self._instances = [
@@ -126,12 +101,13 @@ class StandingMonitor:
         self._read = joint_reader(self._instances)
         self._symbols: tuple[int, ...] = (-1,) * len(self._starts)
         self._node_limit = node_limit
-        self._keeps_failures = keeps_failures
+        self._keeps_failures = False
         # Of each instance, as of `OpenStarts`.
         self._ends: list[float] = [-inf] * len(self._starts)
         self._fading: list[float] = [inf] * len(self._starts)
         # The time before which states with the same truth of the atoms need no step.
         self._joins_until: float = -inf
+        self._log: VerdictLog | None = None
         self._fails_at_once: set[int] = set()
         # The first instance that is false at once from the latest state on, and since which state.
         self._failing: OpenStarts | None = None
@@ -143,6 +119,24 @@ class StandingMonitor:
         self._forgotten_unknown = 0
         self._next_cleanup = _CLEANUP_STATES
 
+    def keep_all(self) -> VerdictLog:
+        """Keep all failures, and return a log of all verdicts; call it before the first state."""
+        self._keeps_failures = True
+        self._log = VerdictLog()
+        for each in self._starts:
+            each.can_fade = False
+        return self._log
+
+    def remainders(self, number: int) -> list[InstanceState]:
+        """Return what remains of the formula from an undecided state on, for each instance."""
+        self._settle(len(self._times))
+        return [state for each in self._starts for state in each.states(number)]
+
+    def undecided(self) -> list[Run]:
+        """Return the states from which the formula is undecided."""
+        self._settle(len(self._times))
+        return difference(self._undecided(), self._failures.runs)
+
     @property
     def states(self) -> int:
         """The number of states so far."""
@@ -152,12 +146,17 @@ class StandingMonitor:
     def failures(self) -> Sequence[Failure]:
         """In the order of their states; those that have ended are forgotten after a while."""
         self._record_failing(len(self._times))
-        return self._failures
+        return self._failures.kept
+
+    @property
+    def failure_count(self) -> int:
+        """The number of all failures, also of those that are forgotten."""
+        return self._failures.count
 
     @property
     def is_violated(self) -> bool:
         """True if a failure has not ended."""
-        return bool(self._waiting)
+        return bool(self._failures.waiting)
 
     def progress(self, now: int, values: Values) -> bool:
         """Progress over a state; return True if a failure has begun or ended.
@@ -186,7 +185,7 @@ class StandingMonitor:
         """Return the numbers of starts by their verdicts."""
         states = len(self._times)
         self._settle(states)
-        false = [each.run for each in self._failures]
+        false = self._failures.runs
         undecided = self._undecided()
         pending = count_outside(undecided, false)
         fails = self._forgotten_fails + count_states(false)
@@ -226,14 +225,17 @@ class StandingMonitor:
         self._failing = None
         if self._fails_at_once:
             self._failing = self._starts[min(self._fails_at_once)]
-            changed |= self._fail(self._failing, self._failing.begins(), now, values)
+            begins = self._failing.begins()
+            changed |= self._fail(self._failing, begins, now, values)
+            if self._log:
+                self._log.add_at_once(begins.runs[0])
             self._failing_since = number + 1
         self._limit_size()
         if number >= self._next_cleanup:
             self._clean_up()
         changed |= self._end_failures()
         self._joins_until = min(self._ends, default=inf)
-        if self._waiting:
+        if self._failures.waiting:
             self._joins_until = min([self._joins_until, *self._fading])
         return changed
 
@@ -268,6 +270,8 @@ class StandingMonitor:
     ) -> bool:
         changed = False
         for starts, found in decided:
+            if self._log:
+                self._log.add(found, now)
             if not found.holds and found.group.half is Half.PESSIMISTIC:
                 self._unprovable = union(self._unprovable, found.runs)
             elif not found.holds:
@@ -278,60 +282,39 @@ class StandingMonitor:
         """Record starts from which an instance is false; return True if a failure has begun."""
         began = False
         for run in found.runs:
-            if self._failures and self._failures[-1].run.last + 1 == run.first:
-                self._failures[-1].run = self._failures[-1].run.to(run)
+            if self._failures.extend(run):
                 continue
             single = found._replace(runs=(run,))
             verdict = starts.verdict(single)
-            began |= self._add(Failure(run, verdict, now, values))
+            began |= self._failures.add(Failure(run, verdict, now, values))
         return began
-
-    def _add(self, new: Failure) -> bool:
-        """Join a failure with those beside it; return True if it is alone."""
-        run, failures = new.run, self._failures
-        begin = bisect_left(failures, run.first - 1, key=lambda each: each.run.last)
-        end = bisect_right(failures, run.last + 1, key=lambda each: each.run.first)
-        touched = failures[begin:end]
-        if touched:
-            first, last = touched[0], touched[-1]
-            joined = new if run.first < first.run.first else first
-            joined.has_ended = last.has_ended and run.last <= last.run.last
-            joined.run = union([each.run for each in touched], [run])[0]
-            new = joined
-        failures[begin:end] = [new]
-        self._waiting = [each for each in self._waiting if each not in touched]
-        if not new.has_ended:
-            self._waiting.append(new)
-        self.failure_count += 1 - len(touched)
-        return not touched
 
     def _record_failing(self, end: int) -> None:
         """Record the states before a number that needed no step and are false at once."""
         if self._failing and end > self._failing_since:
             first, self._failing_since = self._failing_since, end
             run = Run(first, end - 1, self._times[first], self._times[end - 1])
-            at = bisect_left(self._failures, first - 1, key=lambda each: each.run.last)
-            self._failures[at].run = union([self._failures[at].run], [run])[0]
+            self._failures.extend(run)
+            if self._log:
+                self._log.add_at_once(run)
 
     def _end_failures(self) -> bool:
         """End failures after which the formula holds; return True if one has ended."""
-        if not self._waiting:
+        if not self._failures.waiting:
             return False
         for each in self._starts:
             each.join(len(self._times))
-        ended = [each for each in self._waiting if self._holds_after(each.run)]
+        ended = [each for each in self._failures.waiting if self._holds_after(each.run)]
         for failure in ended:
-            failure.has_ended = True
-            self._waiting.remove(failure)
+            self._failures.end(failure)
         return bool(ended)
 
     def _holds_after(self, run: Run) -> bool:
         """Return True if the first start after a run that is neither unknown nor false is true."""
         number = run.last + 1
         while number < len(self._times):
-            at = bisect_left(self._failures, number, key=lambda each: each.run.last)
-            if at < len(self._failures) and self._failures[at].run.first <= number:
-                number = self._failures[at].run.last + 1
+            if (last := self._failures.last_around(number)) is not None:
+                number = last + 1
                 continue
             is_unprovable = number_in(self._unprovable, number)
             if any(each.has_open(number, pessimistic=not is_unprovable) for each in self._starts):
@@ -373,7 +356,7 @@ class StandingMonitor:
         states = len(self._times)
         self._next_cleanup = states + _CLEANUP_STATES
         self._settle(states)
-        runs = len(self._failures) + sum(each.run_count() for each in self._starts)
+        runs = len(self._failures.kept) + sum(each.run_count() for each in self._starts)
         if runs > MAX_RUNS:
             raise ReasoningError(
                 f'there are {runs} runs of states from which the formula is undecided or false, '
@@ -382,16 +365,16 @@ class StandingMonitor:
         oldest = min((each.oldest(own=True) for each in self._starts), default=states)
         self._times.forget(min(oldest, states - 2))
         oldest = min((each.oldest(own=False) for each in self._starts), default=states)
-        waiting = (each.run.last for each in self._waiting)
+        waiting = (each.run.last for each in self._failures.waiting)
         oldest = min([oldest, *waiting])
-        false = [each.run for each in self._failures]
+        false = self._failures.runs
         unprovable = [run for run in self._unprovable if run.last < oldest]
         self._forgotten_unknown += count_outside(unprovable, false)
         del self._unprovable[: len(unprovable)]
-        past = [] if self._keeps_failures else self._failures[:-KEPT_FAILURES]
+        past = [] if self._keeps_failures else self._failures.kept[:-KEPT_FAILURES]
         forgotten = list(takewhile(lambda each: each.run.last < oldest, past))
         self._forgotten_fails += count_states(each.run for each in forgotten)
-        del self._failures[: len(forgotten)]
+        del self._failures.kept[: len(forgotten)]
 
 
 def _union_of(runs: Iterable[Sequence[Run]]) -> list[Run]:
