@@ -28,6 +28,7 @@ SCHEDULE = (
         'test_evaluate_formula',
         'test_shared_states',
         'test_monitor_formula',
+        'test_every_state',
         'test_monitor_plan',
         'test_plain_client',
         # Its last test kills a node.

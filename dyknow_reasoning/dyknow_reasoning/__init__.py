@@ -27,7 +27,7 @@ from dyknow_reasoning.progression.atoms import CALCULATE
 from dyknow_reasoning.progression.instances import ground_atoms
 from dyknow_reasoning.progression.sizes import FormulaLimits
 from dyknow_reasoning.results import FormulaResult
-from dyknow_reasoning.standing import EpisodeSummary, FailureEpisode
+from dyknow_reasoning.standing import EpisodeSummary, FailureEpisode, start_verdicts
 from dyknow_reasoning.trace import RecordedState, read_trace
 
 __all__ = [
@@ -63,5 +63,6 @@ __all__ = [
     'parts',
     'read_domains',
     'read_trace',
+    'start_verdicts',
     'symbols_of',
 ]

@@ -5,10 +5,21 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
+from dyknow_common import Verdict
 from dyknow_reasoning.errors import ReasoningError
-from dyknow_reasoning.execution import KEPT_FAILURES, Failure, StandingMonitor, StartCounts
+from dyknow_reasoning.execution import (
+    KEPT_FAILURES,
+    Failure,
+    InstanceState,
+    StandingMonitor,
+    StartCounts,
+    VerdictLog,
+)
 from dyknow_reasoning.explanation.explanation import VerdictReasons, explain
+from dyknow_reasoning.explanation.remainders import text_of
+from dyknow_reasoning.explanation.residual import holds_at_the_end
 from dyknow_reasoning.progression.atoms import Values
+from dyknow_reasoning.progression.gaps import Half, unknowable
 from dyknow_reasoning.progression.instances import Instance
 from dyknow_reasoning.progression.nodes import FALSE
 from dyknow_reasoning.results import NamedFormula
@@ -104,6 +115,66 @@ class StandingFormula:
         if self._is_false:
             return VerdictReasons('it is false, whatever the states are')
         return explain(self._named.formula, failure.verdict, failure.values)
+
+
+@dataclass(frozen=True, slots=True)
+class StartVerdict:
+    """The verdict on a formula from one state on.
+
+    Args:
+        verdict: undecided also if it depends on states that are missing.
+        decided_at: the valid time of the deciding state, in nanoseconds; None without a verdict.
+        error: why it has no verdict, if it depends on states that are missing.
+        residual_formula: what remains of an undecided formula.
+        presumably_false: True if an undecided formula would be false without further states.
+    """
+
+    verdict: Verdict
+    decided_at: int | None = None
+    error: ReasoningError | None = None
+    residual_formula: str = ''
+    presumably_false: bool = False
+
+
+def start_verdicts(
+    monitor: StandingMonitor, log: VerdictLog, times: Sequence[int]
+) -> list[StartVerdict]:
+    """Return the verdict from each state on.
+
+    Args:
+        monitor: has progressed over all states.
+        log: of the monitor, from its first state on.
+        times: the valid times of the states, in nanoseconds.
+    """
+    found: list[StartVerdict] = []
+    undecided = {number for run in monitor.undecided() for number in range(run.first, run.last + 1)}
+    false_at = {
+        number: log.false_at.get(number)
+        for failure in monitor.failures
+        for number in range(failure.run.first, failure.run.last + 1)
+    }
+    for number, time in enumerate(times):
+        if number in false_at:
+            decided_at = false_at[number]
+            found.append(StartVerdict(Verdict.FALSE, time if decided_at is None else decided_at))
+        elif number in undecided:
+            found.append(_undecided(monitor.remainders(number), times[-1]))
+        elif number in log.unprovable:
+            error = unknowable(log.unprovable[number])
+            found.append(StartVerdict(Verdict.UNDECIDED, error=error))
+        else:
+            found.append(StartVerdict(Verdict.TRUE, log.true_at.get(number, time)))
+    return found
+
+
+def _undecided(states: Sequence[InstanceState], latest: int) -> StartVerdict:
+    """Return an open verdict; of two halves after a gap, the optimistic one counts."""
+    shown = [state for state in states if state.instance.half is not Half.PESSIMISTIC] or states
+    return StartVerdict(
+        Verdict.UNDECIDED,
+        residual_formula=text_of(shown, latest),
+        presumably_false=not all(holds_at_the_end(state.node) for state in shown),
+    )
 
 
 class StandingFormulas:

@@ -16,6 +16,7 @@ from dyknow_recordings.errors import RecordingError
 from dyknow_recordings.evaluation.grounding import GroundedFormula
 from dyknow_recordings.evaluation.observation import EvaluationObserver
 from dyknow_recordings.evaluation.results import Episode, StateGap
+from dyknow_recordings.evaluation.standing_episodes import StandingEpisodes
 from dyknow_stream_processing import Violation
 
 FIRST_BEGIN: Final = -(1 << 63)
@@ -100,6 +101,11 @@ class EpisodeGroup:
         self.has_ended = False
         """True if no state can change anything any more."""
         self._group = FormulaGroup()
+        self._standing = {
+            each: StandingEpisodes(each.grounded.formula, domains)
+            for each in formulas
+            if each.every is Every.STATE
+        }
         self._triggers = {
             each.grounded.trigger: _Trigger(each.grounded.trigger, domains)
             for each in formulas
@@ -122,8 +128,11 @@ class EpisodeGroup:
         if self.observer is not None:
             columns = {name: (value,) for name, value in values.items()}
             self.observer.states((valid_time,), columns)
-        if self._is_asked_again:
+        if self._triggers:
             self._begin_episodes(valid_time, values)
+        for each, standing in self._standing.items():
+            if not each.has_ended and (error := standing.progress(valid_time, values)):
+                self._fail(each, error)
         for formula_id in self._fresh:
             formula = self._owners[formula_id]
             formula.episodes[formula.open_episodes[formula_id]] = Episode(valid_time)
@@ -179,12 +188,14 @@ class EpisodeGroup:
             begins = rising.get(each.grounded.trigger, False)
             if isinstance(begins, DyKnowError):
                 self._fail(each, begins)
-            elif begins or each.every is Every.STATE:
+            elif begins:
                 self._open(each)
 
     def gap(self, after: int) -> None:
         """Record that states may be missing after one that is valid at a time, nanoseconds."""
         self._group.gap()
+        for standing in self._standing.values():
+            standing.gap()
         if self.observer is not None:
             self.observer.gap()
         for each in self._running:
@@ -216,6 +227,8 @@ class EpisodeGroup:
         for each in self.formulas:
             if not each.has_ended:
                 each.states = self._states
+                if each in self._standing:
+                    each.episodes = self._standing[each].episodes()
             for formula_id, index in each.open_episodes.items():
                 each.episodes[index] = Episode(
                     each.episodes[index].begin,
@@ -252,6 +265,8 @@ class EpisodeGroup:
 
     def _fail(self, formula: FormulaEpisodes, error: DyKnowError) -> None:
         formula.error = error
+        if formula in self._standing:
+            formula.episodes = self._standing[formula].episodes(error)
         for formula_id, index in formula.open_episodes.items():
             formula.episodes[index] = Episode(formula.episodes[index].begin, error=error)
             del self._owners[formula_id]
