@@ -127,9 +127,8 @@ class InstanceMonitor:
         if not self._aggregation:
             self._latest = valid_time
             return _NO_OUTCOMES
-        gap_outcomes = _NO_OUTCOMES
-        if self._gap_follows:
-            gap_outcomes = self._cross_gap(Gap(latest, valid_time))
+        follows = self._gap_follows
+        gap_outcomes = self._cross_gap(Gap(latest, valid_time)) if follows else _NO_OUTCOMES
         if self._new:
             self.prepare()
         if abs(valid_time) > MAX_VECTOR_TIME:

@@ -35,7 +35,7 @@ from dyknow_reasoning.language.type_checking import Kinds
 from dyknow_reasoning.progression.atoms import Values
 from dyknow_reasoning.progression.gaps import Gap, Half
 from dyknow_reasoning.progression.instances import Instance
-from dyknow_reasoning.progression.nodes import TRUE, Node
+from dyknow_reasoning.progression.nodes import TRUE
 
 MAX_RUNS: Final = 100_000
 """The most runs of undecided or false start states that a formula may have."""
@@ -83,7 +83,6 @@ class StandingMonitor:
         """The valid time of the latest state, in nanoseconds."""
         self._failures = Failures()
         self._times = StateTimes()
-        templates: dict[Node, Template] = {}
         self._instances = [
             FormulaInstance(
                 each.binding, each.atoms, each.node, formula_id, order, kinds, batch_key=None
@@ -91,9 +90,7 @@ class StandingMonitor:
             for order, each in enumerate(instances)
             if each.node is not TRUE
         ]
-        for each in self._instances:
-            if each.node not in templates:
-                templates[each.node] = Template(each.node)
+        templates = {node: Template(node) for node in {each.node for each in self._instances}}
         self._templates = list(templates.values())
         self._starts = [
             OpenStarts(each, templates[each.node], self._times) for each in self._instances
