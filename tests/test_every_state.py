@@ -8,8 +8,8 @@ from dyknow_interfaces.msg import ExitStatus, FormulaEpisodes, FormulaResult
 from rclpy.qos import QoSProfile
 
 from dyknow_common.ros import LATCHED_HISTORY
-from evaluations import Evaluations, Monitored
-from system import Batteries, System
+from evaluations import Evaluations, Monitored, Spares
+from system import SOON_NOTICED, SPARES, Batteries, SharedSystem, System
 
 INVARIANT = 'forall u in UAV: Power[u] < 150'
 RESPONSE = 'Power[uav1] > 150 -> eventually[0 s, 2 s] Power[uav1] < 150'
@@ -29,6 +29,11 @@ class Diagnostics:
         for each in array.status:
             if each.name.endswith(f': {NAME}'):
                 self.level = each.level
+
+
+@pytest.fixture(scope='module')
+def system(shared_system: SharedSystem) -> System:
+    return shared_system.get(parameters=SOON_NOTICED, spares=SPARES)
 
 
 @pytest.fixture
@@ -96,6 +101,26 @@ def test_a_response_that_comes_too_late(
     monitored.cancel()
     monitored.result()
     evaluations.wait_for_nothing()
+
+
+def test_a_stream_that_fails_in_between(
+    system: System, telemetry: Batteries, evaluations: Evaluations, spares: Spares
+) -> None:
+    """The violation that has begun before the gap ends after it."""
+    wait = system.client.spin_until
+    spares.power('uav1_spare_power', 'spare1', of='uav1')
+    monitored = Monitored(system.client, 'Power[uav1] < 150', every_state=True)
+    wait(lambda: latest(monitored).holds > 0, 'states from which it holds')
+    telemetry.power['uav1'] = 240.0
+    wait(lambda: latest(monitored).is_violated, 'a violation')
+    telemetry.silent.add('uav1')
+    evaluations.wait_for_event('uav1_battery', 'uav1_spare_power')
+    wait(lambda: not latest(monitored).is_violated, 'the end of the violation')
+    assert latest(monitored).episode_count == 1
+    telemetry.power['spare1'] = 240.0
+    wait(lambda: latest(monitored).is_violated, 'another violation')
+    monitored.cancel()
+    assert monitored.result().episodes.episode_count == 2
 
 
 @pytest.mark.usefixtures('telemetry')
