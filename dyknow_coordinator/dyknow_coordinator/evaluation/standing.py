@@ -62,10 +62,13 @@ class StandingVerdicts:
     def text(self) -> str:
         """The verdicts in one line, for people."""
         states = self.holds + self.fails + self.undecided + self.unknown
-        counts = {'fails': self.fails, 'undecided': self.undecided, 'unknown': self.unknown}
-        known = ''.join(f', {count} {name}' for name, count in counts.items() if count)
-        episodes = f' in {_plural(self.episode_count, "episode")}' if self.fails else ''
-        return f'holds from {self.holds} of {_plural(states, "state")}{known}{episodes}'
+        episodes = f' in {_plural(self.episode_count, "episode")}'
+        others = (
+            f', fails from {self.fails}{episodes}' if self.fails else '',
+            f', undecided from {self.undecided}' if self.undecided else '',
+            f', unknown from {self.unknown}' if self.unknown else '',
+        )
+        return f'holds from {self.holds} of {_plural(states, "state")}{"".join(others)}'
 
     def change(self, before: StandingVerdicts) -> str:
         """Return what has happened since earlier verdicts, for people; empty if nothing has."""

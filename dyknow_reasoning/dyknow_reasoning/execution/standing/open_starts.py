@@ -84,6 +84,15 @@ class OpenStarts:
         self._fresh = self._initial
         self._symbol = -1
         self._joined = len(times)
+        # What is known of the states with each truth of the atoms: the group of the start state,
+        # and for how long that group stays the same, with times that count from its oldest start.
+        self._known_fresh: dict[int, Group] = {}
+        self._known_validity: dict[int, Validity] = {}
+
+    def forget(self) -> None:
+        """Forget what is known of the automaton, which has forgotten its locations."""
+        self._known_fresh.clear()
+        self._known_validity.clear()
 
     @property
     def fails_at_once(self) -> bool:
@@ -270,8 +279,11 @@ class OpenStarts:
 
     def _begin(self, number: int, now: int) -> None:
         """Begin at the latest state, and find out how long the following ones do the same."""
-        move = self.template.automaton.move(self._initial.location, self._symbol, (now,))
-        self._fresh = self._initial.moved(move, OWN)
+        fresh = self._known_fresh.get(self._symbol)
+        if fresh is None:
+            move = self.template.automaton.move(self._initial.location, self._symbol, (now,))
+            fresh = self._known_fresh[self._symbol] = self._initial.moved(move, OWN)
+        self._fresh = fresh
         self._joined = number
         self.fades_at = self.joins_until = inf
         self.join(number + 1)
@@ -295,6 +307,11 @@ class OpenStarts:
             now: the earliest time of the next state, in nanoseconds.
         """
         automaton, location, symbol = self.template.automaton, group.location, self._symbol
+        begin = runs[0].begin
+        if group is self._fresh and (known := self._known_validity.get(symbol)):
+            until = begin + known.until
+            if now < min(until, begin + known.fades):
+                return Validity(until, known.fades)
         decision = location.moves.get(symbol)
         if type(decision) is Move:
             return ALWAYS if group.moved(decision, now) == group else None
@@ -308,7 +325,10 @@ class OpenStarts:
         if answers.unknown or any(group.moved(part.move, now) != group for part in parts):
             return None
         if len(parts) == 1:
-            return parts[0].validity
+            found = parts[0].validity
+            if group is self._fresh:
+                self._known_validity[symbol] = Validity(found.until - begin, found.fades)
+            return found
         ends = (
             min(part.validity.until, part.runs[0].begin + part.validity.fades) for part in parts
         )

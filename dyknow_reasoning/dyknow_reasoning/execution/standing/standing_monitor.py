@@ -339,6 +339,8 @@ class StandingMonitor:
                 self._check_sizes(locations)
                 if automaton.is_full:
                     automaton.forget(locations)
+                    for starts in used:
+                        starts.forget()
 
     def _check_sizes(self, locations: Iterable[Location]) -> None:
         size = max(each.node.size for each in locations)
