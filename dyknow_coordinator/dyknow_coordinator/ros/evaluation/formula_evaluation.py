@@ -214,13 +214,15 @@ class FormulaEvaluation(Evaluation):
 
     def expire(self, timeout_s: float) -> None:
         """End because the timeout has passed: with a verdict, if one is known from all states."""
-        verdict = self.episodes.verdict
-        if not self.request.every_state or verdict is Verdict.UNDECIDED:
+        verdict, text = self.episodes.verdict, self.episodes.text
+        if verdict is not Verdict.UNDECIDED:
+            episodes = self.episodes.latest_episodes
+            self.decide(verdict, episodes[0].decided_at if episodes else None, text)
+        elif self.episodes.holds:
+            late = f'no verdict from some states within {timeout_s:g} s: it {text}'
+            self.fail(CoordinationError(late, ExitCode.TIMEOUT))
+        else:
             super().expire(timeout_s)
-            return
-        episodes = self.episodes.latest_episodes
-        decided_at = episodes[0].decided_at if episodes else self._latest_valid_time
-        self.decide(verdict, decided_at, self.episodes.text)
 
     def set_phase(self, phase: EvaluationPhase) -> None:
         """Set the phase, unless the evaluation has ended, and report it."""
@@ -251,7 +253,7 @@ class FormulaEvaluation(Evaluation):
             groundings=self._shown_groundings,
             events=self.history.latest,
             states_progressed=progress.states_progressed,
-            latest_valid_time=self._latest_valid_time,
+            latest_valid_time=time_to_nanoseconds(progress.latest_valid_time) or None,
             residual_formula=progress.residual_formula,
             presumably_false=progress.presumably_false,
             episodes=self.episodes if request.every_state else None,
@@ -261,10 +263,6 @@ class FormulaEvaluation(Evaluation):
             explanation=answer.explanation,
             error=answer.error,
         )
-
-    @property
-    def _latest_valid_time(self) -> int | None:
-        return time_to_nanoseconds(self.progress.latest_valid_time) or None
 
     def missing_states(self) -> str:
         """Return that no state comes, and why; empty if states come or that is unknown."""

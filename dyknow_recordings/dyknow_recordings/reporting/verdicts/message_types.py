@@ -18,7 +18,12 @@ from dyknow_recordings.errors import RecordingError
 
 VIOLATION: Final = 'dyknow_interfaces/msg/ConstraintViolation'
 RESULT: Final = 'dyknow_interfaces/msg/FormulaResult'
-_OWN: Final = (VIOLATION, RESULT, 'dyknow_interfaces/msg/ExitStatus')
+_OWN: Final = (
+    VIOLATION,
+    RESULT,
+    'dyknow_interfaces/msg/ExitStatus',
+    'dyknow_interfaces/msg/Margin',
+)
 _MAX_SECONDS: Final = 2**31 - 1
 """The last second of a time in a message, in the year 2038."""
 
