@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
+import json
+import os
+import subprocess
+
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from dyknow_interfaces.msg import ExitStatus, FormulaEpisodes, FormulaResult
 from rclpy.qos import QoSProfile
 
+from commands import command
 from dyknow_common.ros import LATCHED_HISTORY
 from evaluations import Evaluations, Monitored, Spares
 from system import SOON_NOTICED, SPARES, Batteries, SharedSystem, System
@@ -132,3 +137,32 @@ def test_the_timeout_ends_it_with_what_is_known(system: System, evaluations: Eva
     assert result.explanation.startswith('holds from ')
     assert result.episodes.holds > 0
     evaluations.wait_for_nothing()
+
+
+@pytest.mark.usefixtures('telemetry')
+def test_the_command(system: System, evaluations: Evaluations) -> None:
+    options = ('--every-state', '--timeout', '4 s', '--json')
+    process = subprocess.Popen(
+        command('dyknow', 'evaluate', INVARIANT, *options),
+        env={**os.environ, **system.environment},
+        stdout=subprocess.PIPE,
+        text=True,
+    )
+    system.client.spin_until(lambda: process.poll() is not None, 'the command ends')
+    answer = json.loads(process.communicate()[0])
+    assert (process.returncode, answer['verdict']) == (0, 'true')
+    assert answer['every_state']['holds'] > 0
+    assert answer['every_state']['latest_episodes'] == []
+    evaluations.wait_for_nothing()
+
+
+def test_what_is_undecided_at_the_timeout(system: System, telemetry: Batteries) -> None:
+    telemetry.power['uav1'] = 140.0
+    formula = 'Power[uav1] > 130 -> eventually[0 s, 100 s] Power[uav1] < 110'
+    monitored = Monitored(system.client, formula, every_state=True, timeout=5)
+    system.client.spin_until(lambda: latest(monitored).undecided > 0, 'undecided states')
+    result = monitored.result()
+    assert result.exit_status.code == ExitStatus.TIMEOUT
+    assert result.verdict == FormulaResult.UNDECIDED
+    assert 'within 5 s' in result.exit_status.message
+    assert result.episodes.undecided > 0

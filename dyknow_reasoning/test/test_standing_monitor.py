@@ -143,3 +143,25 @@ def test_many_objects(gaps: bool) -> None:  # noqa: FBT001
     settings(max_examples=EXAMPLES, deadline=None, suppress_health_check=list(HealthCheck))(
         given(formulas(3), recordings(NAMES, 3, gaps=gaps))(run)
     )()
+
+
+@pytest.mark.parametrize(
+    ('text', 'steps'),
+    [
+        # It becomes true from the first state on while others move to the same group.
+        ('always[2 ns, 4 ns] p', [1, 2, 3, 5]),
+        ('always[0, 4 ns] p', [1, 2, 3, 5, 6, 7, 8, 9, 10]),
+        # The age at which the verdict changes is reached exactly, and passed.
+        ('eventually[0, 4 ns] q', [0, 1, 4, 5, 9, 10]),
+        ('eventually[0, 4 ns] q', [0, 3, 5, 6, 11]),
+    ],
+)
+def test_states_that_are_all_alike(text: str, steps: Sequence[int]) -> None:
+    check(text, {}, [(time, {'p': True, 'q': False}, False) for time in steps])
+
+
+def test_a_false_state_does_not_end_the_episode_before_it() -> None:
+    """Between two episodes there may be unknown states only."""
+    values = {f'{name}[{each}]': False for name in 'pq' for each in OBJECTS}
+    states = [(time, values, True) for time in (1, 2, 3, 4, 5, 7, 8)]
+    check('forall x in S: p[x] until p[x]', {'S': OBJECTS}, states)
