@@ -18,8 +18,9 @@ Example, `p -> eventually[0, 5 s] q`, with a state each second:
 
 While the truth of the atoms stays the same, and no guard changes its answer, each state does to the
 groups what the one before did: nothing. Then the states only join the group of the latest start,
-or are decided at once as the latest one was. `joins_until` tells until when
-this is so; such states need no call.
+or are decided at once as the latest one was. Such states need no call, until `joins_until`. Nor do
+states at which the only change is that the formula becomes true from the oldest starts: these
+starts *fade*, and are dropped later.
 """
 
 from __future__ import annotations
@@ -27,6 +28,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from math import inf
+from typing import Final
 
 from dyknow_reasoning.execution.automata.automaton import Location, Move, Times
 from dyknow_reasoning.execution.automata.instance_states import (
@@ -55,6 +57,9 @@ from dyknow_reasoning.execution.standing.runs import (
 )
 from dyknow_reasoning.progression.gaps import Gap, Half
 from dyknow_reasoning.progression.nodes import bounds_of
+
+_MAX_KNOWN: Final = 4096
+"""The most truths of the atoms for which results are kept."""
 
 
 class OpenStarts:
@@ -90,7 +95,7 @@ class OpenStarts:
         self._known_validity: dict[int, Validity] = {}
 
     def forget(self) -> None:
-        """Forget what is known of the automaton, which has forgotten its locations."""
+        """Forget the results that are kept of the automaton."""
         self._known_fresh.clear()
         self._known_validity.clear()
 
@@ -279,6 +284,8 @@ class OpenStarts:
 
     def _begin(self, number: int, now: int) -> None:
         """Begin at the latest state, and find out how long the following ones do the same."""
+        if len(self._known_fresh) > _MAX_KNOWN:
+            self.forget()
         fresh = self._known_fresh.get(self._symbol)
         if fresh is None:
             move = self.template.automaton.move(self._initial.location, self._symbol, (now,))

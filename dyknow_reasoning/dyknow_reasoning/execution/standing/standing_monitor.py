@@ -301,6 +301,7 @@ class StandingMonitor:
             return False
         for each in self._starts:
             each.join(len(self._times))
+        self._fading = [each.fades_at for each in self._starts]
         ended = [each for each in self._failures.waiting if self._holds_after(each.run)]
         for failure in ended:
             self._failures.end(failure)
