@@ -42,14 +42,16 @@ STREAMS = {
 }
 
 
-def group_of(text: str, objects: int, *, separate: bool = False) -> FormulaGroup:
+def group_of(
+    text: str, objects: int, *, separate: bool = False, every_state: bool = False
+) -> FormulaGroup:
     """Return a group of one quantified formula, or of a separate formula for each object."""
     names = [f'o{index}' for index in range(objects)]
     group = FormulaGroup(FormulaLimits(node_limit=NO_LIMIT, part_limit=NO_LIMIT))
     for name in names if separate else ():
         group.add_formula(name, text.replace('[x]', f'[{name}]'))
     if not separate:
-        group.add_formula('all', f'forall x in S: {text}')
+        group.add_formula('all', f'forall x in S: {text}', every_state=every_state)
     group.begin({'S': names})
     return group
 
@@ -280,7 +282,24 @@ def measurements() -> Iterator[tuple[str, str, float]]:
     costs = from_dicts(group_of(PAPER, 100_000), 'p', 100_000, STREAMS['often'])
     yield 'figure 8, 100000 instances, first states from a dict, worst', 'ms', max(costs) / 1000
     yield 'figure 8, 100000 instances, first states from a dict, median', 'ms', median(costs) / 1000
+    yield from every_state()
     yield from growth()
+
+
+def every_state() -> Iterator[tuple[str, str, float]]:
+    """Yield the costs of formulas that are asked at every state, beside those of one evaluation."""
+    for what, body, single in (
+        ('response', RESPONSE.removeprefix('always '), RESPONSE),
+        ('invariant', 'Alt[x] > 0', 'always Alt[x] > 0'),
+        ('window of 5 s', 'always[0, 5 s] Alt[x] > 0', 'always Alt[x] > 0'),
+        ('late response', 'Alt[x] > 2 -> eventually[0, 500 s] Alt[x] < 0', 'always Alt[x] > 0'),
+    ):
+        for objects in (1, 100):
+            standing, once = group_of(body, objects, every_state=True), group_of(single, objects)
+            for name, group in (('every state', standing), ('once', once)):
+                costs = from_dicts(group, 'Alt', objects, SAWTOOTH)
+                cost = sum(costs) / len(costs)
+                yield f'{what}, {objects} objects, {name}', 'us a state', cost
 
 
 def growth() -> Iterator[tuple[str, str, float]]:

@@ -35,7 +35,7 @@ SCHEDULE = (
         'test_formula_client',
     ),
     ('test_hung_nodes', 'test_failures'),
-    ('test_stand_ins', 'test_change'),
+    ('test_stand_ins', 'test_change', 'test_every_state'),
     ('test_callers',),
     ('test_forged_messages',),
     ('test_demonstration',),

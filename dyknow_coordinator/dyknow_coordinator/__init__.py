@@ -3,6 +3,7 @@
 from dyknow_coordinator.errors import CoordinationError
 from dyknow_coordinator.evaluation.answer import Answer, Progress
 from dyknow_coordinator.evaluation.evaluation import EvaluationPhase
+from dyknow_coordinator.evaluation.standing import StandingVerdicts, ViolationEpisode
 from dyknow_coordinator.grounding.candidate_search import CandidateSearch
 from dyknow_coordinator.grounding.feature_sources import (
     Candidates,
@@ -66,8 +67,10 @@ __all__ = [
     'PlanVerdict',
     'Progress',
     'SourceChoice',
+    'StandingVerdicts',
     'StateFault',
     'SymbolGrounding',
+    'ViolationEpisode',
     'check_symbols',
     'describe_violation',
     'diagnose',

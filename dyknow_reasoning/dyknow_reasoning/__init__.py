@@ -34,6 +34,7 @@ from dyknow_reasoning.progression.functions import call_function_on_vectors
 from dyknow_reasoning.progression.instances import ground_atoms
 from dyknow_reasoning.progression.sizes import FormulaLimits
 from dyknow_reasoning.results import FormulaResult
+from dyknow_reasoning.standing import EpisodeSummary, FailureEpisode, start_verdicts
 from dyknow_reasoning.trace import RecordedState, read_trace
 
 __all__ = [
@@ -45,7 +46,9 @@ __all__ = [
     'CheckResult',
     'Comparison',
     'Constants',
+    'EpisodeSummary',
     'Eventually',
+    'FailureEpisode',
     'Feature',
     'FieldReference',
     'Forall',
@@ -76,5 +79,6 @@ __all__ = [
     'parts',
     'read_domains',
     'read_trace',
+    'start_verdicts',
     'symbols_of',
 ]

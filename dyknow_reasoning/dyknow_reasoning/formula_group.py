@@ -43,6 +43,7 @@ from dyknow_reasoning.progression.sizes import (
     object_counts,
 )
 from dyknow_reasoning.results import FormulaResult, NamedFormula
+from dyknow_reasoning.standing import StandingFormula, StandingFormulas, check_standing
 
 _MAX_NODES = 10_000
 
@@ -75,6 +76,8 @@ class FormulaGroup:
         self._ends: dict[int, str] = {}
         self._undecided: set[int] = set()
         self._margins = GroupMargins(limits.node_limit)
+        self.standing = StandingFormulas()
+        """The formulas that are asked at every state."""
         self._store = NodeStore(Chronology())
         self._max_nodes = _MAX_NODES
         self._domains: Domains = {}
@@ -98,7 +101,13 @@ class FormulaGroup:
         return self._undecided
 
     def add_formula(
-        self, name: str, text: str, constants: Constants = NO_CONSTANTS, *, margin: bool = False
+        self,
+        name: str,
+        text: str,
+        constants: Constants = NO_CONSTANTS,
+        *,
+        margin: bool = False,
+        every_state: bool = False,
     ) -> int:
         """Add a formula and return its id.
 
@@ -109,6 +118,8 @@ class FormulaGroup:
             text: the formula.
             constants: the values of names that the text does not define, from `parse_constants`.
             margin: True to compute its margin, too.
+            every_state: True to ask it at every state: its verdicts are in `standing`, and it has
+                no result but an error.
 
         Raises:
             LanguageError: for a text that is not a formula or is badly typed, with the position.
@@ -116,7 +127,9 @@ class FormulaGroup:
                 is too large for its domains; if a part of it has no margin, which is requested.
         """
         formula = parse_formula(text, constants)
-        named = NamedFormula(name, formula, check_types(formula, text))
+        if every_state:
+            check_standing(formula)
+        named = NamedFormula(name, formula, check_types(formula, text), every_state)
         self._limit_nodes()
         instances: list[Instance] = []
         size = formula_size(formula, self._counts)
@@ -139,6 +152,7 @@ class FormulaGroup:
             self._monitor.remove([formula_id])
         self._end(formula_id)
         self._margins.remove(formula_id)
+        self.standing.remove(formula_id)
         for each in (self._formulas, self._sizes, self._instances, self._known, self._ends):
             each.pop(formula_id, None)
 
@@ -226,13 +240,16 @@ class FormulaGroup:
             self._margins.progress(valid_time, values)
         if monitor.histories.registers:
             values = monitor.histories.extended(valid_time, values)
-        quick_step = monitor.quick_step
-        if quick_step and not self._known and quick_step(valid_time, values):
+        quick_step, standing = monitor.quick_step, self.standing
+        is_done = quick_step and not self._known and quick_step(valid_time, values)
+        if is_done and not standing.formulas:
             return []
         try:
-            outcomes = monitor.progress(valid_time, values)
+            outcomes: Outcomes = {} if is_done else monitor.progress(valid_time, values)
         except ReasoningError as error:
             return self.fail(error, valid_time)
+        if standing.formulas and (failures := standing.progress(valid_time, values)):
+            outcomes = {**outcomes, **failures}
         if outcomes or self._known:
             return self._known_results() + self._results(outcomes, valid_time, values)
         return []
@@ -251,6 +268,9 @@ class FormulaGroup:
         """
         monitor = self._begun()
         recording = Recording.read(valid_times, columns)
+        if self.standing.formulas:
+            states = ((recording.time(i), recording.values(i)) for i in range(len(recording)))
+            return [each for state in states for each in self.progress(*state)]
         usable = recording.increasing(monitor.latest)
         if monitor.histories.registers:
             usable = monitor.histories.extended_recording(usable)
@@ -272,6 +292,7 @@ class FormulaGroup:
         """
         self._begun().gap()
         self._margins.gap()
+        self.standing.gap()
 
     def fail(self, error: ReasoningError, valid_time: int) -> list[FormulaResult]:
         """Fail all undecided formulas, and return their results.
@@ -294,7 +315,7 @@ class FormulaGroup:
         formula = self._find(formula_id)
         if formula_id in self._ends:
             return self._ends[formula_id]
-        if self._remainders is None or formula_id in self._known:
+        if self._remainders is None or formula_id in self._known or formula.every_state:
             return str(formula)
         return self._remainders.text(formula_id) or str(formula)
 
@@ -308,11 +329,13 @@ class FormulaGroup:
 
         Then all that must always hold does, and all that must eventually hold does not. After a
         gap, this is about the formula of `residual`. Return False for a formula that failed, and
-        before `begin`.
+        before `begin`. For one that is asked at every state, return True while it is violated.
         """
         self._find(formula_id)
         if formula_id in self._ends:
             return self._ends[formula_id] == 'false'
+        if formula_id in self.standing.formulas:
+            return self.standing.formulas[formula_id].monitor.is_violated
         if formula_id in self._known or self._remainders is None:
             return self._known.get(formula_id) is Verdict.FALSE
         return not self._remainders.holds_at_the_end(formula_id)
@@ -365,7 +388,10 @@ class FormulaGroup:
         instances = monitor.histories.attach(formula_id, named.formula, instances, named.kinds)
         self._instances[formula_id] = instances
         self._undecided.add(formula_id)
-        if verdict := verdict_of(instances):
+        limit = self._limits.node_limit
+        if named.every_state:
+            self.standing.add(formula_id, StandingFormula(formula_id, named, instances, limit))
+        elif verdict := verdict_of(instances):
             self._known[formula_id] = verdict
         else:
             monitor.add(formula_id, instances, named.kinds)
@@ -419,6 +445,7 @@ class FormulaGroup:
 
     def _failed(self, formula_id: int, error: ReasoningError, valid_time: int) -> FormulaResult:
         self._end(formula_id)
+        self.standing.remove(formula_id)
         formula = self._formulas[formula_id]
         self._ends[formula_id] = str(formula)
         located = ReasoningError(f'at {round_time(valid_time)}: {error}', error.code)

@@ -18,11 +18,13 @@ class NamedFormula:
         name: the name that the user gave it.
         formula: its abstract syntax.
         kinds: the kinds of its features.
+        every_state: True if it is asked at every state.
     """
 
     name: str
     formula: Formula
     kinds: Kinds
+    every_state: bool = False
 
     def __str__(self) -> str:
         return str(self.formula)

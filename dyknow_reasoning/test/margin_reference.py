@@ -50,7 +50,7 @@ def negation(bounds: Bounds) -> Bounds:
     return -bounds[1], -bounds[0]
 
 
-def margin(formula: Formula, trace: Sequence[Step], i: int) -> Bounds:  # noqa: C901, PLR0911
+def margin(formula: Formula, trace: Sequence[Step], i: int) -> Bounds:  # noqa: C901, PLR0911, PLR0912
     """The bounds of the margin at a step of a trace that ends with a gap for ever."""
     values = trace[i][2]
     if values is None:

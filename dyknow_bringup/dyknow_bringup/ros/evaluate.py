@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 import json
 import sys
-from dataclasses import replace
+from dataclasses import asdict, replace
 from typing import Any, cast
 
 import rclpy
@@ -16,7 +16,7 @@ from rclpy.signals import SignalHandlerOptions
 from dyknow_bringup.errors import BringupError
 from dyknow_common import SECOND_NS, ExitCode, Verdict, duration_option, round_time
 from dyknow_common.executables import ERROR, FALSE, SUCCESS, describe, interruptible
-from dyknow_coordinator import Answer, Grounding, Progress
+from dyknow_coordinator import Answer, Grounding, Progress, StandingVerdicts
 from dyknow_coordinator.ros import FormulaClient
 from dyknow_reasoning import check_types, parse_formula
 
@@ -53,7 +53,8 @@ def _ask(chosen: argparse.Namespace) -> Answer:
         with interruptible(), FormulaClient(node, chosen.coordinator) as client:
             monitor = client.monitor(
                 chosen.formula,
-                on_feedback=_SilenceWarning().check,
+                on_feedback=_Feedback().show,
+                every_state=chosen.every_state,
                 timeout=chosen.timeout / SECOND_NS,
                 grounding=GROUNDINGS[chosen.grounding],
                 margin=chosen.margin,
@@ -84,14 +85,19 @@ def _other_coordinators(node: Node, name: str) -> list[str]:
     return [] if node.resolve_service_name(name) in found else found
 
 
-class _SilenceWarning:
-    """Warns on stderr that no state comes, once for each reason."""
+class _Feedback:
+    """Tells on stderr that no state comes, once for each reason, and when episodes begin or end."""
 
     def __init__(self) -> None:
         self._reason = ''
+        self._episodes = StandingVerdicts()
 
-    def check(self, progress: Progress) -> None:
-        """Print why no state comes, if that is new."""
+    def show(self, progress: Progress) -> None:
+        """Print what is new."""
+        if progress.episodes is not None:
+            before, self._episodes = self._episodes, progress.episodes
+            if change := progress.episodes.change(before):
+                print(change, file=sys.stderr, flush=True)  # noqa: T201
         if progress.waits_for not in {'', self._reason}:
             since = ' for a while' if progress.states_progressed else ''
             text = f'no state has come{since}: {progress.waits_for}'
@@ -109,7 +115,16 @@ def _as_json(answer: Answer) -> dict[str, Any]:
         'margin': answer.margin and answer.margin.document,
         'exit_status': code.name,
         'message': '' if answer.error is None else answer.error.message,
+        **({} if answer.episodes is None else {'every_state': _episodes_as_json(answer.episodes)}),
     }
+
+
+def _episodes_as_json(verdicts: StandingVerdicts) -> dict[str, Any]:
+    document = asdict(verdicts)
+    for episode in document['latest_episodes']:
+        for name in ('begin', 'end', 'decided_at'):
+            episode[f'{name}_ns'] = episode.pop(name)
+    return document
 
 
 def _print(text: str) -> None:
@@ -141,5 +156,10 @@ def add_evaluate_options(parser: argparse.ArgumentParser) -> None:
         '--margin',
         action='store_true',
         help='also compute how far the formula is from the change of its verdict',
+    )
+    parser.add_argument(
+        '--every-state',
+        action='store_true',
+        help='ask the formula at every state until the timeout; exit code 1: it was false from one',
     )
     parser.add_argument('--json', action='store_true', help='print a line of JSON')

@@ -206,7 +206,7 @@ def node_interfaces(engines: Collection[str]) -> dict[str, Interfaces]:
             requests=COMMANDS.requests,
         ),
         'stream_reasoning_engine': Interfaces(
-            publishes=frozenset({'~/progress', f'{COORDINATOR}/results_*'}),
+            publishes=frozenset({'~/episodes', '~/progress', f'{COORDINATOR}/results_*'}),
             subscribes=streams | frozenset(f'{each}/heartbeat' for each in engines),
         ),
         COORDINATOR: _coordinator(engines, streams),
@@ -229,6 +229,7 @@ def _coordinator(engines: Collection[str], streams: Collection[str]) -> Interfac
             'ontology_manager/version',
             'stream_semantics_manager/version',
             'stream_manager/streams',
+            'stream_reasoning_engine/episodes',
             'stream_reasoning_engine/progress',
         },
         requests=_services('ontology_manager', 'concept_get_instances', 'ontology_query')

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import Self
 
 from dyknow_common import DyKnowError, Margin, Verdict
+from dyknow_coordinator.evaluation.standing import StandingVerdicts
 from dyknow_coordinator.grounding.feature_sources import SymbolGrounding
 
 
@@ -14,7 +15,8 @@ class Answer:
     """Outcome of the evaluation of a formula.
 
     Args:
-        verdict: UNDECIDED if and only if there is an error.
+        verdict: UNDECIDED if there is an error; but FALSE for a formula that is asked at every
+            state and was false from one.
         decided_at: valid time of the deciding state in nanoseconds; None without a verdict, or
             if the verdict needs no state.
         canonical_formula: fully bracketed; empty if the formula could not be parsed.
@@ -22,6 +24,7 @@ class Answer:
         groundings: the streams used.
         margin: if it was asked for: the latest.
         error: why there is no verdict; its `code` is that of the exit status.
+        episodes: for a formula that is asked at every state.
     """
 
     verdict: Verdict = Verdict.UNDECIDED
@@ -31,6 +34,7 @@ class Answer:
     groundings: tuple[SymbolGrounding, ...] = ()
     margin: Margin | None = None
     error: DyKnowError | None = None
+    episodes: StandingVerdicts | None = None
 
     def check(self) -> Self:
         """Return this answer if it has a verdict.
@@ -56,6 +60,7 @@ class Progress:
         events: what has happened since the last report.
         waits_for: why no state has come for 3 s; empty while states come.
         margin: if it was asked for.
+        episodes: for a formula that is asked at every state.
     """
 
     states_progressed: int
@@ -66,3 +71,4 @@ class Progress:
     events: tuple[str, ...] = ()
     waits_for: str = ''
     margin: Margin | None = None
+    episodes: StandingVerdicts | None = None

@@ -22,6 +22,7 @@ class EvaluationRequest:
         is_monitored: True if the formula should hold: then false is an alarm, not an answer.
         restart_on_change: restart when a sort in the formula gains or loses objects.
         margin: compute the margin.
+        every_state: ask it at every state, until the timeout or a cancellation.
         delay_s: the part of the timeout that had passed when the request was received, as the
             process was stopped.
     """
@@ -36,4 +37,5 @@ class EvaluationRequest:
     is_monitored: bool = False
     restart_on_change: bool = False
     margin: bool = False
+    every_state: bool = False
     delay_s: float = 0.0

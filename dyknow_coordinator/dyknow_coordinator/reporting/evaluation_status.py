@@ -8,6 +8,7 @@ from enum import IntEnum
 
 from dyknow_common import DyKnowError, ExitCode, Margin, Verdict, round_duration, round_time
 from dyknow_coordinator.evaluation.evaluation import EvaluationPhase
+from dyknow_coordinator.evaluation.standing import StandingVerdicts
 from dyknow_coordinator.grounding.feature_sources import SymbolGrounding
 
 
@@ -32,6 +33,7 @@ class EvaluationStatus:
     latest_valid_time: int | None = None
     residual_formula: str = ''
     presumably_false: bool = False
+    episodes: StandingVerdicts | None = None
     waits_for: str = ''
     margin: Margin | None = None
     verdict: Verdict = Verdict.UNDECIDED
@@ -59,7 +61,8 @@ class Diagnosis:
 def diagnose(status: EvaluationStatus, now: int, silence_limit: int) -> Diagnosis:
     """Return the diagnosis of an evaluation.
 
-    - ERROR: the formula is false, or cannot be evaluated.
+    - ERROR: the formula is false, or cannot be evaluated; or it is asked at every state, and has
+      been false since the latest episode began.
     - WARN: the formula may become false or may never be decided: it is presumably false,
       interrupted, waiting, or without streams or states for too long; or its timeout has passed.
     - OK: otherwise, also after a cancellation, which the client requested.
@@ -86,11 +89,20 @@ def diagnose(status: EvaluationStatus, now: int, silence_limit: int) -> Diagnosi
             level, text = Level.OK, 'its streams are being found'
         case EvaluationPhase.RUNNING if silence > silence_limit:
             text = f'no state has come for {round_duration(silence)}'
+        case EvaluationPhase.RUNNING if status.episodes is not None:
+            return _diagnosis_of_standing(status.episodes)
         case EvaluationPhase.RUNNING if status.presumably_false:
             text = 'presumably false: only a later state can make it true'
         case EvaluationPhase.RUNNING:
             level, text = Level.OK, 'undecided'
     return Diagnosis(level, text)
+
+
+def _diagnosis_of_standing(verdicts: StandingVerdicts) -> Diagnosis:
+    """Return the diagnosis of a formula that is asked at every state."""
+    if verdicts.is_violated and verdicts.latest_episodes:
+        return Diagnosis(Level.ERROR, f'violated: {verdicts.latest_episodes[-1].explanation}')
+    return Diagnosis(Level.OK, verdicts.text)
 
 
 def outcome(status: EvaluationStatus) -> str:
@@ -99,6 +111,8 @@ def outcome(status: EvaluationStatus) -> str:
         return status.error.code.name.lower().replace('_', ' ')
     if status.phase is EvaluationPhase.ENDED:
         return status.verdict.name.lower()
+    if status.phase is EvaluationPhase.RUNNING and status.episodes is not None:
+        return 'violated' if status.episodes.is_violated else 'running'
     if status.phase is EvaluationPhase.RUNNING and status.presumably_false:
         return 'presumably false'
     return status.phase.name.lower()
@@ -112,6 +126,7 @@ def details(status: EvaluationStatus) -> Iterator[tuple[str, str]]:
         ('phase', status.phase.name.lower()),
         ('verdict', status.verdict.name.lower()),
         ('decided at', '' if decided is None else round_time(decided)),
+        ('every state', '' if status.episodes is None else status.episodes.text),
         ('waits for', status.waits_for),
         ('margin', '' if status.margin is None else str(status.margin)),
         ('explanation', status.explanation),

@@ -83,6 +83,8 @@ def _style(status: EvaluationStatus) -> str:
         return 'magenta'
     if status.phase is EvaluationPhase.ENDED:
         return _VERDICTS[status.verdict]
+    if status.episodes is not None and status.episodes.is_violated:
+        return _VERDICTS[Verdict.FALSE]
     if status.phase is EvaluationPhase.RUNNING and not status.presumably_false:
         return 'cyan'
     return 'yellow'
@@ -96,4 +98,6 @@ def _remark(status: EvaluationStatus) -> str:
         return status.events[-1]
     if status.phase is EvaluationPhase.WAITING:
         return status.waits_for
+    if status.episodes is not None and status.phase is EvaluationPhase.RUNNING:
+        return status.episodes.text
     return status.explanation

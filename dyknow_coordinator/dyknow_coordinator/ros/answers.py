@@ -17,6 +17,10 @@ from dyknow_coordinator.errors import CoordinationError
 from dyknow_coordinator.evaluation.answer import Answer, Progress
 from dyknow_coordinator.evaluation.request import EvaluationRequest
 from dyknow_coordinator.grounding.feature_sources import Grounding
+from dyknow_coordinator.ros.reporting.episode_messages import (
+    verdicts_from_message,
+    verdicts_to_message,
+)
 from dyknow_coordinator.ros.reporting.evaluation_messages import (
     error_from_status,
     symbol_grounding_from_message,
@@ -51,6 +55,7 @@ def request_from_message(
         name=getattr(message, 'name', ''),
         restart_on_change=getattr(message, 'restart_on_change', False),
         margin=message.margin,
+        every_state=getattr(message, 'every_state', False),
     )
 
 
@@ -79,10 +84,17 @@ def fill_answer(message: Any, answer: Answer) -> None:
         message.decided_at = nanoseconds_to_time(answer.decided_at)
     if answer.error is not None:
         fill_exit_status(message.exit_status, answer.error)
+    if answer.episodes is not None:
+        message.episodes = verdicts_to_message(answer.episodes)
 
 
-def answer_from_message(message: Any) -> Answer:
-    """Return the answer in a response of EvaluateFormula or a result of MonitorFormula."""
+def answer_from_message(message: Any, *, every_state: bool = False) -> Answer:
+    """Return the answer in a response of EvaluateFormula or a result of MonitorFormula.
+
+    Args:
+        message: the response or result.
+        every_state: True if the formula was asked at every state.
+    """
     error = error_from_status(message.exit_status)
     return Answer(
         verdict=Verdict(message.verdict),
@@ -92,10 +104,11 @@ def answer_from_message(message: Any) -> Answer:
         groundings=tuple(symbol_grounding_from_message(each) for each in message.groundings),
         margin=margin_from_message(message.margin),
         error=error,
+        episodes=verdicts_from_message(message.episodes) if every_state else None,
     )
 
 
-def progress_from_message(message: Any) -> Progress:
+def progress_from_message(message: Any, *, every_state: bool = False) -> Progress:
     """Return the progress in the feedback of MonitorFormula."""
     return Progress(
         states_progressed=message.states_progressed,
@@ -106,4 +119,5 @@ def progress_from_message(message: Any) -> Progress:
         events=tuple(message.events),
         waits_for=message.waits_for,
         margin=margin_from_message(message.margin),
+        episodes=verdicts_from_message(message.episodes) if every_state else None,
     )

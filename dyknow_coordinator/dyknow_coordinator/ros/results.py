@@ -5,7 +5,7 @@ from __future__ import annotations
 import secrets
 from typing import Any, Final, Protocol
 
-from dyknow_interfaces.msg import FormulaProgress, FormulaResult
+from dyknow_interfaces.msg import FormulaEpisodes, FormulaProgress, FormulaResult
 
 from dyknow_common import ExitCode, Verdict
 from dyknow_common.ros import (
@@ -30,6 +30,9 @@ class ResultListener(Protocol):
     def receive_progress(self, progress: Any) -> None:
         """Receive a FormulaProgress message."""
 
+    def receive_episodes(self, episodes: Any) -> None:
+        """Receive a FormulaEpisodes message."""
+
 
 class Results:
     """Passes results and progress reports to the listeners of their formulas.
@@ -40,6 +43,7 @@ class Results:
 
     def __init__(self, node: DyKnowNode, engine: str) -> None:
         progress_topic = node.resolve_topic_name(f'{engine}/progress')
+        episodes_topic = node.resolve_topic_name(f'{engine}/episodes')
         only_engine = only_from(progress_topic.removesuffix('/progress'))
         # Each run of the coordinator has its own topic: results of former runs are obsolete.
         run = f'{node.started_at:x}_{secrets.token_hex(8)}'
@@ -50,6 +54,7 @@ class Results:
         subscriptions = (
             (FormulaResult, self.topic, self._on_result, LATCHED_HISTORY, only_engine),
             (FormulaProgress, progress_topic, self._on_progress, _PROGRESS_DEPTH, only_owner),
+            (FormulaEpisodes, episodes_topic, self._on_episodes, LATCHED_HISTORY, only_owner),
         )
         for message_type, topic, callback, quality_of_service, refusal in subscriptions:
             node.create_subscription(
@@ -86,6 +91,11 @@ class Results:
         listener = self._listeners.get((progress.formula_group_id, progress.formula_id))
         if listener is not None:
             listener.receive_progress(progress)
+
+    def _on_episodes(self, episodes: Any) -> None:
+        listener = self._listeners.get((episodes.formula_group_id, episodes.formula_id))
+        if listener is not None:
+            listener.receive_episodes(episodes)
 
 
 def _check(result: Any) -> None:

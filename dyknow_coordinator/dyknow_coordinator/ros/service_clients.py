@@ -85,11 +85,16 @@ class ServiceClients:
         return int(response.formula_group_id)
 
     async def add_formula(
-        self, group_id: int, name: str, formula: str, *, margin: bool = False
+        self, group_id: int, name: str, formula: str, *, margin: bool, every_state: bool
     ) -> tuple[int, str]:
         """Add a formula to a group; return its id and its canonical text."""
         response = await self._call_group(
-            FormulaGroupAddFormula, group_id, formula_name=name, formula=formula, margin=margin
+            FormulaGroupAddFormula,
+            group_id,
+            formula_name=name,
+            formula=formula,
+            margin=margin,
+            every_state=every_state,
         )
         return int(response.formula_id), str(response.canonical_formula)
 

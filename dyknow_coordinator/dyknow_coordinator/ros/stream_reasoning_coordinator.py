@@ -33,6 +33,7 @@ from dyknow_coordinator.ros.evaluation.evaluation_group import EvaluationGroups
 from dyknow_coordinator.ros.evaluation.formula_evaluation import FormulaEvaluation
 from dyknow_coordinator.ros.evaluation.silence_monitor import SilenceMonitor
 from dyknow_coordinator.ros.plans.plan_monitoring import PlanMonitoring
+from dyknow_coordinator.ros.reporting.episode_messages import verdicts_to_message
 from dyknow_coordinator.ros.reporting.evaluations_report import EvaluationsReport
 from dyknow_coordinator.ros.reporting.nodes_report import NodesReport
 from dyknow_coordinator.ros.results import Results
@@ -257,6 +258,8 @@ def _publish_feedback(goal: Any, evaluation: FormulaEvaluation) -> None:
             margin=margin_to_message(evaluation.margin),
             **{name: getattr(evaluation.progress, name) for name in _PROGRESS_FIELDS},
         )
+        if evaluation.request.every_state:
+            feedback.episodes = verdicts_to_message(evaluation.episodes)
         goal.publish_feedback(feedback)
 
 

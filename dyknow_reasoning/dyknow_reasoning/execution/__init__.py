@@ -7,6 +7,7 @@ ways to progress give identical results; the monitor chooses the fastest one:
 - `single_instance`, `fast_path`: individual instances, state by state.
 - `vectors`: many instances that are alike, as numpy vectors.
 - `recorded_symbols`: the atoms of many states at once.
+- `standing`: formulas that are asked at every state.
 """
 
 from dyknow_reasoning.execution.aggregation import Outcomes
@@ -18,13 +19,25 @@ from dyknow_reasoning.execution.automata.instance_states import (
 )
 from dyknow_reasoning.execution.instance_monitor import InstanceMonitor
 from dyknow_reasoning.execution.recording import Recording
+from dyknow_reasoning.execution.standing.failures import Failure
+from dyknow_reasoning.execution.standing.standing_monitor import (
+    KEPT_FAILURES,
+    StandingMonitor,
+    StartCounts,
+)
+from dyknow_reasoning.execution.standing.verdict_log import VerdictLog
 
 __all__ = [
+    'KEPT_FAILURES',
     'DecidingMoment',
+    'Failure',
     'FormulaInstance',
     'InstanceMonitor',
     'InstanceState',
     'InstanceVerdict',
     'Outcomes',
     'Recording',
+    'StandingMonitor',
+    'StartCounts',
+    'VerdictLog',
 ]

@@ -127,9 +127,11 @@ class InstanceMonitor:
         elapsed = valid_time - latest
         if elapsed <= 0 and self._latest is not None:
             raise _late_state(valid_time, latest)
-        gap_outcomes = _NO_OUTCOMES
-        if self._gap_follows:
-            gap_outcomes = self._cross_gap(Gap(latest, valid_time))
+        if not self._aggregation:
+            self._latest = valid_time
+            return _NO_OUTCOMES
+        follows = self._gap_follows
+        gap_outcomes = self._cross_gap(Gap(latest, valid_time)) if follows else _NO_OUTCOMES
         if self._new:
             self.prepare()
         if abs(valid_time) > MAX_VECTOR_TIME:

@@ -35,13 +35,7 @@ class Remainders:
         latest = self._monitor.latest
         if latest is None or any(state.is_fresh for state in states):
             return None
-        shown = list(_first(states))
-        texts = [
-            remaining_text(state.node, state.times, latest, state.instance.atoms) for state in shown
-        ]
-        if more := len(states) - len(shown):
-            texts.append(f'... {more} more')
-        return reduce(lambda left, right: f'({left}) and ({right})', texts)
+        return text_of(states, latest)
 
     def holds_at_the_end(self, formula_id: int) -> bool:
         """Return True if an undecided formula would hold if no further state came."""
@@ -63,6 +57,22 @@ class Remainders:
             formula_id: [by_order[order] for order in sorted(by_order)]
             for formula_id, by_order in found.items()
         }
+
+
+def text_of(states: Sequence[InstanceState], latest: int) -> str:
+    """Return the text that remains of a formula.
+
+    Args:
+        states: of its undecided instances, at least one.
+        latest: the valid time of the latest state, in nanoseconds.
+    """
+    shown = list(_first(states))
+    texts = [
+        remaining_text(state.node, state.times, latest, state.instance.atoms) for state in shown
+    ]
+    if more := len(states) - len(shown):
+        texts.append(f'... {more} more')
+    return reduce(lambda left, right: f'({left}) and ({right})', texts)
 
 
 def _first(states: Iterable[InstanceState]) -> Iterator[InstanceState]:

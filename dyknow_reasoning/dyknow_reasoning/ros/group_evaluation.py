@@ -26,6 +26,7 @@ from dyknow_reasoning.errors import ReasoningError
 from dyknow_reasoning.formula_group import FormulaGroup
 from dyknow_reasoning.progression.gaps import Gap
 from dyknow_reasoning.results import FormulaResult
+from dyknow_reasoning.ros.episode_reports import EpisodeReports
 from dyknow_reasoning.ros.group_work import HEAVY_PARTS, MAX_QUEUED_STATES, GroupWork
 from dyknow_reasoning.ros.result_messages import result_to_message
 from dyknow_reasoning.ros.state_subscription import (
@@ -73,8 +74,10 @@ class GroupEvaluation:
         name: str,
         group: FormulaGroup,
         background: Background,
+        episodes: Any,
     ) -> None:
         self.group = group
+        self._episodes = EpisodeReports(node, group_id, group, episodes)
         self.name = name
         self._node = node
         self._id = group_id
@@ -116,10 +119,12 @@ class GroupEvaluation:
         """The time since the latest request, in seconds."""
         return (self._wall_time() - self._requested_at) / SECOND_NS
 
-    async def add_formula(self, name: str, text: str, *, margin: bool = False) -> int:
+    async def add_formula(
+        self, name: str, text: str, *, margin: bool = False, every_state: bool = False
+    ) -> int:
         """Add a formula and return its id; raise the errors of `FormulaGroup.add_formula`."""
         formula_id = await self._work.run(
-            lambda: self.group.add_formula(name, text, margin=margin),
+            lambda: self.group.add_formula(name, text, margin=margin, every_state=every_state),
             lambda: len(text) > _HEAVY_TEXT or (self.has_begun and self._is_large()),
         )
         self._states_before[formula_id] = self._states
@@ -260,10 +265,17 @@ class GroupEvaluation:
         """Publish the results of formulas."""
         if self._is_destroyed:
             return
+        stamp = self._node.get_clock().now().to_msg()
         for result in results:
-            message = result_to_message(self._id, result)
-            message.header.stamp = self._node.get_clock().now().to_msg()
+            message = result_to_message(result, self._id)
+            message.header.stamp = stamp
             self._results.publish(message)
+        self._episodes.publish_changes()
+
+    def report_episodes(self) -> None:
+        """Publish what is due on the formulas that are asked at every state."""
+        if not (self._is_destroyed or self._work.is_busy):
+            self._episodes.publish_changes()
 
     def _wall_time(self) -> int:
         return int(self._node.wall_clock.now().nanoseconds)

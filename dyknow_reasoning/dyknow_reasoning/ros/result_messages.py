@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-from typing import Any
-
+from dyknow_interfaces.msg import Episode, FormulaEpisodes
 from dyknow_interfaces.msg import FormulaResult as FormulaResultMessage
 
 from dyknow_common.ros import fill_exit_status, margin_to_message, nanoseconds_to_time
 from dyknow_reasoning.results import FormulaResult
+from dyknow_reasoning.standing import EpisodeSummary, FailureEpisode
 
 
-def result_to_message(group_id: int, result: FormulaResult) -> Any:
-    """Return a FormulaResult message, without its stamp."""
+def result_to_message(result: FormulaResult, group_id: int) -> FormulaResultMessage:
+    """Return the message of a result of a formula in a group."""
     message = FormulaResultMessage(
         formula_group_id=group_id,
         formula_id=result.formula_id,
@@ -25,3 +25,28 @@ def result_to_message(group_id: int, result: FormulaResult) -> Any:
     if result.error is not None:
         fill_exit_status(message.exit_status, result.error)
     return message
+
+
+def summary_to_message(summary: EpisodeSummary) -> FormulaEpisodes:
+    """Return the message of the verdicts on a formula, without the formula."""
+    counts = summary.counts
+    return FormulaEpisodes(
+        holds=counts.holds,
+        fails=counts.fails,
+        undecided=counts.undecided,
+        unknown=counts.unknown,
+        is_violated=summary.is_violated,
+        episode_count=summary.episode_count,
+        latest_episodes=[_episode_to_message(each) for each in summary.latest_episodes],
+    )
+
+
+def _episode_to_message(episode: FailureEpisode) -> Episode:
+    return Episode(
+        begin=nanoseconds_to_time(episode.begin),
+        end=nanoseconds_to_time(episode.end),
+        decided_at=nanoseconds_to_time(episode.decided_at),
+        states=episode.states,
+        has_ended=episode.has_ended,
+        explanation=episode.explanation,
+    )

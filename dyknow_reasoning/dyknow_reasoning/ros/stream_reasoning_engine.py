@@ -6,7 +6,7 @@ from itertools import count
 from time import perf_counter
 from typing import Any
 
-from dyknow_interfaces.msg import FormulaProgress
+from dyknow_interfaces.msg import FormulaEpisodes, FormulaProgress
 from dyknow_interfaces.srv import (
     FormulaGroupAddFormula,
     FormulaGroupCreate,
@@ -17,7 +17,7 @@ from dyknow_interfaces.srv import (
 )
 
 from dyknow_common import SECOND_NS, ExitCode, listed, shortened
-from dyknow_common.ros import Background, DyKnowNode, run
+from dyknow_common.ros import LATCHED_HISTORY, Background, DyKnowNode, run
 from dyknow_reasoning.errors import ReasoningError
 from dyknow_reasoning.formula_group import FormulaGroup
 from dyknow_reasoning.ros.engine_limits import EngineLimits, check_name
@@ -62,6 +62,7 @@ class StreamReasoningEngine(DyKnowNode):
         self._is_reporting = False
         self._ids = count(_first_id(self.started_at))
         self._progress = self.create_publisher(FormulaProgress, '~/progress', 100)
+        self._episodes = self.create_publisher(FormulaEpisodes, '~/episodes', LATCHED_HISTORY)
         self.create_timer(period, self._report_progress, clock=self.wall_clock)
         self.create_timer(_SUPERVISION_PERIOD_S, self._supervise_groups, clock=self.wall_clock)
         self.serve(FormulaGroupCreate, self._create)
@@ -81,6 +82,7 @@ class StreamReasoningEngine(DyKnowNode):
             request.formula_group_name,
             FormulaGroup(self._limits.of_group),
             self._background,
+            self._episodes,
         )
         response.formula_group_id = group_id
 
@@ -107,7 +109,10 @@ class StreamReasoningEngine(DyKnowNode):
         self._limits.check('formula_limit', formulas + 1, 'formulas')
         self._check_parts(1)
         response.formula_id = await evaluation.add_formula(
-            request.formula_name, request.formula, margin=request.margin
+            request.formula_name,
+            request.formula,
+            margin=request.margin,
+            every_state=request.every_state,
         )
         response.canonical_formula = str(evaluation.group.formulas[response.formula_id])
 
@@ -148,6 +153,7 @@ class StreamReasoningEngine(DyKnowNode):
     def _supervise_groups(self) -> None:
         for group_id, evaluation in list(self._groups.items()):
             evaluation.fail_after_pause(self._violation_patience)
+            evaluation.report_episodes()
             if self._orphan_limit and evaluation.is_orphan(self._orphan_limit):
                 reason = (
                     'it had no request and no subscriber to its results for '

@@ -11,9 +11,15 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from dyknow_common import DyKnowError, Margin, Value, Verdict
+from dyknow_common import DyKnowError, Margin, Value, Verdict, round_time
 from dyknow_coordinator import with_unit
-from dyknow_reasoning import FormulaGroup, FormulaResult, ReasoningError
+from dyknow_reasoning import (
+    FailureEpisode,
+    FormulaGroup,
+    FormulaResult,
+    ReasoningError,
+    start_verdicts,
+)
 from dyknow_recordings.errors import RecordingError
 from dyknow_recordings.evaluation.grounding import GroundedFormula
 from dyknow_recordings.evaluation.observation import EvaluationObserver
@@ -102,6 +108,7 @@ class EpisodeGroup:
         self.has_ended = False
         """True if no state can change anything any more."""
         self._group = FormulaGroup()
+        self._standing: dict[FormulaEpisodes, _StandingEpisodes] = {}
         self._triggers = {
             each.grounded.trigger: _Trigger(each.grounded.trigger, domains)
             for each in formulas
@@ -116,10 +123,15 @@ class EpisodeGroup:
             if each.every is Every.FIRST:
                 self._open(each)
         self._group.begin(domains)
-        # What past operators look back to is the same from every state.
         for each in formulas:
-            if each.every is not Every.FIRST:
-                self._keep_history(each)
+            try:
+                if each.every is Every.STATE:
+                    self._standing[each] = _StandingEpisodes(each.grounded.formula, domains)
+                elif each.every is Every.TRIGGER:
+                    # What past operators look back to is the same from every state.
+                    self._group.keep_history(each.grounded.formula)
+            except DyKnowError as error:
+                self._fail(each, error)
         self._close(self._group.decided_at_once())
 
     def progress(self, valid_time: int, values: Mapping[str, Value]) -> None:
@@ -128,8 +140,11 @@ class EpisodeGroup:
         if self.observer is not None:
             columns = {name: (value,) for name, value in values.items()}
             self.observer.states((valid_time,), columns)
-        if self._is_asked_again:
+        if self._triggers:
             self._begin_episodes(valid_time, values)
+        for each, standing in self._standing.items():
+            if not each.has_ended and (error := standing.progress(valid_time, values)):
+                self._fail(each, error)
         for formula_id in self._fresh:
             formula = self._owners[formula_id]
             formula.episodes[formula.open_episodes[formula_id]] = Episode(valid_time)
@@ -185,7 +200,7 @@ class EpisodeGroup:
             begins = rising.get(each.grounded.trigger, False)
             if isinstance(begins, DyKnowError):
                 self._fail(each, begins)
-            elif begins or each.every is Every.STATE:
+            elif begins:
                 self._open(each)
 
     def gap(self, after: int) -> None:
@@ -193,6 +208,8 @@ class EpisodeGroup:
         self._group.gap()
         for trigger in self._triggers.values():
             trigger.gap()
+        for standing in self._standing.values():
+            standing.gap()
         if self.observer is not None:
             self.observer.gap()
         for each in self._running:
@@ -224,6 +241,8 @@ class EpisodeGroup:
         for each in self.formulas:
             if not each.has_ended:
                 each.states = self._states
+                if each in self._standing:
+                    each.episodes = self._standing[each].episodes()
             for formula_id, index in each.open_episodes.items():
                 each.episodes[index] = Episode(
                     each.episodes[index].begin,
@@ -231,12 +250,6 @@ class EpisodeGroup:
                     presumably_false=self._group.presumably_false(formula_id),
                     margin=_margin_of(each, self._group.margin(formula_id)),
                 )
-
-    def _keep_history(self, formula: FormulaEpisodes) -> None:
-        try:
-            self._group.keep_history(formula.grounded.formula)
-        except DyKnowError as error:
-            self._fail(formula, error)
 
     def _open(self, formula: FormulaEpisodes) -> None:
         text = formula.grounded.formula
@@ -268,6 +281,8 @@ class EpisodeGroup:
 
     def _fail(self, formula: FormulaEpisodes, error: DyKnowError) -> None:
         formula.error = error
+        if formula in self._standing:
+            formula.episodes = self._standing[formula].episodes(error)
         for formula_id, index in formula.open_episodes.items():
             margin = _margin_of(formula, self._group.margin(formula_id))
             begin = formula.episodes[index].begin
@@ -288,6 +303,59 @@ class EpisodeGroup:
     def _forget(self, formula_id: int) -> None:
         self._fresh.discard(formula_id)
         self._group.remove_formula(formula_id)
+
+
+class _StandingEpisodes:
+    """The episodes of one formula, one for each state, by one standing monitor.
+
+    Args:
+        text: of the formula.
+        domains: the objects of each sort.
+    """
+
+    def __init__(self, text: str, domains: Mapping[str, tuple[str, ...]]) -> None:
+        self._group = FormulaGroup()
+        formula_id = self._group.add_formula(text, text, every_state=True)
+        self._group.begin(domains)
+        self._formula = self._group.standing.formulas[formula_id]
+        self._log = self._formula.monitor.keep_all()
+        self._times: list[int] = []
+
+    def progress(self, valid_time: int, values: Mapping[str, Value]) -> DyKnowError | None:
+        """Begin an episode and progress all; return the error by which the formula fails."""
+        results = self._group.progress(valid_time, values)
+        self._times.append(valid_time)
+        return results[0].error if results else None
+
+    def gap(self) -> None:
+        """Record that states may be missing before the next one."""
+        self._group.gap()
+
+    def episodes(self, error: DyKnowError | None = None) -> list[Episode]:
+        """Return the episodes; those that are undecided have the error, if there is one."""
+        monitor = self._formula.monitor
+        states = self._times[: monitor.states]
+        failures = {each.begin: each for each in self._formula.episodes(len(states))}
+        found: list[Episode] = []
+        latest: FailureEpisode | None = None
+        for time, each in zip(states, start_verdicts(monitor, self._log, states), strict=True):
+            latest = failures.get(time, latest)
+            is_undecided = each.verdict is Verdict.UNDECIDED
+            is_first = each.verdict is Verdict.FALSE and time in failures
+            found.append(
+                Episode(
+                    time,
+                    each.verdict,
+                    each.decided_at,
+                    _explanation(each.verdict, latest, is_first=is_first),
+                    each.error or (error if is_undecided else None),
+                    residual_formula=each.residual_formula,
+                    presumably_false=each.presumably_false,
+                    objects=latest.objects if latest and is_first else '',
+                )
+            )
+        found += [Episode(time, error=error) for time in self._times[monitor.states :]]
+        return found
 
 
 class _Trigger:
@@ -331,3 +399,10 @@ def _margin_of(formula: FormulaEpisodes, margin: Margin | None) -> Margin | None
 def _is_plain(column: NDArray[np.generic]) -> bool:
     """Return True for numbers and booleans, but for a column with a NaN."""
     return column.dtype.kind in 'biu' or (column.dtype.kind == 'f' and not np.isnan(column).any())
+
+
+def _explanation(verdict: Verdict, latest: FailureEpisode | None, *, is_first: bool) -> str:
+    """Return the reason for a verdict: in full for the first of consecutive false ones."""
+    if verdict is not Verdict.FALSE or latest is None:
+        return ''
+    return latest.explanation if is_first else f'as from {round_time(latest.begin)} on'

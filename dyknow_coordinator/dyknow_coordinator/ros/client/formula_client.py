@@ -5,6 +5,7 @@ from __future__ import annotations
 import inspect
 import warnings
 from collections.abc import Callable
+from functools import partial
 from typing import Any, Final, Self
 
 from dyknow_interfaces.action import MonitorFormula, MonitorPlan
@@ -84,6 +85,7 @@ class FormulaClient:
     - wait: seconds to wait for the coordinator to be available.
     - name: shown to operators; by default the formula.
     - restart_on_change: restart when a sort of the formula gains or loses objects.
+    - every_state: ask the formula at every state, until the timeout or `Monitor.cancel`.
 
     Args:
         node: any node; the client has callback groups of its own.
@@ -193,6 +195,7 @@ class FormulaClient:
         on_feedback: Callable[[Progress], Any] = lambda _: None,
         name: str = '',
         restart_on_change: bool = False,
+        every_state: bool = False,
         timeout: float = DAY_S,
         grounding: Grounding = Grounding.AUTO,
         constraints: StreamConstraints = NO_CONSTRAINTS,
@@ -202,12 +205,14 @@ class FormulaClient:
         """Evaluate a formula from now on, in the background.
 
         `on_verdict` (may be `async`) is called once, with the answer or an error; `on_feedback`
-        after states.
+        after states. If `every_state`, both have `episodes`.
         """
         monitor = Monitor()
+        to_answer = partial(answer_from_message, every_state=every_state)
+        to_progress = partial(progress_from_message, every_state=every_state)
 
         def end(result: Any, error: DyKnowError | None) -> None:
-            answer = Answer(error=error) if error is not None else answer_from_message(result)
+            answer = Answer(error=error) if error is not None else to_answer(result)
             monitor.outcome.set_result(answer)
             _notify(self._node, on_verdict, answer)
 
@@ -216,10 +221,11 @@ class FormulaClient:
             end(None, refusal)
             return monitor
         goal = _request(MonitorFormula.Goal, formula, timeout, grounding, constraints)
-        goal.name, goal.restart_on_change, goal.margin = name, restart_on_change, margin
+        goal.name, goal.restart_on_change = name, restart_on_change
+        goal.margin, goal.every_state = margin, every_state
         limits = GoalTimeouts(wait, timeout)
         monitor.call = self._send(
-            MonitorFormula, goal, limits, end, lambda each: on_feedback(progress_from_message(each))
+            MonitorFormula, goal, limits, end, lambda each: on_feedback(to_progress(each))
         )
         monitor.call.accepted.add_done_callback(lambda _: monitor.accepted.set_result(None))
         return monitor

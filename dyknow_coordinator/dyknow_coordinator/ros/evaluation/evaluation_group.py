@@ -24,6 +24,7 @@ from rclpy.task import Future
 
 from dyknow_common import DyKnowError
 from dyknow_coordinator.evaluation.evaluation import EvaluationPhase
+from dyknow_coordinator.evaluation.request import EvaluationRequest
 from dyknow_coordinator.grounding.state_specification import FormulaInputs
 from dyknow_coordinator.ros.context import CoordinatorContext
 from dyknow_coordinator.ros.evaluation.candidates import find_candidates
@@ -38,6 +39,9 @@ class GroupMember(StateObserver, ResultListener, Protocol):
 
     name: str
     """The name of the formula at the reasoning engine."""
+
+    request: EvaluationRequest
+    """The formula and the options of its client."""
 
     outcome: Future
     """Done when the evaluation has ended."""
@@ -107,7 +111,11 @@ class EvaluationGroup:
         self._joining += 1
         try:
             formula_id, _ = await self._context.clients.add_formula(
-                self.group_id, member.name, formula, margin=margin
+                self.group_id,
+                member.name,
+                formula,
+                margin=margin,
+                every_state=member.request.every_state,
             )
             if self._error is not None:
                 raise self._error

@@ -23,6 +23,7 @@ from dyknow_coordinator.evaluation.answer import Answer
 from dyknow_coordinator.evaluation.evaluation import Evaluation, EvaluationPhase
 from dyknow_coordinator.evaluation.history import History
 from dyknow_coordinator.evaluation.request import EvaluationRequest
+from dyknow_coordinator.evaluation.standing import StandingVerdicts
 from dyknow_coordinator.grounding.feature_sources import Grounding, SymbolGrounding
 from dyknow_coordinator.grounding.margin_units import feature_units, with_unit
 from dyknow_coordinator.grounding.sorts import infer_sorts, with_sorts
@@ -33,6 +34,7 @@ from dyknow_coordinator.reporting.evaluation_status import EvaluationStatus
 from dyknow_coordinator.ros.context import CoordinatorContext
 from dyknow_coordinator.ros.evaluation.candidates import find_candidates
 from dyknow_coordinator.ros.evaluation.evaluation_group import EvaluationGroup, EvaluationGroups
+from dyknow_coordinator.ros.reporting.episode_messages import verdicts_from_message
 
 _MAX_SHOWN: Final = 100
 """The most groundings in the status of an evaluation, which is published each second."""
@@ -66,7 +68,9 @@ class FormulaEvaluation(Evaluation):
         outcome: a future of the `Answer`.
         progress: the latest FormulaProgress.
         margin: the latest one, if it was asked for.
-        on_progress: called for each FormulaProgress, and when the evaluation begins to wait.
+        episodes: the verdicts, if the formula is asked at every state.
+        on_progress: called for each FormulaProgress and FormulaEpisodes, and when the evaluation
+            begins to wait.
     """
 
     def __init__(
@@ -85,6 +89,7 @@ class FormulaEvaluation(Evaluation):
         self.margin: Margin | None = None
         self.on_progress: Callable[[], None] = lambda: None
         self.history = History()
+        self.episodes = StandingVerdicts()
         self._context = context
         self._groups = groups
         self._on_change = on_change
@@ -168,7 +173,7 @@ class FormulaEvaluation(Evaluation):
             f'{sort}: {listed(found) or "none"}' for sort, found in prepared.inputs.domains.items()
         )
         self.add_event(f'restarted with {objects}')
-        self.progress = FormulaProgress()
+        self.progress, self.episodes = FormulaProgress(), StandingVerdicts()
         self.margin = None
         try:
             await self._start(prepared)
@@ -200,6 +205,37 @@ class FormulaEvaluation(Evaluation):
         margin = margin_from_message(message)
         if margin is not None:
             self.margin = with_unit(margin, self._units)
+
+    def receive_episodes(self, episodes: Any) -> None:
+        """Record a FormulaEpisodes of the reasoning engine, and report what has changed."""
+        if self.has_ended:
+            return
+        before, self.episodes = self.episodes, verdicts_from_message(episodes)
+        if change := self.episodes.change(before):
+            self.history.add(change)
+            self._log_change(change)
+            self._on_change()
+        self.on_progress()
+
+    def _log_change(self, change: str) -> None:
+        # A logger of rclpy has one severity for each call in the code.
+        logger, text = self._context.node.get_logger(), f'{self.title}: {change}'
+        if self.episodes.is_violated:
+            logger.warning(text)
+        else:
+            logger.info(text)
+
+    def expire(self, timeout_s: float) -> None:
+        """End because the timeout has passed: with a verdict, if one is known from all states."""
+        verdict, text = self.episodes.verdict, self.episodes.text
+        if verdict is not Verdict.UNDECIDED:
+            episodes = self.episodes.latest_episodes
+            self.decide(verdict, episodes[0].decided_at if episodes else None, text)
+        elif self.episodes.holds:
+            late = f'no verdict from some states within {timeout_s:g} s: it {text}'
+            self.fail(CoordinationError(late, ExitCode.TIMEOUT))
+        else:
+            super().expire(timeout_s)
 
     def set_phase(self, phase: EvaluationPhase) -> None:
         """Set the phase, unless the evaluation has ended, and report it."""
@@ -233,6 +269,7 @@ class FormulaEvaluation(Evaluation):
             latest_valid_time=time_to_nanoseconds(progress.latest_valid_time) or None,
             residual_formula=progress.residual_formula,
             presumably_false=progress.presumably_false,
+            episodes=self.episodes if request.every_state else None,
             waits_for=self.waits_for,
             margin=self.margin,
             verdict=answer.verdict,
@@ -279,7 +316,14 @@ class FormulaEvaluation(Evaluation):
     async def _add_formula(self, group_id: int, name: str) -> tuple[int, tuple[Symbol, ...]]:
         """Add the formula to its group; return its id and its symbols, with all sorts."""
         clients, formula = self._context.clients, self.request.formula
-        add_formula = partial(clients.add_formula, group_id, name, margin=self.request.margin)
+        request = self.request
+        add_formula = partial(
+            clients.add_formula,
+            group_id,
+            name,
+            margin=request.margin,
+            every_state=request.every_state,
+        )
         formula_id, self.canonical_formula = await add_formula(formula)
         # Step 3: the symbols of the formula.
         symbols = await clients.symbols(group_id)
@@ -328,6 +372,10 @@ class FormulaEvaluation(Evaluation):
             group.leave(self)
 
     def _set_outcome(self, answer: Answer) -> None:
+        if self.request.every_state:
+            answer = replace(answer, episodes=self.episodes)
+            if self.episodes.fails:
+                answer = replace(answer, verdict=Verdict.FALSE)
         self.outcome.set_result(
             replace(
                 answer,

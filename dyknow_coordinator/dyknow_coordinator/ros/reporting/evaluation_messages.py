@@ -20,6 +20,10 @@ from dyknow_coordinator.errors import CoordinationError
 from dyknow_coordinator.evaluation.evaluation import EvaluationPhase
 from dyknow_coordinator.grounding.feature_sources import Grounding, SymbolGrounding
 from dyknow_coordinator.reporting.evaluation_status import EvaluationStatus
+from dyknow_coordinator.ros.reporting.episode_messages import (
+    verdicts_from_message,
+    verdicts_to_message,
+)
 
 _COMMON_FIELDS: Final = (
     'name',
@@ -52,7 +56,10 @@ def status_to_message(status: EvaluationStatus) -> StatusMessage:
         margin=margin_to_message(status.margin),
         verdict=int(status.verdict),
         decided_at=nanoseconds_to_time(status.decided_at or 0),
+        every_state=status.episodes is not None,
     )
+    if status.episodes is not None:
+        message.episodes = verdicts_to_message(status.episodes)
     if status.error is not None:
         fill_exit_status(message.exit_status, status.error)
     return message
@@ -77,6 +84,7 @@ def status_from_message(message: StatusMessage) -> EvaluationStatus:
         verdict=Verdict(message.verdict),
         decided_at=time_to_nanoseconds(message.decided_at) or None,
         error=error_from_status(message.exit_status),
+        episodes=verdicts_from_message(message.episodes) if message.every_state else None,
     )
 
 

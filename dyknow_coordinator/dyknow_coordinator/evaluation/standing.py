@@ -1,0 +1,87 @@
+"""Verdicts on a formula that is asked at every state, as clients and operators see them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from dyknow_common import Verdict, round_time
+
+
+@dataclass(frozen=True, slots=True)
+class ViolationEpisode:
+    """Consecutive states from each of which a formula is false.
+
+    Args:
+        begin: valid time of the first of these states, in nanoseconds.
+        end: valid time of the last one so far.
+        decided_at: valid time of the state that decided the formula of the first one.
+        states: how many there are.
+        has_ended: True if the formula holds again after the last one.
+        explanation: the reason for the verdict on the first one, for people.
+    """
+
+    begin: int
+    end: int
+    decided_at: int
+    states: int
+    has_ended: bool
+    explanation: str
+
+
+@dataclass(frozen=True, slots=True)
+class StandingVerdicts:
+    """Verdicts on a formula that is asked at every state.
+
+    Args:
+        holds: the number of states from which it is true.
+        fails: from which it is false.
+        undecided: from which it is undecided yet.
+        unknown: from which its verdict depends on states that are missing in a gap.
+        is_violated: True if an episode has not ended.
+        episode_count: the number of episodes.
+        latest_episodes: the last ten, the latest last.
+    """
+
+    holds: int = 0
+    fails: int = 0
+    undecided: int = 0
+    unknown: int = 0
+    is_violated: bool = False
+    episode_count: int = 0
+    latest_episodes: tuple[ViolationEpisode, ...] = ()
+
+    @property
+    def verdict(self) -> Verdict:
+        """FALSE if it is false from a state, TRUE if it is true from all states."""
+        if self.fails:
+            return Verdict.FALSE
+        is_known = self.holds and not (self.undecided or self.unknown)
+        return Verdict.TRUE if is_known else Verdict.UNDECIDED
+
+    @property
+    def text(self) -> str:
+        """The verdicts in one line, for people."""
+        states = self.holds + self.fails + self.undecided + self.unknown
+        episodes = f' in {_plural(self.episode_count, "episode")}'
+        others = (
+            f', fails from {self.fails}{episodes}' if self.fails else '',
+            f', undecided from {self.undecided}' if self.undecided else '',
+            f', unknown from {self.unknown}' if self.unknown else '',
+        )
+        return f'holds from {self.holds} of {_plural(states, "state")}{"".join(others)}'
+
+    def change(self, before: StandingVerdicts) -> str:
+        """Return what has happened since earlier verdicts, for people; empty if nothing has."""
+        more = self.episode_count - before.episode_count
+        latest = self.latest_episodes[-1] if self.latest_episodes else None
+        if latest is None or (more <= 0 and self.is_violated == before.is_violated):
+            return ''
+        others = f' ({more} episodes since the last report)' if more > 1 else ''
+        if self.is_violated:
+            return f'violated from {round_time(latest.begin)} on{others}: {latest.explanation}'
+        since = f'{round_time(latest.begin)} to {round_time(latest.end)}'
+        return f'holds again, after it was false from {since}{others}: {latest.explanation}'
+
+
+def _plural(count: int, noun: str) -> str:
+    return f'{count} {noun}' if count == 1 else f'{count} {noun}s'

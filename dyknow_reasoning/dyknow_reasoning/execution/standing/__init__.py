@@ -1,0 +1,1 @@
+"""Formulas that are asked at every state: the undecided start states, and the verdicts on them."""

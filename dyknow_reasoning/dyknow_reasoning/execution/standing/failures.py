@@ -1,0 +1,87 @@
+"""Runs of states from each of which a formula is false."""
+
+from __future__ import annotations
+
+from bisect import bisect_left, bisect_right
+from dataclasses import dataclass, field
+
+from dyknow_reasoning.execution.automata.instance_states import InstanceVerdict
+from dyknow_reasoning.execution.standing.runs import Run, union
+from dyknow_reasoning.progression.atoms import Values
+
+
+@dataclass(eq=False, slots=True)
+class Failure:
+    """Consecutive states from each of which the formula is false.
+
+    Args:
+        run: the states.
+        verdict: on the instance that was false from the first of them on.
+        decided_at: the valid time of the deciding state of the first one, in nanoseconds.
+        values: of that state.
+        has_ended: True once the formula holds from the state after the last one on.
+    """
+
+    run: Run
+    verdict: InstanceVerdict
+    decided_at: int
+    values: Values = field(repr=False)
+    has_ended: bool = False
+
+
+class Failures:
+    """The failures of a formula, in the order of their states.
+
+    Attributes:
+        kept: those that are not forgotten.
+        waiting: those that have not ended.
+        count: the number of all, also of those that are forgotten.
+    """
+
+    def __init__(self) -> None:
+        self.kept: list[Failure] = []
+        self.waiting: list[Failure] = []
+        self.count = 0
+
+    def extend(self, run: Run) -> bool:
+        """Add states that follow the latest failure to it; return False if they do not."""
+        if not self.kept or self.kept[-1].run.last + 1 != run.first:
+            return False
+        self.kept[-1].run = self.kept[-1].run.to(run)
+        return True
+
+    def add(self, new: Failure) -> bool:
+        """Join a failure with those beside it; return True if it is alone."""
+        run, kept = new.run, self.kept
+        begin = bisect_left(kept, run.first - 1, key=lambda each: each.run.last)
+        end = bisect_right(kept, run.last + 1, key=lambda each: each.run.first)
+        touched = kept[begin:end]
+        if touched:
+            first, last = touched[0], touched[-1]
+            joined = new if run.first < first.run.first else first
+            joined.has_ended = last.has_ended and run.last <= last.run.last
+            joined.run = union([each.run for each in touched], [run])[0]
+            new = joined
+        kept[begin:end] = [new]
+        self.waiting = [each for each in self.waiting if each not in touched]
+        if not new.has_ended:
+            self.waiting.append(new)
+        self.count += 1 - len(touched)
+        return not touched
+
+    def end(self, failure: Failure) -> None:
+        """Record that the formula holds after a failure."""
+        failure.has_ended = True
+        self.waiting.remove(failure)
+
+    def last_around(self, number: int) -> int | None:
+        """Return the number of the last state of the failure that a state is in; None if none."""
+        at = bisect_left(self.kept, number, key=lambda each: each.run.last)
+        if at < len(self.kept) and self.kept[at].run.first <= number:
+            return self.kept[at].run.last
+        return None
+
+    @property
+    def runs(self) -> list[Run]:
+        """The states of those that are kept."""
+        return [each.run for each in self.kept]

@@ -1,0 +1,371 @@
+"""The states from which an instance of a formula is undecided, in the locations of its automaton.
+
+Evaluations that begin at different states and are at one location with the same clocks have the
+same future. They are one *group*: a location, its clocks, and the runs of their start states. A
+clock that counts from the start state itself is `OWN`: it differs from start to start, but is
+known from the start. So a group moves as a whole, whatever its size. Only a guard with such a
+clock splits it, at one point of its runs: the clocks of later starts are later.
+
+Example, `p -> eventually[0, 5 s] q`, with a state each second:
+
+    state              groups after it
+    0: p, not q        B (OWN): 0
+    1: not p, not q    B (OWN): 0          from 1 on, the formula is true at once
+    2: p, not q        B (OWN): 0, 2
+    3: p, not q        B (OWN): 0, 2-3
+    6: p, not q        B (OWN): 2-3, 6     the guard `now - OWN > 5 s` splits off 0: false
+    7: q                                   true from 2, 3, 6 and 7
+
+While the truth of the atoms stays the same, and no guard changes its answer, each state does to the
+groups what the one before did: nothing. Then the states only join the group of the latest start,
+or are decided at once as the latest one was. Such states need no call, until `joins_until`. Nor do
+states at which the only change is that the formula becomes true from the oldest starts: these
+starts *fade*, and are dropped later.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from math import inf
+from typing import Final
+
+from dyknow_reasoning.execution.automata.automaton import Location, Move, Times
+from dyknow_reasoning.execution.automata.instance_states import (
+    DecidingMoment,
+    FormulaInstance,
+    InstanceState,
+    InstanceVerdict,
+)
+from dyknow_reasoning.execution.automata.templates import Template
+from dyknow_reasoning.execution.standing.groups import (
+    ALWAYS,
+    OWN,
+    Answers,
+    DecidedStarts,
+    Group,
+    Part,
+    Validity,
+)
+from dyknow_reasoning.execution.standing.runs import (
+    Run,
+    StateTimes,
+    add_latest,
+    number_in,
+    split,
+    union,
+)
+from dyknow_reasoning.progression.gaps import Gap, Half
+from dyknow_reasoning.progression.nodes import bounds_of
+
+_MAX_KNOWN: Final = 4096
+"""The most truths of the atoms for which results are kept."""
+
+
+class OpenStarts:
+    """The undecided start states of one instance.
+
+    Args:
+        instance: the instance.
+        template: its template.
+        times: the valid times of the states, shared by all instances.
+    """
+
+    def __init__(self, instance: FormulaInstance, template: Template, times: StateTimes) -> None:
+        self.instance = instance
+        self.template = template
+        self.joins_until: float = -inf
+        """The time before which states with the same truth of the atoms need no `step`, ns."""
+        self.can_fade = True
+        """True if `fades_at` may be later than the state that decides."""
+        self.fades_at: float = inf
+        """The time at which the formula becomes true from a start in this way, in nanoseconds."""
+        self._times = times
+        self._groups: dict[Group, list[Run]] = {}
+        # How long the groups stay the same, while the truth of the atoms does.
+        self._idle: dict[Group, Validity] = {}
+        self._initial = Group(template.automaton.initial, ())
+        # Where states go at which the atoms are as at the latest one, from number `_joined` on.
+        self._fresh = self._initial
+        self._symbol = -1
+        self._joined = len(times)
+        # What is known of the states with each truth of the atoms: the group of the start state,
+        # and for how long that group stays the same, with times that count from its oldest start.
+        self._known_fresh: dict[int, Group] = {}
+        self._known_validity: dict[int, Validity] = {}
+
+    def forget(self) -> None:
+        """Forget the results that are kept of the automaton."""
+        self._known_fresh.clear()
+        self._known_validity.clear()
+
+    @property
+    def fails_at_once(self) -> bool:
+        """True if the formula is false from the latest state on, and that state decides it."""
+        return self._fresh.location.verdict is False
+
+    @property
+    def locations(self) -> list[Location]:
+        """The locations in use."""
+        return [self._fresh.location, *(group.location for group in self._groups)]
+
+    def runs(self, half: Half) -> Iterator[list[Run]]:
+        """Yield the undecided start states of the groups of a half; call `join` before."""
+        return (runs for group, runs in self._groups.items() if group.half is half)
+
+    def run_count(self) -> int:
+        """Return the number of runs that are kept."""
+        return sum(map(len, self._groups.values()))
+
+    def oldest(self, *, own: bool) -> int:
+        """Return the number of the first undecided start, or of the next state.
+
+        Args:
+            own: True if starts count only if a clock counts from them.
+        """
+        groups = self._groups.items()
+        firsts = (runs[0].first for group, runs in groups if not own or OWN in group.clocks)
+        return min(firsts, default=self._joined)
+
+    def has_open(self, number: int, *, pessimistic: bool) -> bool:
+        """Return True if the formula is undecided from a state on.
+
+        Args:
+            number: of the state.
+            pessimistic: True if the pessimistic halves after a gap count.
+        """
+        if number >= self._joined:
+            return self._fresh.location.verdict is None
+        return any(
+            number_in(runs, number)
+            for group, runs in self._groups.items()
+            if pessimistic or group.half is not Half.PESSIMISTIC
+        )
+
+    def states(self, number: int) -> Iterator[InstanceState]:
+        """Yield what remains of the formula from an undecided state on; call `join` before."""
+        for group, runs in self._groups.items():
+            if number_in(runs, number):
+                yield self._state(group, self._times_of(group, runs, number))
+
+    def _times_of(self, group: Group, runs: Sequence[Run], number: int) -> Times:
+        is_own = OWN in group.clocks
+        return group.times_of(self._times[number] if is_own else runs[0].begin)
+
+    def _state(self, group: Group, times: Times) -> InstanceState:
+        instance = self.instance
+        if group.after_gap:
+            instance = replace(instance, half=group.half, gap=group.after_gap.gap)
+        return InstanceState(instance, self.template, group.location, times, {})
+
+    def join(self, end: int) -> None:
+        """Let the states before a number join that needed no `step`, and drop those that faded."""
+        first, self._joined = self._joined, end
+        if end == first:
+            return
+        if self._fresh.location.verdict is None:
+            run = Run(first, end - 1, self._times[first], self._times[end - 1])
+            add_latest(self._groups.setdefault(self._fresh, []), run)
+        latest = self._times[end - 1]
+        if latest >= self.fades_at:
+            for group, validity in list(self._idle.items()):
+                runs = self._groups[group] = self._unfaded(self._groups[group], validity, latest)
+                if not runs:
+                    del self._groups[group], self._idle[group]
+            self.fades_at = self._next_fade()
+
+    def _unfaded(self, runs: list[Run], validity: Validity, now: int) -> list[Run]:
+        """Return the starts of a group that a state, like those before, leaves undecided."""
+        if validity.fades == inf:
+            return runs
+        return split(runs, now - int(validity.fades) + 1, self._times)[1]
+
+    def _next_fade(self) -> float:
+        groups = self._idle.items()
+        return min(
+            (self._groups[group][0].begin + validity.fades for group, validity in groups),
+            default=inf,
+        )
+
+    def verdict(self, decided: DecidedStarts) -> InstanceVerdict:
+        """Return the verdict on the instance from the first of some starts on."""
+        group, begin = decided.group, decided.runs[0].begin
+        before = self._state(group, group.times_of(begin))
+        if decided.symbol is None:
+            return InstanceVerdict(before.instance, decided.holds, None)
+        if not self.template.opens_windows_later:
+            before = replace(before, window_origins=dict.fromkeys(group.location.unbounded, begin))
+        number = len(self._times) - 1
+        previous = self._times[number - 1] if decided.runs[0].first < number else 0
+        moment = DecidingMoment(before, decided.symbol, self._times[number], previous)
+        return InstanceVerdict(before.instance, decided.holds, moment)
+
+    def begins(self) -> DecidedStarts:
+        """Return the verdict on the latest state, for which `fails_at_once` is true."""
+        number = len(self._times) - 1
+        now = self._times[number]
+        return DecidedStarts(self._initial, False, [Run(number, number, now, now)], self._symbol)
+
+    def cross_gap(self, gap: Gap) -> list[DecidedStarts]:
+        """Continue after a gap that follows the latest state; return the halves that it decides."""
+        self.join(len(self._times))
+        self._idle, self._symbol, self.joins_until = {}, -1, -inf
+        self._fresh = self._initial
+        before, self._groups = self._groups, {}
+        decided: list[DecidedStarts] = []
+        for group, runs in before.items():
+            for part in self._alike(group, runs, gap):
+                times = group.times_of(part[0].begin)
+                halves = self.template.automaton.halves(group.location, times, gap, past=0)
+                for half in group.halves(gap, halves):
+                    verdict = half.location.verdict
+                    if verdict is None:
+                        self._keep(half, part)
+                    else:
+                        decided.append(DecidedStarts(half, verdict, part, None))
+        return decided
+
+    def _alike(self, group: Group, runs: list[Run], gap: Gap) -> list[list[Run]]:
+        """Split the starts of a group into parts on which a gap has one effect each."""
+        if OWN not in group.clocks:
+            return [runs]
+        if len(group.clocks) > 1:
+            return [
+                [Run(number, number, self._times[number], self._times[number])]
+                for run in runs
+                for number in range(run.first, run.last + 1)
+            ]
+        offsets = {bound.offset for bound in bounds_of(group.location.node)}
+        found, rest = [], runs
+        for time in sorted(
+            {edge - each for each in offsets for edge in (gap.after + 1, gap.before)}
+        ):
+            part, rest = split(rest, time, self._times)
+            found.append(part)
+        return [part for part in (*found, rest) if part]
+
+    def step(self, symbol: int) -> list[DecidedStarts]:
+        """Progress over the latest state, which has been appended to the times.
+
+        Args:
+            symbol: the truth of the atoms of the formula at this state, as bits.
+
+        Returns:
+            The starts that it decides, but for the state itself if that is decided at once.
+        """
+        number = len(self._times) - 1
+        self.join(number)
+        now = self._times[number]
+        is_same = symbol == self._symbol
+        self._symbol = symbol
+        before, self._groups = self._groups, {}
+        idle, self._idle = self._idle, {}
+        decided: list[DecidedStarts] = []
+        for group, runs in before.items():
+            known = idle.get(group) if is_same else None
+            if known and now < known.until:
+                remaining = self._unfaded(runs, known, now)
+                if remaining:
+                    self._keep_idle(group, remaining, known)
+            else:
+                self._move(group, runs, now, decided)
+        self._begin(number, now)
+        return decided
+
+    def _move(self, group: Group, runs: list[Run], now: int, decided: list[DecidedStarts]) -> None:
+        """Move the starts of a group over a state."""
+        for part in self._parts(group, runs, now):
+            target = group.moved(part.move, now)
+            verdict = target.location.verdict
+            if verdict is None:
+                self._keep(target, part.runs)
+            else:
+                decided.append(DecidedStarts(group, verdict, part.runs, self._symbol))
+
+    def _begin(self, number: int, now: int) -> None:
+        """Begin at the latest state, and find out how long the following ones do the same."""
+        if len(self._known_fresh) > _MAX_KNOWN:
+            self.forget()
+        fresh = self._known_fresh.get(self._symbol)
+        if fresh is None:
+            move = self.template.automaton.move(self._initial.location, self._symbol, (now,))
+            fresh = self._known_fresh[self._symbol] = self._initial.moved(move, OWN)
+        self._fresh = fresh
+        self._joined = number
+        self.fades_at = self.joins_until = inf
+        self.join(number + 1)
+        idle = self._idle
+        for group, runs in self._groups.items():
+            validity = idle.get(group) or self._validity(group, runs, now + 1)
+            if validity is None:
+                self.joins_until = -inf
+                return
+            if validity is not ALWAYS:
+                self.joins_until = min(self.joins_until, validity.until)
+                self.fades_at = min(self.fades_at, runs[0].begin + validity.fades)
+            idle[group] = validity
+
+    def _validity(self, group: Group, runs: list[Run], now: int) -> Validity | None:
+        """Return how long all starts of a group stay in it; None if that is not known.
+
+        Args:
+            group: the group.
+            runs: its starts.
+            now: the earliest time of the next state, in nanoseconds.
+        """
+        automaton, location, symbol = self.template.automaton, group.location, self._symbol
+        begin = runs[0].begin
+        if group is self._fresh and (known := self._known_validity.get(symbol)):
+            until = begin + known.until
+            if now < min(until, begin + known.fades):
+                return Validity(until, known.fades)
+        decision = location.moves.get(symbol)
+        if type(decision) is Move:
+            return ALWAYS if group.moved(decision, now) == group else None
+
+        def explore(some: Sequence[Run], time: int) -> None:
+            automaton.move(location, symbol, (*group.times_of(some[0].begin), time))
+
+        answers = Answers(group, now, self._times, explore if self.can_fade else None)
+        answers.follow(decision, runs)
+        parts = answers.found
+        if answers.unknown or any(group.moved(part.move, now) != group for part in parts):
+            return None
+        if len(parts) == 1:
+            found = parts[0].validity
+            if group is self._fresh:
+                self._known_validity[symbol] = Validity(found.until - begin, found.fades)
+            return found
+        ends = (
+            min(part.validity.until, part.runs[0].begin + part.validity.fades) for part in parts
+        )
+        return Validity(min(ends))
+
+    def _keep_idle(self, group: Group, runs: list[Run], part: Validity) -> None:
+        if group in self._groups:  # Others have moved here: how long they stay is unknown.
+            self._groups[group] = union(self._groups[group], runs)
+        else:
+            self._groups[group] = runs
+            self._idle[group] = part
+
+    def _keep(self, group: Group, runs: list[Run]) -> None:
+        found = self._groups.get(group)
+        self._groups[group] = union(found, runs) if found else runs
+        self._idle.pop(group, None)
+
+    def _parts(self, group: Group, runs: list[Run], now: int) -> list[Part]:
+        """Split the starts of a group into parts that make one move each."""
+        automaton, location, symbol = self.template.automaton, group.location, self._symbol
+        decision = location.moves.get(symbol)
+        if type(decision) is Move:
+            return [Part(runs, decision, ALWAYS)]
+        found: list[Part] = []
+        pending = [runs]
+        while pending:
+            answers = Answers(group, now, self._times)
+            answers.follow(location.moves.get(symbol), pending.pop())
+            found += answers.found
+            for each in answers.unknown:
+                automaton.move(location, symbol, (*group.times_of(each[0].begin), now))
+                pending.append(each)
+        return found

@@ -1,0 +1,139 @@
+"""Runs of consecutive states, by their numbers and valid times."""
+
+from __future__ import annotations
+
+from bisect import bisect_left
+from collections.abc import Iterable, Sequence
+from heapq import merge
+from typing import NamedTuple
+
+
+class Run(NamedTuple):
+    """Consecutive states.
+
+    Args:
+        first: the number of the first one.
+        last: the number of the last one.
+        begin: the valid time of the first one, in nanoseconds.
+        end: the valid time of the last one.
+    """
+
+    first: int
+    last: int
+    begin: int
+    end: int
+
+    def to(self, later: Run) -> Run:
+        """Return the run up to the end of a later one that follows it."""
+        return Run(self.first, later.last, self.begin, later.end)
+
+
+def count_states(runs: Iterable[Run]) -> int:
+    """Return the number of states of disjoint runs."""
+    return sum(run.last - run.first + 1 for run in runs)
+
+
+def union(some: Sequence[Run], others: Sequence[Run]) -> list[Run]:
+    """Return the states of either, as few runs in their order; each argument is in order."""
+    if not some or not others or some[-1].last + 1 < others[0].first:
+        return [*some, *others]
+    if others[-1].last + 1 < some[0].first:
+        return [*others, *some]
+    return coalesced(merge(some, others))
+
+
+def add_latest(runs: list[Run], run: Run) -> None:
+    """Add states that come after all others, in place."""
+    if runs and runs[-1].last + 1 == run.first:
+        runs[-1] = runs[-1].to(run)
+    else:
+        runs.append(run)
+
+
+def number_in(runs: Sequence[Run], number: int) -> bool:
+    """Return True if a state is in one of the runs, which are in order."""
+    at = bisect_left(runs, number, key=lambda run: run.last)
+    return at < len(runs) and runs[at].first <= number
+
+
+def difference(runs: Sequence[Run], others: Sequence[Run]) -> list[Run]:
+    """Return the states of the first runs alone; their times are those of the whole runs."""
+    found: list[Run] = []
+    for run in runs:
+        first = run.first
+        at = bisect_left(others, first, key=lambda other: other.last)
+        while at < len(others) and others[at].first <= run.last:
+            if others[at].first > first:
+                found.append(run._replace(first=first, last=others[at].first - 1))
+            first = others[at].last + 1
+            at += 1
+        if first <= run.last:
+            found.append(run._replace(first=first))
+    return found
+
+
+def count_outside(runs: Sequence[Run], others: Sequence[Run]) -> int:
+    """Return the number of states that are in the first runs alone; both are in order."""
+    return count_states(union(runs, others)) - count_states(others)
+
+
+def coalesced(runs: Iterable[Run]) -> list[Run]:
+    """Return runs, which may overlap, as few disjoint ones; they are in order of their first."""
+    found: list[Run] = []
+    for run in runs:
+        if found and run.first <= found[-1].last + 1:
+            if run.last > found[-1].last:
+                found[-1] = found[-1].to(run)
+        else:
+            found.append(run)
+    return found
+
+
+class StateTimes:
+    """The valid times of the latest states, by their numbers, which count from 0."""
+
+    def __init__(self) -> None:
+        self._times: list[int] = []
+        self._first = 0
+        # Appends the valid time of the next state.
+        self.append = self._times.append
+
+    def __len__(self) -> int:
+        """The number of all states so far."""
+        return self._first + len(self._times)
+
+    def __getitem__(self, number: int) -> int:
+        return self._times[number - self._first]
+
+    def number_at(self, time: int) -> int:
+        """Return the number of the first kept state that is valid at a time or later."""
+        return self._first + bisect_left(self._times, time)
+
+    def extend(self, times: Iterable[int]) -> None:
+        """Append the valid times of the next states."""
+        self._times.extend(times)
+
+    def forget(self, before: int) -> None:
+        """Forget the times of the states before the one of a number."""
+        del self._times[: max(before - self._first, 0)]
+        self._first = max(self._first, before)
+
+
+def split(runs: list[Run], time: int, times: StateTimes) -> tuple[list[Run], list[Run]]:
+    """Return the states of runs before a time, and those from then on.
+
+    Args:
+        runs: in order.
+        time: in nanoseconds.
+        times: of all states of the runs.
+    """
+    if not runs or runs[-1].end < time:
+        return runs, []
+    at = bisect_left(runs, time, key=lambda run: run.end)
+    older, younger = runs[:at], runs[at:]
+    first = younger[0]
+    if first.begin < time:
+        number = times.number_at(time)
+        older.append(Run(first.first, number - 1, first.begin, times[number - 1]))
+        younger[0] = Run(number, first.last, times[number], first.end)
+    return older, younger

@@ -1,0 +1,382 @@
+"""The verdicts on a formula from every state on."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from heapq import merge
+from itertools import chain, takewhile
+from math import inf
+from typing import Final
+
+from dyknow_reasoning.errors import ReasoningError
+from dyknow_reasoning.execution.automata.automaton import Location
+from dyknow_reasoning.execution.automata.instance_states import (
+    FormulaInstance,
+    InstanceState,
+)
+from dyknow_reasoning.execution.automata.templates import Template
+from dyknow_reasoning.execution.standing.failures import Failure, Failures
+from dyknow_reasoning.execution.standing.groups import DecidedStarts
+from dyknow_reasoning.execution.standing.joint_reader import joint_reader
+from dyknow_reasoning.execution.standing.open_starts import OpenStarts
+from dyknow_reasoning.execution.standing.runs import (
+    Run,
+    StateTimes,
+    coalesced,
+    count_outside,
+    count_states,
+    difference,
+    number_in,
+    union,
+)
+from dyknow_reasoning.execution.standing.verdict_log import VerdictLog
+from dyknow_reasoning.language.type_checking import Kinds
+from dyknow_reasoning.progression.atoms import Values
+from dyknow_reasoning.progression.gaps import Gap, Half
+from dyknow_reasoning.progression.instances import Instance
+from dyknow_reasoning.progression.nodes import TRUE
+
+MAX_RUNS: Final = 100_000
+"""The most runs of undecided or false start states that a formula may have."""
+
+KEPT_FAILURES: Final = 10
+"""The failures that are kept after they have ended."""
+
+_CLEANUP_STATES: Final = 4096
+"""The period in which what is no longer needed is dropped."""
+
+
+@dataclass(frozen=True, slots=True)
+class StartCounts:
+    """The numbers of start states, by their verdicts.
+
+    Args:
+        holds: from which the formula is true.
+        fails: from which it is false.
+        undecided: from which it is undecided yet.
+        unknown: from which its verdict depends on states that are missing in a gap.
+    """
+
+    holds: int = 0
+    fails: int = 0
+    undecided: int = 0
+    unknown: int = 0
+
+
+class StandingMonitor:
+    """Evaluates a formula from every state on.
+
+    Each verdict, and the state that decides it, is that of an evaluation that begins at this state.
+
+    Args:
+        formula_id: the formula.
+        instances: all of which must hold for the formula to hold.
+        kinds: of the features of the formula.
+        node_limit: the most nodes of what remains of an instance.
+    """
+
+    def __init__(
+        self, formula_id: int, instances: Sequence[Instance], kinds: Kinds, node_limit: int
+    ) -> None:
+        self.latest: int | None = None
+        """The valid time of the latest state, in nanoseconds."""
+        self._failures = Failures()
+        self._times = StateTimes()
+        self._instances = [
+            FormulaInstance(
+                each.binding, each.atoms, each.node, formula_id, order, kinds, batch_key=None
+            )
+            for order, each in enumerate(instances)
+            if each.node is not TRUE
+        ]
+        templates = {node: Template(node) for node in {each.node for each in self._instances}}
+        self._templates = list(templates.values())
+        self._starts = [
+            OpenStarts(each, templates[each.node], self._times) for each in self._instances
+        ]
+        self._read = joint_reader(self._instances)
+        self._symbols: tuple[int, ...] = (-1,) * len(self._starts)
+        self._node_limit = node_limit
+        self._keeps_failures = False
+        # Of each instance, as of `OpenStarts`.
+        self._ends: list[float] = [-inf] * len(self._starts)
+        self._fading: list[float] = [inf] * len(self._starts)
+        # The time before which states with the same truth of the atoms need no step.
+        self._joins_until: float = -inf
+        self._log: VerdictLog | None = None
+        self._fails_at_once: set[int] = set()
+        # The first instance that is false at once from the latest state on, and since which state.
+        self._failing: OpenStarts | None = None
+        self._failing_since = 0
+        self._forgotten_fails = 0
+        # The starts from which the formula cannot become true, because of a gap.
+        self._unprovable: list[Run] = []
+        self._gap_follows = False
+        self._forgotten_unknown = 0
+        self._next_cleanup = _CLEANUP_STATES
+
+    def keep_all(self) -> VerdictLog:
+        """Keep all failures, and return a log of all verdicts; call it before the first state."""
+        self._keeps_failures = True
+        self._log = VerdictLog()
+        for each in self._starts:
+            each.can_fade = False
+        return self._log
+
+    def remainders(self, number: int) -> list[InstanceState]:
+        """Return what remains of the formula from an undecided state on, for each instance."""
+        self._settle(len(self._times))
+        return [state for each in self._starts for state in each.states(number)]
+
+    def undecided(self) -> list[Run]:
+        """Return the states from which the formula is undecided."""
+        self._settle(len(self._times))
+        return difference(self._undecided(), self._failures.runs)
+
+    @property
+    def states(self) -> int:
+        """The number of states so far."""
+        return len(self._times)
+
+    @property
+    def failures(self) -> Sequence[Failure]:
+        """In the order of their states; those that have ended are forgotten after a while."""
+        self._record_failing(len(self._times))
+        return self._failures.kept
+
+    @property
+    def failure_count(self) -> int:
+        """The number of all failures, also of those that are forgotten."""
+        return self._failures.count
+
+    @property
+    def is_violated(self) -> bool:
+        """True if a failure has not ended."""
+        return bool(self._failures.waiting)
+
+    def progress(self, now: int, values: Values) -> bool:
+        """Progress over a state; return True if a failure has begun or ended.
+
+        Args:
+            now: the valid time of the state, in nanoseconds, later than the latest one.
+            values: the values of its features.
+
+        Raises:
+            ReasoningError: for values that cannot be used, or too many undecided starts.
+        """
+        symbols = self._read(values)
+        latest = now if self.latest is None else self.latest
+        if symbols == self._symbols and now < self._joins_until:
+            self._times.append(now)
+            self.latest = now
+            return False
+        return self._step(symbols, now, now - latest, values)
+
+    def gap(self) -> None:
+        """Record that states may be missing before the next one."""
+        self._joins_until = -inf
+        self._gap_follows = self.latest is not None
+
+    def counts(self) -> StartCounts:
+        """Return the numbers of starts by their verdicts."""
+        states = len(self._times)
+        self._settle(states)
+        false = self._failures.runs
+        undecided = self._undecided()
+        pending = count_outside(undecided, false)
+        fails = self._forgotten_fails + count_states(false)
+        unknown = count_outside(self._unprovable, union(false, undecided))
+        unknown += self._forgotten_unknown
+        return StartCounts(states - fails - pending - unknown, fails, pending, unknown)
+
+    def _undecided(self) -> list[Run]:
+        """Return the starts from which an instance is undecided, if that matters."""
+        found: list[Run] = []
+        for half in Half:
+            runs = chain.from_iterable(each.runs(half) for each in self._starts)
+            joined = _union_of(runs)
+            if half is Half.PESSIMISTIC:
+                joined = difference(joined, self._unprovable)
+            found = union(found, joined)
+        return found
+
+    def _step(self, symbols: tuple[int, ...], now: int, elapsed: int, values: Values) -> bool:
+        number = len(self._times)
+        self._record_failing(number)
+        changed = self._gap_follows and self._cross_gap(Gap(now - elapsed, now), values)
+        self._times.append(now)
+        self.latest = now
+        decided: list[tuple[OpenStarts, DecidedStarts]] = []
+        for index in self._due(symbols, now):
+            starts = self._starts[index]
+            decided += [(starts, found) for found in starts.step(symbols[index])]
+            self._ends[index] = starts.joins_until
+            self._fading[index] = starts.fades_at
+            if starts.fails_at_once:
+                self._fails_at_once.add(index)
+            else:
+                self._fails_at_once.discard(index)
+        self._symbols = symbols
+        changed |= self._apply(decided, now, values)
+        self._failing = None
+        if self._fails_at_once:
+            self._failing = self._starts[min(self._fails_at_once)]
+            begins = self._failing.begins()
+            changed |= self._fail(self._failing, begins, now, values)
+            if self._log:
+                self._log.add_at_once(begins.runs[0])
+            self._failing_since = number + 1
+        self._limit_size()
+        if number >= self._next_cleanup:
+            self._clean_up()
+        changed |= self._end_failures()
+        self._joins_until = min(self._ends, default=inf)
+        if self._failures.waiting:
+            self._joins_until = min([self._joins_until, *self._fading])
+        return changed
+
+    def _due(self, symbols: tuple[int, ...], now: int) -> Sequence[int]:
+        """Return the indices of the instances that must be progressed over a state."""
+        if len(symbols) == 1:
+            return range(len(symbols))
+        before = self._symbols
+        due = [
+            index
+            for index, (new, old) in enumerate(zip(symbols, before, strict=True))
+            if new != old
+        ]
+        if now >= self._joins_until:
+            due += [
+                index
+                for index, end in enumerate(self._ends)
+                if now >= end and symbols[index] == before[index]
+            ]
+            due.sort()
+        return due
+
+    def _cross_gap(self, gap: Gap, values: Values) -> bool:
+        """Continue with the halves after a gap; return True if a failure has begun."""
+        self._gap_follows = False
+        self._symbols = (-1,) * len(self._starts)
+        decided = [(each, found) for each in self._starts for found in each.cross_gap(gap)]
+        return self._apply(decided, gap.before, values)
+
+    def _apply(
+        self, decided: Iterable[tuple[OpenStarts, DecidedStarts]], now: int, values: Values
+    ) -> bool:
+        changed = False
+        for starts, found in decided:
+            if self._log:
+                self._log.add(found, now)
+            if not found.holds and found.group.half is Half.PESSIMISTIC:
+                self._unprovable = union(self._unprovable, found.runs)
+            elif not found.holds:
+                changed |= self._fail(starts, found, now, values)
+        return changed
+
+    def _fail(self, starts: OpenStarts, found: DecidedStarts, now: int, values: Values) -> bool:
+        """Record starts from which an instance is false; return True if a failure has begun."""
+        began = False
+        for run in found.runs:
+            if self._failures.extend(run):
+                continue
+            single = found._replace(runs=(run,))
+            verdict = starts.verdict(single)
+            began |= self._failures.add(Failure(run, verdict, now, values))
+        return began
+
+    def _record_failing(self, end: int) -> None:
+        """Record the states before a number that needed no step and are false at once."""
+        if self._failing and end > self._failing_since:
+            first, self._failing_since = self._failing_since, end
+            run = Run(first, end - 1, self._times[first], self._times[end - 1])
+            self._failures.extend(run)
+            if self._log:
+                self._log.add_at_once(run)
+
+    def _end_failures(self) -> bool:
+        """End failures after which the formula holds; return True if one has ended."""
+        if not self._failures.waiting:
+            return False
+        for each in self._starts:
+            each.join(len(self._times))
+        self._fading = [each.fades_at for each in self._starts]
+        ended = [each for each in self._failures.waiting if self._holds_after(each.run)]
+        for failure in ended:
+            self._failures.end(failure)
+        return bool(ended)
+
+    def _holds_after(self, run: Run) -> bool:
+        """Return True if the first start after a run that is neither unknown nor false is true."""
+        number = run.last + 1
+        while number < len(self._times):
+            if (last := self._failures.last_around(number)) is not None:
+                number = last + 1
+                continue
+            is_unprovable = number_in(self._unprovable, number)
+            if any(each.has_open(number, pessimistic=not is_unprovable) for each in self._starts):
+                return False
+            if not is_unprovable:
+                return True
+            number += 1
+        return False
+
+    def _settle(self, end: int) -> None:
+        self._record_failing(end)
+        for each in self._starts:
+            each.join(end)
+
+    def _limit_size(self) -> None:
+        """Limit the memory of automata that have grown, and the size of what remains."""
+        for template in self._templates:
+            automaton = template.automaton
+            if not automaton.has_grown:
+                continue
+            automaton.has_grown = False
+            if automaton.max_size > self._node_limit or automaton.is_full:
+                used = [each for each in self._starts if each.template is template]
+                locations = {each for starts in used for each in starts.locations}
+                self._check_sizes(locations)
+                if automaton.is_full:
+                    automaton.forget(locations)
+                    for starts in used:
+                        starts.forget()
+
+    def _check_sizes(self, locations: Iterable[Location]) -> None:
+        size = max(each.node.size for each in locations)
+        if size > self._node_limit:
+            raise ReasoningError(
+                f'what remains of the formula has {size} nodes, more than {self._node_limit} (the '
+                "limit 'node_limit'); use shorter intervals or fewer nested operators"
+            )
+
+    def _clean_up(self) -> None:
+        """Forget what no undecided start needs any more, and limit the rest."""
+        states = len(self._times)
+        self._next_cleanup = states + _CLEANUP_STATES
+        self._settle(states)
+        runs = len(self._failures.kept) + sum(each.run_count() for each in self._starts)
+        if runs > MAX_RUNS:
+            raise ReasoningError(
+                f'there are {runs} runs of states from which the formula is undecided or false, '
+                f'more than {MAX_RUNS}; give its operators shorter intervals'
+            )
+        oldest = min((each.oldest(own=True) for each in self._starts), default=states)
+        self._times.forget(min(oldest, states - 2))
+        oldest = min((each.oldest(own=False) for each in self._starts), default=states)
+        waiting = (each.run.last for each in self._failures.waiting)
+        oldest = min([oldest, *waiting])
+        false = self._failures.runs
+        unprovable = [run for run in self._unprovable if run.last < oldest]
+        self._forgotten_unknown += count_outside(unprovable, false)
+        del self._unprovable[: len(unprovable)]
+        past = [] if self._keeps_failures else self._failures.kept[:-KEPT_FAILURES]
+        forgotten = list(takewhile(lambda each: each.run.last < oldest, past))
+        self._forgotten_fails += count_states(each.run for each in forgotten)
+        del self._failures.kept[: len(forgotten)]
+
+
+def _union_of(runs: Iterable[Sequence[Run]]) -> list[Run]:
+    """Return the states of all runs, each sequence of which is in order."""
+    return coalesced(merge(*runs))

@@ -1,0 +1,269 @@
+"""Formulas of a group that are asked at every state, and the episodes in which they fail."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+from dyknow_common import ExitCode, Verdict, shortened
+from dyknow_reasoning.errors import ReasoningError
+from dyknow_reasoning.execution import (
+    KEPT_FAILURES,
+    Failure,
+    InstanceState,
+    StandingMonitor,
+    StartCounts,
+    VerdictLog,
+)
+from dyknow_reasoning.explanation.explanation import VerdictReasons, explain
+from dyknow_reasoning.explanation.remainders import text_of
+from dyknow_reasoning.explanation.residual import holds_at_the_end
+from dyknow_reasoning.language.formula import (
+    Always,
+    Eventually,
+    Formula,
+    PastAtom,
+    PastFormula,
+    Until,
+    walk,
+)
+from dyknow_reasoning.progression.atoms import Values
+from dyknow_reasoning.progression.gaps import Half, unknowable
+from dyknow_reasoning.progression.instances import Instance
+from dyknow_reasoning.progression.nodes import FALSE
+from dyknow_reasoning.results import NamedFormula
+
+
+def check_standing(formula: Formula) -> None:
+    """Check that a formula can be asked at every state.
+
+    Raises:
+        ReasoningError: if it looks back on an operator of the future.
+    """
+    for each in walk(formula):
+        if isinstance(each, PastFormula) and any(
+            isinstance(part, Always | Eventually | Until) for part in walk(each)
+        ):
+            raise ReasoningError(
+                f"'{shortened(each)}' looks back on an operator of the future, so it can be "
+                'evaluated from the first state only'
+            )
+
+
+@dataclass(frozen=True, slots=True)
+class FailureEpisode:
+    """Consecutive states from each of which a formula is false.
+
+    Args:
+        begin: the valid time of the first of these states, in nanoseconds.
+        end: of the last one so far.
+        decided_at: of the state that decided the formula of the first one.
+        states: how many there are.
+        has_ended: True if the formula holds again after the last one.
+        explanation: the reason for the verdict on the first one.
+        objects: the objects that decide it, `u = uav1`; empty if there is no choice.
+    """
+
+    begin: int
+    end: int
+    decided_at: int
+    states: int
+    has_ended: bool
+    explanation: str
+    objects: str = ''
+
+
+@dataclass(frozen=True, slots=True)
+class EpisodeSummary:
+    """The verdicts on a formula that is asked at every state.
+
+    Args:
+        counts: the numbers of states from which it has each verdict.
+        is_violated: True if an episode has not ended.
+        episode_count: the number of episodes.
+        latest_episodes: the last ten, the latest last.
+    """
+
+    counts: StartCounts = field(default_factory=StartCounts)
+    is_violated: bool = False
+    episode_count: int = 0
+    latest_episodes: tuple[FailureEpisode, ...] = ()
+
+
+class StandingFormula:
+    """A formula that is asked at every state.
+
+    Args:
+        formula_id: its id in the group.
+        named: the formula.
+        instances: all of which must hold for it to hold.
+        node_limit: the most nodes of what remains of an instance.
+    """
+
+    def __init__(
+        self, formula_id: int, named: NamedFormula, instances: Sequence[Instance], node_limit: int
+    ) -> None:
+        self.monitor = StandingMonitor(formula_id, instances, named.kinds, node_limit)
+        self._named = named
+        self._is_false = any(instance.node is FALSE for instance in instances)
+        self._looks_back = any(
+            isinstance(atom, PastAtom) for instance in instances for atom in instance.atoms
+        )
+        self._error: ReasoningError | None = None
+        self._reasons: dict[Failure, VerdictReasons] = {}
+
+    def progress(self, valid_time: int, values: Values) -> bool:
+        """Progress over a state; return True if an episode has begun or ended.
+
+        Raises:
+            ReasoningError: if the formula fails.
+        """
+        if self._error is not None:
+            raise self._error
+        return self.monitor.progress(valid_time, values)
+
+    def gap(self) -> None:
+        """Record that states may be missing before the next one."""
+        if self._looks_back and self.monitor.states:
+            self._error = ReasoningError(
+                'operators of the past look back on states that are missing, so the formula cannot '
+                'be asked at further states',
+                ExitCode.CONSTRAINT_VIOLATION,
+            )
+        self.monitor.gap()
+
+    def summary(self) -> EpisodeSummary:
+        """Return the verdicts so far."""
+        counts = self.monitor.counts()
+        return EpisodeSummary(
+            counts,
+            self.monitor.is_violated,
+            self.monitor.failure_count,
+            self.episodes(KEPT_FAILURES),
+        )
+
+    def episodes(self, most: int) -> tuple[FailureEpisode, ...]:
+        """Return the latest episodes that are kept."""
+        latest = self.monitor.failures[-most:]
+        known = self._reasons
+        self._reasons = {each: known.get(each) or self._reason(each) for each in latest}
+        return tuple(
+            FailureEpisode(
+                each.run.begin,
+                each.run.end,
+                each.decided_at,
+                each.run.last - each.run.first + 1,
+                each.has_ended,
+                reason.text,
+                reason.objects,
+            )
+            for each, reason in self._reasons.items()
+        )
+
+    def _reason(self, failure: Failure) -> VerdictReasons:
+        if self._is_false:
+            return VerdictReasons('it is false, whatever the states are')
+        return explain(self._named.formula, failure.verdict, failure.values)
+
+
+@dataclass(frozen=True, slots=True)
+class StartVerdict:
+    """The verdict on a formula from one state on.
+
+    Args:
+        verdict: undecided also if it depends on states that are missing.
+        decided_at: the valid time of the deciding state, in nanoseconds; None without a verdict.
+        error: why it has no verdict, if it depends on states that are missing.
+        residual_formula: what remains of an undecided formula.
+        presumably_false: True if an undecided formula would be false without further states.
+    """
+
+    verdict: Verdict
+    decided_at: int | None = None
+    error: ReasoningError | None = None
+    residual_formula: str = ''
+    presumably_false: bool = False
+
+
+def start_verdicts(
+    monitor: StandingMonitor, log: VerdictLog, times: Sequence[int]
+) -> list[StartVerdict]:
+    """Return the verdict from each state on.
+
+    Args:
+        monitor: has progressed over all states.
+        log: of the monitor, from its first state on.
+        times: the valid times of the states, in nanoseconds.
+    """
+    found: list[StartVerdict] = []
+    undecided = {number for run in monitor.undecided() for number in range(run.first, run.last + 1)}
+    false_at = {
+        number: log.false_at.get(number)
+        for failure in monitor.failures
+        for number in range(failure.run.first, failure.run.last + 1)
+    }
+    for number, time in enumerate(times):
+        if number in false_at:
+            decided_at = false_at[number]
+            found.append(StartVerdict(Verdict.FALSE, time if decided_at is None else decided_at))
+        elif number in undecided:
+            found.append(_undecided(monitor.remainders(number), times[-1]))
+        elif number in log.unprovable:
+            error = unknowable(log.unprovable[number])
+            found.append(StartVerdict(Verdict.UNDECIDED, error=error))
+        else:
+            found.append(StartVerdict(Verdict.TRUE, log.true_at.get(number, time)))
+    return found
+
+
+def _undecided(states: Sequence[InstanceState], latest: int) -> StartVerdict:
+    """Return an open verdict; of two halves after a gap, the optimistic one counts."""
+    shown = [state for state in states if state.instance.half is not Half.PESSIMISTIC] or states
+    return StartVerdict(
+        Verdict.UNDECIDED,
+        residual_formula=text_of(shown, latest),
+        presumably_false=not all(holds_at_the_end(state.node) for state in shown),
+    )
+
+
+class StandingFormulas:
+    """The formulas of a group that are asked at every state, by their ids."""
+
+    def __init__(self) -> None:
+        self.formulas: dict[int, StandingFormula] = {}
+        self._changed: set[int] = set()
+
+    def add(self, formula_id: int, formula: StandingFormula) -> None:
+        """Add a formula, which begins with the next state."""
+        self.formulas[formula_id] = formula
+
+    def remove(self, formula_id: int) -> None:
+        """Remove a formula, if it is one of these."""
+        self.formulas.pop(formula_id, None)
+        self._changed.discard(formula_id)
+
+    def gap(self) -> None:
+        """Record that states may be missing before the next one."""
+        for each in self.formulas.values():
+            each.gap()
+
+    def progress(self, valid_time: int, values: Values) -> dict[int, ReasoningError]:
+        """Progress all formulas over a state; return those that fail, which should be removed."""
+        failures: dict[int, ReasoningError] = {}
+        for formula_id, each in self.formulas.items():
+            try:
+                if each.progress(valid_time, values):
+                    self._changed.add(formula_id)
+            except ReasoningError as error:
+                failures[formula_id] = error
+        return failures
+
+    def summary(self, formula_id: int) -> EpisodeSummary:
+        """Return the verdicts so far on a formula; none if it has failed."""
+        found = self.formulas.get(formula_id)
+        return found.summary() if found else EpisodeSummary()
+
+    def changed(self) -> list[int]:
+        """Return the formulas of which an episode has begun or ended since the last call."""
+        changed, self._changed = sorted(self._changed), set()
+        return changed

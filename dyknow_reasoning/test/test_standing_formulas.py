@@ -1,0 +1,139 @@
+"""Formulas of a group that are asked at every state."""
+
+from __future__ import annotations
+
+import pytest
+
+from dyknow_reasoning import FormulaGroup
+from dyknow_reasoning.execution.standing import standing_monitor
+
+SECOND = 1_000_000_000
+RESPONSE = 'alarm -> eventually[0 s, 2 s] stopped'
+
+
+def begun(text: str, **domains: list[str]) -> tuple[FormulaGroup, int]:
+    group = FormulaGroup()
+    formula_id = group.add_formula('it', text, every_state=True)
+    group.begin(domains)
+    assert not group.decided_at_once()
+    return group, formula_id
+
+
+def test_an_invariant_is_violated_twice() -> None:
+    group, formula_id = begun('forall u in UAV: Power[u] < 200', UAV=['a', 'b'])
+    changes = []
+    for second, power in enumerate([150.0, 210.0, 220.0, 150.0, 150.0, 201.5, 150.0]):
+        assert not group.progress(second * SECOND, {'Power[a]': 100.0, 'Power[b]': power})
+        if group.standing.changed():
+            changes.append((second, group.presumably_false(formula_id)))
+    assert changes == [(1, True), (3, False), (5, True), (6, False)]
+    summary = group.standing.summary(formula_id)
+    assert (summary.counts.holds, summary.counts.fails, summary.counts.undecided) == (4, 3, 0)
+    assert (summary.episode_count, summary.is_violated) == (2, False)
+    first, second = summary.latest_episodes
+    assert (first.begin, first.end, first.states) == (1 * SECOND, 2 * SECOND, 2)
+    assert (second.begin, second.decided_at, second.has_ended) == (5 * SECOND, 5 * SECOND, True)
+    assert second.explanation == 'for u = b: Power[b] = 201.5 at 5.000 s is not < 200'
+    assert second.objects == 'u = b'
+
+
+def test_a_response_that_comes_too_late() -> None:
+    group, formula_id = begun(RESPONSE)
+    for second in range(10):
+        values = {'alarm': second in {1, 2, 7}, 'stopped': second in {4, 9}}
+        assert not group.progress(second * SECOND, values)
+        if second == 3:
+            summary = group.standing.summary(formula_id)
+            assert summary.counts.undecided == 1
+    summary = group.standing.summary(formula_id)
+    assert (summary.counts.holds, summary.counts.fails, summary.counts.undecided) == (9, 1, 0)
+    assert group.residual(formula_id) == 'alarm -> (eventually[0 s, 2 s] stopped)'
+    (episode,) = summary.latest_episodes
+    assert (episode.begin, episode.decided_at) == (1 * SECOND, 3 * SECOND)
+    assert episode.explanation == (
+        "'stopped' held at no state from 1.000 s to 3.000 s; stopped is false at 3.000 s"
+    )
+
+
+def test_an_unusable_value_fails_the_formula_as_a_whole() -> None:
+    group, formula_id = begun('x < 5')
+    assert not group.progress(1, {'x': 1.0})
+    (result,) = group.progress(2, {'x': float('nan')})
+    assert str(result.error) == "at 0.000 s: the field 'x' holds the number nan, not a number"
+    assert not group.undecided
+    assert not group.progress(3, {'x': 1.0})
+    assert group.standing.summary(formula_id).counts.holds == 0
+
+
+def test_states_must_come_in_order() -> None:
+    group, _ = begun('x < 5')
+    assert not group.progress(2, {'x': 1.0})
+    (result,) = group.progress(2, {'x': 1.0})
+    assert 'not later' in str(result.error)
+
+
+def test_formulas_of_both_kinds_share_a_group() -> None:
+    group, formula_id = begun('p')
+    once = group.add_formula('once', 'always p')
+    for time in range(1, 30):
+        assert not group.progress(time, {'p': True})
+    (result,) = group.progress(30, {'p': False})
+    assert result.formula_id == once
+    for time in range(31, 60):
+        assert not group.progress(time, {'p': True})
+    counts = group.standing.summary(formula_id).counts
+    assert (counts.holds, counts.fails) == (58, 1)
+    group.remove_formula(formula_id)
+    assert not group.standing.formulas
+
+
+def test_what_needs_no_state_has_a_verdict_at_each() -> None:
+    group, formula_id = begun('forall u in UAV: p[u]', UAV=[])
+    for time in range(3):
+        assert not group.progress(time, {})
+    assert group.standing.summary(formula_id).counts.holds == 3
+    group, formula_id = begun('1 > 2')
+    for time in range(3):
+        assert not group.progress(time, {})
+    summary = group.standing.summary(formula_id)
+    assert summary.counts.fails == 3
+    assert summary.latest_episodes[0].explanation == 'it is false, whatever the states are'
+
+
+def test_unknown_starts_are_counted_and_not_violated() -> None:
+    group, formula_id = begun('always[0 s, 2 s] p')
+    for second in range(3):
+        assert not group.progress(second * SECOND, {'p': True})
+    group.gap()
+    for second in range(10, 15):
+        assert not group.progress(second * SECOND, {'p': True})
+    counts = group.standing.summary(formula_id).counts
+    assert (counts.holds, counts.unknown, counts.undecided, counts.fails) == (4, 2, 2, 0)
+
+
+def test_memory_stays_bounded(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Over many states, what is kept does not grow, and the counts stay exact."""
+    monkeypatch.setattr(standing_monitor, '_CLEANUP_STATES', 64)
+    group, formula_id = begun('p -> eventually[0 s, 3 s] q')
+    monitor = group.standing.formulas[formula_id].monitor
+    for second in range(5000):
+        group.progress(second * SECOND, {'p': second % 3 == 0, 'q': second % 7 == 0})
+        assert len(monitor.failures) < 100
+        assert len(monitor._times._times) < 200
+    counts = group.standing.summary(formula_id).counts
+    assert counts.holds + counts.fails + counts.undecided == 5000
+    fails = [s for s in range(0, 4996, 3) if not any(t % 7 == 0 for t in range(s, s + 4))]
+    assert counts.fails == len(fails) == monitor.failure_count
+
+
+def test_too_many_runs_are_an_error(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(standing_monitor, '_CLEANUP_STATES', 64)
+    monkeypatch.setattr(standing_monitor, 'MAX_RUNS', 100)
+    group, _ = begun('p -> eventually q')
+    for time in range(2000):
+        results = group.progress(time, {'p': time % 2 == 0, 'q': False})
+        if results:
+            break
+    (result,) = results
+    assert 'more than 100' in str(result.error)
+    assert 'give its operators shorter intervals' in str(result.error)
