@@ -16,7 +16,7 @@ from dyknow_stream_processing.dataflow.waiting import waiting_reasons
 from dyknow_stream_processing.errors import StreamError, unknown_stream
 from dyknow_stream_processing.language.required_fields import total_demand
 from dyknow_stream_processing.language.resolution import Fields, Resolved, resolve
-from dyknow_stream_processing.language.specification import Specification, Term
+from dyknow_stream_processing.language.specification import Specification, Term, references
 from dyknow_stream_processing.language.type_rules import Unit
 from dyknow_stream_processing.sample import Sample
 from dyknow_stream_processing.violation import Fault, Violation
@@ -161,7 +161,8 @@ class Dataflow:
     def sources(self) -> Mapping[str, frozenset[str]]:
         """Return the topics whose samples are needed, each with the needed fields.
 
-        The name `ALL` among them stands for all fields except the elements of arrays.
+        The name `ALL` among them stands for all fields except the elements of arrays, the name
+        `WHOLE` for the message itself, of which a `WholeMessage` is pushed.
         """
         return total_demand(each.resolved.term for each in self._streams.values())
 
@@ -293,7 +294,7 @@ class _RunningStream:
 
     @cached_property
     def topics(self) -> tuple[str, ...]:
-        return tuple(sorted(total_demand([self.resolved.term])))
+        return tuple(sorted({each.name for each in references(self.resolved.term)}))
 
     def name_of(self, label: str) -> str:
         """Return the name of the stream that the label of an operator states, or the label."""

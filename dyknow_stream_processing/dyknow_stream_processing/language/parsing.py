@@ -26,6 +26,7 @@ from dyknow_common import (
     text_value,
 )
 from dyknow_stream_processing.language import specification as syntax
+from dyknow_stream_processing.language.built_in_sources import built_in_source
 from dyknow_stream_processing.language.specification import (
     LANGUAGE,
     Declaration,
@@ -96,6 +97,9 @@ class _SpecificationBuilder(ConstraintBuilder[tuple[Declaration, ...]]):
     def unit(
         self, output: syntax.TypedField, name: Token, *parameters: tuple[syntax.TypedField, ...]
     ) -> syntax.UnitDeclaration:
+        if name in list(syntax.BuiltIn):
+            message = f"'{name}' is a built-in source; choose another name for the unit"
+            raise PositionedError(message, TextPosition.of(name))
         return syntax.UnitDeclaration(str(name), output, parameters, position=TextPosition.of(name))
 
     def named(self, name: Token, stream: Term) -> syntax.StreamDeclaration:
@@ -117,6 +121,10 @@ class _SpecificationBuilder(ConstraintBuilder[tuple[Declaration, ...]]):
 
     def reference(self, name: Token) -> syntax.StreamReference:
         return syntax.StreamReference(_name(name), name.type == 'QUOTED')
+
+    def built_in(self, kind: Token, *arguments: Token) -> syntax.BuiltInSource:
+        names = tuple(map(_name, arguments))
+        return built_in_source(syntax.BuiltIn(kind), names, TextPosition.of(kind))
 
     def call(self, unit: Token, *parts: Term | syntax.UnitArgument) -> syntax.Call:
         inputs = tuple(part for part in parts if not isinstance(part, syntax.UnitArgument))

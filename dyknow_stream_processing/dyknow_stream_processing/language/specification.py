@@ -35,6 +35,7 @@ LANGUAGE: Final = Language(
         'APPROXIMATION': 'latest or linear',
         'QUANTITY': 'a number or a duration',
         '_ANOTHER': "','",
+        'BUILT_IN': 'a name',
     },
 )
 
@@ -74,6 +75,35 @@ class StreamReference(_Constrained):
 
     def __str__(self) -> str:
         return self._with_constraints(quoted(self.name) if self.is_topic else self.name)
+
+
+class BuiltIn(StrEnum):
+    """The built-in sources, which are made of whole messages."""
+
+    TF = 'tf'
+    ACTION = 'action'
+
+
+@dataclass(frozen=True, slots=True)
+class BuiltInSource(_Constrained):
+    """A built-in source: `tf("map", "base_link")`, `action("/dock")`.
+
+    Args:
+        kind: the word of the language.
+        arguments: the two frames of a transform, or the name of an action.
+    """
+
+    kind: BuiltIn
+    arguments: tuple[str, ...]
+
+    @property
+    def inputs(self) -> tuple[Term, ...]:
+        """The topic that it needs; what /tf_static adds to a transform may be missing."""
+        topic = '/tf' if self.kind is BuiltIn.TF else f'{self.arguments[0]}/_action/status'
+        return (StreamReference(topic, is_topic=True),)
+
+    def __str__(self) -> str:
+        return self._with_constraints(f'{self.kind}({_listed(map(quoted, self.arguments))})')
 
 
 @dataclass(frozen=True, slots=True)
@@ -210,7 +240,7 @@ class Sync(_Constrained):
         return f'{text}{link} approximation = {self.approximation}'
 
 
-Term = StreamReference | Call | Select | Merge | Sync
+Term = StreamReference | BuiltInSource | Call | Select | Merge | Sync
 """A term that denotes a stream."""
 
 

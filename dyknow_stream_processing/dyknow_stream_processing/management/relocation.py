@@ -7,6 +7,8 @@ from dataclasses import replace
 
 from dyknow_stream_processing.language.parsing import parse_specification
 from dyknow_stream_processing.language.specification import (
+    BuiltIn,
+    BuiltInSource,
     Declaration,
     Select,
     SinkDeclaration,
@@ -83,6 +85,9 @@ def with_absolute_topics(specification: Specification, namespace: str) -> Specif
             if term.is_topic or term.name in sources:
                 return replace(term, name=absolute(term.name), is_topic=True)
             return term
+        if isinstance(term, BuiltInSource):
+            is_action = term.kind is BuiltIn.ACTION
+            return replace(term, arguments=(absolute(*term.arguments),)) if is_action else term
         if isinstance(term, Select):
             return replace(term, source=moved(term.source))
         return replace(term, inputs=tuple(map(moved, term.inputs)))
