@@ -13,6 +13,7 @@ from dyknow_common import ValueType
 from dyknow_stream_processing import StreamReference, made, parse_specification
 from dyknow_stream_processing.dataflow.built_in import transform_tree
 
+STRING = ValueType.STRING
 QUARTER = (0.0, 0.0, math.sqrt(0.5), math.sqrt(0.5))
 
 
@@ -319,6 +320,17 @@ def test_the_tree_is_shared(flow: Flow) -> None:
     for number in range(3):
         flow.dataflow.destroy(f's{number}')
     assert flow.dataflow._graph.sources == {}
+
+
+def test_the_tree_is_shared_with_streams_from_before_the_type_was_known(flow: Flow) -> None:
+    flow.create('tf("base", "laser")', name='first')
+    flow.receipt_topics |= {'/tf', '/tf_static'}
+    flow.types = {name: {'transforms[0..].child_frame_id': STRING} for name in flow.receipt_topics}
+    push_transforms(flow, 5, transform('base', 'laser', 0), static=True)
+    flow.take()
+    flow.create('tf("laser", "base")')
+    flow.advance(6)
+    assert len(flow.take()) == 1
 
 
 def test_origins_are_the_topic_that_must_be_there() -> None:

@@ -163,10 +163,8 @@ class OperatorGraph:
             source = self._bare(topic, may_be_late=False, max_lead=max_lead)
             return self._operator(ActionStatusOperator, label, [source])
         topics = (_label(topic), TF_STATIC)
-        sources = [
-            self._operator(SourceOperator, each, [], self._has_receipt_time(each))
-            for each in topics
-        ]
+        # The valid times of the messages are not used: one tree, whether their type is known or not.
+        sources = [self._operator(SourceOperator, each, [], True) for each in topics]
         tree = self._operator(TransformTreeOperator, topics[0], sources)
         frames = self._operator(FramesOperator, label, [tree], *term.arguments)
         limit = self._max_lead if max_lead is None else max_lead
