@@ -141,6 +141,14 @@ class Dataflow:
         """Return what a stream computes, down to the topics that it is made of."""
         return self._find(name).resolved.term
 
+    def fields(self, name: str) -> Fields | None:
+        """Return the fields of a stream; `None` if they are not known before samples arrive."""
+        return self._find(name).resolved.fields
+
+    def count_drop(self, name: str, reason: str) -> None:
+        """Count a sample of a stream that its receiver could not use."""
+        self._find(name).count_drops(reason)
+
     def statistics(self, name: str) -> Statistics:
         """Return the counts of a stream."""
         stream = self._find(name)

@@ -27,6 +27,7 @@ from dyknow_common import (
 )
 from dyknow_stream_processing.language import specification as syntax
 from dyknow_stream_processing.language.built_in_sources import built_in_source
+from dyknow_stream_processing.language.publication import Assignment, Publication
 from dyknow_stream_processing.language.specification import (
     LANGUAGE,
     Declaration,
@@ -86,8 +87,24 @@ class _SpecificationBuilder(ConstraintBuilder[tuple[Declaration, ...]]):
     def anonymous(self, stream: Term) -> tuple[Declaration, ...]:
         return (self.sink(stream),)
 
-    def sink(self, stream: Term) -> syntax.SinkDeclaration:
-        return syntax.SinkDeclaration(stream, position=stream.position)
+    def sink(self, stream: Term, publication: Publication | None = None) -> syntax.SinkDeclaration:
+        return syntax.SinkDeclaration(stream, publication, position=stream.position)
+
+    def publication(self, message_type: Token, *parts: Assignment | Token) -> Publication:
+        assignments = tuple(part for part in parts if isinstance(part, Assignment))
+        seen: set[str] = set()
+        for each in assignments:
+            if each.path in seen:
+                raise PositionedError(f"field '{each.path}' is given twice", each.position)
+            seen.add(each.path)
+        topics = [_name(part) for part in parts if isinstance(part, Token)]
+        position = TextPosition.of(message_type)
+        return Publication(str(message_type), assignments, ''.join(topics), position=position)
+
+    def assignment(self, path: Token, value: Token) -> Assignment:
+        if value.type == 'FIELD':
+            return Assignment(str(path), field=str(value))
+        return Assignment(str(path), constant=_value(value))
 
     def source(
         self, fields: tuple[syntax.TypedField, ...], name: Token

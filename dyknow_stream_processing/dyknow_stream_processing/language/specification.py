@@ -21,6 +21,7 @@ from dyknow_common import (
     format_duration,
     quoted,
 )
+from dyknow_stream_processing.language.publication import Publication
 
 LANGUAGE: Final = Language(
     'stream specification',
@@ -36,6 +37,7 @@ LANGUAGE: Final = Language(
         'QUANTITY': 'a number or a duration',
         '_ANOTHER': "','",
         'BUILT_IN': 'a name',
+        'MESSAGE_TYPE': 'a message type, such as std_msgs/msg/Float64',
     },
 )
 
@@ -290,12 +292,14 @@ class StreamDeclaration(SyntaxNode):
 
 @dataclass(frozen=True, slots=True)
 class SinkDeclaration(SyntaxNode):
-    """A stream that the text makes."""
+    """A stream that the text makes, and the messages as which it is published too."""
 
     stream: Term
+    publication: Publication | None = None
 
     def __str__(self) -> str:
-        return f'sink {self.stream}'
+        text = f'sink {self.stream}'
+        return text if self.publication is None else f'{text} {self.publication}'
 
 
 Declaration = SourceDeclaration | UnitDeclaration | StreamDeclaration | SinkDeclaration
@@ -340,6 +344,12 @@ def made(specification: Specification) -> Term:
     if len(sinks) > 1:
         raise specification.error('a second sink; keep one', sinks[1].position)
     return sinks[0].stream if sinks else _unused(specification).stream
+
+
+def publication(specification: Specification) -> Publication | None:
+    """Return the messages as which the stream of a specification is published too, if any."""
+    sinks = specification.declared(SinkDeclaration)
+    return sinks[0].publication if sinks else None
 
 
 def _unused(specification: Specification) -> StreamDeclaration:

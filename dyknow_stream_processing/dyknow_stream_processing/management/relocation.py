@@ -95,6 +95,10 @@ def with_absolute_topics(specification: Specification, namespace: str) -> Specif
     def moved_declaration(declaration: Declaration) -> Declaration:
         if isinstance(declaration, SourceDeclaration):
             return replace(declaration, name=absolute(declaration.name))
+        if isinstance(declaration, SinkDeclaration) and declaration.publication is not None:
+            published = declaration.publication
+            published = replace(published, topic=absolute(published.topic))
+            return replace(declaration, stream=moved(declaration.stream), publication=published)
         if isinstance(declaration, StreamDeclaration | SinkDeclaration):
             return replace(declaration, stream=moved(declaration.stream))
         return declaration
