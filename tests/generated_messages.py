@@ -8,6 +8,8 @@ import sys
 from importlib.util import find_spec
 from pathlib import Path
 
+BUILD = (sys.executable, '-m', 'colcon', 'build', '--merge-install')
+
 FILES = {
     'msg/TFMessage.msg': 'geometry_msgs/TransformStamped[] transforms\n',
     'package.xml': """\
@@ -53,8 +55,7 @@ def tf2_environment(folder: Path) -> dict[str, str]:
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_text(text)
     subprocess.run(
-        [sys.executable, '-m', 'colcon', 'build', '--merge-install', '--cmake-args']
-        + ['-DBUILD_TESTING=OFF', '-DCMAKE_BUILD_TYPE=Debug'],
+        [*BUILD, '--cmake-args', '-DBUILD_TESTING=OFF', '-DCMAKE_BUILD_TYPE=Debug'],
         cwd=folder,
         check=True,
         capture_output=True,

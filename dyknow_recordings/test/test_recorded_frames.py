@@ -18,7 +18,7 @@ TRANSFORMS, STATUSES = 'tf2_msgs/msg/TFMessage', 'action_msgs/msg/GoalStatusArra
 STREAMS = """
 stream pose = select distance from tf("map", "base");
 stream docking = select name as state, goal_id from action("/dock");
-sink pose; sink docking
+sink pose as std_msgs/msg/Float64 on "/pose"; sink docking
 """
 
 Recorded = tuple[float, str, bytes]

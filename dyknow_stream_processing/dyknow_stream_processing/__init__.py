@@ -3,7 +3,7 @@
 from dyknow_stream_processing.dataflow.computational_units import load_units
 from dyknow_stream_processing.dataflow.dataflow import Dataflow, SourceType, Statistics
 from dyknow_stream_processing.errors import StreamError, unknown_stream
-from dyknow_stream_processing.language.built_in_sources import built_in_fields
+from dyknow_stream_processing.language.built_in_sources import TF_STATIC, built_in_fields
 from dyknow_stream_processing.language.parsing import parse_specification
 from dyknow_stream_processing.language.required_fields import ALL, WHOLE
 from dyknow_stream_processing.language.resolution import FreeNames, free_names, resolve
@@ -38,6 +38,7 @@ from dyknow_stream_processing.violation import Violation, ViolationKind
 
 __all__ = [
     'ALL',
+    'TF_STATIC',
     'WHOLE',
     'Approximation',
     'BuiltInSource',

@@ -138,8 +138,10 @@ def test_a_transform_of_the_future_is_used_if_the_others_are_not(flow: Flow) -> 
             [('map', 'x')]
             + [(f'f{number}', f'f{number + 1}') for number in range(9)]
             + [('f9', 'base_lnk')],
-            "the frames 'map' and 'base_lnk' have no common parent: "
-            'map, f0 <- f1 <- f2 <- ... <- f9 <- base_lnk',
+            (
+                "the frames 'map' and 'base_lnk' have no common parent: "
+                'map, f0 <- f1 <- f2 <- ... <- f9 <- base_lnk'
+            ),
         ),
     ],
 )
@@ -270,7 +272,10 @@ def test_the_number_of_frames_is_bounded(flow: Flow, monkeypatch: pytest.MonkeyP
         push_transforms(flow, 1, transform(f'f{number}', f'f{number + 1}', 1))
     assert flow.drops == {'buffer': 1}
     assert reasons(flow) == [
-        "no frame 'f4' in /tf or /tf_static; a transform of 'f4' is refused: there are more than 3 frames"
+        (
+            "no frame 'f4' in /tf or /tf_static; "
+            "a transform of 'f4' is refused: there are more than 3 frames"
+        )
     ]
 
 

@@ -38,6 +38,7 @@ from dyknow_stream_processing import (
     made,
     parse_specification,
 )
+from dyknow_stream_processing.language.sink_message import Assignment, SinkMessage
 from dyknow_stream_processing.language.specification import LANGUAGE, BuiltIn
 
 EXAMPLE = """
@@ -137,6 +138,19 @@ def _compound(terms: st.SearchStrategy[Term]) -> st.SearchStrategy[Term]:
 terms = st.recursive(references, _compound, max_leaves=6)
 typed_fields = st.builds(TypedField, field_names, st.sampled_from(ValueType))
 field_lists = st.lists(typed_fields, min_size=1, max_size=3, unique_by=lambda each: each.name)
+assignments = st.builds(
+    Assignment, st.sampled_from(['a', 'point.x', 'data[1]']), st.sampled_from(['b', 'p.x[0]'])
+) | st.builds(
+    Assignment,
+    st.sampled_from(['c', 'header.frame_id']),
+    constant=st.integers() | st.floats(allow_nan=False, allow_infinity=False) | texts,
+)
+publications = st.builds(
+    SinkMessage,
+    st.sampled_from(['std_msgs/msg/Float64', 'a/msg/B2']),
+    st.lists(assignments, max_size=3, unique_by=lambda each: each.path).map(tuple),
+    texts,
+)
 declarations = (
     st.builds(SourceDeclaration, names | texts.filter(bool), field_lists.map(tuple))
     | st.builds(
@@ -146,7 +160,7 @@ declarations = (
         st.lists(field_lists.map(tuple), min_size=1, max_size=3).map(tuple),
     )
     | st.builds(StreamDeclaration, names, terms)
-    | st.builds(SinkDeclaration, terms)
+    | st.builds(SinkDeclaration, terms, st.none() | publications)
 )
 
 
@@ -230,6 +244,10 @@ def test_the_example_of_the_design_reads_back() -> None:
             'sink sync(tf, tf("a", "b") with max_delay = 1 ms)',
         ),
         ('action("dock")', 'sink action("dock")'),
+        (
+            'sink a as geometry_msgs/msg/Point(x=b,y = -2e0 , z=c.d[1])on "/t"',
+            'sink a as geometry_msgs/msg/Point (x = b, y = -2.0, z = c.d[1]) on "/t"',
+        ),
         ('source x: float odometry; sink odometry', 'source (x: float) odometry;\nsink odometry'),
     ],
 )

@@ -163,7 +163,7 @@ class OperatorGraph:
             source = self._bare(topic, may_be_late=False, max_lead=max_lead)
             return self._operator(ActionStatusOperator, label, [source])
         topics = (_label(topic), TF_STATIC)
-        # The valid times of the messages are not used: one tree, whether their type is known or not.
+        # Their valid times are not used, so there is one tree, whether the type is known or not.
         sources = [self._operator(SourceOperator, each, [], True) for each in topics]
         tree = self._operator(TransformTreeOperator, topics[0], sources)
         frames = self._operator(FramesOperator, label, [tree], *term.arguments)

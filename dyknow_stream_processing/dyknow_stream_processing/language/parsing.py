@@ -27,7 +27,7 @@ from dyknow_common import (
 )
 from dyknow_stream_processing.language import specification as syntax
 from dyknow_stream_processing.language.built_in_sources import built_in_source
-from dyknow_stream_processing.language.publication import Assignment, Publication
+from dyknow_stream_processing.language.sink_message import Assignment, SinkMessage
 from dyknow_stream_processing.language.specification import (
     LANGUAGE,
     Declaration,
@@ -87,10 +87,10 @@ class _SpecificationBuilder(ConstraintBuilder[tuple[Declaration, ...]]):
     def anonymous(self, stream: Term) -> tuple[Declaration, ...]:
         return (self.sink(stream),)
 
-    def sink(self, stream: Term, publication: Publication | None = None) -> syntax.SinkDeclaration:
-        return syntax.SinkDeclaration(stream, publication, position=stream.position)
+    def sink(self, stream: Term, message: SinkMessage | None = None) -> syntax.SinkDeclaration:
+        return syntax.SinkDeclaration(stream, message, position=stream.position)
 
-    def publication(self, message_type: Token, *parts: Assignment | Token) -> Publication:
+    def message(self, message_type: Token, *parts: Assignment | Token) -> SinkMessage:
         assignments = tuple(part for part in parts if isinstance(part, Assignment))
         seen: set[str] = set()
         for each in assignments:
@@ -99,7 +99,7 @@ class _SpecificationBuilder(ConstraintBuilder[tuple[Declaration, ...]]):
             seen.add(each.path)
         topics = [_name(part) for part in parts if isinstance(part, Token)]
         position = TextPosition.of(message_type)
-        return Publication(str(message_type), assignments, ''.join(topics), position=position)
+        return SinkMessage(str(message_type), assignments, ''.join(topics), position=position)
 
     def assignment(self, path: Token, value: Token) -> Assignment:
         if value.type == 'FIELD':

@@ -21,7 +21,7 @@ from dyknow_common import (
     format_duration,
     quoted,
 )
-from dyknow_stream_processing.language.publication import Publication
+from dyknow_stream_processing.language.sink_message import SinkMessage
 
 LANGUAGE: Final = Language(
     'stream specification',
@@ -88,12 +88,7 @@ class BuiltIn(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class BuiltInSource(_Constrained):
-    """A built-in source: `tf("map", "base_link")`, `action("/dock")`.
-
-    Args:
-        kind: the word of the language.
-        arguments: the two frames of a transform, or the name of an action.
-    """
+    """A built-in source, `tf("map", "base_link")`; its arguments are two frames or an action."""
 
     kind: BuiltIn
     arguments: tuple[str, ...]
@@ -295,11 +290,11 @@ class SinkDeclaration(SyntaxNode):
     """A stream that the text makes, and the messages as which it is published too."""
 
     stream: Term
-    publication: Publication | None = None
+    message: SinkMessage | None = None
 
     def __str__(self) -> str:
         text = f'sink {self.stream}'
-        return text if self.publication is None else f'{text} {self.publication}'
+        return text if self.message is None else f'{text} {self.message}'
 
 
 Declaration = SourceDeclaration | UnitDeclaration | StreamDeclaration | SinkDeclaration
@@ -346,10 +341,10 @@ def made(specification: Specification) -> Term:
     return sinks[0].stream if sinks else _unused(specification).stream
 
 
-def publication(specification: Specification) -> Publication | None:
+def sink_message(specification: Specification) -> SinkMessage | None:
     """Return the messages as which the stream of a specification is published too, if any."""
     sinks = specification.declared(SinkDeclaration)
-    return sinks[0].publication if sinks else None
+    return sinks[0].message if sinks else None
 
 
 def _unused(specification: Specification) -> StreamDeclaration:

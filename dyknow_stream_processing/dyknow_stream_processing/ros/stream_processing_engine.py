@@ -30,7 +30,7 @@ from dyknow_stream_processing.errors import StreamError
 from dyknow_stream_processing.language.specification import (
     LANGUAGE,
     Specification,
-    publication,
+    sink_message,
 )
 from dyknow_stream_processing.language.term_sizes import check_rates
 from dyknow_stream_processing.management.naming import check_name
@@ -46,10 +46,10 @@ from dyknow_stream_processing.ros.messages.stream_report_messages import StreamR
 from dyknow_stream_processing.ros.stream_limits import StreamLimits, parse_beside
 from dyknow_stream_processing.ros.topics.publications import publishers_remark
 from dyknow_stream_processing.ros.topics.topic_sources import TopicSources, source_type
-from dyknow_stream_processing.ros.topics.typed_output import TypedOutput
 from dyknow_stream_processing.ros.topics.violation_relay import VIOLATIONS_SUFFIX, violations_topic
 from dyknow_stream_processing.ros.topics.waiting_streams import WaitingStreams
 from dyknow_stream_processing.ros.topics.watermark_topics import WatermarkPublisher
+from dyknow_stream_processing.ros.typed_output import TypedOutput
 from dyknow_stream_processing.sample import Sample as DataSample
 from dyknow_stream_processing.violation import Violation
 
@@ -161,7 +161,7 @@ class StreamProcessingEngine(DyKnowNode):
         self, name: str, specification: Specification, topic: str
     ) -> TypedOutput | None:
         """Return the output of a stream as messages of a type; if that fails, destroy it."""
-        published = publication(specification)
+        published = sink_message(specification)
         if published is None:
             return None
         fields, sources = self._dataflow.fields(name), self._dataflow.topics(name)

@@ -11,7 +11,7 @@ from std_msgs.msg import Float64, Int8
 
 from dyknow_common import Value, ValueType
 from dyknow_stream_processing import Sample, StreamError, parse_specification
-from dyknow_stream_processing.language.specification import publication
+from dyknow_stream_processing.language.specification import sink_message
 from dyknow_stream_processing.ros.messages.typed_messages import TypedMessageWriter
 
 FLOAT, INT, STRING = ValueType.FLOAT, ValueType.INT, ValueType.STRING
@@ -19,7 +19,7 @@ Fields = Mapping[str, ValueType | None]
 
 
 def writer(text: str, fields: Fields | None) -> TypedMessageWriter:
-    found = publication(parse_specification(f'sink a as {text}'))
+    found = sink_message(parse_specification(f'sink a as {text}'))
     assert found is not None
     return TypedMessageWriter(found, fields)
 
@@ -85,14 +85,18 @@ def test_arrays_grow() -> None:
         (
             'std_msgs/msg/Float64',
             {'x': FLOAT, 'y': FLOAT},
-            "std_msgs/msg/Float64 has no field 'x' (it has: data); "
-            'name the fields, such as: (data = x)',
+            (
+                "std_msgs/msg/Float64 has no field 'x' (it has: data); "
+                'name the fields, such as: (data = x)'
+            ),
         ),
         (
             'std_msgs/msg/Float64 (data = id)',
             {'id': STRING},
-            "field 'data' of std_msgs/msg/Float64 is of the type float, "
-            "and field 'id' of the stream of the type string",
+            (
+                "field 'data' of std_msgs/msg/Float64 is of the type float, "
+                "and field 'id' of the stream of the type string"
+            ),
         ),
         (
             'std_msgs/msg/Int8 (data = 128)',
@@ -102,8 +106,10 @@ def test_arrays_grow() -> None:
         (
             'geometry_msgs/msg/PointStamped (point = x)',
             {'x': FLOAT},
-            "geometry_msgs/msg/PointStamped has no field 'point': it is not a single value; "
-            'ask for point.x, point.y or point.z',
+            (
+                "geometry_msgs/msg/PointStamped has no field 'point': it is not a single value; "
+                'ask for point.x, point.y or point.z'
+            ),
         ),
         (
             'dyknow_interfaces/msg/Sample',

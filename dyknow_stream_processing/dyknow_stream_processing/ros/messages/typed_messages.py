@@ -8,8 +8,8 @@ from typing import Any, Final
 from dyknow_common import ExitCode, Value, ValueType, absence, listed_as
 from dyknow_common.ros import nanoseconds_to_time
 from dyknow_stream_processing.errors import StreamError
-from dyknow_stream_processing.language.publication import Assignment, Publication
 from dyknow_stream_processing.language.resolution import Fields
+from dyknow_stream_processing.language.sink_message import Assignment, SinkMessage
 from dyknow_stream_processing.ros.messages.conversions import message_conversion
 from dyknow_stream_processing.ros.messages.message_types import (
     check_fields,
@@ -26,18 +26,18 @@ class TypedMessageWriter:
     """Writer of samples as messages of a type.
 
     Args:
-        publication: names the type, and the fields.
+        sink_message: names the type, and the fields.
         fields: of the stream; `None` if they are not known before samples arrive.
 
     Raises:
         StreamError: if the type is not installed (NOT_FOUND), or the fields do not fit.
     """
 
-    def __init__(self, publication: Publication, fields: Fields | None) -> None:
-        if publication.message_type.startswith(_OWN_TYPES):
+    def __init__(self, sink_message: SinkMessage, fields: Fields | None) -> None:
+        if sink_message.message_type.startswith(_OWN_TYPES):
             raise StreamError('a sink cannot have a message type of DyKnow; choose another type')
-        self.class_ = message_class(publication.message_type)
-        self._publication = publication
+        self.class_ = message_class(sink_message.message_type)
+        self._sink_message = sink_message
         self._known = scalar_fields(self.class_)
         self._is_fixed = fields is not None
         self._layout: Fields | None = None
@@ -45,9 +45,9 @@ class TypedMessageWriter:
         self._sources: Mapping[str, str] = {}
         self._convert: Callable[[Mapping[str, Value]], Any]
         header = self.class_.get_fields_and_field_types().get('header')
-        given = any(each.path.startswith('header.stamp') for each in publication.assignments)
+        given = any(each.path.startswith('header.stamp') for each in sink_message.assignments)
         self._sets_stamp = header == 'std_msgs/Header' and not given
-        check_fields(self.class_, [each.path for each in publication.assignments])
+        check_fields(self.class_, [each.path for each in sink_message.assignments])
         if fields is not None:
             self._prepare(fields)
 
@@ -74,7 +74,7 @@ class TypedMessageWriter:
         """Prepare the conversion of samples with some fields."""
         if fields == self._layout:
             return
-        assignments = self._publication.assignments or self._by_name(fields)
+        assignments = self._sink_message.assignments or self._by_name(fields)
         for each in assignments:
             if each.field:
                 self._check(each, fields)
@@ -93,7 +93,7 @@ class TypedMessageWriter:
             return (Assignment(values[0], *fields),)
         for name in fields:
             if not listed_as(self._known, name):
-                lack = absence(self._publication.message_type, self._known, name)
+                lack = absence(self._sink_message.message_type, self._known, name)
                 text = f'{lack}; name the fields, such as: ({values[0]} = {name})'
                 raise StreamError(text, ExitCode.NOT_FOUND)
         check_fields(self.class_, list(fields))
@@ -108,6 +108,6 @@ class TypedMessageWriter:
         found = fields[listed]
         if found is not None and not wanted.accepts(found):
             raise StreamError(
-                f"field '{assignment.path}' of {self._publication.message_type} is of the type "
+                f"field '{assignment.path}' of {self._sink_message.message_type} is of the type "
                 f"{wanted}, and field '{assignment.field}' of the stream of the type {found}"
             )

@@ -27,7 +27,7 @@ class Assignment(SyntaxNode):
 
 
 @dataclass(frozen=True, slots=True)
-class Publication(SyntaxNode):
+class SinkMessage(SyntaxNode):
     """The messages as which a stream is published too.
 
     Args:

@@ -10,8 +10,8 @@ from rclpy.qos import QoSProfile, ReliabilityPolicy
 
 from dyknow_common.ros import absolute_topic
 from dyknow_stream_processing.errors import StreamError
-from dyknow_stream_processing.language.publication import Publication
 from dyknow_stream_processing.language.resolution import Fields
+from dyknow_stream_processing.language.sink_message import SinkMessage
 from dyknow_stream_processing.ros.messages.typed_messages import TypedMessageWriter
 from dyknow_stream_processing.ros.topics.publications import find_publication
 from dyknow_stream_processing.sample import Sample
@@ -27,7 +27,7 @@ class TypedOutput:
 
     Args:
         node: the node that publishes.
-        publication: the type, the fields and the topic.
+        sink_message: the type, the fields and the topic.
         fields: of the stream; `None` if they are not known before samples arrive.
         stream_topic: the absolute topic of the stream.
         sources: the topics that the stream is made of.
@@ -39,18 +39,18 @@ class TypedOutput:
     def __init__(
         self,
         node: Node,
-        publication: Publication,
+        sink_message: SinkMessage,
         fields: Fields | None,
         stream_topic: str,
         sources: Collection[str],
     ) -> None:
-        self._writer = TypedMessageWriter(publication, fields)
-        topic = publication.topic or stream_topic + MESSAGE_SUFFIX
+        self._writer = TypedMessageWriter(sink_message, fields)
+        topic = sink_message.topic or stream_topic + MESSAGE_SUFFIX
         self.topic = absolute_topic(node, topic, 'the topic of the sink')
         if self.topic in map(node.resolve_topic_name, sources):
             raise StreamError(f"the stream is made of '{self.topic}'; publish on another topic")
         found = find_publication(node, self.topic)
-        if found is not None and found.type_name != publication.message_type:
+        if found is not None and found.type_name != sink_message.message_type:
             raise StreamError(
                 f"topic '{self.topic}' is published with the type {found.type_name}; "
                 'choose another topic'
