@@ -8,7 +8,8 @@ from typing import Final
 from rclpy.node import Node
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 
-from dyknow_common.ros import absolute_topic
+from dyknow_common import one_line
+from dyknow_common.ros import RCLError, absolute_topic
 from dyknow_stream_processing.errors import StreamError
 from dyknow_stream_processing.language.resolution import Fields
 from dyknow_stream_processing.language.sink_message import SinkMessage
@@ -56,9 +57,15 @@ class TypedOutput:
                 'choose another topic'
             )
         self._node = node
-        self._publisher = node.create_publisher(
-            self._writer.class_, self.topic, _QUALITY_OF_SERVICE
-        )
+        try:
+            self._publisher = node.create_publisher(
+                self._writer.class_, self.topic, _QUALITY_OF_SERVICE
+            )
+        except RCLError as error:
+            raise StreamError(
+                f"topic '{self.topic}' cannot be published: {one_line(error)}; where ROS security "
+                'is enabled, the policy of this node must permit it'
+            ) from None
 
     def publish(self, sample: Sample) -> None:
         """Publish a sample, if there is a subscriber.

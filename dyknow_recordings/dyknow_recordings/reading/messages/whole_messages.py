@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from functools import cache
+from typing import Any
 
 import numpy as np
 from rosbags.typesys import Stores, get_typestore
 from rosbags.typesys.store import Typestore
 
+from dyknow_recordings.errors import RecordingError
 from dyknow_recordings.reading.messages.cdr import DecodedFields
 from dyknow_recordings.reading.messages.definitions import TypeDefinition, parsed_types
 from dyknow_recordings.reading.messages.stored_messages import StoredMessages
@@ -18,6 +20,9 @@ class MessageDecoder:
 
     Args:
         definition: of the type; without a text, that of ROS 2 Jazzy is used.
+
+    Raises:
+        RecordingError: if the definition cannot be used.
     """
 
     def __init__(self, definition: TypeDefinition) -> None:
@@ -47,8 +52,13 @@ class MessageDecoder:
 def _store(definition: TypeDefinition) -> Typestore:
     if not definition.text:
         return get_typestore(Stores.ROS2_JAZZY)
+    types: Any = {name: ([], list(members)) for name, members in parsed_types(definition).items()}
     store = get_typestore(Stores.EMPTY)
-    store.register(
-        {name: ([], list(members)) for name, members in parsed_types(definition).items()}
-    )
+    try:
+        store.register(types)
+    except Exception as error:
+        # Damaged definitions make the library raise errors of many kinds.
+        raise RecordingError(
+            f"messages of the type '{definition.name}' cannot be decoded by its definition"
+        ) from error
     return store

@@ -19,7 +19,14 @@ from collections.abc import Set as AbstractSet
 from dataclasses import dataclass, field
 from typing import Any, Final, cast
 
-from dyknow_common import SECOND_NS, Value, format_duration, format_time, round_time
+from dyknow_common import (
+    SECOND_NS,
+    Value,
+    format_duration,
+    format_time,
+    round_duration,
+    round_time,
+)
 from dyknow_stream_processing.dataflow.built_in.transform_tree import (
     MAX_AGE_NS,
     MAX_TRANSFORMS,
@@ -99,7 +106,7 @@ class TransformTreeOperator(Operator):
         child = str(message.child_frame_id).removeprefix('/')
         changes, version = self.changes, self.tree.version
         try:
-            stamped = _stamped(message, child, now if is_static else None)
+            stamped = _stamped(message, child, now, is_static=is_static)
             forgotten = self.tree.add(stamped, is_static=is_static)
         except RefusedTransformError as error:
             self._drop(error.reason)
@@ -269,12 +276,18 @@ def _transforms(fields: Mapping[str, Value]) -> Iterator[Any]:
     yield from fields.message.transforms
 
 
-def _stamped(message: Any, child: str, receipt_time: int | None) -> StampedTransform:
+def _stamped(message: Any, child: str, now: int, *, is_static: bool) -> StampedTransform:
     """Return the transform in a message; a static one is valid when it is received."""
     stamp = message.header.stamp
-    valid_time = stamp.sec * SECOND_NS + stamp.nanosec
-    if receipt_time is None and valid_time <= 0:
+    valid_time = now if is_static else stamp.sec * SECOND_NS + stamp.nanosec
+    if valid_time <= 0:
         raise RefusedTransformError('it has no stamp')
+    # One wrong stamp must not make all transforms after it old.
+    if valid_time - now > MAX_AGE_NS:
+        lead = round_duration(valid_time - now)
+        raise RefusedTransformError(
+            f'it is stamped {lead} ahead of the clock', ViolationKind.FUTURE
+        )
     translation, rotation = message.transform.translation, message.transform.rotation
     try:
         transform = checked_transform(
@@ -284,8 +297,7 @@ def _stamped(message: Any, child: str, receipt_time: int | None) -> StampedTrans
     except ValueError as error:
         raise RefusedTransformError(str(error)) from None
     parent = str(message.header.frame_id).removeprefix('/')
-    time = valid_time if receipt_time is None else receipt_time
-    return StampedTransform(parent, child, time, transform)
+    return StampedTransform(parent, child, valid_time, transform)
 
 
 def _forgotten(link: Link, valid_time: int) -> Fault:

@@ -14,7 +14,7 @@ between, its transform is interpolated. Nothing is extrapolated.
 from __future__ import annotations
 
 from bisect import bisect_left
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from difflib import get_close_matches
 from functools import reduce
@@ -77,7 +77,7 @@ class Link:
         """Add a transform; return the valid times that are forgotten for it.
 
         Raises:
-            RefusedTransformError: for a second one of a valid time, or one that is too old.
+            RefusedTransformError: for a second one of a valid time.
         """
         if self.is_static:
             self.times[:], self.transforms[:] = [valid_time], [transform]
@@ -170,10 +170,10 @@ class TransformTree:
     def chain(self, target: str, source: str) -> Chain | None:
         """Return the chain between two frames; None if there is none."""
         descent, ascent = list(self._path(target)), list(self._path(source))
-        parents = [source, *(link.parent for link in ascent)]
-        for depth, frame in enumerate([target, *(link.parent for link in descent)]):
-            if frame in parents:
-                return Chain(ascent[: parents.index(frame)], descent[:depth])
+        heights = {frame: height for height, frame in enumerate(_frames(source, ascent))}
+        for depth, frame in enumerate(_frames(target, descent)):
+            if frame in heights:
+                return Chain(ascent[: heights[frame]], descent[:depth])
         return None
 
     def obstacle(self, target: str, source: str) -> str:
@@ -202,10 +202,15 @@ class TransformTree:
             raise RefusedTransformError(f'there are more than {MAX_FRAMES} frames', 'buffer')
 
     def _chain_text(self, frame: str) -> str:
-        frames = [frame, *(link.parent for link in self._path(frame))][::-1]
+        frames = _frames(frame, self._path(frame))[::-1]
         if len(frames) > _MAX_SHOWN:
             frames[_MAX_SHOWN // 2 : 1 - _MAX_SHOWN // 2] = ['...']
         return ' <- '.join(frames)
+
+
+def _frames(lowest: str, path: Iterable[Link]) -> list[str]:
+    """Return the frames of a path, from the lowest up."""
+    return [lowest, *(link.parent for link in path)]
 
 
 def _total(links: Sequence[Link], valid_time: int) -> Transform:
