@@ -280,10 +280,10 @@ def _stamped(message: Any, child: str, now: int, *, is_static: bool) -> StampedT
     """Return the transform in a message; a static one is valid when it is received."""
     stamp = message.header.stamp
     valid_time = now if is_static else stamp.sec * SECOND_NS + stamp.nanosec
-    if valid_time <= 0:
+    if not is_static and valid_time <= 0:
         raise RefusedTransformError('it has no stamp')
-    # One wrong stamp must not make all transforms after it old.
-    if valid_time - now > MAX_AGE_NS:
+    # One wrong stamp must not make all transforms after it old. Simulated time begins at 0.
+    if now and valid_time - now > MAX_AGE_NS:
         lead = round_duration(valid_time - now)
         raise RefusedTransformError(
             f'it is stamped {lead} ahead of the clock', ViolationKind.FUTURE
