@@ -70,8 +70,12 @@ class StreamNodes:
                 stdout=log,
                 stderr=subprocess.STDOUT,
                 start_new_session=True,
-                env={**os.environ, **self.environment},
+                env=self.process_environment(),
             )
+
+    def process_environment(self) -> dict[str, str]:
+        """The variables of a process in the domain of these nodes."""
+        return {**os.environ, **self.environment}
 
     def start_manager(self, **given: Any) -> None:
         """Starts the stream manager, and waits until it speaks."""

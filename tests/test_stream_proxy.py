@@ -302,6 +302,11 @@ def test_a_field_of_the_valid_time_that_is_none(client: Client) -> None:
         Recording(client, '/b', valid_time='stamp', message_type=Odometry)
 
 
+def test_a_sink_with_messages_is_refused(client: Client) -> None:
+    with pytest.raises(StreamError, match="a StreamProxy publishes nothing; leave out the 'as'"):
+        Recording(client, 'sink "/a" as std_msgs/msg/Float64')
+
+
 def test_arguments_for_several_topics(client: Client) -> None:
     text = 'sync(select a from "/a", select b from "/b")'
     with pytest.raises(StreamError, match='several topics') as caught:

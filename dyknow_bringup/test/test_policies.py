@@ -11,7 +11,7 @@ import pytest
 from dyknow_bringup.errors import BringupError
 from dyknow_bringup.security.interfaces import ACTIONS, COORDINATOR, SERVICES, Interfaces
 from dyknow_bringup.security.policy import Enclave, policy_text
-from dyknow_bringup.security.systems import SecuredSystem, shipped_policies, topics_of
+from dyknow_bringup.security.systems import SecuredSystem, outputs_of, shipped_policies, topics_of
 from dyknow_common import LanguageError
 
 FOLDER = Path(__file__).parent.parent / 'security'
@@ -156,9 +156,25 @@ def test_topics_are_those_that_a_text_does_not_make() -> None:
         topics_of('stream')
 
 
+def test_topics_of_frames_actions_and_sinks() -> None:
+    text = """
+        stream a = sync(tf("map", "base"), action("dock"));
+        stream b = select yaw from a;
+        sink a as std_msgs/msg/Float64 (data = yaw) on "yaw";
+        sink b as std_msgs/msg/Float64
+    """
+    topics, outputs = topics_of(text), outputs_of(text)
+    assert topics == {'/tf', '/tf_static', 'dock/_action/status'}
+    assert outputs == {'yaw'}
+    system = SecuredSystem('robot1', topics, outputs=outputs)
+    engine = enclaves(policy_text(system.enclaves(), ''))['/robot1/stream_processing_engine']
+    assert '/robot1/dock/_action/status' in permitted(engine, 'subscribe')
+    assert '/robot1/yaw' in permitted(engine, 'publish')
+
+
 @pytest.mark.parametrize('name', ['/*', 'a b', '/a[0-9]', 'a/?', '/a//b', '<a>', 'ü'])
 def test_a_name_does_not_permit_others(name: str) -> None:
-    for field in ('namespace', 'topics', 'engines', 'clients'):
+    for field in ('namespace', 'topics', 'engines', 'clients', 'outputs'):
         value = name if field == 'namespace' else [name]
         with pytest.raises(BringupError, match=f"'{re.escape(name)}' is no name"):
             SecuredSystem(**{field: value})  # type: ignore[arg-type]

@@ -4,12 +4,14 @@ from dyknow_stream_processing.aggregates import NoValueError
 from dyknow_stream_processing.dataflow.computational_units import load_units
 from dyknow_stream_processing.dataflow.dataflow import Dataflow, SourceType, Statistics
 from dyknow_stream_processing.errors import StreamError, unknown_stream
+from dyknow_stream_processing.language.built_in_sources import TF_STATIC, built_in_fields
 from dyknow_stream_processing.language.parsing import parse_specification
-from dyknow_stream_processing.language.required_fields import ALL
+from dyknow_stream_processing.language.required_fields import ALL, WHOLE
 from dyknow_stream_processing.language.resolution import FreeNames, free_names, resolve
 from dyknow_stream_processing.language.sinks import specifications_by_sink
 from dyknow_stream_processing.language.specification import (
     Approximation,
+    BuiltInSource,
     Call,
     Condition,
     Merge,
@@ -33,12 +35,15 @@ from dyknow_stream_processing.management.relocation import in_namespace
 from dyknow_stream_processing.management.stream_files import read_streams
 from dyknow_stream_processing.path_values import rows_reader, value_reader
 from dyknow_stream_processing.reporting.silence import joined_reasons, nearest_topics
-from dyknow_stream_processing.sample import PartialFields, Sample
+from dyknow_stream_processing.sample import PartialFields, Sample, WholeMessage
 from dyknow_stream_processing.violation import Violation, ViolationKind
 
 __all__ = [
     'ALL',
+    'TF_STATIC',
+    'WHOLE',
     'Approximation',
+    'BuiltInSource',
     'Call',
     'Condition',
     'Dataflow',
@@ -65,6 +70,8 @@ __all__ = [
     'UnitDeclaration',
     'Violation',
     'ViolationKind',
+    'WholeMessage',
+    'built_in_fields',
     'free_names',
     'in_namespace',
     'joined_reasons',

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from types import MappingProxyType
+from typing import Any
 
 from dyknow_common import Value
 
@@ -35,6 +36,19 @@ class PartialFields(dict[str, Value]):
 
     def __missing__(self, name: str) -> Value:
         raise KeyError(name, self.reasons[name]) if name in self.reasons else KeyError(name)
+
+
+class WholeMessage(PartialFields):
+    """Fields of a message, with the message itself for operators that read all of it.
+
+    Args:
+        fields: the fields that operators need.
+        message: an object with the fields of the message as attributes.
+    """
+
+    def __init__(self, fields: Mapping[str, Value], message: object) -> None:
+        super().__init__(fields, getattr(fields, 'reasons', {}))
+        self.message: Any = message
 
 
 def missing_text(error: KeyError, default_reason: str = '') -> str:

@@ -21,6 +21,8 @@ def known(flow_class: type[Flow]) -> Flow:
     flow.types = {
         '/battery': {'voltage': FLOAT, 'current': FLOAT, 'present': ValueType.BOOLEAN},
         '/scan': {'ranges[0..]': FLOAT, 'covariance[0..35]': FLOAT, 'points[0..].x': FLOAT},
+        '/tf': {'transforms[0..].child_frame_id': ValueType.STRING},
+        '/dock/_action/status': {'data': FLOAT},
         '/odometry': {'x': FLOAT, 'y': FLOAT},
         '/fleet': {'id': ValueType.STRING, 'pose.position.z': FLOAT, 'speed': FLOAT},
     }

@@ -49,3 +49,19 @@ def test_aliases_come_and_go() -> None:
 )
 def test_what_is_no_alias(text: str) -> None:
     assert aliases(parse_specification(text)) == {}
+
+
+def test_built_in_sources_keep_their_frames_and_get_absolute_actions() -> None:
+    text = 'sync(tf("map", "base") with max_delay = 1 s, action("dock"), action("/go"))'
+    moved = with_absolute_topics(parse_specification(text), '/robot1')
+    assert str(moved) == f'sink {text}'.replace('"dock"', '"/robot1/dock"')
+    assert free_names(moved).topics == {'/tf', '/robot1/dock/_action/status', '/go/_action/status'}
+
+
+def test_the_messages_of_a_sink_stay() -> None:
+    text = 'stream a = "/t";\nsink a as std_msgs/msg/Float64 (data = x)'
+    for topic, moved in [('', ''), (' on "out"', ' on "/robot1/out"'), (' on "/o"', ' on "/o"')]:
+        found = with_absolute_topics(parse_specification(text + topic), '/robot1')
+        assert str(found) == text + moved
+        assert aliases(found) == {'a': '/t'}
+        assert str(without(found, {'a'})) == text.partition('\n')[2] + moved

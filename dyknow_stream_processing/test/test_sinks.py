@@ -33,6 +33,12 @@ def test_a_sink_uses_the_streams_of_those_before_it_by_name() -> None:
     assert str(made['both']) == 'stream both = merge(one_power, two_power);\nsink both'
 
 
+def test_a_sink_keeps_its_messages() -> None:
+    text = 'stream a = "/t";\nsink a as std_msgs/msg/Float64 (data = x) on "/out"'
+    made = specifications_by_sink(parse_specification(f'{text}; stream b = a; sink b'))
+    assert [str(each) for each in made.values()] == [text, 'stream b = a;\nsink b']
+
+
 @pytest.mark.parametrize(
     ('text', 'message'),
     [

@@ -18,6 +18,7 @@ from dyknow_common import (
 )
 from dyknow_stream_processing import (
     Approximation,
+    BuiltInSource,
     Call,
     Condition,
     Merge,
@@ -37,7 +38,8 @@ from dyknow_stream_processing import (
     made,
     parse_specification,
 )
-from dyknow_stream_processing.language.specification import LANGUAGE
+from dyknow_stream_processing.language.sink_message import Assignment, SinkMessage
+from dyknow_stream_processing.language.specification import LANGUAGE, BuiltIn
 
 EXAMPLE = """
 source (pose.pose.position.z: float, twist.twist.linear.x: float) "/uav1/odometry";  # a comment
@@ -50,7 +52,8 @@ stream uav1_state = sync(uav1_altitude, uav1_power)
 sink uav1_state
 """
 
-names = st.sampled_from(['a', 'b', 'uav1_power', 'S1', '_x'])
+unit_names = st.sampled_from(['a', 'b', 'mean'])
+names = st.sampled_from(['a', 'b', 'tf', 'action', 'uav1_power', 'S1', '_x'])
 field_names = st.sampled_from(
     [
         'a',
@@ -92,6 +95,17 @@ renamings = st.sampled_from(
 references = st.builds(StreamReference, names, constraints=some_constraints) | st.builds(
     StreamReference, texts.filter(bool), st.just(True), constraints=some_constraints
 )
+frames = st.lists(
+    texts.filter(lambda name: name and name[0] != '/'), min_size=2, max_size=2, unique=True
+)
+references |= st.builds(
+    BuiltInSource, st.just(BuiltIn.TF), frames.map(tuple), constraints=some_constraints
+) | st.builds(
+    BuiltInSource,
+    st.just(BuiltIn.ACTION),
+    st.tuples(texts.filter(lambda name: name.strip('/'))),
+    constraints=some_constraints,
+)
 selections = st.lists(st.builds(Selection, field_names, renamings), min_size=1, max_size=3)
 conditions = st.builds(
     Condition, field_names, st.sampled_from(['=', '!=', '<', '<=', '>', '>=']), values
@@ -110,7 +124,7 @@ def _compound(terms: st.SearchStrategy[Term]) -> st.SearchStrategy[Term]:
     return (
         st.builds(Merge, inputs, constraints=some_constraints)
         | st.builds(Sync, inputs, st.sampled_from(Approximation), constraints=some_constraints)
-        | st.builds(Call, names, inputs, arguments.map(tuple), constraints=some_constraints)
+        | st.builds(Call, unit_names, inputs, arguments.map(tuple), constraints=some_constraints)
         | st.builds(
             Select,
             selections.map(tuple),
@@ -124,16 +138,29 @@ def _compound(terms: st.SearchStrategy[Term]) -> st.SearchStrategy[Term]:
 terms = st.recursive(references, _compound, max_leaves=6)
 typed_fields = st.builds(TypedField, field_names, st.sampled_from(ValueType))
 field_lists = st.lists(typed_fields, min_size=1, max_size=3, unique_by=lambda each: each.name)
+assignments = st.builds(
+    Assignment, st.sampled_from(['a', 'point.x', 'data[1]']), st.sampled_from(['b', 'p.x[0]'])
+) | st.builds(
+    Assignment,
+    st.sampled_from(['c', 'header.frame_id']),
+    constant=st.integers() | st.floats(allow_nan=False, allow_infinity=False) | texts,
+)
+publications = st.builds(
+    SinkMessage,
+    st.sampled_from(['std_msgs/msg/Float64', 'a/msg/B2']),
+    st.lists(assignments, max_size=3, unique_by=lambda each: each.path).map(tuple),
+    texts,
+)
 declarations = (
     st.builds(SourceDeclaration, names | texts.filter(bool), field_lists.map(tuple))
     | st.builds(
         UnitDeclaration,
-        names,
+        unit_names,
         typed_fields,
         st.lists(field_lists.map(tuple), min_size=1, max_size=3).map(tuple),
     )
     | st.builds(StreamDeclaration, names, terms)
-    | st.builds(SinkDeclaration, terms)
+    | st.builds(SinkDeclaration, terms, st.none() | publications)
 )
 
 
@@ -210,6 +237,16 @@ def test_the_example_of_the_design_reads_back() -> None:
         (
             'select a from b where c != "x" and d <= -2.5e3 and "e f" = false',
             'sink select a from b where c != "x" and d <= -2500.0 and "e f" = false',
+        ),
+        ('tf( # a comment\n"/map", "base")', 'sink tf("map", "base")'),
+        (
+            'sync(tf, tf("a", "b") with max_delay = 1)',
+            'sink sync(tf, tf("a", "b") with max_delay = 1 ms)',
+        ),
+        ('action("dock")', 'sink action("dock")'),
+        (
+            'sink a as geometry_msgs/msg/Point(x=b,y = -2e0 , z=c.d[1])on "/t"',
+            'sink a as geometry_msgs/msg/Point (x = b, y = -2.0, z = c.d[1]) on "/t"',
         ),
         ('source x: float odometry; sink odometry', 'source (x: float) odometry;\nsink odometry'),
     ],

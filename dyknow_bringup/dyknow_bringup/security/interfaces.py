@@ -157,17 +157,20 @@ COMMANDS: Final = MONITOR | Interfaces(
 """The commands `dyknow evaluate`, `evaluations`, `streams` and `semantics`."""
 
 
-def engine_interfaces(engine: str, engines: Collection[str], topics: Collection[str]) -> Interfaces:
+def engine_interfaces(
+    engine: str, engines: Collection[str], topics: Collection[str], outputs: Collection[str]
+) -> Interfaces:
     """Return the interfaces of a stream processing engine.
 
     Args:
         engine: its absolute name.
         engines: those of all engines of the system.
         topics: that streams are made from.
+        outputs: that sinks name for their messages.
     """
     others = [each for each in engines if each != engine]
     return DYKNOW_NODE | Interfaces(
-        publishes=frozenset({'~/streams', streams_of(engine)}),
+        publishes=frozenset({'~/streams', streams_of(engine), *outputs}),
         subscribes=frozenset(topics)
         | frozenset(map(streams_of, others))
         | frozenset(f'{each}/heartbeat' for each in others),
@@ -176,7 +179,7 @@ def engine_interfaces(engine: str, engines: Collection[str], topics: Collection[
 
 
 def streams_of(engine: str) -> str:
-    """Return the topics of the streams of an engine, and those of their violations."""
+    """Return the topics of the streams of an engine, of their violations and their messages."""
     return f'{engine.rpartition("/")[0]}/dyknow/streams/*'
 
 

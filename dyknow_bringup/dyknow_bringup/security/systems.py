@@ -29,7 +29,13 @@ from dyknow_bringup.security.interfaces import (
 from dyknow_bringup.security.policy import Enclave, policy_text
 from dyknow_bringup.simulation.fleet import vehicle_names
 from dyknow_bringup.simulation.telemetry import Channel, topic
-from dyknow_stream_processing import SourceDeclaration, free_names, parse_specification
+from dyknow_stream_processing import (
+    TF_STATIC,
+    SinkDeclaration,
+    SourceDeclaration,
+    free_names,
+    parse_specification,
+)
 
 # The names of the nodes of commands end with their process.
 _COMMAND_NODES: Final = ('dyknow_evaluate', 'evaluations_*', 'semantics_*', 'streams_*')
@@ -48,6 +54,7 @@ class SecuredSystem:
         topics: that the engines read, relative to the namespace or absolute.
         engines: the names of the stream processing engines, likewise.
         clients: the names of nodes that ask for verdicts, likewise.
+        outputs: the topics that sinks name for their messages, likewise.
 
     Raises:
         BringupError: for what is no name: in a policy, `*` would permit any.
@@ -57,10 +64,11 @@ class SecuredSystem:
     topics: frozenset[str] = frozenset()
     engines: tuple[str, ...] = (ENGINE,)
     clients: tuple[str, ...] = ()
+    outputs: frozenset[str] = frozenset()
 
     def __post_init__(self) -> None:
         """Check the names."""
-        for name in (self.namespace, *self.topics, *self.engines, *self.clients):
+        for name in (self.namespace, *self.topics, *self.engines, *self.clients, *self.outputs):
             if name.strip('/') and not _NAME.fullmatch(name):
                 raise BringupError(f"'{name}' is no name of a topic, a node or a namespace")
 
@@ -68,7 +76,10 @@ class SecuredSystem:
         """Return an enclave for each node, for clients, for administrators and for `dyknow up`."""
         engines = [self._absolute(each) for each in self.engines]
         return (
-            *(self.node(each, engine_interfaces(each, engines, self.topics)) for each in engines),
+            *(
+                self.node(each, engine_interfaces(each, engines, self.topics, self.outputs))
+                for each in engines
+            ),
             *(self.node(name, used) for name, used in node_interfaces(engines).items()),
             self.node('dyknow_up', START),
             self._enclave('dyknow_client', dict.fromkeys(_COMMAND_NODES, PLAIN_NODE | COMMANDS)),
@@ -106,7 +117,19 @@ def topics_of(text: str) -> frozenset[str]:
     """
     specification = parse_specification(text)
     declared = {each.name for each in specification.declared(SourceDeclaration)}
-    return free_names(specification).topics | declared
+    read = free_names(specification).topics | declared
+    # Transforms are read from both topics of tf2.
+    return read | {TF_STATIC} if '/tf' in read else read
+
+
+def outputs_of(text: str) -> frozenset[str]:
+    """Return the topics that the sinks of a text name for their messages.
+
+    Raises:
+        LanguageError: if the text is not a specification.
+    """
+    sinks = parse_specification(text).declared(SinkDeclaration)
+    return frozenset(each.message.topic for each in sinks if each.message) - {''}
 
 
 def shipped_policies() -> Mapping[str, str]:

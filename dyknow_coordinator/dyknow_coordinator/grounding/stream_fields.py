@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 
 from dyknow_stream_processing import (
+    BuiltInSource,
     Call,
     Select,
     SourceDeclaration,
@@ -12,6 +13,7 @@ from dyknow_stream_processing import (
     StreamReference,
     Term,
     UnitDeclaration,
+    built_in_fields,
     made,
     parse_specification,
 )
@@ -28,16 +30,15 @@ def field_names(
     functions return the fields of a stream that is not declared, and of a topic.
     """
     parsed = parse_specification(specification)
-    declared = {
-        each.name: each
-        for each in parsed.declarations
-        if isinstance(each, StreamDeclaration | SourceDeclaration | UnitDeclaration)
-    }
+    named = StreamDeclaration | SourceDeclaration | UnitDeclaration
+    declared = {each.name: each for each in parsed.declarations if isinstance(each, named)}
 
     def fields_of(term: Term) -> Iterable[str]:
         match term:
             case StreamReference():
                 return fields_of_reference(term)
+            case BuiltInSource():
+                return built_in_fields(term)
             case Select():
                 return [each.name for each in term.selections if not each.embedded_fields]
             case Call():

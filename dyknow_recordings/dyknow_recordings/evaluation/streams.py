@@ -21,6 +21,7 @@ from dyknow_recordings.reading.contents import TopicContent
 from dyknow_recordings.reading.recording import RecordedFields
 from dyknow_stream_processing import (
     ALL,
+    WHOLE,
     Dataflow,
     PartialFields,
     Sample,
@@ -28,6 +29,7 @@ from dyknow_stream_processing import (
     StreamError,
     Violation,
     ViolationKind,
+    WholeMessage,
     free_names,
     joined_reasons,
     load_units,
@@ -126,6 +128,8 @@ class RecordedStreams:
     @staticmethod
     def _recorded_fields(fields: Collection[str], demand: Collection[str]) -> frozenset[str]:
         found = {each for each in demand if listed_as(fields, each)}
+        if WHOLE in demand:
+            found.add(WHOLE)
         if ALL in demand:
             found |= {each for each in fields if '[' not in each}
         return frozenset(found)
@@ -160,6 +164,8 @@ class RecordedStreams:
         if recorded.absent or rows:
             others = {name: each for name, each in fields.items() if name not in rows}
             fields = PartialFields(others, recorded.absent, rows)
+        if WHOLE in recorded.values:
+            fields = WholeMessage(fields, recorded.values[WHOLE])
         if recorded.message_type != content.message_type:
             fault = 'the type of the topic has changed'
         elif valid_time < 0:

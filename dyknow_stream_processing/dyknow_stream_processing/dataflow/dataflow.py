@@ -16,7 +16,7 @@ from dyknow_stream_processing.dataflow.waiting import waiting_reasons
 from dyknow_stream_processing.errors import StreamError, unknown_stream
 from dyknow_stream_processing.language.required_fields import total_demand
 from dyknow_stream_processing.language.resolution import Fields, Resolved, resolve
-from dyknow_stream_processing.language.specification import Specification, Term
+from dyknow_stream_processing.language.specification import Specification, Term, references
 from dyknow_stream_processing.language.type_rules import Unit
 from dyknow_stream_processing.sample import Sample
 from dyknow_stream_processing.violation import Fault, Violation
@@ -141,6 +141,14 @@ class Dataflow:
         """Return what a stream computes, down to the topics that it is made of."""
         return self._find(name).resolved.term
 
+    def fields(self, name: str) -> Fields | None:
+        """Return the fields of a stream; `None` if they are not known before samples arrive."""
+        return self._find(name).resolved.fields
+
+    def count_drop(self, name: str, reason: str) -> None:
+        """Count a sample of a stream that its receiver could not use."""
+        self._find(name).count_drops(reason)
+
     def statistics(self, name: str) -> Statistics:
         """Return the counts of a stream."""
         stream = self._find(name)
@@ -161,7 +169,8 @@ class Dataflow:
     def sources(self) -> Mapping[str, frozenset[str]]:
         """Return the topics whose samples are needed, each with the needed fields.
 
-        The name `ALL` among them stands for all fields except the elements of arrays.
+        The name `ALL` among them stands for all fields except the elements of arrays, the name
+        `WHOLE` for the message itself, of which a `WholeMessage` is pushed.
         """
         return total_demand(each.resolved.term for each in self._streams.values())
 
@@ -293,7 +302,7 @@ class _RunningStream:
 
     @cached_property
     def topics(self) -> tuple[str, ...]:
-        return tuple(sorted(total_demand([self.resolved.term])))
+        return tuple(sorted({each.name for each in references(self.resolved.term)}))
 
     def name_of(self, label: str) -> str:
         """Return the name of the stream that the label of an operator states, or the label."""

@@ -7,6 +7,11 @@ from dataclasses import replace
 from typing import Final
 
 from dyknow_common import NO_CONSTRAINTS
+from dyknow_stream_processing.dataflow.built_in.action_status import ActionStatusOperator
+from dyknow_stream_processing.dataflow.built_in.frames import (
+    FramesOperator,
+    TransformTreeOperator,
+)
 from dyknow_stream_processing.dataflow.computational_units import UnitOperator
 from dyknow_stream_processing.dataflow.constraint_checks import (
     BoundsOperator,
@@ -24,8 +29,11 @@ from dyknow_stream_processing.dataflow.operators import (
 from dyknow_stream_processing.dataflow.scheduler import Scheduler
 from dyknow_stream_processing.dataflow.selection import ElementsOperator, SelectOperator
 from dyknow_stream_processing.dataflow.synchronisation import LinearSyncOperator, SyncOperator
+from dyknow_stream_processing.language.built_in_sources import TF_STATIC
 from dyknow_stream_processing.language.specification import (
     Approximation,
+    BuiltIn,
+    BuiltInSource,
     Call,
     Merge,
     Select,
@@ -129,6 +137,8 @@ class OperatorGraph:
                 check = LeadOperator if may_be_late else OrderOperator
                 limit = (self._max_lead, True) if max_lead is None else (max_lead, False)
                 return self._operator(check, label, [source], *limit)
+            case BuiltInSource():
+                return self._built_in(term, label, max_lead)
             case Select():
                 source = self._constrained(term.source, may_be_late=may_be_late, max_lead=max_lead)
                 if term.elements is not None:
@@ -148,6 +158,19 @@ class OperatorGraph:
                 inputs = self._sorted(term.inputs)
                 details = (self._units[term.unit], term.declaration, term.arguments)
                 return self._operator(UnitOperator, label, inputs, *details)
+
+    def _built_in(self, term: BuiltInSource, label: str, max_lead: int | None) -> Operator:
+        topic = term.inputs[0]
+        if term.kind is BuiltIn.ACTION:
+            source = self._bare(topic, may_be_late=False, max_lead=max_lead)
+            return self._operator(ActionStatusOperator, label, [source])
+        topics = (_label(topic), TF_STATIC)
+        # Their valid times are not used, so there is one tree, whether the type is known or not.
+        sources = [self._operator(SourceOperator, each, [], True) for each in topics]
+        tree = self._operator(TransformTreeOperator, topics[0], sources)
+        frames = self._operator(FramesOperator, label, [tree], *term.arguments)
+        limit = self._max_lead if max_lead is None else max_lead
+        return self._operator(LeadOperator, label, [frames], limit, False)
 
     def _selected(self, source: Operator, label: str, details: tuple[object, ...]) -> Operator:
         if isinstance(source, LeadOperator) and not isinstance(source, OrderOperator):

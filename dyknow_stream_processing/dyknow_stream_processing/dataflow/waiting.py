@@ -43,8 +43,8 @@ def waiting_reasons(
     silent = [each for each in operator.awaited() if not _delivers(each, operator, since)]
     for each in silent:
         yield from waiting_reasons(each, since, topic_reason, name_of)
-    if not silent:
-        yield operator.obstacle(name)
+    if not silent and (obstacle := operator.obstacle(name)):
+        yield obstacle
 
 
 def _delivers(source: Operator, consumer: Operator, since: int) -> bool:

@@ -28,6 +28,8 @@ from dyknow_common import (
     text_value,
 )
 from dyknow_stream_processing.language import specification as syntax
+from dyknow_stream_processing.language.built_in_sources import built_in_source
+from dyknow_stream_processing.language.sink_message import Assignment, SinkMessage
 from dyknow_stream_processing.language.specification import (
     LANGUAGE,
     Declaration,
@@ -87,8 +89,24 @@ class _SpecificationBuilder(FieldBuilder[tuple[Declaration, ...]]):
     def anonymous(self, stream: Term) -> tuple[Declaration, ...]:
         return (self.sink(stream),)
 
-    def sink(self, stream: Term) -> syntax.SinkDeclaration:
-        return syntax.SinkDeclaration(stream, position=stream.position)
+    def sink(self, stream: Term, message: SinkMessage | None = None) -> syntax.SinkDeclaration:
+        return syntax.SinkDeclaration(stream, message, position=stream.position)
+
+    def message(self, message_type: Token, *parts: Assignment | Token) -> SinkMessage:
+        assignments = tuple(part for part in parts if isinstance(part, Assignment))
+        seen: set[str] = set()
+        for each in assignments:
+            if each.path in seen:
+                raise PositionedError(f"field '{each.path}' is given twice", each.position)
+            seen.add(each.path)
+        topics = [_name(part) for part in parts if isinstance(part, Token)]
+        position = TextPosition.of(message_type)
+        return SinkMessage(str(message_type), assignments, ''.join(topics), position=position)
+
+    def assignment(self, path: Token, value: Token) -> Assignment:
+        if value.type == 'FIELD':
+            return Assignment(str(path), field=str(value))
+        return Assignment(str(path), constant=_value(value))
 
     def source(
         self, fields: tuple[syntax.TypedField, ...], name: Token
@@ -98,6 +116,9 @@ class _SpecificationBuilder(FieldBuilder[tuple[Declaration, ...]]):
     def unit(
         self, output: syntax.TypedField, name: Token, *parameters: tuple[syntax.TypedField, ...]
     ) -> syntax.UnitDeclaration:
+        if name in list(syntax.BuiltIn):
+            message = f"'{name}' is a built-in source; choose another name for the unit"
+            raise PositionedError(message, TextPosition.of(name))
         return syntax.UnitDeclaration(str(name), output, parameters, position=TextPosition.of(name))
 
     def named(self, name: Token, stream: Term) -> syntax.StreamDeclaration:
@@ -119,6 +140,10 @@ class _SpecificationBuilder(FieldBuilder[tuple[Declaration, ...]]):
 
     def reference(self, name: Token) -> syntax.StreamReference:
         return syntax.StreamReference(_name(name), name.type == 'QUOTED')
+
+    def built_in(self, kind: Token, *arguments: Token) -> syntax.BuiltInSource:
+        names = tuple(map(_name, arguments))
+        return built_in_source(syntax.BuiltIn(kind), names, TextPosition.of(kind))
 
     def call(self, unit: Token, *parts: Term | syntax.UnitArgument) -> syntax.Call:
         inputs = tuple(part for part in parts if not isinstance(part, syntax.UnitArgument))

@@ -5,7 +5,10 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Mapping
 from typing import Final
 
+from dyknow_stream_processing.language.built_in_sources import TF_STATIC
 from dyknow_stream_processing.language.specification import (
+    BuiltIn,
+    BuiltInSource,
     Call,
     Select,
     StreamReference,
@@ -18,6 +21,9 @@ Demand = frozenset[str]
 
 ALL: Final = '*'
 """A name for all fields except the elements of arrays, which are named one by one."""
+
+WHOLE: Final = '**'
+"""A name for the whole message, which built-in sources read."""
 
 
 def total_demand(terms: Iterable[Term]) -> Mapping[str, Demand]:
@@ -32,6 +38,11 @@ def total_demand(terms: Iterable[Term]) -> Mapping[str, Demand]:
 def _demands(term: Term, wanted: Demand) -> Iterator[tuple[str, Demand]]:
     if isinstance(term, StreamReference):
         yield term.name, wanted
+    elif isinstance(term, BuiltInSource):
+        for each in term.inputs:
+            yield from _demands(each, frozenset({WHOLE}))
+        if term.kind is BuiltIn.TF:
+            yield TF_STATIC, frozenset({WHOLE})
     elif isinstance(term, Select):
         yield from _demands(term.source, term.demand)
     elif isinstance(term, Call) and term.declaration is not None:

@@ -22,6 +22,7 @@ from dyknow_common import (
     value_text,
 )
 from dyknow_stream_processing.language import specification as syntax
+from dyknow_stream_processing.language.built_in_sources import built_in_fields, type_fault
 from dyknow_stream_processing.language.specification import Specification, Term
 from dyknow_stream_processing.language.term_sizes import MAX_FIELDS, TermSizes
 from dyknow_stream_processing.language.type_rules import (
@@ -169,6 +170,8 @@ class _Resolver:
         match term:
             case syntax.StreamReference():
                 return self._reference(term)
+            case syntax.BuiltInSource():
+                return self._built_in(term)
             case syntax.Select():
                 return self._select(term)
             case syntax.Call():
@@ -223,6 +226,12 @@ class _Resolver:
         term = syntax.Select(tuple(syntax.Selection(field.name) for field in source.fields), topic)
         self._add_name(source.name, term, source.position)
         return term, {field.name: field.type for field in source.fields}
+
+    def _built_in(self, source: syntax.BuiltInSource) -> _TypedTerm:
+        for topic in syntax.references(source):
+            if fault := type_fault(source, self._topic_fields(topic.name)):
+                raise self._error(fault, source.position)
+        return source, built_in_fields(source)
 
     def _select(self, select: syntax.Select) -> _TypedTerm:
         source, fields = self.term(select.source)

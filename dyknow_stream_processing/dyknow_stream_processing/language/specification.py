@@ -24,6 +24,7 @@ from dyknow_common import (
     quoted,
     value_text,
 )
+from dyknow_stream_processing.language.sink_message import SinkMessage
 
 LANGUAGE: Final = Language(
     'stream specification',
@@ -38,6 +39,8 @@ LANGUAGE: Final = Language(
         'APPROXIMATION': 'latest or linear',
         'QUANTITY': 'a number or a duration',
         '_ANOTHER': "','",
+        'BUILT_IN': 'a name',
+        'MESSAGE_TYPE': 'a message type, such as std_msgs/msg/Float64',
     },
 )
 
@@ -77,6 +80,30 @@ class StreamReference(_Constrained):
 
     def __str__(self) -> str:
         return self._with_constraints(quoted(self.name) if self.is_topic else self.name)
+
+
+class BuiltIn(StrEnum):
+    """The built-in sources, which are made of whole messages."""
+
+    TF = 'tf'
+    ACTION = 'action'
+
+
+@dataclass(frozen=True, slots=True)
+class BuiltInSource(_Constrained):
+    """A built-in source, `tf("map", "base_link")`; its arguments are two frames or an action."""
+
+    kind: BuiltIn
+    arguments: tuple[str, ...]
+
+    @property
+    def inputs(self) -> tuple[Term, ...]:
+        """The topic that it needs; what /tf_static adds to a transform may be missing."""
+        topic = '/tf' if self.kind is BuiltIn.TF else f'{self.arguments[0]}/_action/status'
+        return (StreamReference(topic, is_topic=True),)
+
+    def __str__(self) -> str:
+        return self._with_constraints(f'{self.kind}({_listed(map(quoted, self.arguments))})')
 
 
 @dataclass(frozen=True, slots=True)
@@ -233,7 +260,7 @@ class Sync(_Constrained):
         return f'{text}{link} approximation = {self.approximation}'
 
 
-Term = StreamReference | Call | Select | Merge | Sync
+Term = StreamReference | BuiltInSource | Call | Select | Merge | Sync
 """A term that denotes a stream."""
 
 
@@ -283,12 +310,14 @@ class StreamDeclaration(SyntaxNode):
 
 @dataclass(frozen=True, slots=True)
 class SinkDeclaration(SyntaxNode):
-    """A stream that the text makes."""
+    """A stream that the text makes, and the messages as which it is published too."""
 
     stream: Term
+    message: SinkMessage | None = None
 
     def __str__(self) -> str:
-        return f'sink {self.stream}'
+        text = f'sink {self.stream}'
+        return text if self.message is None else f'{text} {self.message}'
 
 
 Declaration = SourceDeclaration | UnitDeclaration | StreamDeclaration | SinkDeclaration
@@ -333,6 +362,12 @@ def made(specification: Specification) -> Term:
     if len(sinks) > 1:
         raise specification.error('a second sink; keep one', sinks[1].position)
     return sinks[0].stream if sinks else _unused(specification).stream
+
+
+def sink_message(specification: Specification) -> SinkMessage | None:
+    """Return the messages as which the stream of a specification is published too, if any."""
+    sinks = specification.declared(SinkDeclaration)
+    return sinks[0].message if sinks else None
 
 
 def _unused(specification: Specification) -> StreamDeclaration:

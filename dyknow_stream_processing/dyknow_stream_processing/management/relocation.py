@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import replace
 
 from dyknow_stream_processing.language.parsing import parse_specification
 from dyknow_stream_processing.language.specification import (
+    BuiltIn,
+    BuiltInSource,
     Declaration,
     Select,
     SinkDeclaration,
@@ -79,10 +81,8 @@ def with_absolute_topics(specification: Specification, namespace: str) -> Specif
         return f'{prefix}/{topic}' if topic and topic[0] not in '/~' else topic
 
     def moved(term: Term) -> Term:
-        if isinstance(term, StreamReference):
-            if term.is_topic or term.name in sources:
-                return replace(term, name=absolute(term.name), is_topic=True)
-            return term
+        if isinstance(term, StreamReference | BuiltInSource):
+            return _moved_source(term, sources, absolute)
         if isinstance(term, Select):
             return replace(term, source=moved(term.source))
         return replace(term, inputs=tuple(map(moved, term.inputs)))
@@ -90,8 +90,27 @@ def with_absolute_topics(specification: Specification, namespace: str) -> Specif
     def moved_declaration(declaration: Declaration) -> Declaration:
         if isinstance(declaration, SourceDeclaration):
             return replace(declaration, name=absolute(declaration.name))
-        if isinstance(declaration, StreamDeclaration | SinkDeclaration):
+        if isinstance(declaration, StreamDeclaration):
             return replace(declaration, stream=moved(declaration.stream))
+        if isinstance(declaration, SinkDeclaration):
+            message = declaration.message
+            message = message and replace(message, topic=absolute(message.topic))
+            return replace(declaration, stream=moved(declaration.stream), message=message)
         return declaration
 
     return replace(specification, declarations=tuple(map(moved_declaration, declared)))
+
+
+def _moved_source(
+    source: StreamReference | BuiltInSource,
+    declared: Collection[str],
+    absolute: Callable[[str], str],
+) -> Term:
+    """Return a stream, a topic or a built-in source with its absolute topic."""
+    if isinstance(source, BuiltInSource):
+        if source.kind is BuiltIn.ACTION:
+            return replace(source, arguments=tuple(map(absolute, source.arguments)))
+        return source
+    if source.is_topic or source.name in declared:
+        return replace(source, name=absolute(source.name), is_topic=True)
+    return source

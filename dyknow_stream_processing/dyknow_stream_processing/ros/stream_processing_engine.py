@@ -9,7 +9,7 @@ from typing import Any, Final
 from dyknow_interfaces.msg import ConstraintViolation, Sample, StreamWatermark
 from dyknow_interfaces.srv import ListStreams, StreamCreateFromSpec, StreamDestroy
 
-from dyknow_common import SECOND_NS, StreamConstraints
+from dyknow_common import SECOND_NS, DyKnowError, StreamConstraints
 from dyknow_common.ros import (
     RUNNING,
     STREAM,
@@ -27,6 +27,11 @@ from dyknow_common.ros import (
 from dyknow_stream_processing.dataflow.computational_units import load_units
 from dyknow_stream_processing.dataflow.dataflow import DEFAULT_MAX_LEAD, Dataflow
 from dyknow_stream_processing.errors import StreamError
+from dyknow_stream_processing.language.specification import (
+    LANGUAGE,
+    Specification,
+    sink_message,
+)
 from dyknow_stream_processing.language.term_sizes import check_rates
 from dyknow_stream_processing.management.naming import check_name
 from dyknow_stream_processing.reporting.stream_report import (
@@ -44,12 +49,16 @@ from dyknow_stream_processing.ros.topics.topic_sources import TopicSources, sour
 from dyknow_stream_processing.ros.topics.violation_relay import VIOLATIONS_SUFFIX, violations_topic
 from dyknow_stream_processing.ros.topics.waiting_streams import WaitingStreams
 from dyknow_stream_processing.ros.topics.watermark_topics import WatermarkPublisher
+from dyknow_stream_processing.ros.typed_output import TypedOutput
 from dyknow_stream_processing.sample import Sample as DataSample
 from dyknow_stream_processing.violation import Violation
 
 WARNING_PERIOD_S: Final = 1.0
 """Minimum time between two violations in the log; all are published."""
 
+
+UNPUBLISHED: Final = 'unpublished'
+"""The reason under which samples are counted that do not fit into the messages of their sink."""
 
 MAX_STREAMS: Final = 2000
 """The default number of streams that an engine makes at once."""
@@ -64,6 +73,7 @@ class _Output:
     samples: Any
     violations: Any
     meter: FlowMeter
+    typed: TypedOutput | None = None
     is_wanted: bool = False
     waits_for: str = ''
     """The reason in the last report."""
@@ -131,6 +141,7 @@ class StreamProcessingEngine(DyKnowNode):
             lambda sample: self._publish_sample(spec.name, sample),
             lambda violation: self._publish_violation(spec.name, violation),
         )
+        typed = self._typed_output(spec.name, specification, topic)
         violations = violations_topic(topic)
         self._outputs[spec.name] = _Output(
             topic=topic,
@@ -138,6 +149,7 @@ class StreamProcessingEngine(DyKnowNode):
             samples=self.create_publisher(Sample, topic, STREAM),
             violations=self.create_publisher(ConstraintViolation, violations, VIOLATIONS),
             meter=FlowMeter(self.now()),
+            typed=typed,
         )
         self._sources.refresh()
         self._waiting.add(spec.name)
@@ -145,12 +157,29 @@ class StreamProcessingEngine(DyKnowNode):
         response.stream_topic = topic
         response.stream_constraint_violation_topic = violations
 
+    def _typed_output(
+        self, name: str, specification: Specification, topic: str
+    ) -> TypedOutput | None:
+        """Return the output of a stream as messages of a type; if that fails, destroy it."""
+        published = sink_message(specification)
+        if published is None:
+            return None
+        fields, sources = self._dataflow.fields(name), self._dataflow.topics(name)
+        try:
+            with LANGUAGE.errors_at(specification.text, published.position):
+                return TypedOutput(self, published, fields, topic, sources)
+        except DyKnowError:
+            self._dataflow.destroy(name)
+            raise
+
     def _destroy(self, request: Any, _response: Any) -> None:
         self._dataflow.destroy(request.stream_name)
         self._waiting.remove(request.stream_name)
         output = self._outputs.pop(request.stream_name)
         self.destroy_publisher(output.samples)
         self.destroy_publisher(output.violations)
+        if output.typed is not None:
+            output.typed.destroy()
         self._sources.refresh()
         self._report_publisher.publish_soon()
 
@@ -196,6 +225,18 @@ class StreamProcessingEngine(DyKnowNode):
         if self._is_wanted(output):
             output.watermark = max(sample.watermark or 0, 0)
             output.samples.publish(output.writer.write(sample))
+        if output.typed is not None:
+            self._publish_typed(name, output.typed, sample)
+
+    def _publish_typed(self, name: str, typed: TypedOutput, sample: DataSample) -> None:
+        try:
+            typed.publish(sample)
+        except StreamError as error:
+            self._dataflow.count_drop(name, UNPUBLISHED)
+            if self._warning.is_due():
+                self.get_logger().warning(
+                    f'{name}: a sample cannot be published on {typed.topic}: {error}'
+                )
 
     def _is_wanted(self, output: _Output) -> bool:
         output.is_wanted = output.is_wanted or output.samples.get_subscription_count() > 0

@@ -17,6 +17,7 @@ from dyknow_stream_processing.errors import StreamError
 from dyknow_stream_processing.language.parsing import parse_specification
 from dyknow_stream_processing.language.required_fields import total_demand
 from dyknow_stream_processing.language.resolution import resolve
+from dyknow_stream_processing.language.specification import sink_message
 from dyknow_stream_processing.ros.topics.publications import publishers_remark
 from dyknow_stream_processing.ros.topics.topic_sources import TopicSources, source_type
 from dyknow_stream_processing.sample import Sample
@@ -72,6 +73,8 @@ class StreamProxy:
             load_units(), type_of, remark=lambda topics: publishers_remark(node, topics)
         )
         specification = parse_specification(text)
+        if sink_message(specification) is not None:
+            raise StreamError("a StreamProxy publishes nothing; leave out the 'as' of the sink")
         if valid_time is not None or message_type is not None:
             resolved = resolve(specification, constraints, {}, lambda _: None, load_units())
             topics = total_demand([resolved.term])

@@ -20,6 +20,7 @@ from dyknow_recordings.reading.bags.storage import StoredChannel
 from dyknow_recordings.reading.columns import MessageColumns
 from dyknow_recordings.reading.contents import TopicContent
 from dyknow_recordings.reading.messages.cdr import CdrReader, DecodedFields
+from dyknow_recordings.reading.messages.decoded_messages import MessageDecoder
 from dyknow_recordings.reading.messages.definitions import TypeLayout
 from dyknow_recordings.reading.messages.stored_messages import StoredMessages
 from dyknow_recordings.reading.recording import (
@@ -28,6 +29,7 @@ from dyknow_recordings.reading.recording import (
     RecordedTopic,
     RecordingReader,
 )
+from dyknow_stream_processing import WHOLE
 
 _layout = cache(TypeLayout)
 
@@ -225,11 +227,13 @@ class _ChannelReader:
         self._paths = sorted(paths or ())
         self._stamp: tuple[str, ...] = ()
         self._reader: CdrReader | None = None
+        self._decoder = MessageDecoder(channel.definition) if WHOLE in self._paths else None
         if paths is not None:
             layout = _layout(channel.definition)
-            layout.check(paths)
+            single = set(paths) - {WHOLE}
+            layout.check(single)
             self._stamp = layout.stamp_fields
-            self._reader = CdrReader(layout, {*paths, *self._stamp})
+            self._reader = CdrReader(layout, {*single, *self._stamp})
 
     def read(self, messages: StoredMessages, faults: FaultCounter) -> DecodedFields:
         """Return the fields of some messages, and count those that cannot be read."""
@@ -237,6 +241,9 @@ class _ChannelReader:
             return DecodedFields(np.ones(len(messages), np.bool_))
         fields, found = self._reader.read(messages)
         name = self._channel.definition.name
+        if self._decoder is not None:
+            unreadable = self._decoder.decode(messages, fields, WHOLE)
+            found = {**found, 'a message cannot be decoded': unreadable} if unreadable else found
         for reason, count in found.items():
             faults.add(f"topic '{self._channel.topic}'", f'{reason}, {name}', count)
         return fields

@@ -72,7 +72,7 @@ class TypeLayout:
 
     def __init__(self, definition: TypeDefinition) -> None:
         self.name = definition.name
-        self._types = _parsed(definition)
+        self._types = parsed_types(definition)
         try:
             self.fields: Mapping[str, ValueType] = self._scalar_fields(self.name, '')
         except RecursionError:
@@ -135,7 +135,12 @@ def _jazzy() -> Mapping[str, Members]:
     return {name: tuple(members) for name, (_, members) in types.items()}
 
 
-def _parsed(definition: TypeDefinition) -> dict[str, Members]:
+def parsed_types(definition: TypeDefinition) -> dict[str, Members]:
+    """Return the types in the text of a definition, by name.
+
+    Raises:
+        RecordingError: if the text cannot be read.
+    """
     if not definition.text:
         return {}
     try:

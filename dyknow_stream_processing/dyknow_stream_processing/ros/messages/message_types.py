@@ -37,9 +37,9 @@ def message_class(type_name: str) -> Any:
         class_ = getattr(import_module(f'{package}.msg'), name)
         check_for_type_support(class_)  # Loads it now rather than with the first message.
     except (ImportError, AttributeError, TypeError, ValueError):
+        mend = f'install the package {package}' if name else 'write it as package/msg/Type'
         raise StreamError(
-            f"message type '{type_name}' is not installed; write it as package/msg/Type",
-            ExitCode.NOT_FOUND,
+            f"message type '{type_name}' is not installed; {mend}", ExitCode.NOT_FOUND
         ) from None
     return class_
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any, Final, NamedTuple
 
@@ -15,6 +15,7 @@ from dyknow_common import Value, round_duration
 from dyknow_common.ros import Throttle, time_to_nanoseconds
 from dyknow_stream_processing.dataflow.dataflow import Dataflow, SourceType
 from dyknow_stream_processing.errors import StreamError
+from dyknow_stream_processing.language.required_fields import WHOLE, Demand
 from dyknow_stream_processing.reporting.silence import TopicState, topic_reason
 from dyknow_stream_processing.reporting.stream_report import SourceReport
 from dyknow_stream_processing.ros.messages.conversions import extractor
@@ -27,7 +28,7 @@ from dyknow_stream_processing.ros.messages.message_types import (
 from dyknow_stream_processing.ros.messages.sample_messages import sample_fields
 from dyknow_stream_processing.ros.topics.node_topics import NodeTopics
 from dyknow_stream_processing.ros.topics.publications import TopicNames, find_publication
-from dyknow_stream_processing.sample import Sample
+from dyknow_stream_processing.sample import Sample, WholeMessage
 from dyknow_stream_processing.violation import Violation, ViolationKind
 
 WARNING_PERIOD_S: Final = 60.0
@@ -107,10 +108,15 @@ class TopicSources:
             _, remove = self._sources.pop(topic)
             remove()
         for topic, fields in needed.items():
-            if topic in self._sources:
-                self._sources[topic][0].set_fields(fields)
-            else:
+            known = self._sources.get(topic)
+            if known is None:
                 self._add(topic, fields)
+            elif WHOLE in fields - known[0].fields:
+                # Built-in sources need the messages that publishers keep: a new subscription.
+                known[1]()
+                self._add(topic, fields)
+            else:
+                known[0].set_fields(fields)
         self._topics.refresh()
         self._schedule()
 
@@ -162,7 +168,7 @@ class TopicSources:
         self._held.clear()
         self._clear()
 
-    def _add(self, topic: str, fields: Collection[str]) -> None:
+    def _add(self, topic: str, fields: Demand) -> None:
         source = _Source(
             self._node,
             topic,
@@ -237,7 +243,7 @@ class _Source:
 
     node: Node
     topic: str
-    fields: Collection[str]
+    fields: Demand
     valid_time_field: str | None
     dataflow: Dataflow
     schedule: Callable[[], None]
@@ -253,7 +259,7 @@ class _Source:
     read_valid_time: Callable[[Any], int] | None = None
     extract: Callable[[Any], Mapping[str, Value]] | None = None
 
-    def set_fields(self, fields: Collection[str]) -> None:
+    def set_fields(self, fields: Demand) -> None:
         if fields != self.fields:
             self.fields = fields
             if self.extract is not None:
@@ -344,6 +350,9 @@ class _Source:
         self.on_violation(Violation(self.topic, ViolationKind.MESSAGE, valid_time, now, 0, 0, text))
 
 
-def _extractor(class_: Any, fields: Collection[str]) -> Callable[[Any], Mapping[str, Value]]:
+def _extractor(class_: Any, fields: Demand) -> Callable[[Any], Mapping[str, Value]]:
     # If the messages lack a field, the operator that needs it reports that at each sample.
-    return sample_fields if is_sample(class_) else extractor(class_, fields)
+    extract = sample_fields if is_sample(class_) else extractor(class_, fields - {WHOLE})
+    if WHOLE not in fields:
+        return extract
+    return lambda message: WholeMessage(extract(message), message)

@@ -1,0 +1,64 @@
+"""Whole messages, as objects with their fields as attributes."""
+
+from __future__ import annotations
+
+from functools import cache
+from typing import Any
+
+import numpy as np
+from rosbags.typesys import Stores, get_typestore
+from rosbags.typesys.store import Typestore
+
+from dyknow_recordings.errors import RecordingError
+from dyknow_recordings.reading.messages.cdr import DecodedFields
+from dyknow_recordings.reading.messages.definitions import TypeDefinition, parsed_types
+from dyknow_recordings.reading.messages.stored_messages import StoredMessages
+
+
+class MessageDecoder:
+    """Decoder of the messages of a type, for the few that are needed as a whole.
+
+    Args:
+        definition: of the type; without a text, that of ROS 2 Jazzy is used.
+
+    Raises:
+        RecordingError: if the definition cannot be used.
+    """
+
+    def __init__(self, definition: TypeDefinition) -> None:
+        self._name = definition.name
+        self._store = _store(definition)
+
+    def decode(self, messages: StoredMessages, fields: DecodedFields, name: str) -> int:
+        """Add the messages to their fields, by a name; return the number of unreadable ones.
+
+        These are not intact then.
+        """
+        column = np.empty(len(messages), np.object_)
+        unreadable = 0
+        for row, data in enumerate(messages.contents()):
+            if fields.intact[row]:
+                try:
+                    column[row] = self._store.deserialize_cdr(data, self._name)
+                # Damaged messages make the library raise errors of many kinds.
+                except Exception:  # noqa: BLE001
+                    fields.intact[row] = False
+                    unreadable += 1
+        fields.values[name] = column
+        return unreadable
+
+
+@cache
+def _store(definition: TypeDefinition) -> Typestore:
+    if not definition.text:
+        return get_typestore(Stores.ROS2_JAZZY)
+    types: Any = {name: ([], list(members)) for name, members in parsed_types(definition).items()}
+    store = get_typestore(Stores.EMPTY)
+    try:
+        store.register(types)
+    except Exception as error:
+        # Damaged definitions make the library raise errors of many kinds.
+        raise RecordingError(
+            f"messages of the type '{definition.name}' cannot be decoded by its definition"
+        ) from error
+    return store

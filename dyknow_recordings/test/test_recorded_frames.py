@@ -1,0 +1,146 @@
+"""Transforms and statuses of actions in recordings, with and without definitions in these."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from rosbags.rosbag2 import StoragePlugin, Writer
+from small_bags import START, STORE
+
+from dyknow_common import Verdict
+from dyknow_recordings import MonitoringFiles, RequestedFormula, evaluate_recording, open_recording
+
+TYPES = STORE.types
+TRANSFORMS, STATUSES = 'tf2_msgs/msg/TFMessage', 'action_msgs/msg/GoalStatusArray'
+STREAMS = """
+stream pose = select distance from tf("map", "base");
+stream docking = select name as state, goal_id from action("/dock");
+sink pose as std_msgs/msg/Float64 on "/pose"; sink docking
+"""
+
+Recorded = tuple[float, str, bytes]
+
+
+def time(seconds: float) -> Any:
+    return TYPES['builtin_interfaces/msg/Time'](*divmod(START + round(seconds * 1e9), 10**9))
+
+
+def link(parent: str, child: str, at: float, x: float) -> Any:
+    make = {name.rpartition('/')[2]: each for name, each in TYPES.items()}
+    position = TYPES['geometry_msgs/msg/Vector3'](x, 0.0, 0.0)
+    rotation = TYPES['geometry_msgs/msg/Quaternion'](0.0, 0.0, 0.0, 1.0)
+    return make['TransformStamped'](
+        make['Header'](time(at), parent), child, make['Transform'](position, rotation)
+    )
+
+
+def transforms(topic: str, at: float, *links: Any) -> Recorded:
+    return at, topic, bytes(STORE.serialize_cdr(TYPES[TRANSFORMS](list(links)), TRANSFORMS))
+
+
+def statuses(at: float, *goals: tuple[int, float, int]) -> Recorded:
+    """The status of each goal: its number, when it was accepted, and the status."""
+    found = [
+        TYPES['action_msgs/msg/GoalStatus'](
+            TYPES['action_msgs/msg/GoalInfo'](
+                TYPES['unique_identifier_msgs/msg/UUID'](np.full(16, number, np.uint8)),
+                time(accepted),
+            ),
+            status,
+        )
+        for number, accepted, status in goals
+    ]
+    data = bytes(STORE.serialize_cdr(TYPES[STATUSES](found), STATUSES))
+    return at, '/dock/_action/status', data
+
+
+def write(path: Path, storage: str, recorded: list[Recorded]) -> None:
+    with Writer(path, version=9, storage_plugin=StoragePlugin[storage]) as writer:
+        connections = {
+            topic: writer.add_connection(
+                topic, STATUSES if 'status' in topic else TRANSFORMS, typestore=STORE
+            )
+            for topic in dict.fromkeys(topic for _, topic, _ in recorded)
+        }
+        for at, topic, data in recorded:
+            writer.write(connections[topic], START + round(at * 1e9), data)
+
+
+def outcome(path: Path, formula: str) -> tuple[Verdict, str, tuple[str, ...]]:
+    (path / 'a.streams').write_text(STREAMS)
+    with open_recording(path) as recording:
+        report = evaluate_recording(
+            recording, [RequestedFormula(formula)], MonitoringFiles(streams=(path / 'a.streams',))
+        )
+    (found,) = report.formulas
+    if found.error is not None:
+        return Verdict.UNDECIDED, found.error.message, report.notes
+    return found.episodes[0].verdict, found.episodes[0].explanation, report.notes
+
+
+@pytest.mark.parametrize('storage', ['MCAP', 'SQLITE3'])
+@pytest.mark.parametrize(('far', 'verdict'), [(3.0, Verdict.FALSE), (2.0, Verdict.UNDECIDED)])
+def test_a_distance_between_frames(
+    tmp_path: Path, storage: str, far: float, verdict: Verdict
+) -> None:
+    path = tmp_path / 'bag'
+    odometry = [transforms('/tf', at, link('odom', 'base', at, at)) for at in (1.0, 2.0, far)]
+    write(path, storage, [transforms('/tf_static', 0.5, link('map', 'odom', 0, 2.0)), *odometry])
+    found, explanation, _ = outcome(path, 'always pose.distance <= 4')
+    assert found is verdict, explanation
+
+
+def test_a_missing_frame_is_named(tmp_path: Path) -> None:
+    path = tmp_path / 'bag'
+    write(path, 'MCAP', [transforms('/tf', 1, link('map', 'base_link', 1, 0.0))])
+    _, explanation, _ = outcome(path, 'always pose.distance <= 4')
+    assert explanation == (
+        'the recording has no state: '
+        "no frame 'base' in /tf or /tf_static; did you mean 'base_link'?"
+    )
+
+
+def test_without_transforms(tmp_path: Path) -> None:
+    path = tmp_path / 'bag'
+    write(path, 'MCAP', [statuses(1)])
+    _, explanation, _ = outcome(path, 'always pose.distance <= 4')
+    assert 'the recording has no topic /tf' in explanation
+
+
+def test_damaged_messages_are_faults(tmp_path: Path) -> None:
+    path = tmp_path / 'bag'
+    good = [transforms('/tf', at, link('map', 'base', at, 1.0)) for at in (1.0, 2.0)]
+    trailing, bad_text = good[0][2] + bytes(8), good[0][2].replace(b'map', b'm\xffp')
+    write(path, 'MCAP', [*good, (3.0, '/tf', trailing), (4.0, '/tf', bad_text)])
+    verdict, _, notes = outcome(path, 'eventually pose.distance > 4')
+    assert verdict is Verdict.UNDECIDED
+    assert notes == ("topic '/tf': a message cannot be decoded, tf2_msgs/msg/TFMessage (2 times)",)
+
+
+@pytest.mark.parametrize('storage', ['MCAP', 'SQLITE3'])
+def test_the_status_of_an_action(tmp_path: Path, storage: str) -> None:
+    path = tmp_path / 'bag'
+    recorded = [
+        statuses(0.5),
+        statuses(1, (1, 0.9, 2)),
+        statuses(2, (2, 1.9, 1), (1, 0.9, 5)),
+        statuses(3, (2, 1.9, 4), (1, 0.9, 5)),
+    ]
+    write(path, storage, recorded)
+    verdict, explanation, _ = outcome(
+        path, 'docking.state = "EXECUTING" and eventually docking.state = "SUCCEEDED"'
+    )
+    assert verdict is Verdict.TRUE, explanation
+    goal = '02020202-0202-0202-0202-020202020202'
+    verdict, explanation, _ = outcome(path, f'eventually[1 s, 2 s] docking.goal_id != "{goal}"')
+    assert verdict is Verdict.FALSE, explanation
+
+
+def test_an_action_without_goals(tmp_path: Path) -> None:
+    path = tmp_path / 'bag'
+    write(path, 'MCAP', [statuses(1)])
+    _, explanation, _ = outcome(path, 'always docking.state != "ABORTED"')
+    assert explanation == 'the recording has no state: action("/dock") has no goal'

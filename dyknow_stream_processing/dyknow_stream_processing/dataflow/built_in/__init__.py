@@ -1,0 +1,1 @@
+"""Built-in sources, which are made of whole messages: frames, and the status of actions."""

@@ -1,0 +1,70 @@
+"""Built-in sources: their arguments, and the fields of their samples."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping
+from typing import Final
+
+from dyknow_common import PositionedError, TextPosition, ValueType, listed_as
+from dyknow_stream_processing.language.specification import BuiltIn, BuiltInSource
+
+TF_STATIC: Final = '/tf_static'
+"""The topic of transforms that hold at all times."""
+
+_FIELDS: Final[Mapping[BuiltIn, Mapping[str, ValueType]]] = {
+    BuiltIn.TF: dict.fromkeys(
+        (
+            *(f'translation.{axis}' for axis in 'xyz'),
+            *(f'rotation.{part}' for part in 'xyzw'),
+            'yaw',
+            'distance',
+        ),
+        ValueType.FLOAT,
+    ),
+    BuiltIn.ACTION: {
+        'status': ValueType.INT,
+        'name': ValueType.STRING,
+        'goal_id': ValueType.STRING,
+    },
+}
+_MESSAGE_TYPES: Final = {
+    BuiltIn.TF: ('tf2_msgs/msg/TFMessage', 'transforms[0].child_frame_id'),
+    BuiltIn.ACTION: ('action_msgs/msg/GoalStatusArray', 'status_list[0].status'),
+}
+"""The type of the messages of each source, and a field by which it is recognised."""
+
+
+def built_in_fields(source: BuiltInSource) -> Mapping[str, ValueType]:
+    """Return the fields of the samples of a source."""
+    return _FIELDS[source.kind]
+
+
+def built_in_source(
+    kind: BuiltIn, arguments: tuple[str, ...], position: TextPosition
+) -> BuiltInSource:
+    """Return a built-in source of arguments in a text.
+
+    Raises:
+        PositionedError: if the arguments do not fit.
+    """
+    if kind is BuiltIn.TF:
+        # Frames once began with a slash, which tf2 ignores.
+        arguments = tuple(each.removeprefix('/') for each in arguments)
+        if len(arguments) != 2 or not all(arguments):  # noqa: PLR2004
+            message = 'tf takes two frames, such as: tf("map", "base_link")'
+            raise PositionedError(message, position)
+        if arguments[0] == arguments[1]:
+            message = f"both frames are '{arguments[0]}'; give two different ones"
+            raise PositionedError(message, position)
+    elif len(arguments) != 1 or not arguments[0].strip('/'):
+        message = 'action takes the name of one action, such as: action("/navigate_to_pose")'
+        raise PositionedError(message, position)
+    return BuiltInSource(kind, arguments, position=position)
+
+
+def type_fault(source: BuiltInSource, fields: Collection[str] | None) -> str:
+    """Return why the topic of a source cannot be used, given its known fields; empty if it can."""
+    name, field = _MESSAGE_TYPES[source.kind]
+    if fields is None or listed_as(fields, field):
+        return ''
+    return f'{source.kind} needs messages of the type {name} on {source.inputs[0]}'
