@@ -26,8 +26,39 @@ from dyknow_recordings.evaluation.vocabulary import NO_FILES, MonitoringFiles, N
 
 MS = 1_000_000
 STREAMS = """
+compunit power: float electrical_power((voltage: float, current: float));
+compunit value: float convert(value: float);
+compunit mean: float mean(value: float);
 stream low = select v from "/a" where v < 2; sink low;
-stream both = select w as z from (select v as w from "/a"); sink both
+stream both = select w as z from (select v as w from "/a"); sink both;
+stream late = select v from "/a" with max_delay = 60 ms; sink late;
+stream rare = select v as value from "/b" where v > 1 and w != 3 with max_delay = 40 ms; sink rare;
+stream steady = select v, w from "/a" with sample_period = 1 s, sample_period_deviation = 999 ms;
+sink steady;
+stream watched = select v from "/b" where v < 3
+    with max_delay = 60 ms, sample_period = 1500 ms, sample_period_deviation = 1500 ms;
+sink watched;
+stream timely = select v from "/c" with sample_period = 1 s, sample_period_deviation = 1 s;
+sink timely;
+stream ahead = select v from "/b" with max_lead = 20 ms; sink ahead;
+stream forecast = select v from "/a" with max_lead = 2 s; sink forecast;
+stream used = electrical_power(select v as voltage, w as current from "/a"); sink used;
+stream feet = select value as v from convert(
+    select v as value from "/b" where v < 5 with max_delay = 70 ms, given = "m", wanted = "ft");
+sink feet;
+stream average = mean(select v as value from "/b"); sink average;
+stream joined = sync(select v as x from "/a" with max_delay = 80 ms, select v as y from "/b");
+sink joined;
+stream ticked = sync(select v as x from "/a", low) with sample_period = 50 ms; sink ticked;
+stream slow = sync(select v as x from "/c") with sample_period = 300 ms; sink slow;
+stream line = sync(select v, w from "/a", select v as y from "/c") with approximation = linear;
+sink line;
+stream steps = sync(select v, w from "/b" with max_delay = 60 ms)
+    with sample_period = 70 ms, approximation = linear;
+sink steps;
+stream merged = merge(select v from "/a", select v from "/b"); sink merged;
+stream chosen = select v as u from merge(select v from "/b" where v > 1, select v from "/c");
+sink chosen
 """
 FORMULAS = (
     'always "/a".v < 4',
@@ -39,6 +70,26 @@ FORMULAS = (
     'always both.z < 4',
     'always low.v < 4',
     'always "/d".v < 3',
+)
+STREAM_FORMULAS = (
+    'always late.v < 4',
+    'always (late.v < 4 or "/b".v < 3)',
+    'eventually[0 s, 1 s] rare.value + "/a".v > 6',
+    'always steady.v + steady.w < 9',
+    'always (watched.v < 2 or "/a".v < 4)',
+    'always (timely.v < 4 and "/a".v < 6)',
+    'always ahead.v + forecast.v < 9',
+    'always used.power < 9',
+    'always (feet.v < 10 or low.v < 1)',
+    'always average.mean < 3',
+    'always joined.x + joined.y < 9',
+    'always (ticked.x < 3 or ticked.v < 1)',
+    'always (ticked.x < 6 and "/b".v < 5)',
+    'always (slow.x < 3 or late.v < 3)',
+    'always line.v + line.w + line.y < 12',
+    'always (steps.v < 3 -> eventually[0 s, 1 s] steps.w < 3)',
+    'always merged.v < 4',
+    'always (chosen.u < 3 or late.v < 3)',
 )
 STARTS = (
     FROM_FIRST_STATE,
@@ -152,7 +203,7 @@ def files() -> Iterator[MonitoringFiles]:
 
 
 BATCHES = st.sampled_from([1, 2, 5, 17, 1000])
-SOME = st.lists(st.sampled_from(FORMULAS), min_size=1, max_size=6, unique=True)
+SOME = st.lists(st.sampled_from(FORMULAS + STREAM_FORMULAS), min_size=1, max_size=6, unique=True)
 
 
 @settings(max_examples=100, deadline=None)

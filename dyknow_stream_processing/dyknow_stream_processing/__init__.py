@@ -1,7 +1,12 @@
 """Streams: samples, the stream language, and the dataflow that runs specifications."""
 
-from dyknow_stream_processing.dataflow.computational_units import load_units
+from dyknow_stream_processing.dataflow.computational_units import (
+    STATELESS_UNITS,
+    UnitCall,
+    load_units,
+)
 from dyknow_stream_processing.dataflow.dataflow import Dataflow, SourceType, Statistics
+from dyknow_stream_processing.dataflow.selection import condition_test
 from dyknow_stream_processing.errors import StreamError, unknown_stream
 from dyknow_stream_processing.language.parsing import parse_specification
 from dyknow_stream_processing.language.required_fields import ALL
@@ -25,6 +30,7 @@ from dyknow_stream_processing.language.specification import (
     UnitArgument,
     UnitDeclaration,
     made,
+    references,
     subterms,
 )
 from dyknow_stream_processing.language.type_rules import Unit
@@ -36,6 +42,7 @@ from dyknow_stream_processing.violation import Violation, ViolationKind
 
 __all__ = [
     'ALL',
+    'STATELESS_UNITS',
     'Approximation',
     'Call',
     'Condition',
@@ -59,9 +66,11 @@ __all__ = [
     'TypedField',
     'Unit',
     'UnitArgument',
+    'UnitCall',
     'UnitDeclaration',
     'Violation',
     'ViolationKind',
+    'condition_test',
     'free_names',
     'in_namespace',
     'joined_reasons',
@@ -70,6 +79,7 @@ __all__ = [
     'nearest_topics',
     'parse_specification',
     'read_streams',
+    'references',
     'resolve',
     'specifications_by_sink',
     'subterms',
