@@ -129,7 +129,8 @@ class ColumnStates:
             if part.topic not in new:
                 received.forget([part.topic])
                 latest = self._latest.get(part.topic, BEGINNING)
-                self._latest[part.topic] = max(latest, int(self._streams.valid_times(part).max()))
+                found = self._streams.latest_valid_time(part.topic)
+                self._latest[part.topic] = max(latest, found)
         used = self._used_streams([each for each in groups if not each.has_ended])
         if used is None:
             # It is not known which messages were dropped.

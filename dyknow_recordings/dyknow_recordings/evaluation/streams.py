@@ -7,7 +7,6 @@ from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dyknow_common import NO_CONSTRAINTS, DyKnowError, StreamConstraints, listed_as
 from dyknow_coordinator import FeatureSource, KnownStream, KnownStreams, field_names, stream_topic
@@ -55,6 +54,7 @@ class RecordedStreams:
         self._faults: dict[str, str] = {}
         self._consumers: Mapping[str, Collection[str]] = {}
         self._received: dict[str, int] = dict.fromkeys(topics, 0)
+        self._latest_valid_times: dict[str, int] = {}
         self._rejected: dict[str, str] = {}
         self._unstamped: set[str] = set()
         self._column_terms = ColumnTerms(
@@ -168,6 +168,8 @@ class RecordedStreams:
         elif valid_time == 0 < now:
             self._unstamped.add(topic)
             valid_time = now
+        if valid_time > self.latest_valid_time(topic):
+            self._latest_valid_times[topic] = valid_time
         for name in self._consumers.get(topic, ()):
             if fault:
                 self._reject(name, valid_time, now, fault)
@@ -189,12 +191,9 @@ class RecordedStreams:
         times = found.valid_times
         return None if (times <= 0).any() or (np.diff(times) <= 0).any() else found
 
-    @staticmethod
-    def valid_times(part: MessageColumns) -> NDArray[np.int64]:
-        """Return the valid times of messages: their stamps, or log times where there is none."""
-        if part.stamps is None:
-            return part.log_times
-        return np.where(part.stamps == 0, part.log_times, part.stamps)
+    def latest_valid_time(self, topic: str) -> int:
+        """Return the latest valid time of the messages of a topic that were pushed, or 0."""
+        return self._latest_valid_times.get(topic, 0)
 
     def column_stream(self, name: str) -> ColumnStream | None:
         """Return a stream whose samples can be made as columns; None for others."""
