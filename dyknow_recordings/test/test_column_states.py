@@ -330,3 +330,118 @@ def test_a_stamp_before_one_at_zero_is_out_of_order() -> None:
     assert [each.constraint for each in formula.violations] == ['valid_time_order']
     assert taken
     compare(made(drawn), 1, formulas)
+
+
+def steady_recording() -> list[RecordedSample]:
+    """Messages of /a, /b and /c, regular and in time; those of /c have no stamp."""
+    found = []
+    for topic, count, period, offset in (
+        ('/a', 500, 10, 0),
+        ('/b', 100, 50, 3),
+        ('/c', 250, 20, 1),
+    ):
+        for n in range(count):
+            time = at(0) + (n * period + offset) * MS
+            values = {'v': 1.0 + n % 3 / 4, 'w': 1 + n % 2}
+            found.append(RecordedSample(time, topic, TYPE, None if topic == '/c' else time, values))
+    return found
+
+
+@pytest.mark.parametrize('formula', [each for each in STREAM_FORMULAS if 'average' not in each])
+def test_streams_that_are_made_as_columns(files: MonitoringFiles, formula: str) -> None:
+    weak = formula.replace('< ', '< 10')
+    assert compare(steady_recording(), 30, [weak], files=files) >= 3
+
+
+def test_streams_with_a_memory_are_not_made_as_columns(files: MonitoringFiles) -> None:
+    assert not compare(steady_recording(), 64, ['always average.mean < 9'], files=files)
+
+
+@pytest.mark.parametrize(
+    ('text', 'formula'),
+    [
+        ('select v from "/a" with start_time = 1700000001 s', 'always s.v < 9'),
+        ('select v from "/a" with end_time = 1700000002 s', 'always s.v < 9'),
+        ('select v as "%w%" from "/a"', 'always s."1" < 9'),
+        ('sync(select v from "/a", select w from "/b") with max_delay = 1 s', 'always s.v < 9'),
+        ('sync(select v from "/a") with max_lead = 1 s', 'always s.v < 9'),
+    ],
+)
+def test_streams_without_a_counterpart(tmp_path: Path, text: str, formula: str) -> None:
+    path = tmp_path / 'a.streams'
+    path.write_text(f'stream s = {text}; sink s')
+    files = MonitoringFiles(streams=(path,))
+    assert not compare(steady_recording(), 64, [formula], files=files)
+
+
+REGRESSIONS = {
+    'a linear sync waits for a sample that is put in order': (
+        [
+            ('b', 1, 50, 0.0, ''),
+            ('b', 62, 0, 0.0, ''),
+            ('b', 13, 0, 1.0, ''),
+            ('a', 31, 0, 2.5, ''),
+        ],
+        ['always (steps.v < 3 -> eventually[0 s, 1 s] steps.w < 3)'],
+        Every.STATE,
+    ),
+    'a merge waits for a topic that has had no message': (
+        [('a', 1, 3, 0.0, ''), ('a', 7, 0, 2.0, ''), ('b', 42, 50, 1.0, 'lacks')],
+        ['always merged.v < 4'],
+        Every.STATE,
+    ),
+    'a merge waits for a topic that is not recorded': (
+        [
+            ('b', 7, 0, 2.0, ''),
+            ('a', 1, 50, 5.0, ''),
+            ('a', 100, 50, 3.0, ''),
+            ('b', 9, 0, 2.0, ''),
+        ],
+        ['always (chosen.u < 3 or late.v < 3)'],
+        Every.STATE,
+    ),
+    'each select waits for another message of the same time': (
+        [('a', 1, 0, 0.0, ''), ('a', 1, 0, 2.0, ''), ('a', 1, 3, 2.0, '')],
+        ['always low.v < 4'],
+        Every.STATE,
+    ),
+    'a periodic stream that falls silent is a fault': (
+        [('a', 100, 0, 1.0, ''), ('b', 200, 0, 1.0, ''), ('a', 9, 0, 1.0, '')]
+        + [('b', 400, 0, 1.0, '')] * 20,
+        ['always (steady.v < 9 or "/b".v < 9)'],
+        Every.FIRST,
+    ),
+    'states that are made again are received when they were': (
+        [
+            ('b', 20, 50, 2.0, ''),
+            ('b', 40, 3, 1.0, ''),
+            ('b', 98, 0, 5.0, ''),
+            ('b', 1, 3, 1.0, 'silent'),
+            ('d', 20, 0, 2.0, ''),
+            ('b', 14, 0, 0.0, ''),
+        ],
+        ['always (steps.v < 3 -> eventually[0 s, 1 s] steps.w < 3)'],
+        Every.FIRST,
+    ),
+    'integers among floats stay integers': (
+        [('a', 1, 3, 5.0, 'int'), ('a', 9, 0, 2.0, ''), ('a', 70, 0, 5.0, 'int')],
+        ['always late.v < 3', 'always "/a".v < 5'],
+        Every.FIRST,
+    ),
+}
+
+
+@pytest.mark.parametrize('name', REGRESSIONS)
+@pytest.mark.parametrize('batch', [1, 2, 1000])
+def test_regressions(files: MonitoringFiles, name: str, batch: int) -> None:
+    drawn, formulas, every = REGRESSIONS[name]
+    compare(made(drawn), batch, formulas, EpisodeStart(every=every), files)
+
+
+@pytest.mark.parametrize('batch', [1, 2])
+def test_a_formula_that_ends_leaves_the_messages_of_others(batch: int) -> None:
+    drawn = [('a', 7, 3, 2.0, ''), ('c', 20, 0, 1.0, ''), ('a', 7, 0, 5.0, '')]
+    drawn += [('b', 1, 3, 1.0, ''), ('a', 1, 0, 0.0, ''), ('b', 60, 0, 3.0, '')]
+    formulas = ['always Power < 4', 'eventually[1 s, 8 s] Power + "/b".v > 4']
+    with mock.patch.object(evaluation, 'load_vocabulary', return_value=TwoStreams({})):
+        compare(made(drawn), batch, formulas)

@@ -217,9 +217,10 @@ class ColumnStates:
         return _UsedStreams(states, columns, others)
 
     def _suffice(self, used: _UsedStreams, received: ReceivedMessages, new: Histories) -> bool:
-        """Return True if all samples continue those before, and no stream is replaced."""
+        """Return True if all samples continue those before, and no topic is silent for too long."""
         for state, stream in zip(used.states, used.columns, strict=True):
-            if state.is_replaceable and self._has_silence(state, stream, received, new):
+            is_watched = state.is_replaceable or stream.is_periodic
+            if is_watched and self._has_silence(state, stream, received, new):
                 return False
             if state.latest is None:
                 for history in map(received.of, stream.topics):
@@ -238,7 +239,7 @@ class ColumnStates:
     def _has_silence(
         self, state: GroupStream, stream: ColumnStream, received: ReceivedMessages, new: Histories
     ) -> bool:
-        """Return True if a topic of a stream is silent for so long that others may replace it."""
+        """Return True if a topic of a stream is silent for so long that the group may fail."""
         for topic in stream.topics:
             latest = max(self._streams.received_at(topic), state.created_at)
             log_times = new.get(topic, TopicHistory()).log_times

@@ -28,6 +28,7 @@ from dyknow_stream_processing import (
     Call,
     Merge,
     Select,
+    Selection,
     StreamReference,
     Sync,
     Term,
@@ -81,7 +82,7 @@ class ColumnTerms:
     def _steps(self, term: Term) -> tuple[Step, ...] | None:
         """Return the steps from a topic to a stream that is made of it alone; None for others."""
         limits = term.constraints
-        if limits.start_time is not None or limits.end_time is not None:
+        if limits != _checked(limits):
             return None
         step: Step
         match term:
@@ -144,9 +145,22 @@ class ColumnTerms:
         return RenamedStream(source, names)
 
 
+def _checked(limits: StreamConstraints) -> StreamConstraints:
+    """Return those of some constraints that a `TopicStream` checks."""
+    return StreamConstraints(
+        max_delay=limits.max_delay,
+        max_lead=limits.max_lead,
+        sample_period=limits.sample_period,
+        sample_period_deviation=limits.sample_period_deviation,
+    )
+
+
 def _names(term: Select) -> Mapping[str, str] | None:
     """Return the selected fields by their new names; None if these depend on values."""
-    if any(each.embedded_fields for each in term.selections):
+    plain = tuple(Selection(each.field, each.renaming) for each in term.selections)
+    # A node that says more than this is left to the dataflow.
+    known = Select(plain, term.source, term.conditions, constraints=term.constraints)
+    if term != known or any(each.embedded_fields for each in plain):
         return None
     fields = {each.name: each.field for each in term.selections}
     return fields if len(fields) == len(term.selections) else None

@@ -64,6 +64,7 @@ class SynchronisedStream(JoinedStream):
         super().__init__(inputs, [name for each in inputs for name in each.fields or ()])
         self.tick_key: TickKey | None = None if period is None else (label, period)
         self._is_linear = is_linear
+        self.is_periodic = period is not None or any(each.is_periodic for each in inputs)
 
     def make(self, received: ReceivedMessages) -> Series:
         """Return the samples of all ticks at which the values of all inputs are certain."""

@@ -158,6 +158,11 @@ class ColumnStream(ABC):
         """Add the messages by topic that give all values from a valid time on."""
 
     @cached_property
+    def is_periodic(self) -> bool:
+        """True if it, or a stream that it is made of, has a `sample_period`."""
+        return any(each.is_periodic for each in self.inputs)
+
+    @cached_property
     def topics(self) -> frozenset[str]:
         """The topics that it is made of."""
         return frozenset().union(*(each.topics for each in self.inputs))

@@ -110,7 +110,7 @@ class TopicStream(ColumnStream):
                 self.fields = tuple(step.fields)
         delays = (each.constraints.max_delay for each in steps)
         self.max_delay = next((each for each in delays if each is not None), None)
-        self._is_periodic = any(each.constraints.sample_period is not None for each in steps)
+        self.is_periodic = any(each.constraints.sample_period is not None for each in steps)
         # After a message that is not selected, each `select` waits for another of the same time.
         self._caution = sum(isinstance(each, SelectionStep) for each in steps)
         self.topics = frozenset({topic})
@@ -176,7 +176,7 @@ class TopicStream(ColumnStream):
         """Add the message that gives the value at a time, and all after that time."""
         found, series = needed[self.topic], received.series(self)
         found.since = min(found.since, time)
-        found.is_contiguous |= self._is_periodic
+        found.is_contiguous |= self.is_periodic
         row = series.row_at(time)
         if row >= 0:
             found.also.add(int(series.valid_times[row]))
