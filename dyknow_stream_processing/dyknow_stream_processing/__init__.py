@@ -7,6 +7,7 @@ from dyknow_stream_processing.dataflow.computational_units import (
 )
 from dyknow_stream_processing.dataflow.dataflow import Dataflow, SourceType, Statistics
 from dyknow_stream_processing.dataflow.selection import condition_test
+from dyknow_stream_processing.dataflow.synchronisation import TickKey
 from dyknow_stream_processing.errors import StreamError, unknown_stream
 from dyknow_stream_processing.language.parsing import parse_specification
 from dyknow_stream_processing.language.required_fields import ALL
@@ -63,6 +64,7 @@ __all__ = [
     'StreamReference',
     'Sync',
     'Term',
+    'TickKey',
     'TypedField',
     'Unit',
     'UnitArgument',

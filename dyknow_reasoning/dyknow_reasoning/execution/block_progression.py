@@ -44,9 +44,10 @@ class BlockProgression:
         states = slice(symbols.states.start, symbols.states.stop)
         self._time_vector, self._step_vector = times[states], steps[states]
         self._symbols = symbols
-        # The symbols that change nothing at a location without clocks, and when that was found out.
+        # The symbols that change nothing at a location without clocks, and when that was found out;
+        # and at a location with clocks.
         self._idle: dict[Location, tuple[int, frozenset[int]]] = {}
-        self._skips: dict[Location, _Skip] = {}
+        self._skips: dict[Location, _IdleSymbols] = {}
         self._verdicts: dict[int, list[InstanceVerdict]] = {}
 
     def progress(
@@ -130,11 +131,9 @@ class BlockProgression:
                 return index
             self._skips[location] = skip
         found = sequence.next_other(index, end, skip.symbols)
-        return (
-            found
-            if self._times[found - 1] < until
-            else bisect_left(self._times, until, index, found)
-        )
+        if self._times[found - 1] < until:
+            return found
+        return bisect_left(self._times, until, index, found)
 
     def _look_up(
         self, single: SingleInstance, sequence: SymbolSequence, index: int, end: int
@@ -189,7 +188,7 @@ def _is_idle(decision: Decision | None, location: Location) -> bool:
 
 
 @dataclass(frozen=True, slots=True)
-class _Skip:
+class _IdleSymbols:
     """Symbols that change nothing at a location, as long as some answers about times hold.
 
     Args:
@@ -215,7 +214,7 @@ class _Skip:
         return until if until > times[-1] else None
 
 
-def _skip_at(location: Location, symbol: int, times: Times) -> _Skip | None:
+def _skip_at(location: Location, symbol: int, times: Times) -> _IdleSymbols | None:
     """Return the symbols that change nothing, if the present one does not.
 
     Args:
@@ -242,7 +241,7 @@ def _skip_at(location: Location, symbol: int, times: Times) -> _Skip | None:
             deadlines.append((later, -more_than))
         else:
             answers.append((later, earlier, more_than, answer))
-    return _Skip(frozenset(symbols), tuple(deadlines), tuple(answers))
+    return _IdleSymbols(frozenset(symbols), tuple(deadlines), tuple(answers))
 
 
 def _answered(

@@ -1,9 +1,10 @@
 """States that are made as columns: many at once, by numpy.
 
-Messages are progressed as columns in batches in which nothing happens but states: no stamp is out
-of order or too far ahead, no field is missing, no topic is silent, all streams are plain. Any other
-batch goes message by message through the dataflow, which is the reference. From one to the other,
-the dataflow is made anew from the latest messages of each topic:
+Messages are progressed as columns in batches in which nothing happens but states: all messages are
+in order and in time, no field is missing, no constraint is broken, no topic is silent, and all
+streams have a counterpart among the `columns`. Any other batch goes message by message through the
+dataflow, which is the reference. From one to the other, the dataflow is made anew from the latest
+messages of each topic:
 
     valid times of /a    0   2   4   6   8
     valid times of /b      1       5
@@ -30,7 +31,6 @@ from dyknow_recordings.evaluation.columns.series import (
     NeedsDataflowError,
     ReceivedMessages,
     Series,
-    TickKey,
 )
 from dyknow_recordings.evaluation.columns.topic_streams import TopicStream
 from dyknow_recordings.evaluation.state_group import SILENCE_LIMIT_NS, GroupStream, StateGroup
@@ -38,6 +38,7 @@ from dyknow_recordings.evaluation.streams import RecordedStreams
 from dyknow_recordings.evaluation.topic_history import TopicHistory
 from dyknow_recordings.reading.columns import MessageColumns
 from dyknow_recordings.reading.recording import RecordedFields
+from dyknow_stream_processing import TickKey
 
 MAX_WAITING: Final = 10_000
 """The number of messages of a topic that may wait for those of another, as in a `sync`."""

@@ -11,7 +11,7 @@ import numpy as np
 from dyknow_common import NO_CONSTRAINTS, DyKnowError, StreamConstraints, listed_as
 from dyknow_coordinator import FeatureSource, KnownStream, KnownStreams, field_names, stream_topic
 from dyknow_recordings.evaluation.columns.column_terms import ColumnTerms
-from dyknow_recordings.evaluation.columns.series import ColumnStream, TickKey
+from dyknow_recordings.evaluation.columns.series import ColumnStream
 from dyknow_recordings.evaluation.topic_history import TopicHistory, history_of
 from dyknow_recordings.reading.columns import MessageColumns
 from dyknow_recordings.reading.contents import TopicContent
@@ -23,6 +23,7 @@ from dyknow_stream_processing import (
     Sample,
     SourceType,
     StreamError,
+    TickKey,
     Violation,
     ViolationKind,
     free_names,

@@ -16,10 +16,10 @@ from dyknow_recordings.evaluation.columns.series import (
     NeedsDataflowError,
     ReceivedMessages,
     Series,
-    TickKey,
     Times,
 )
 from dyknow_recordings.evaluation.topic_history import concatenated
+from dyknow_stream_processing import TickKey
 
 MAX_TICKS: Final = 1000
 """The most ticks that may be due at once here: far less than those that a `sync` makes."""

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dyknow_recordings.evaluation.topic_history import TopicHistory
+from dyknow_stream_processing import TickKey
 
 BEGINNING: Final = -(1 << 63)
 """A time before all others, in nanoseconds."""
@@ -21,8 +22,6 @@ END: Final = (1 << 63) - 1
 
 Times = NDArray[np.int64]
 Columns = Mapping[str, NDArray[np.generic]]
-TickKey = tuple[str, int]
-"""A periodic `sync`, as `Dataflow.ticks` names it."""
 
 
 class NeedsDataflowError(Exception):
