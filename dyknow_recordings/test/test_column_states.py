@@ -206,7 +206,7 @@ BATCHES = st.sampled_from([1, 2, 5, 17, 1000])
 SOME = st.lists(st.sampled_from(FORMULAS + STREAM_FORMULAS), min_size=1, max_size=6, unique=True)
 
 
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=50, deadline=None)
 @given(MESSAGES, BATCHES, SOME, st.sampled_from(STARTS))
 def test_plain_recordings(
     files: MonitoringFiles, drawn: Drawn, batch: int, formulas: list[str], start: EpisodeStart
@@ -214,7 +214,7 @@ def test_plain_recordings(
     compare(made(drawn), batch, formulas, start, files)
 
 
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=80, deadline=None)
 @given(MESSAGES, st.data(), BATCHES, SOME, st.sampled_from(STARTS))
 def test_recordings_with_faults(
     files: MonitoringFiles,
@@ -239,7 +239,7 @@ class TwoStreams(NoVocabulary):
         return tuple(f'stream {name} = select v as Power from "/{name}"' for name in 'ac')
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=40, deadline=None)
 @given(MESSAGES, st.data(), BATCHES)
 def test_stand_ins(drawn: Drawn, data: st.DataObject, batch: int) -> None:
     for _ in range(data.draw(st.integers(0, 3))):
