@@ -28,7 +28,7 @@ from dyknow_recordings.evaluation.vocabulary import NO_FILES, MonitoringFiles
 from dyknow_recordings.jobs.processes import run_in_processes
 from dyknow_recordings.jobs.progress import ProgressBar
 from dyknow_recordings.jobs.recording_job import JobResult, RecordingJob, run_here
-from dyknow_recordings.reading.opening import open_recording
+from dyknow_recordings.reading.opening import ENDINGS, open_recording
 from dyknow_recordings.reporting.documents import failure_document, topics_document
 from dyknow_recordings.reporting.judgement import Judgement
 from dyknow_recordings.reporting.outputs import (
@@ -104,7 +104,7 @@ def _add_inputs(parser: argparse.ArgumentParser) -> None:
             f'--{name}',
             nargs='+',
             action='extend',
-            type=Path,
+            type=_file,
             default=[],
             metavar='FILE',
             help=description,
@@ -325,6 +325,15 @@ def _configuration(
     if not formulas:
         raise RecordingError('there is no formula to check; give --formula, --formulas or --config')
     return merged(files, own), formulas
+
+
+def _file(text: str) -> Path:
+    path = Path(text)
+    if path.suffix.lower() in ENDINGS or path.is_dir():
+        raise argparse.ArgumentTypeError(
+            f"'{text}' is a recording; give recordings before the options, or after --"
+        )
+    return path
 
 
 def _number(text: str) -> int:

@@ -230,3 +230,22 @@ def test_ros_is_not_imported() -> None:
     )
     done = subprocess.run([sys.executable, '-c', code], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == '[]'
+
+
+@pytest.mark.parametrize('name', ['flight.mcap', 'flight.CSV', '.'])
+def test_a_recording_after_the_files_of_an_option(
+    name: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(SystemExit) as end:
+        main(['--streams', 'a.streams', name])
+    assert end.value.code == 2
+    assert capsys.readouterr().err.splitlines()[-1] == (
+        f"dyknow check: error: argument --streams: '{name}' is a recording; give recordings before "
+        'the options, or after --'
+    )
+
+
+def test_recordings_after_two_dashes(bag: Path, tmp_path: Path) -> None:
+    path = tmp_path / 'formulas.txt'
+    path.write_text('always "/scan".mode = 3')
+    assert main(['--formulas', str(path), '--', str(bag)]) == 0

@@ -183,6 +183,6 @@ def test_a_report_of_junit_of_the_command(
     capsys.readouterr()
     assert main([str(bag), *formula, '--junit', str(tmp_path / 'missing' / 'out.xml')]) == 2
     captured = capsys.readouterr()
-    assert (captured.out, 'out.xml: its folder does not exist' in captured.err) == ('', True)
+    assert (captured.out, 'out.xml: there is no folder' in captured.err) == ('', True)
     assert main([str(bag), *formula, '--junit', str(tmp_path)]) == 2
     assert str(tmp_path) in capsys.readouterr().err

@@ -26,8 +26,39 @@ from dyknow_recordings.evaluation.vocabulary import NO_FILES, MonitoringFiles, N
 
 MS = 1_000_000
 STREAMS = """
+compunit power: float electrical_power((voltage: float, current: float));
+compunit value: float convert(value: float);
+compunit mean: float mean(value: float);
 stream low = select v from "/a" where v < 2; sink low;
-stream both = select w as z from (select v as w from "/a"); sink both
+stream both = select w as z from (select v as w from "/a"); sink both;
+stream late = select v from "/a" with max_delay = 60 ms; sink late;
+stream rare = select v as value from "/b" where v > 1 and w != 3 with max_delay = 40 ms; sink rare;
+stream steady = select v, w from "/a" with sample_period = 1 s, sample_period_deviation = 999 ms;
+sink steady;
+stream watched = select v from "/b" where v < 3
+    with max_delay = 60 ms, sample_period = 1500 ms, sample_period_deviation = 1500 ms;
+sink watched;
+stream timely = select v from "/c" with sample_period = 1 s, sample_period_deviation = 1 s;
+sink timely;
+stream ahead = select v from "/b" with max_lead = 20 ms; sink ahead;
+stream forecast = select v from "/a" with max_lead = 2 s; sink forecast;
+stream used = electrical_power(select v as voltage, w as current from "/a"); sink used;
+stream feet = select value as v from convert(
+    select v as value from "/b" where v < 5 with max_delay = 70 ms, given = "m", wanted = "ft");
+sink feet;
+stream average = mean(select v as value from "/b"); sink average;
+stream joined = sync(select v as x from "/a" with max_delay = 80 ms, select v as y from "/b");
+sink joined;
+stream ticked = sync(select v as x from "/a", low) with sample_period = 50 ms; sink ticked;
+stream slow = sync(select v as x from "/c") with sample_period = 300 ms; sink slow;
+stream line = sync(select v, w from "/a", select v as y from "/c") with approximation = linear;
+sink line;
+stream steps = sync(select v, w from "/b" with max_delay = 60 ms)
+    with sample_period = 70 ms, approximation = linear;
+sink steps;
+stream merged = merge(select v from "/a", select v from "/b"); sink merged;
+stream chosen = select v as u from merge(select v from "/b" where v > 1, select v from "/c");
+sink chosen
 """
 FORMULAS = (
     'always "/a".v < 4',
@@ -39,6 +70,26 @@ FORMULAS = (
     'always both.z < 4',
     'always low.v < 4',
     'always "/d".v < 3',
+)
+STREAM_FORMULAS = (
+    'always late.v < 4',
+    'always (late.v < 4 or "/b".v < 3)',
+    'eventually[0 s, 1 s] rare.value + "/a".v > 6',
+    'always steady.v + steady.w < 9',
+    'always (watched.v < 2 or "/a".v < 4)',
+    'always (timely.v < 4 and "/a".v < 6)',
+    'always ahead.v + forecast.v < 9',
+    'always used.power < 9',
+    'always (feet.v < 10 or low.v < 1)',
+    'always average.mean < 3',
+    'always joined.x + joined.y < 9',
+    'always (ticked.x < 3 or ticked.v < 1)',
+    'always (ticked.x < 6 and "/b".v < 5)',
+    'always (slow.x < 3 or late.v < 3)',
+    'always line.v + line.w + line.y < 12',
+    'always (steps.v < 3 -> eventually[0 s, 1 s] steps.w < 3)',
+    'always merged.v < 4',
+    'always (chosen.u < 3 or late.v < 3)',
 )
 STARTS = (
     FROM_FIRST_STATE,
@@ -152,10 +203,10 @@ def files() -> Iterator[MonitoringFiles]:
 
 
 BATCHES = st.sampled_from([1, 2, 5, 17, 1000])
-SOME = st.lists(st.sampled_from(FORMULAS), min_size=1, max_size=6, unique=True)
+SOME = st.lists(st.sampled_from(FORMULAS + STREAM_FORMULAS), min_size=1, max_size=6, unique=True)
 
 
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=50, deadline=None)
 @given(MESSAGES, BATCHES, SOME, st.sampled_from(STARTS))
 def test_plain_recordings(
     files: MonitoringFiles, drawn: Drawn, batch: int, formulas: list[str], start: EpisodeStart
@@ -163,7 +214,7 @@ def test_plain_recordings(
     compare(made(drawn), batch, formulas, start, files)
 
 
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=80, deadline=None)
 @given(MESSAGES, st.data(), BATCHES, SOME, st.sampled_from(STARTS))
 def test_recordings_with_faults(
     files: MonitoringFiles,
@@ -188,7 +239,7 @@ class TwoStreams(NoVocabulary):
         return tuple(f'stream {name} = select v as Power from "/{name}"' for name in 'ac')
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=40, deadline=None)
 @given(MESSAGES, st.data(), BATCHES)
 def test_stand_ins(drawn: Drawn, data: st.DataObject, batch: int) -> None:
     for _ in range(data.draw(st.integers(0, 3))):
@@ -279,3 +330,118 @@ def test_a_stamp_before_one_at_zero_is_out_of_order() -> None:
     assert [each.constraint for each in formula.violations] == ['valid_time_order']
     assert taken
     compare(made(drawn), 1, formulas)
+
+
+def steady_recording() -> list[RecordedSample]:
+    """Messages of /a, /b and /c, regular and in time; those of /c have no stamp."""
+    found = []
+    for topic, count, period, offset in (
+        ('/a', 500, 10, 0),
+        ('/b', 100, 50, 3),
+        ('/c', 250, 20, 1),
+    ):
+        for n in range(count):
+            time = at(0) + (n * period + offset) * MS
+            values = {'v': 1.0 + n % 3 / 4, 'w': 1 + n % 2}
+            found.append(RecordedSample(time, topic, TYPE, None if topic == '/c' else time, values))
+    return found
+
+
+@pytest.mark.parametrize('formula', [each for each in STREAM_FORMULAS if 'average' not in each])
+def test_streams_that_are_made_as_columns(files: MonitoringFiles, formula: str) -> None:
+    weak = formula.replace('< ', '< 10')
+    assert compare(steady_recording(), 30, [weak], files=files) >= 3
+
+
+def test_streams_with_a_memory_are_not_made_as_columns(files: MonitoringFiles) -> None:
+    assert not compare(steady_recording(), 64, ['always average.mean < 9'], files=files)
+
+
+@pytest.mark.parametrize(
+    ('text', 'formula'),
+    [
+        ('select v from "/a" with start_time = 1700000001 s', 'always s.v < 9'),
+        ('select v from "/a" with end_time = 1700000002 s', 'always s.v < 9'),
+        ('select v as "%w%" from "/a"', 'always s."1" < 9'),
+        ('sync(select v from "/a", select w from "/b") with max_delay = 1 s', 'always s.v < 9'),
+        ('sync(select v from "/a") with max_lead = 1 s', 'always s.v < 9'),
+    ],
+)
+def test_streams_without_a_counterpart(tmp_path: Path, text: str, formula: str) -> None:
+    path = tmp_path / 'a.streams'
+    path.write_text(f'stream s = {text}; sink s')
+    files = MonitoringFiles(streams=(path,))
+    assert not compare(steady_recording(), 64, [formula], files=files)
+
+
+REGRESSIONS = {
+    'a linear sync waits for a sample that is put in order': (
+        [
+            ('b', 1, 50, 0.0, ''),
+            ('b', 62, 0, 0.0, ''),
+            ('b', 13, 0, 1.0, ''),
+            ('a', 31, 0, 2.5, ''),
+        ],
+        ['always (steps.v < 3 -> eventually[0 s, 1 s] steps.w < 3)'],
+        Every.STATE,
+    ),
+    'a merge waits for a topic that has had no message': (
+        [('a', 1, 3, 0.0, ''), ('a', 7, 0, 2.0, ''), ('b', 42, 50, 1.0, 'lacks')],
+        ['always merged.v < 4'],
+        Every.STATE,
+    ),
+    'a merge waits for a topic that is not recorded': (
+        [
+            ('b', 7, 0, 2.0, ''),
+            ('a', 1, 50, 5.0, ''),
+            ('a', 100, 50, 3.0, ''),
+            ('b', 9, 0, 2.0, ''),
+        ],
+        ['always (chosen.u < 3 or late.v < 3)'],
+        Every.STATE,
+    ),
+    'each select waits for another message of the same time': (
+        [('a', 1, 0, 0.0, ''), ('a', 1, 0, 2.0, ''), ('a', 1, 3, 2.0, '')],
+        ['always low.v < 4'],
+        Every.STATE,
+    ),
+    'a periodic stream that falls silent is a fault': (
+        [('a', 100, 0, 1.0, ''), ('b', 200, 0, 1.0, ''), ('a', 9, 0, 1.0, '')]
+        + [('b', 400, 0, 1.0, '')] * 20,
+        ['always (steady.v < 9 or "/b".v < 9)'],
+        Every.FIRST,
+    ),
+    'states that are made again are received when they were': (
+        [
+            ('b', 20, 50, 2.0, ''),
+            ('b', 40, 3, 1.0, ''),
+            ('b', 98, 0, 5.0, ''),
+            ('b', 1, 3, 1.0, 'silent'),
+            ('d', 20, 0, 2.0, ''),
+            ('b', 14, 0, 0.0, ''),
+        ],
+        ['always (steps.v < 3 -> eventually[0 s, 1 s] steps.w < 3)'],
+        Every.FIRST,
+    ),
+    'integers among floats stay integers': (
+        [('a', 1, 3, 5.0, 'int'), ('a', 9, 0, 2.0, ''), ('a', 70, 0, 5.0, 'int')],
+        ['always late.v < 3', 'always "/a".v < 5'],
+        Every.FIRST,
+    ),
+}
+
+
+@pytest.mark.parametrize('name', REGRESSIONS)
+@pytest.mark.parametrize('batch', [1, 2, 1000])
+def test_regressions(files: MonitoringFiles, name: str, batch: int) -> None:
+    drawn, formulas, every = REGRESSIONS[name]
+    compare(made(drawn), batch, formulas, EpisodeStart(every=every), files)
+
+
+@pytest.mark.parametrize('batch', [1, 2])
+def test_a_formula_that_ends_leaves_the_messages_of_others(batch: int) -> None:
+    drawn = [('a', 7, 3, 2.0, ''), ('c', 20, 0, 1.0, ''), ('a', 7, 0, 5.0, '')]
+    drawn += [('b', 1, 3, 1.0, ''), ('a', 1, 0, 0.0, ''), ('b', 60, 0, 3.0, '')]
+    formulas = ['always Power < 4', 'eventually[1 s, 8 s] Power + "/b".v > 4']
+    with mock.patch.object(evaluation, 'load_vocabulary', return_value=TwoStreams({})):
+        compare(made(drawn), batch, formulas)

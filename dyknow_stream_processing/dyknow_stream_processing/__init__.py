@@ -1,8 +1,14 @@
 """Streams: samples, the stream language, and the dataflow that runs specifications."""
 
 from dyknow_stream_processing.aggregates import NoValueError
-from dyknow_stream_processing.dataflow.computational_units import load_units
+from dyknow_stream_processing.dataflow.computational_units import (
+    STATELESS_UNITS,
+    UnitCall,
+    load_units,
+)
 from dyknow_stream_processing.dataflow.dataflow import Dataflow, SourceType, Statistics
+from dyknow_stream_processing.dataflow.selection import condition_test
+from dyknow_stream_processing.dataflow.synchronisation import TickKey
 from dyknow_stream_processing.errors import StreamError, unknown_stream
 from dyknow_stream_processing.language.built_in_sources import TF_STATIC, built_in_fields
 from dyknow_stream_processing.language.parsing import parse_specification
@@ -28,6 +34,7 @@ from dyknow_stream_processing.language.specification import (
     UnitArgument,
     UnitDeclaration,
     made,
+    references,
     subterms,
 )
 from dyknow_stream_processing.language.type_rules import Unit
@@ -40,6 +47,7 @@ from dyknow_stream_processing.violation import Violation, ViolationKind
 
 __all__ = [
     'ALL',
+    'STATELESS_UNITS',
     'TF_STATIC',
     'WHOLE',
     'Approximation',
@@ -64,14 +72,17 @@ __all__ = [
     'StreamReference',
     'Sync',
     'Term',
+    'TickKey',
     'TypedField',
     'Unit',
     'UnitArgument',
+    'UnitCall',
     'UnitDeclaration',
     'Violation',
     'ViolationKind',
     'WholeMessage',
     'built_in_fields',
+    'condition_test',
     'free_names',
     'in_namespace',
     'joined_reasons',
@@ -80,6 +91,7 @@ __all__ = [
     'nearest_topics',
     'parse_specification',
     'read_streams',
+    'references',
     'resolve',
     'rows_reader',
     'specifications_by_sink',

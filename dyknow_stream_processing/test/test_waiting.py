@@ -48,7 +48,7 @@ def test_a_where_that_lets_nothing_through_is_named(flow: Flow) -> None:
     for name in ('uav1', 'uav2'):
         flow.push('fleet', 1, id=name, x=1)
     assert reasons(flow) == [
-        'no sample of fleet satisfies id = "uav7" and x > 0 (one has id = "uav1")'
+        'no sample of fleet satisfies id = "uav7" and x > 0 (the last has id = "uav2")'
     ]
 
 
@@ -61,7 +61,7 @@ def test_the_where_of_an_input_is_named(flow: Flow) -> None:
     flow.create('stream seven = select x from "fleet" where id = 7; sink sync(seven, "b")')
     flow.push('fleet', 1, id=1, x=1)
     flow.push('b', 1, y=1)
-    assert reasons(flow) == ['no sample of fleet satisfies id = 7 (one has id = 1)']
+    assert reasons(flow) == ['no sample of fleet satisfies id = 7 (the last has id = 1)']
 
 
 def test_dropped_samples_are_the_reason(flow: Flow) -> None:

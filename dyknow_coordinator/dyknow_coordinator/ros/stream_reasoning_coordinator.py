@@ -252,7 +252,7 @@ class StreamReasoningCoordinator(DyKnowNode):
 def _publish_feedback(goal: Any, evaluation: FormulaEvaluation) -> None:
     if not evaluation.has_ended:
         feedback = MonitorFormula.Feedback(
-            streams=[each.stream for each in evaluation.groundings],
+            streams=[each.stream for each in evaluation.groundings()],
             waits_for=evaluation.waits_for,
             events=evaluation.history.read(),
             margin=margin_to_message(evaluation.margin),

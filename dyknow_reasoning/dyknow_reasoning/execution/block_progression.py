@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from bisect import bisect_left
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from functools import cached_property
 from math import inf
 from operator import length_hint
@@ -43,8 +44,10 @@ class BlockProgression:
         states = slice(symbols.states.start, symbols.states.stop)
         self._time_vector, self._step_vector = times[states], steps[states]
         self._symbols = symbols
-        # The symbols that change nothing at a location without clocks, and when that was found out.
+        # The symbols that change nothing at a location without clocks, and when that was found out;
+        # and at a location with clocks.
         self._idle: dict[Location, tuple[int, frozenset[int]]] = {}
+        self._skips: dict[Location, _IdleSymbols] = {}
         self._verdicts: dict[int, list[InstanceVerdict]] = {}
 
     def progress(
@@ -78,8 +81,8 @@ class BlockProgression:
         while index < end:
             if single.mask != mask:
                 sequence, mask = self._symbols.of(single), single.mask
-            before, is_dense = index, skipped < _FEW_STATES
-            index = self._skip(single, sequence, (index, end), is_dense=is_dense)
+            before = index
+            index = self._skip(single, sequence, (index, end))
             skipped += (index - before - skipped) / 8
             is_dense = skipped < _FEW_STATES
             uses_table = is_dense and self._is_regular and single.template.uses_configurations
@@ -104,8 +107,6 @@ class BlockProgression:
         single: SingleInstance,
         sequence: SymbolSequence,
         states: tuple[int, int],
-        *,
-        is_dense: bool,
     ) -> int:
         """Return the index of the next of some states that changes the location or the clocks."""
         index, end = states
@@ -121,17 +122,17 @@ class BlockProgression:
             return sequence.next_other(index, end, known) if known else index
         times = (*single.clocks, self._times[index])
         symbol = sequence.values[index]
-        move, until = _answered(location.moves.get(symbol), location.clocks, times)
-        if not _is_idle(move, location):
-            return index
-        idle = [symbol]
-        if not is_dense and len(location.moves) <= _MAX_SYMBOLS:
-            for other in location.moves:
-                move, valid_until = _answered(location.moves[other], location.clocks, times)
-                if _is_idle(move, location):
-                    idle.append(other)
-                    until = min(until, valid_until)
-        found = sequence.next_other(index, end, frozenset(idle))
+        skip = self._skips.get(location)
+        until = skip.until(times) if skip is not None and symbol in skip.symbols else None
+        if until is None or skip is None:
+            skip = _skip_at(location, symbol, times)
+            until = None if skip is None else skip.until(times)
+            if until is None or skip is None:
+                return index
+            self._skips[location] = skip
+        found = sequence.next_other(index, end, skip.symbols)
+        if self._times[found - 1] < until:
+            return found
         return bisect_left(self._times, until, index, found)
 
     def _look_up(
@@ -186,15 +187,71 @@ def _is_idle(decision: Decision | None, location: Location) -> bool:
     return not decision.kept or decision.kept[-1] < location.clocks
 
 
-def _answered(decision: Decision | None, now: int, times: Times) -> tuple[Decision | None, float]:
-    """Return the move at the time of number `now`, and from when on there may be another one."""
-    until = inf
+@dataclass(frozen=True, slots=True)
+class _IdleSymbols:
+    """Symbols that change nothing at a location, as long as some answers about times hold.
+
+    Args:
+        symbols: the symbols.
+        deadlines: clocks, and the nanoseconds after each at which an answer changes.
+        answers: the other questions: two times, the difference to exceed, and the answer.
+    """
+
+    symbols: frozenset[int]
+    deadlines: tuple[tuple[int, int], ...]
+    answers: tuple[tuple[int, int, int, bool], ...]
+
+    def until(self, times: Times) -> float | None:
+        """Return the time until which they change nothing; None if they may do so at once."""
+        for later, earlier, more_than, answer in self.answers:
+            if (times[later] - times[earlier] > more_than) != answer:
+                return None
+        until = inf
+        for clock, offset in self.deadlines:
+            deadline = times[clock] + offset
+            if deadline < until:
+                until = deadline
+        return until if until > times[-1] else None
+
+
+def _skip_at(location: Location, symbol: int, times: Times) -> _IdleSymbols | None:
+    """Return the symbols that change nothing, if the present one does not.
+
+    Args:
+        location: a location with clocks.
+        symbol: the present one.
+        times: the clocks, and the time of the state.
+    """
+    found = _answered(location.moves.get(symbol), times)
+    if not _is_idle(found[0], location):
+        return None
+    symbols, questions = [symbol], dict.fromkeys(found[1])
+    if len(location.moves) <= _MAX_SYMBOLS:
+        for other, decision in location.moves.items():
+            move, asked = _answered(decision, times)
+            if _is_idle(move, location):
+                symbols.append(other)
+                questions |= dict.fromkeys(asked)
+    now = location.clocks
+    deadlines, answers = [], []
+    for later, earlier, more_than, answer in questions:
+        if later == now and not answer:
+            deadlines.append((earlier, more_than + 1))
+        elif earlier == now and answer:
+            deadlines.append((later, -more_than))
+        else:
+            answers.append((later, earlier, more_than, answer))
+    return _IdleSymbols(frozenset(symbols), tuple(deadlines), tuple(answers))
+
+
+def _answered(
+    decision: Decision | None, times: Times
+) -> tuple[Decision | None, list[tuple[int, int, int, bool]]]:
+    """Return the move at some times, and the questions about these with their answers."""
+    asked = []
     while type(decision) is Guard:
         later, earlier, more_than = decision.later, decision.earlier, decision.more_than
         answer = times[later] - times[earlier] > more_than
-        if later == now and not answer:
-            until = min(until, times[earlier] + more_than + 1)
-        elif earlier == now and answer:
-            until = min(until, times[later] - more_than)
+        asked.append((later, earlier, more_than, answer))
         decision = decision.yes if answer else decision.no
-    return decision, until
+    return decision, asked

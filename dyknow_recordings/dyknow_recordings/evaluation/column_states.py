@@ -1,9 +1,10 @@
 """States that are made as columns: many at once, by numpy.
 
-Messages are progressed as columns in batches in which nothing happens but states: no stamp is out
-of order or too far ahead, no field is missing, no topic is silent, all streams are plain. Any other
-batch goes message by message through the dataflow, which is the reference. From one to the other,
-the dataflow is made anew from the latest messages of each topic:
+Messages are progressed as columns in batches in which nothing happens but states: all messages are
+in order and in time, no field is missing, no constraint is broken, no topic is silent, and all
+streams have a counterpart among the `columns`. Any other batch goes message by message through the
+dataflow, which is the reference. From one to the other, the dataflow is made anew from the latest
+messages of each topic:
 
     valid times of /a    0   2   4   6   8
     valid times of /b      1       5
@@ -14,19 +15,30 @@ the dataflow is made anew from the latest messages of each topic:
 
 from __future__ import annotations
 
+from collections import defaultdict
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dyknow_common import SECOND_NS
-from dyknow_recordings.evaluation.plain_streams import PlainInputs
-from dyknow_recordings.evaluation.state_group import SILENCE_LIMIT_NS, ColumnStream, StateGroup
+from dyknow_recordings.evaluation.columns.series import (
+    BEGINNING,
+    END,
+    ColumnStream,
+    NeededMessages,
+    NeedsDataflowError,
+    ReceivedMessages,
+    Series,
+)
+from dyknow_recordings.evaluation.columns.topic_streams import TopicStream
+from dyknow_recordings.evaluation.state_group import SILENCE_LIMIT_NS, GroupStream, StateGroup
 from dyknow_recordings.evaluation.streams import RecordedStreams
 from dyknow_recordings.evaluation.topic_history import TopicHistory
 from dyknow_recordings.reading.columns import MessageColumns
 from dyknow_recordings.reading.recording import RecordedFields
+from dyknow_stream_processing import TickKey
 
 MAX_WAITING: Final = 10_000
 """The number of messages of a topic that may wait for those of another, as in a `sync`."""
@@ -34,11 +46,22 @@ MAX_WAITING: Final = 10_000
 MAX_STEP_NS: Final = 30 * SECOND_NS
 """The longest time without a message: after a longer one, the clock may have been stopped."""
 
-_BEGINNING: Final = -(1 << 63)
-
 Histories = dict[str, TopicHistory]
-States = tuple[NDArray[np.int64], Mapping[str, NDArray[np.generic]]]
-"""The valid times of states, and the values of each feature."""
+
+
+@dataclass(frozen=True, slots=True)
+class _UsedStreams:
+    """The streams that states are made of.
+
+    Args:
+        states: the state stream of each group.
+        columns: the same, as columns.
+        others: those that may take the place of others.
+    """
+
+    states: Sequence[GroupStream]
+    columns: Sequence[ColumnStream]
+    others: Sequence[TopicStream]
 
 
 class ColumnStates:
@@ -55,7 +78,7 @@ class ColumnStates:
         self._kept: Histories = {}
         # The latest valid time of each topic.
         self._latest: dict[str, int] = {}
-        self._inputs: dict[str, PlainInputs | None] = {}
+        self._ticks: Mapping[TickKey, int] = {}
         # True if the dataflow has not got the latest messages.
         self._is_behind = False
         self._end = start
@@ -63,72 +86,101 @@ class ColumnStates:
 
     def progress(self, batch: Sequence[MessageColumns], groups: Sequence[StateGroup]) -> bool:
         """Progress groups over a batch; return False, without an effect, if that needs messages."""
-        new = self._new_messages(batch)
-        inputs = self._inputs_of(groups)
-        if new is None or inputs is None:
+        new, used = self._new_messages(batch), self._used_streams(groups)
+        if new is None or used is None:
             return False
-        histories = self._followed_by(new)
-        times = np.sort(np.concatenate([each.log_times for each in new.values()]))
-        end = int(times[-1])
-        if max(int(times[0]) - self._end, int(np.diff(times).max(initial=0))) > MAX_STEP_NS:
+        received = self._received(batch, new)
+        if received.longest_step > MAX_STEP_NS:
             return False
-        made: list[States] = []
-        for stream, topics in inputs:
-            used = {topic: histories.get(topic, TopicHistory()) for topic in topics}
-            if not self._suffice(used, stream, end):
+        try:
+            if not self._suffice(used, received, new):
                 return False
-            made.append(self._states(used, topics, stream.latest, end))
-        for group, states in zip(groups, made, strict=True):
-            group.receive_many(*states)
+            made = [received.series(each) for each in used.columns]
+        except NeedsDataflowError:
+            return False
+        latest = [each.latest for each in used.states]
+        rows = [_new_rows(series, each) for series, each in zip(made, latest, strict=True)]
+        ends = [
+            int(series.valid_times[found][-1]) if found.stop > found.start else each
+            for series, found, each in zip(made, rows, latest, strict=True)
+        ]
+        kept = self._needed(received, used, ends)
+        if max(map(len, kept.values())) > MAX_WAITING:
+            return False
+        for group, series, found in zip(groups, made, rows, strict=True):
+            columns = {name: column[found] for name, column in series.columns.items()}
+            group.receive_many(series.valid_times[found], columns)
         self._streams.note_received({topic: int(each.log_times[-1]) for topic, each in new.items()})
-        self._is_behind, self._end = True, end
-        self._keep(histories, new, groups)
+        self._is_behind = True
+        self._keep(received, new, kept)
         return True
 
     def resume(self) -> None:
         """Bring the dataflow to where the columns are."""
         if self._is_behind:
             self._is_behind = False
-            self._streams.rewind(_rows(self._kept))
+            self._streams.rewind(_rows(self._kept), self._ticks)
 
     def follow(self, batch: Sequence[MessageColumns], groups: Sequence[StateGroup]) -> None:
         """Note the messages of a batch that has gone through the dataflow."""
         new = self._new_messages(batch) or {}
-        histories = self._followed_by(new)
+        self._ticks = self._streams.dataflow.ticks()
+        received = self._received(batch, new)
         for part in batch:
             if part.topic not in new:
-                histories[part.topic] = TopicHistory(is_whole=False)
-                times = part.log_times
-                if part.stamps is not None:
-                    # A stamp of zero stands for the time of recording.
-                    times = np.where(part.stamps == 0, part.log_times, part.stamps)
-                latest = self._latest.get(part.topic, _BEGINNING)
-                self._latest[part.topic] = max(latest, int(times.max()))
-        self._end = max(int(part.log_times[-1]) for part in batch)
-        self._keep(histories, new, groups)
+                received.forget([part.topic])
+                latest = self._latest.get(part.topic, BEGINNING)
+                found = self._streams.latest_valid_time(part.topic)
+                self._latest[part.topic] = max(latest, found)
+        used = self._used_streams([each for each in groups if not each.has_ended])
+        if used is None:
+            # It is not known which messages were dropped.
+            self._keep(received, new, {})
+            return
+        for stream in (*used.columns, *used.others):
+            for each in reversed(list(stream.parts())):
+                try:
+                    received.series(each)
+                except NeedsDataflowError as fault:
+                    received.forget(fault.topics)
+        kept = self._needed(received, used, [each.latest for each in used.states])
+        short = {topic: each for topic, each in kept.items() if len(each) <= MAX_WAITING}
+        self._keep(received, new, short)
 
-    def _followed_by(self, new: Histories) -> Histories:
-        return self._kept | {
+    def _received(self, batch: Sequence[MessageColumns], new: Histories) -> ReceivedMessages:
+        times = np.sort(np.concatenate([part.log_times for part in batch]))
+        longest = max(int(times[0]) - self._end, int(np.diff(times).max(initial=0)))
+        histories = self._kept | {
             topic: self._kept.get(topic, TopicHistory()).followed_by(each)
             for topic, each in new.items()
         }
+        return ReceivedMessages(histories, int(times[-1]), longest, dict(self._ticks))
 
-    def _keep(self, histories: Histories, new: Histories, groups: Sequence[StateGroup]) -> None:
-        """Keep the messages that the states to come are made of, and the latest of each topic."""
+    def _needed(
+        self, received: ReceivedMessages, used: _UsedStreams, ends: Sequence[int | None]
+    ) -> Histories:
+        """Return the messages that states after others are made of, and the latest of each topic.
+
+        Args:
+            received: all messages.
+            used: the streams.
+            ends: the valid time of the latest state of each stream; None before the first.
+        """
+        needed: dict[str, NeededMessages] = defaultdict(NeededMessages)
+        for stream, end in zip(used.columns, ends, strict=True):
+            stream.add_needed(received, BEGINNING if end is None else end, needed)
+        for other in used.others:
+            other.add_needed(received, received.series(other).horizon, needed)
+        return {topic: needed[topic].of(each) for topic, each in received.histories.items()}
+
+    def _keep(self, received: ReceivedMessages, new: Histories, kept: Histories) -> None:
+        """Keep some of the messages; those of other topics are not known any more."""
+        self._end = received.end
         for topic, each in new.items():
             self._latest[topic] = int(each.valid_times[-1])
-        first = {topic: len(each) - 1 for topic, each in histories.items()}
-        for stream, topics in (
-            self._inputs_of([each for each in groups if not each.has_ended]) or ()
-        ):
-            latest = _BEGINNING if stream.latest is None else stream.latest
-            for topic in topics & histories.keys():
-                first[topic] = min(first[topic], histories[topic].row_at(latest))
-        kept = {topic: each.since(max(first[topic], 0)) for topic, each in histories.items()}
-        self._kept = {
-            topic: each if len(each) <= MAX_WAITING else TopicHistory(is_whole=False)
-            for topic, each in kept.items()
-        }
+        forgotten = TopicHistory(is_whole=False)
+        self._kept = {topic: kept.get(topic, forgotten) for topic in received.histories}
+        self._ticks = received.ticks | received.needed_ticks
 
     def _new_messages(self, batch: Sequence[MessageColumns]) -> Histories | None:
         """Return the messages of a batch by topic; None if one of them needs a closer look."""
@@ -138,84 +190,84 @@ class ColumnStates:
         found: Histories = {}
         for topic, each in parts.items():
             history = self._streams.plain_messages(topic, each)
-            if history is None or history.valid_times[0] <= self._latest.get(topic, _BEGINNING):
+            if history is None or history.valid_times[0] <= self._latest.get(topic, BEGINNING):
                 return None
             found[topic] = history
         return found
 
-    def _inputs_of(
-        self, groups: Sequence[StateGroup]
-    ) -> list[tuple[ColumnStream, PlainInputs]] | None:
-        """Return the streams of groups and their inputs; None if one is not plain."""
-        found = []
+    def _used_streams(self, groups: Sequence[StateGroup]) -> _UsedStreams | None:
+        """Return the streams of groups; None if one cannot be made as columns."""
+        states: list[GroupStream] = []
+        columns: list[ColumnStream] = []
         for group in groups:
-            stream = group.column_stream
-            if stream is None:
+            state = group.group_stream
+            stream = None if state is None else self._streams.column_stream(state.name)
+            if state is None or stream is None:
                 return None
-            if stream.name not in self._inputs:
-                self._inputs[stream.name] = self._streams.plain_inputs(stream.name)
-            inputs = self._inputs[stream.name]
-            if inputs is None:
-                return None
-            found.append((stream, inputs))
-        return found if self._streams.are_plain else None
+            states.append(state)
+            columns.append(stream)
+        others: list[TopicStream] = []
+        parts = {part for each in columns for part in each.parts()}
+        names = {name for each in states for name in each.alternatives}
+        for name in self._streams.running(names):
+            stream = self._streams.column_stream(name)
+            if stream not in parts:
+                if not isinstance(stream, TopicStream):
+                    return None
+                others.append(stream)
+        return _UsedStreams(states, columns, others)
 
-    def _suffice(self, used: Histories, stream: ColumnStream, end: int) -> bool:
-        """Return True if all states until a log time can be made, and no stream is replaced."""
-        for topic, history in used.items():
-            received = max(self._streams.received_at(topic), stream.created_at)
-            log_times = history.log_times
-            first = log_times[:1].tolist() or [received]
-            times = np.concatenate([[min(received, *first)], log_times, [end]])
-            if stream.is_replaceable and np.diff(times).max() > SILENCE_LIMIT_NS:
+    def _suffice(self, used: _UsedStreams, received: ReceivedMessages, new: Histories) -> bool:
+        """Return True if all samples continue those before, and no topic is silent for too long."""
+        for state, stream in zip(used.states, used.columns, strict=True):
+            is_watched = state.is_replaceable or stream.is_periodic
+            if is_watched and self._has_silence(state, stream, received, new):
                 return False
-            if stream.latest is None:
-                if not history.is_whole or first[0] < stream.created_at:
-                    return False
-            elif not history.is_whole and history.row_at(stream.latest) < 0:
+            if state.latest is None:
+                for history in map(received.of, stream.topics):
+                    is_early = len(history) > 0 and history.log_times[0] < state.created_at
+                    if is_early or not history.is_whole:
+                        return False
+            elif not stream.suffices(received, state.latest):
                 return False
-        is_short = max(map(len, used.values())) <= MAX_WAITING
-        return is_short or self._most_waiting(used) <= MAX_WAITING
-
-    def _most_waiting(self, used: Histories) -> int:
-        """Return the number of messages of a topic that have waited for others at most."""
-        most = 0
-        for topic, history in used.items():
-            settled = history.valid_times
-            for other, each in used.items():
-                if other != topic:
-                    before = np.searchsorted(each.positions, history.positions) - 1
-                    times = np.insert(each.valid_times, 0, _BEGINNING)[before + 1]
-                    if not self._streams.has_stamp(other):
-                        times = np.maximum(times, history.log_times - 1)
-                    settled = np.minimum(settled, times)
-            emitted = np.searchsorted(history.valid_times, settled, 'right')
-            most = max(most, int((np.arange(1, len(history) + 1) - emitted).max(initial=0)))
-        return most + 1
-
-    def _states(self, used: Histories, topics: PlainInputs, latest: int | None, end: int) -> States:
-        """Return the states after the latest one, up to where all values are certain."""
-        if not all(map(len, used.values())):
-            return np.zeros(0, np.int64), {}
-        horizon = min(
-            int(each.valid_times[-1])
-            if self._streams.has_stamp(topic)
-            else max(int(each.valid_times[-1]), end - 1)
-            for topic, each in used.items()
+            count = sum(len(received.of(topic)) for topic in stream.topics)
+            if count > MAX_WAITING and _most_waiting(stream, received) > MAX_WAITING:
+                return False
+        return all(
+            each.suffices(received, self._latest.get(each.topic, BEGINNING)) for each in used.others
         )
-        start = max(int(each.valid_times[0]) for each in used.values())
-        start = start if latest is None else latest + 1
-        times = [
-            each.valid_times[slice(*np.searchsorted(each.valid_times, (start, horizon + 1)))]
-            for each in used.values()
-        ]
-        valid_times = times[0] if len(times) == 1 else np.unique(np.concatenate(times))
-        columns: dict[str, NDArray[np.generic]] = {}
-        for topic, fields in topics.items():
-            history = used[topic]
-            rows = np.searchsorted(history.valid_times, valid_times, 'right') - 1
-            columns |= {name: history.values[path][rows] for name, path in fields.items()}
-        return valid_times, columns
+
+    def _has_silence(
+        self, state: GroupStream, stream: ColumnStream, received: ReceivedMessages, new: Histories
+    ) -> bool:
+        """Return True if a topic of a stream is silent for so long that the group may fail."""
+        for topic in stream.topics:
+            latest = max(self._streams.received_at(topic), state.created_at)
+            log_times = new.get(topic, TopicHistory()).log_times
+            times = np.concatenate([[latest], log_times, [received.end]])
+            if np.diff(times).max() > SILENCE_LIMIT_NS:
+                return True
+        return False
+
+
+def _new_rows(series: Series, latest: int | None) -> slice:
+    """Return the rows of the states that are certain, after the latest one that a group has."""
+    first = 0 if latest is None else series.row_at(latest) + 1
+    return slice(first, series.row_at(series.horizon) + 1)
+
+
+def _most_waiting(stream: ColumnStream, received: ReceivedMessages) -> int:
+    """Return a number of messages that at no time more have waited for others."""
+    leaves = [each for each in stream.parts() if isinstance(each, TopicStream)]
+    most = 0
+    for each in leaves:
+        history = received.of(each.topic)
+        settled = np.full(len(history), END)
+        for other in leaves:
+            settled = np.minimum(settled, other.settled(received, history, is_own=other is each))
+        emitted = np.searchsorted(history.valid_times, settled, 'right')
+        most += int((np.arange(1, len(history) + 1) - emitted).max(initial=0)) + 1
+    return most
 
 
 def _rows(histories: Histories) -> Iterator[RecordedFields]:

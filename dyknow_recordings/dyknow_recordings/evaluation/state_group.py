@@ -44,7 +44,7 @@ REPORT_NS: Final = 1200 * NANOSECONDS['ms']
 
 
 @dataclass(frozen=True, slots=True)
-class ColumnStream:
+class GroupStream:
     """A state stream whose states may be made as columns.
 
     Args:
@@ -52,12 +52,14 @@ class ColumnStream:
         created_at: the log time from which on it receives samples, in nanoseconds.
         latest: the valid time of its latest state; None before the first.
         is_replaceable: True if another stream may replace it when a topic is silent.
+        alternatives: the streams of files that such a stream may be made of.
     """
 
     name: str
     created_at: int
     latest: int | None
     is_replaceable: bool
+    alternatives: frozenset[str]
 
 
 class StateGroup:
@@ -92,6 +94,10 @@ class StateGroup:
         self._choice = SourceChoice()
         found = Counter(each.feature for each in inputs.candidates.found)
         self._is_replaceable = any(found[each] > 1 for each in inputs.features)
+        sources = inputs.candidates.found if self._is_replaceable else ()
+        self._alternatives = frozenset(
+            name for source in sources for name in streams.known.origins(source)
+        )
         self._faults: list[StateFault] = []
         self._chosen: tuple[FeatureSource, ...] = ()
         self._stream = ''
@@ -127,12 +133,18 @@ class StateGroup:
         return self.episodes.has_ended and not (self._stream and self.episodes.observer)
 
     @property
-    def column_stream(self) -> ColumnStream | None:
+    def group_stream(self) -> GroupStream | None:
         """The stream, if its states may be made as columns, and nothing is the matter with it."""
         is_well = self._stream and not (self._is_in_gap or self._is_paused or self._faults)
         if not is_well or self.has_ended:
             return None
-        return ColumnStream(self._stream, self._created_at, self._latest_tick, self._is_replaceable)
+        return GroupStream(
+            self._stream,
+            self._created_at,
+            self._latest_tick,
+            self._is_replaceable,
+            self._alternatives,
+        )
 
     def receive_many(
         self, valid_times: NDArray[np.int64], columns: Mapping[str, NDArray[np.generic]]

@@ -10,11 +10,8 @@ import numpy as np
 
 from dyknow_common import NO_CONSTRAINTS, DyKnowError, StreamConstraints, listed_as
 from dyknow_coordinator import FeatureSource, KnownStream, KnownStreams, field_names, stream_topic
-from dyknow_recordings.evaluation.plain_streams import (
-    PlainInputs,
-    plain_inputs,
-    selected_fields,
-)
+from dyknow_recordings.evaluation.columns.column_terms import ColumnTerms
+from dyknow_recordings.evaluation.columns.series import ColumnStream
 from dyknow_recordings.evaluation.topic_history import TopicHistory, history_of
 from dyknow_recordings.reading.columns import MessageColumns
 from dyknow_recordings.reading.contents import TopicContent
@@ -27,6 +24,7 @@ from dyknow_stream_processing import (
     Sample,
     SourceType,
     StreamError,
+    TickKey,
     Violation,
     ViolationKind,
     WholeMessage,
@@ -59,10 +57,12 @@ class RecordedStreams:
         self._faults: dict[str, str] = {}
         self._consumers: Mapping[str, Collection[str]] = {}
         self._received: dict[str, int] = dict.fromkeys(topics, 0)
+        self._latest_valid_times: dict[str, int] = {}
         self._rejected: dict[str, str] = {}
         self._unstamped: set[str] = set()
-        # None after a change of the streams.
-        self._are_plain: bool | None = None
+        self._column_terms = ColumnTerms(
+            self._units, self.absolute, self.has_stamp, self.dataflow.max_lead
+        )
         self.known = self._known_streams()
 
     @property
@@ -134,6 +134,10 @@ class RecordedStreams:
             found |= {each for each in fields if '[' not in each}
         return frozenset(found)
 
+    def running(self, names: Collection[str]) -> tuple[str, ...]:
+        """Return those of some streams of the files that run."""
+        return tuple(each for each in self.dataflow.names() if each in names)
+
     def create(
         self,
         name: str,
@@ -173,6 +177,8 @@ class RecordedStreams:
         elif valid_time == 0 < now:
             self._unstamped.add(topic)
             valid_time = now
+        if valid_time > self.latest_valid_time(topic):
+            self._latest_valid_times[topic] = valid_time
         for name in self._consumers.get(topic, ()):
             if fault:
                 self._reject(name, valid_time, now, fault)
@@ -182,7 +188,7 @@ class RecordedStreams:
     def plain_messages(self, topic: str, parts: Sequence[MessageColumns]) -> TopicHistory | None:
         """Return messages that the dataflow would take without a fault; None if there is doubt.
 
-        They have all fields, and increasing valid times that are not too far ahead.
+        They have all fields, and increasing valid times.
         """
         content = self._topics[topic]
         for part in parts:
@@ -192,32 +198,27 @@ class RecordedStreams:
                 return None
         found = history_of(parts)
         times = found.valid_times
-        if (times <= 0).any() or (np.diff(times) <= 0).any():
-            return None
-        return None if (times - found.log_times).max() > self.dataflow.max_lead else found
+        return None if (times <= 0).any() or (np.diff(times) <= 0).any() else found
 
-    def plain_inputs(self, name: str) -> PlainInputs | None:
-        """Return the inputs of a plain state stream by absolute topic; None for others."""
-        inputs = plain_inputs(self.dataflow.term(name))
-        if inputs is None:
-            return None
-        by_topic: dict[str, dict[str, str]] = {}
-        for topic, fields in inputs.items():
-            by_topic.setdefault(self.absolute(topic), {}).update(fields)
-        return by_topic
+    def latest_valid_time(self, topic: str) -> int:
+        """Return the latest valid time of the messages of a topic that were pushed, or 0."""
+        return self._latest_valid_times.get(topic, 0)
 
-    @property
-    def are_plain(self) -> bool:
-        """True if all streams are plain: state streams, and selections from topics."""
-        if self._are_plain is None:
-            terms = [self.dataflow.term(name) for name in self.dataflow.names()]
-            self._are_plain = all(plain_inputs(term) or selected_fields(term) for term in terms)
-        return self._are_plain
+    def column_stream(self, name: str) -> ColumnStream | None:
+        """Return a stream whose samples can be made as columns; None for others."""
+        return self._column_terms.stream(self.dataflow.term(name))
 
-    def rewind(self, messages: Iterable[RecordedFields]) -> None:
-        """Make all streams anew of their latest messages, which have no fault."""
-        self.dataflow.rewind()
+    def rewind(self, messages: Iterable[RecordedFields], ticks: Mapping[TickKey, int]) -> None:
+        """Make all streams anew of their latest messages, which have no fault.
+
+        Args:
+            messages: in order.
+            ticks: the next tick of each periodic `sync`.
+        """
+        self.dataflow.rewind(ticks)
         for each in messages:
+            while (due := self.dataflow.next_deadline()) is not None and due <= each.log_time:
+                self.dataflow.advance(due)
             sample = Sample(each.stamp or 0, each.log_time, each.values)
             for name in self._consumers.get(each.topic, ()):
                 self.dataflow.push(name, sample)
@@ -231,8 +232,8 @@ class RecordedStreams:
         return self._received.get(topic, 0)
 
     def has_stamp(self, topic: str) -> bool:
-        """Return True if the messages of a topic have a stamp."""
-        return topic in self._topics and self._topics[topic].has_stamp
+        """Return True if the messages of a topic have a stamp, or there are none."""
+        return topic not in self._topics or self._topics[topic].has_stamp
 
     def received(self, name: str) -> dict[str, int]:
         """Return when the latest message of each topic of a stream was received, in ns; or 0."""
@@ -301,7 +302,6 @@ class RecordedStreams:
         for topic in self.dataflow.sources():
             consumers[self.absolute(topic)].append(topic)
         self._consumers = consumers
-        self._are_plain = None
 
     def _reject(self, name: str, valid_time: int, now: int, fault: str) -> None:
         self._rejected.setdefault(self.absolute(name), fault)

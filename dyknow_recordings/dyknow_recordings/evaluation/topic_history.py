@@ -45,25 +45,28 @@ class TopicHistory:
             np.concatenate([self.log_times, other.log_times]),
             np.concatenate([self.positions, other.positions]),
             {
-                path: np.concatenate([self.values[path], column])
+                path: concatenated([self.values[path], column])
                 for path, column in other.values.items()
             },
             self.is_whole,
         )
 
-    def since(self, first: int) -> TopicHistory:
-        """Return the messages from a row on."""
+    def rows(self, found: NDArray[np.bool_]) -> TopicHistory:
+        """Return some of the messages."""
         return TopicHistory(
-            self.valid_times[first:].copy(),
-            self.log_times[first:].copy(),
-            self.positions[first:].copy(),
-            {path: column[first:].copy() for path, column in self.values.items()},
-            self.is_whole and not first,
+            self.valid_times[found],
+            self.log_times[found],
+            self.positions[found],
+            {path: column[found] for path, column in self.values.items()},
+            self.is_whole and bool(found.all()),
         )
 
-    def row_at(self, valid_time: int) -> int:
-        """Return the row of the latest message that is valid at a time; -1 if there is none."""
-        return int(np.searchsorted(self.valid_times, valid_time, 'right')) - 1
+
+def concatenated(columns: Sequence[NDArray[np.generic]]) -> NDArray[np.generic]:
+    """Return the values of several columns, none of which changes its type."""
+    if len({each.dtype for each in columns}) > 1:
+        columns = [each.astype(object) for each in columns]
+    return np.concatenate(columns)
 
 
 def history_of(parts: Sequence[MessageColumns]) -> TopicHistory:
@@ -71,9 +74,7 @@ def history_of(parts: Sequence[MessageColumns]) -> TopicHistory:
     log_times = np.concatenate([part.log_times for part in parts])
     positions = np.concatenate([part.positions for part in parts])
     stamps = [part.log_times if part.stamps is None else part.stamps for part in parts]
-    values = {
-        path: np.concatenate([part.values[path] for part in parts]) for path in parts[0].values
-    }
+    values = {path: concatenated([part.values[path] for part in parts]) for path in parts[0].values}
     found = TopicHistory(np.concatenate(stamps), log_times, positions, values)
     return found if len(parts) == 1 else _in_order(found)
 

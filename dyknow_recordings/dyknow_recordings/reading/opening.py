@@ -21,6 +21,9 @@ _FORMATS: Final[Mapping[str, Callable[[Path], RecordingReader]]] = {
     '.csv': TraceRecording,
 }
 
+ENDINGS: Final = tuple(_FORMATS)
+"""The endings of the files that are recordings."""
+
 
 def open_recording(path: Path) -> RecordingReader:
     """Open a recording: a bag of rosbag2, a log of PX4, or a trace of comma-separated values.

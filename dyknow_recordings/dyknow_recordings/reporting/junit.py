@@ -14,11 +14,12 @@ from typing import Final
 
 from junitparser import Error, Failure, JUnitXml, TestCase, TestSuite
 
-from dyknow_common import SECOND_NS, DyKnowError, ExitCode, replace_text
+from dyknow_common import SECOND_NS, DyKnowError, ExitCode
 from dyknow_recordings.errors import RecordingError
 from dyknow_recordings.evaluation.results import FormulaReport, Outcome, RecordingReport
 from dyknow_recordings.reporting.judgement import Judgement
 from dyknow_recordings.reporting.reasons import decisive_episode, reasons
+from dyknow_recordings.reporting.report_files import check_place, write_report
 
 _INVALID: Final = re.compile('[^\t\n\r -\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]')
 """The characters that XML cannot contain."""
@@ -36,12 +37,11 @@ class JUnitReport:
         judgement: of undecided formulas.
 
     Raises:
-        RecordingError: if its folder does not exist.
+        RecordingError: if it cannot have this path.
     """
 
     def __init__(self, path: Path, judgement: Judgement) -> None:
-        if not path.parent.is_dir():
-            raise RecordingError(f'{path}: its folder does not exist', ExitCode.NOT_FOUND)
+        check_place('--junit', path)
         self._path = path
         self._judgement = judgement
         self._suites: list[TestSuite] = []
@@ -81,7 +81,7 @@ class JUnitReport:
         document.errors = sum(each.errors for each in self._suites)
         document.time = round(sum(each.time for each in self._suites), 3)
         content = document.tostring().decode()
-        replace_text(self._path, f'<?xml version="1.0" encoding="utf-8"?>\n{content}\n')
+        write_report(self._path, f'<?xml version="1.0" encoding="utf-8"?>\n{content}\n')
 
     def _case(self, formula: FormulaReport, recording: RecordingReport) -> TestCase:
         decisive = decisive_episode(formula)

@@ -48,6 +48,11 @@ _BUILT_IN: Final[Mapping[str, Unit]] = {
     'speed': units.Speed,
 }
 
+STATELESS_UNITS: Final[frozenset[Unit]] = frozenset(
+    {units.Convert, units.electrical_power, units.magnitude}
+)
+"""Units whose result depends on one sample alone, so it does not matter how often they compute."""
+
 _PYTHON_TYPES: Final[Mapping[ValueType, type[Value]]] = {
     ValueType.BOOLEAN: bool,
     ValueType.INT: int,
@@ -75,6 +80,38 @@ def load_units() -> Mapping[str, Unit]:
     return registered
 
 
+class UnitCall:
+    """One use of a computational unit, as a function of the samples of its inputs.
+
+    Args:
+        unit: as it is registered.
+        declaration: of the unit.
+        arguments: its settings.
+
+    Raises:
+        StreamError: if the unit is a class that cannot be instantiated.
+    """
+
+    def __init__(
+        self, unit: Unit, declaration: UnitDeclaration, arguments: Sequence[UnitArgument]
+    ) -> None:
+        named = {each.name: each.value for each in arguments}
+        self.output = declaration.output.name
+        self.parameters = [
+            tuple(field.name for field in fields) for fields in declaration.parameters
+        ]
+        """The fields of each input."""
+        self._call: Unit = _instance(unit, declaration.name, named)
+        self._takes_time = _takes_time(self._call)
+        self._type = declaration.output.type
+
+    def __call__(self, valid_time: int, inputs: Sequence[Mapping[str, Value]]) -> Value | None:
+        """Return the result, if there is one; user code may raise any exception."""
+        timing = {TIME: valid_time} if self._takes_time else {}
+        value = self._call(*inputs, **timing)
+        return None if value is None else _typed(value, self._type)
+
+
 class UnitOperator(SynchronisedOperator):
     """One use of a computational unit: one sample for each tick of its inputs.
 
@@ -90,14 +127,8 @@ class UnitOperator(SynchronisedOperator):
         arguments: Sequence[UnitArgument],
     ) -> None:
         super().__init__(wiring)
-        named = {each.name: each.value for each in arguments}
-        self._call: Unit = _instance(unit, declaration.name, named)
-        self._takes_time = _takes_time(self._call)
         self._name = declaration.name
-        self._output = declaration.output
-        self._parameters = [
-            tuple(field.name for field in fields) for fields in declaration.parameters
-        ]
+        self._call = UnitCall(unit, declaration, arguments)
 
     def receive(
         self, port: int, valid_time: int, fields: Mapping[str, Value], watermark: int, now: int
@@ -120,23 +151,21 @@ class UnitOperator(SynchronisedOperator):
         try:
             arguments = [
                 {name: fields[name] for name in names}
-                for names, fields in zip(self._parameters, values, strict=True)
+                for names, fields in zip(self._call.parameters, values, strict=True)
             ]
         except KeyError as error:
             message = f"computational unit '{self._name}' finds {missing_text(error)}"
             self._reject(Fault(ViolationKind.FIELDS, valid_time, message))
             return
-        timing = {TIME: valid_time} if self._takes_time else {}
         try:
-            value = self._call(*arguments, **timing)
-            result = None if value is None else _typed(value, self._output.type)
+            result = self._call(valid_time, arguments)
         # User code may raise any exception; it is contained and reported.
         except Exception as error:  # noqa: BLE001
             message = f"computational unit '{self._name}': {type(error).__name__}: {error}"
             self._reject(Fault(ViolationKind.COMPUTATIONAL_UNIT, valid_time, message))
         else:
             if result is not None:
-                self._emit(valid_time, {self._output.name: result}, self.watermark, now)
+                self._emit(valid_time, {self._call.output: result}, self.watermark, now)
 
 
 def _instance(unit: Unit, name: str, arguments: Mapping[str, Value]) -> Any:

@@ -12,6 +12,7 @@ from dyknow_common import NANOSECONDS, ExitCode, StreamConstraints, Value, Value
 from dyknow_stream_processing.dataflow.operator_graph import OperatorGraph
 from dyknow_stream_processing.dataflow.operators import Operator
 from dyknow_stream_processing.dataflow.scheduler import BEGINNING, Scheduler
+from dyknow_stream_processing.dataflow.synchronisation import TickKey
 from dyknow_stream_processing.dataflow.waiting import waiting_reasons
 from dyknow_stream_processing.errors import StreamError, unknown_stream
 from dyknow_stream_processing.language.required_fields import total_demand
@@ -23,6 +24,8 @@ from dyknow_stream_processing.violation import Fault, Violation
 
 DEFAULT_MAX_LEAD: Final = 100 * NANOSECONDS['ms']
 """The time by which stamps may be ahead of the clock where a stream gives no `max_lead`."""
+
+_NO_TICKS: Final[Mapping[TickKey, int]] = {}
 
 
 @dataclass(frozen=True, slots=True)
@@ -243,12 +246,21 @@ class Dataflow:
         for stream in self._streams.values():
             stream.report(violation)
 
-    def rewind(self) -> None:
-        """Discard all samples and times, so that earlier samples can be pushed again."""
+    def rewind(self, ticks: Mapping[TickKey, int] = _NO_TICKS) -> None:
+        """Discard all samples and times, so that earlier samples can be pushed again.
+
+        Args:
+            ticks: the next tick of each periodic `sync`, see `ticks`; the others begin anew.
+        """
         self._reset()
         for stream in self._streams.values():
             stream.restart(self._scheduler, self._graph.connect(stream.resolved.term))
+        self._graph.set_ticks(ticks)
         self._graph.sweep()
+
+    def ticks(self) -> Mapping[TickKey, int]:
+        """Return the next tick of each periodic `sync` that has begun."""
+        return self._graph.ticks()
 
     def advance(self, now: int) -> None:
         """Do the work that is due until a time, nanoseconds; an earlier time is ignored."""

@@ -28,7 +28,11 @@ from dyknow_stream_processing.dataflow.operators import (
 )
 from dyknow_stream_processing.dataflow.scheduler import Scheduler
 from dyknow_stream_processing.dataflow.selection import ElementsOperator, SelectOperator
-from dyknow_stream_processing.dataflow.synchronisation import LinearSyncOperator, SyncOperator
+from dyknow_stream_processing.dataflow.synchronisation import (
+    LinearSyncOperator,
+    SyncOperator,
+    TickKey,
+)
 from dyknow_stream_processing.language.built_in_sources import TF_STATIC
 from dyknow_stream_processing.language.specification import (
     Approximation,
@@ -91,6 +95,20 @@ class OperatorGraph:
             if isinstance(operator, SourceOperator):
                 sources[operator.label] = (*sources.get(operator.label, ()), operator)
         self.sources = sources
+
+    def ticks(self) -> Mapping[TickKey, int]:
+        """Return the next tick of each periodic `sync` that has begun."""
+        found = [(each.tick_key, each.next_tick) for each in self._synchronised()]
+        return {key: tick for key, tick in found if key is not None and tick is not None}
+
+    def set_ticks(self, ticks: Mapping[TickKey, int]) -> None:
+        """Set the next tick of each periodic `sync` that has one here."""
+        for each in self._synchronised():
+            if each.tick_key is not None:
+                each.next_tick = ticks.get(each.tick_key)
+
+    def _synchronised(self) -> list[SyncOperator]:
+        return [each for each in self._operators.values() if isinstance(each, SyncOperator)]
 
     def _constrained(
         self, term: Term, *, may_be_late: bool, max_lead: int | None = None

@@ -35,14 +35,15 @@ class SelectOperator(Operator):
         self, wiring: Wiring, selections: Sequence[Selection], conditions: Sequence[Condition]
     ) -> None:
         super().__init__(wiring)
-        self._tests = [(condition.field, _test(condition)) for condition in conditions]
+        self._tests = [(condition.field, condition_test(condition)) for condition in conditions]
         self._selections = [(_namer(each), each.field) for each in selections]
         self._constant_names: Mapping[str, str] | None = None
         if not any(each.embedded_fields for each in selections):
             self._constant_names = {each.name: each.field for each in selections}
         self._emitted = BEGINNING
         self._conditions = ' and '.join(map(str, conditions))
-        self._rejected = ''
+        self._rejected: tuple[str, Value] | None = None
+        """The latest value for which a sample was not selected, and its field."""
 
     def receive(
         self, port: int, valid_time: int, fields: Mapping[str, Value], watermark: int, now: int
@@ -51,7 +52,7 @@ class SelectOperator(Operator):
         try:
             for field, test in self._tests:
                 if not test(fields[field]):
-                    self._rejected = self._rejected or _shown(field, fields[field])
+                    self._rejected = field, fields[field]
                     self.promise(port, watermark, now)
                     return
             selected = self._select(fields)
@@ -77,11 +78,11 @@ class SelectOperator(Operator):
         self._promise(watermark if is_covered else watermark - 1, now)
 
     def obstacle(self, name: Callable[[Operator], str]) -> str:
-        """Return the conditions, if samples fail them, and how the first one did."""
-        if not self._rejected:
+        """Return the conditions, if samples fail them, and how the last one did."""
+        if self._rejected is None:
             return super().obstacle(name)
-        source = name(self.inputs[0])
-        return f'no sample of {source} satisfies {self._conditions} (one has {self._rejected})'
+        source, rejected = name(self.inputs[0]), _shown(*self._rejected)
+        return f'no sample of {source} satisfies {self._conditions} (the last has {rejected})'
 
     def certain_at(self, valid_time: int) -> int | None:
         """Return the time from which not even a second sample of a valid time can arrive."""
@@ -140,7 +141,8 @@ def _shown(field: str, value: Value) -> str:
     return f'{field} = {text if len(text) <= _MAX_VALUE else f"{text[:_MAX_VALUE]}..."}'
 
 
-def _test(condition: Condition) -> Callable[[Value], bool]:
+def condition_test(condition: Condition) -> Callable[[Value], bool]:
+    """Return a function that tests values; it raises a StreamError for one of another type."""
     compare, expected = _COMPARISONS[condition.operator], condition.value
     comparable = comparable_types(condition)
     types = {each for each in (bool, int, float, str) if ValueType.of(each()) in comparable}

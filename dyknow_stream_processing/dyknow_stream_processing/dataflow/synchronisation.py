@@ -28,6 +28,9 @@ from dyknow_stream_processing.violation import Fault, ViolationKind
 Values = list['Mapping[str, Value]']
 """The fields of each input at one time."""
 
+TickKey = tuple[str, int]
+"""The label of a periodic operator without a start, and its period in nanoseconds."""
+
 MAX_WAITING: Final = 10_000
 """The number of samples of an input that may wait for those of another."""
 
@@ -62,7 +65,12 @@ class SynchronisedOperator(Operator):
         self._tracks = [self._track(each) for each in self.inputs]
         self._period = period
         self._max_ticks = min(MAX_TICKS, max(1, MAX_VALUES // len(self.inputs)))
-        self._next_tick = None if period is None else start
+        self.tick_key: TickKey | None = None
+        """Its name among the periodic operators; None for others, and for one with a start."""
+        if period is not None and start is None:
+            self.tick_key = self.label, period
+        self.next_tick = None if period is None else start
+        """The next tick of a periodic operator; None before the first one is known."""
         self._target: int | None = None
         self._unsettled = 0
         self._is_complete = False
@@ -81,8 +89,8 @@ class SynchronisedOperator(Operator):
             self._drop('superseded')
         else:
             track.put(valid_time, fields, watermark)
-            if self._next_tick is not None and self._period is not None:
-                track.thin(self._next_tick, self._period)
+            if self.next_tick is not None and self._period is not None:
+                track.thin(self.next_tick, self._period)
                 if not self._is_complete:
                     self._wait_for(self._find_target())
             elif target is None or valid_time < target:
@@ -180,8 +188,8 @@ class SynchronisedOperator(Operator):
         if self._period is None:
             return True
         # Without a start, the ticks begin at the first time that is settled for all inputs.
-        tick = target if self._next_tick is None else self._next_tick
-        self._next_tick = _first_tick(max(tick, target + 1), tick, self._period)
+        tick = target if self.next_tick is None else self.next_tick
+        self.next_tick = _first_tick(max(tick, target + 1), tick, self._period)
         return target >= tick and (target - tick) % self._period == 0
 
     def _wait_for(self, target: int | None) -> None:
@@ -189,16 +197,16 @@ class SynchronisedOperator(Operator):
             self._target, self._unsettled = target, 0
 
     def _find_target(self) -> int | None:
-        if self._is_complete and self._next_tick is not None:
-            return self._next_tick
+        if self._is_complete and self.next_tick is not None:
+            return self.next_tick
         heads = [track.waiting[0][0] for track in self._tracks if track.waiting]
-        if self._next_tick is None or self._period is None:
+        if self.next_tick is None or self._period is None:
             return min(heads, default=None)
         missing = [track for track in self._tracks if track.latest is None]
         if not all(track.waiting for track in missing):
             return min(heads, default=None)
-        earliest = max([self._next_tick, *(track.waiting[0][0] for track in missing)])
-        return _first_tick(earliest, self._next_tick, self._period)
+        earliest = max([self.next_tick, *(track.waiting[0][0] for track in missing)])
+        return _first_tick(earliest, self.next_tick, self._period)
 
     def _horizon(self) -> int:
         return min([track.settled for track in self._tracks])
@@ -213,7 +221,7 @@ class SynchronisedOperator(Operator):
             return False
         until = max(target + lateness, self._horizon())
         last = until - (until - target) % period
-        self._next_tick = last
+        self.next_tick = last
         self._wait_for(last)
         message = (
             f'the time jumped by {round_duration(last - target)} at {round_time(target)}: '

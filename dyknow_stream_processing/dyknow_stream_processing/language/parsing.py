@@ -106,7 +106,7 @@ class _SpecificationBuilder(FieldBuilder[tuple[Declaration, ...]]):
     def assignment(self, path: Token, value: Token) -> Assignment:
         if value.type == 'FIELD':
             return Assignment(str(path), field=str(value))
-        return Assignment(str(path), constant=_value(value))
+        return Assignment(str(path), constant=literal_value(value))
 
     def source(
         self, fields: tuple[syntax.TypedField, ...], name: Token

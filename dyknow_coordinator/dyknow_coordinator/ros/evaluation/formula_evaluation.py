@@ -99,21 +99,12 @@ class FormulaEvaluation(Evaluation):
         self._units: dict[str, str] = {}
         self._last_groundings: tuple[SymbolGrounding, ...] = ()
 
-    @property
-    def groundings(self) -> tuple[SymbolGrounding, ...]:
-        """The streams of its ground features; after the end, the last ones."""
+    def groundings(self, limit: int | None = None) -> tuple[SymbolGrounding, ...]:
+        """Return the streams of its first ground features; after the end, the last ones."""
         if self._group is None:
-            return self._last_groundings
+            return self._last_groundings[:limit]
         states = self._group.states
-        return states.inputs.candidates.symbol_groundings(states.chosen)
-
-    @property
-    def _shown_groundings(self) -> tuple[SymbolGrounding, ...]:
-        """The first groundings, for operators."""
-        if self._group is None:
-            return self._last_groundings[:_MAX_SHOWN]
-        states = self._group.states
-        return states.inputs.candidates.symbol_groundings(states.chosen[:_MAX_SHOWN])
+        return states.inputs.candidates.symbol_groundings(states.chosen[:limit])
 
     @property
     def title(self) -> str:
@@ -263,7 +254,7 @@ class FormulaEvaluation(Evaluation):
             action=request.action,
             formula_group_id=group.group_id if group else 0,
             state_stream=group.states.stream.topic if group else '',
-            groundings=self._shown_groundings,
+            groundings=self.groundings(_MAX_SHOWN),
             events=self.history.latest,
             states_progressed=progress.states_progressed,
             latest_valid_time=time_to_nanoseconds(progress.latest_valid_time) or None,
@@ -367,7 +358,7 @@ class FormulaEvaluation(Evaluation):
 
     def _leave(self) -> None:
         if self._group is not None:
-            self._last_groundings, group = self.groundings, self._group
+            self._last_groundings, group = self.groundings(), self._group
             self._group = None
             group.leave(self)
 
@@ -380,7 +371,7 @@ class FormulaEvaluation(Evaluation):
             replace(
                 answer,
                 canonical_formula=self.canonical_formula,
-                groundings=self.groundings,
+                groundings=self.groundings(),
                 margin=self.margin,
             )
         )

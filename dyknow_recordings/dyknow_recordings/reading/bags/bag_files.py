@@ -14,7 +14,6 @@ import yaml
 from dyknow_common import ExitCode, shortened
 from dyknow_recordings.errors import RecordingError
 from dyknow_recordings.reading.bags.mcap import McapFile
-from dyknow_recordings.reading.bags.sqlite import SqliteFile, partial_page
 from dyknow_recordings.reading.bags.storage import ZSTD_MAGIC, StorageFile, decompress_file
 from dyknow_recordings.reading.recording import FaultCounter
 
@@ -62,11 +61,20 @@ def _open(path: Path, faults: FaultCounter, stack: ExitStack) -> StorageFile:
         with path.open('rb') as file:
             if file.read(len(ZSTD_MAGIC)) == ZSTD_MAGIC:
                 plain = _decompressed(path, faults, stack)
-        if plain.suffix == '.db3' and (excess := partial_page(plain)):
-            faults.add(str(path), 'the file ends early, within a page')
-            plain = _without_end(plain, excess, stack)
-        file_class = SqliteFile if plain.suffix == '.db3' else McapFile
-        opened = file_class(plain, str(path), faults)
+        opened: StorageFile
+        if plain.suffix == '.db3':
+            # Loading SQLite takes a while.
+            from dyknow_recordings.reading.bags.sqlite import (  # noqa: PLC0415
+                SqliteFile,
+                partial_page,
+            )
+
+            if excess := partial_page(plain):
+                faults.add(str(path), 'the file ends early, within a page')
+                plain = _without_end(plain, excess, stack)
+            opened = SqliteFile(plain, str(path), faults)
+        else:
+            opened = McapFile(plain, str(path), faults)
     except OSError as error:
         raise RecordingError(f'{path}: cannot be read: {error.strerror}') from None
     stack.callback(opened.close)

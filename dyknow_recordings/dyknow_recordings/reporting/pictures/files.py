@@ -10,6 +10,7 @@ from dyknow_recordings.errors import RecordingError
 from dyknow_recordings.evaluation.results import RecordingReport
 from dyknow_recordings.reporting.judgement import Judgement
 from dyknow_recordings.reporting.pictures.libraries import picture_library
+from dyknow_recordings.reporting.report_files import check_place, write_report
 
 
 class PictureFiles:
@@ -29,7 +30,7 @@ class PictureFiles:
         for option, path, library in (('--html', html, 'plotly'), ('--png', png, 'matplotlib')):
             if path is not None:
                 picture_library(library, option)
-                _check_place(option, path)
+                check_place(option, path)
         self._html = html
         self._png = png
         self._judgement = judgement
@@ -55,22 +56,15 @@ class PictureFiles:
         """
         self._failures += (f'{each}: not checked: interrupted' for each in unchecked)
         # The modules are imported here, as most checks draw nothing.
-        try:
-            if self._html is not None:
-                from dyknow_recordings.reporting.pictures.page import report_page  # noqa: PLC0415
+        if self._html is not None:
+            from dyknow_recordings.reporting.pictures.page import report_page  # noqa: PLC0415
 
-                page = report_page(self._reports, self._failures, self._judgement)
-                self._html.write_text(page, encoding='utf-8')
-            if self._png is not None:
-                from dyknow_recordings.reporting.pictures.image import write_image  # noqa: PLC0415
+            write_report(self._html, report_page(self._reports, self._failures, self._judgement))
+        if self._png is not None:
+            from dyknow_recordings.reporting.pictures.image import write_image  # noqa: PLC0415
 
+            try:
                 write_image(self._png, self._reports, self._judgement)
-        except OSError as error:
-            raise RecordingError(f'{error.filename}: cannot be written: {error.strerror}') from None
-
-
-def _check_place(option: str, path: Path) -> None:
-    if path.is_dir():
-        raise RecordingError(f'{option} {path}: is a folder; give the name of a file')
-    if not path.parent.is_dir():
-        raise RecordingError(f'{option} {path}: there is no folder {path.parent}; make it')
+            except OSError as error:
+                text = f'{self._png}: cannot be written: {error.strerror}'
+                raise RecordingError(text) from None

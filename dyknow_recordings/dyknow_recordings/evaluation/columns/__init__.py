@@ -1,0 +1,1 @@
+"""Streams as columns: the samples of many messages at once, by numpy."""
