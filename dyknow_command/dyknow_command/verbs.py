@@ -38,6 +38,7 @@ VERBS: Final[Mapping[str, Verb]] = {
     'check': Verb(
         'dyknow_recordings.check', 'check formulas over recordings, without ROS', needs_ros=False
     ),
+    'init': Verb('dyknow_configuration.init', 'write the files of a robot.yaml', needs_ros=False),
     'replay': Verb('dyknow_bringup.ros.replay', 'publish a recording on its topics'),
     'parse': Verb(
         'dyknow_command.parse', 'check a text, and print its canonical form', needs_ros=False

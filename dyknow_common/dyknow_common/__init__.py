@@ -42,11 +42,13 @@ from dyknow_common.parsing import (
     distinct_settings,
     duration_value,
     number_value,
+    position_at,
     quoted,
     text_value,
 )
 from dyknow_common.symbol import FORMULA_WORDS, FUNCTIONS, SSL_WORDS, Symbol, SymbolKind
 from dyknow_common.text_files import (
+    InlineText,
     open_text,
     read_file,
     read_text,
@@ -77,6 +79,7 @@ __all__ = [
     'ConstraintBuilder',
     'DyKnowError',
     'ExitCode',
+    'InlineText',
     'Language',
     'LanguageError',
     'PositionedError',
@@ -106,6 +109,7 @@ __all__ = [
     'one_line',
     'open_text',
     'parse_duration',
+    'position_at',
     'quoted',
     'read_file',
     'read_text',

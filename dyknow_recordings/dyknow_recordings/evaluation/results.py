@@ -24,19 +24,6 @@ class Outcome(StrEnum):
 
 
 @dataclass(frozen=True, slots=True)
-class RequestedFormula:
-    """A formula to evaluate.
-
-    Args:
-        text: in the formula language.
-        name: for people; empty for its text.
-    """
-
-    text: str
-    name: str = ''
-
-
-@dataclass(frozen=True, slots=True)
 class Episode:
     """The evaluation of a formula from one state on.
 
