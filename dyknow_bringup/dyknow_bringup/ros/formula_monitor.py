@@ -112,6 +112,7 @@ class FormulaMonitor(DyKnowNode):
 
     def _start(self, index: int) -> Monitor:
         monitored = self.formulas[index]
+        monitored.waits_for = 'the coordinator has not accepted it yet'
         monitor = self._monitors[index] = self._client.monitor(
             monitored.formula.text,
             on_verdict=lambda answer: self._on_verdict(index, answer),
@@ -120,6 +121,7 @@ class FormulaMonitor(DyKnowNode):
             timeout=self._timeout,
             wait=self._wait,
         )
+        monitor.accepted.add_done_callback(lambda _: setattr(monitored, 'waits_for', ''))
         return monitor
 
     def _on_progress(self, monitored: MonitoredFormula, progress: Progress) -> None:

@@ -31,6 +31,9 @@ from dyknow_configuration import RequestedFormula, read_robot
 COORDINATOR_TIMEOUT_S = 10.0
 """Time to wait for the coordinator, which may just have been started."""
 
+REFRESH_PERIOD_S = 0.25
+"""The time between two tables on a terminal."""
+
 END_TIMEOUT_S = 3.0
 """Time to wait until the coordinator has ended the evaluations."""
 
@@ -76,10 +79,14 @@ class _Watch:
         self._end = None if duration is None else time.monotonic() + duration / SECOND_NS
 
     def tables(self) -> Iterator[Any]:
-        """Run, and yield the present table again and again."""
+        """Run, and yield the present table every REFRESH_PERIOD_S, and at the end."""
+        due = 0.0
         while not self._monitor.has_ended and (self._end is None or time.monotonic() < self._end):
             self._executor.spin_once(timeout_sec=TICK_PERIOD_S)
-            yield self.table()
+            if time.monotonic() > due:
+                due = time.monotonic() + REFRESH_PERIOD_S
+                yield self.table()
+        yield self.table()
 
     def table(self) -> Any:
         """Return the table of all formulas."""
