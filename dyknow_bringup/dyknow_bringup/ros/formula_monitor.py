@@ -5,8 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
-from rclpy.task import Future
-
 from dyknow_bringup.demonstration.expectations import MonitoredFormula
 from dyknow_bringup.resources import formulas_path
 from dyknow_bringup.simulation.scenario import UNDECIDED
@@ -67,7 +65,7 @@ class FormulaMonitor(DyKnowNode):
         self._retry_until: int | None = None
         self._monitors: dict[int, Monitor] = {}
         for index in range(len(self.formulas)):
-            self._start(index).accepted.add_done_callback(self._on_start)
+            self._start(index)
 
     @property
     def is_running(self) -> bool:
@@ -106,11 +104,7 @@ class FormulaMonitor(DyKnowNode):
         else:
             logger.warning(text)
 
-    def _on_start(self, _: Future) -> None:
-        if self._retry_until is None:
-            self._retry_until = self.now() + START_UP_NS
-
-    def _start(self, index: int) -> Monitor:
+    def _start(self, index: int) -> None:
         monitored = self.formulas[index]
         monitored.waits_for = 'the coordinator has not accepted it yet'
         monitor = self._monitors[index] = self._client.monitor(
@@ -121,8 +115,12 @@ class FormulaMonitor(DyKnowNode):
             timeout=self._timeout,
             wait=self._wait,
         )
-        monitor.accepted.add_done_callback(lambda _: setattr(monitored, 'waits_for', ''))
-        return monitor
+        monitor.accepted.add_done_callback(lambda _: self._on_accept(monitored))
+
+    def _on_accept(self, monitored: MonitoredFormula) -> None:
+        monitored.waits_for = ''
+        if self._retry_until is None:
+            self._retry_until = self.now() + START_UP_NS
 
     def _on_progress(self, monitored: MonitoredFormula, progress: Progress) -> None:
         monitored.waits_for = progress.waits_for
