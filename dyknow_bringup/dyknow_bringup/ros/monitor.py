@@ -63,7 +63,7 @@ def monitor(options: argparse.Namespace) -> int:
         return watch.code
 
 
-class _Watch:
+class _MonitorRun:
     """A monitor of formulas that runs for some time.
 
     Args:
@@ -114,7 +114,7 @@ class _Watch:
 @contextmanager
 def _watching(
     options: argparse.Namespace, formulas: tuple[RequestedFormula, ...], *, is_live: bool
-) -> Iterator[_Watch]:
+) -> Iterator[_MonitorRun]:
     parameters = ['-p', f'coordinator:={json.dumps(options.coordinator)}', '-p', 'timeout:=1.0e+9']
     # Lines of the log would disturb the table; they are still on /rosout.
     quiet = ['--disable-stdout-logs'] if is_live else []
@@ -130,7 +130,7 @@ def _watching(
             wait=None if options.retry else COORDINATOR_TIMEOUT_S,
             retries=options.retry,
         )
-        watch = _Watch(node, options.duration)
+        watch = _MonitorRun(node, options.duration)
         try:
             yield watch
         finally:
