@@ -159,16 +159,7 @@ def add_up_options(parser: argparse.ArgumentParser) -> None:
         ),
         '0 after a stop by a signal, 2 for an error',
     )
-    parser.add_argument('robot', nargs='?', type=Path, help='robot.yaml, which describes the robot')
-    for name, description in (
-        ('ontology', 'OWL files'),
-        ('annotations', 'files in SSL'),
-        ('streams', 'files in the stream language'),
-        ('bridges', 'files of bridge rules between the ontologies'),
-    ):
-        parser.add_argument(
-            f'--{name}', nargs='*', type=Path, default=[], metavar='FILE', help=description
-        )
+    _add_files(parser)
     parser.add_argument(
         '--store',
         type=Path,
@@ -187,3 +178,16 @@ def add_up_options(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument('--log-level', default='info', help='of all nodes (default: info)')
     parser.add_argument('--logs', type=Path, help='folder for the logs')
+
+
+def _add_files(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument('robot', nargs='?', type=Path, help='robot.yaml, which describes the robot')
+    for name, description in (
+        ('ontology', 'OWL files'),
+        ('annotations', 'files in SSL'),
+        ('streams', 'files in the stream language'),
+        ('bridges', 'files of bridge rules between the ontologies'),
+    ):
+        parser.add_argument(
+            f'--{name}', nargs='*', type=Path, default=[], metavar='FILE', help=description
+        )
