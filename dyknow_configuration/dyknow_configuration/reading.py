@@ -25,7 +25,7 @@ from dyknow_configuration.nodes import read_parameters
 from dyknow_configuration.ontology_text import ontology_text
 from dyknow_configuration.robot import RobotConfiguration, RobotVocabulary
 from dyknow_configuration.stream_texts import is_stream_text, read_streams
-from dyknow_configuration.topics import read_topics
+from dyknow_configuration.topics import MAX_TEXTS, read_topics
 from dyknow_configuration.vocabulary import read_vocabulary
 
 KEYS: Final = (
@@ -80,13 +80,15 @@ def _ontology(vocabulary: RobotVocabulary, path: Path) -> list[InlineText]:
 def _annotations(values: Mapping[str, YamlValue], vocabulary: RobotVocabulary) -> list[InlineText]:
     if 'features' not in values:
         return []
-    return [
-        annotation
-        for name, value in values['features'].entries('a mapping from features')
-        for key, source in value.entries('the description of a feature')
-        if key.text() == 'from'
-        for annotation in read_topics(vocabulary.features[name.text().strip()], source, vocabulary)
-    ]
+    found: list[InlineText] = []
+    for name, value in values['features'].entries('a mapping from features'):
+        feature = vocabulary.features[name.text().strip()]
+        for key, source in value.entries('the description of a feature'):
+            if key.text() == 'from':
+                found += read_topics(feature, source, vocabulary)
+        if len(found) > MAX_TEXTS:
+            raise name.error(f'the file makes more than {MAX_TEXTS} annotations; split it')
+    return found
 
 
 def _domains(values: Mapping[str, YamlValue]) -> dict[str, tuple[str, ...]]:

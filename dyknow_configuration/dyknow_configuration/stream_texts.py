@@ -15,7 +15,7 @@ from collections.abc import Iterable
 from math import prod
 from typing import Final
 
-from dyknow_common import InlineText
+from dyknow_common import MAX_CHARACTERS, InlineText
 from dyknow_configuration.documents.composed_text import ComposedText
 from dyknow_configuration.documents.yaml_values import YamlValue, unknown
 from dyknow_configuration.robot import RobotVocabulary, choices
@@ -45,7 +45,7 @@ def read_streams(
     for value in values:
         place = place or value.place
         _add(text, value, vocabulary)
-    if text.is_empty:
+    if not text:
         return ()
     with text.errors():
         specifications_by_sink(parse_specification(str(text)))
@@ -69,6 +69,8 @@ def _add(text: ComposedText, value: YamlValue, vocabulary: RobotVocabulary) -> N
     for objects in choices(domains):
         text.add_template(stated['text'], objects)
         text.add(_separator(stated['text']), stated['text'])
+        if len(text) > MAX_CHARACTERS:
+            raise value.error(f'the streams have more than {MAX_CHARACTERS} characters; split them')
 
 
 def _separator(value: YamlValue) -> str:

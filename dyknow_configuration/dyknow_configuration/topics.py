@@ -13,6 +13,7 @@ For the objects rover1 and rover2, this makes two annotations, the first of whic
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator, Mapping
 from math import prod
 from typing import TYPE_CHECKING, Final
@@ -35,7 +36,7 @@ if TYPE_CHECKING:
 SOURCE_KEYS: Final = ('topic', 'stream', 'field', 'unit', 'only', 'where', *CONSTRAINT_KINDS)
 
 MAX_TEXTS: Final = 10_000
-"""The number of annotations that one topic or stream of the file makes, or of copies of a text."""
+"""The number of annotations that a file makes, and of the copies of one of its texts."""
 
 
 def read_topics(
@@ -48,6 +49,9 @@ def read_topics(
     """
     sources = [_FeatureSource(feature, each, vocabulary) for each in value.one_or_more()]
     return [annotation for each in sources for annotation in each.annotations()]
+
+
+_STREAM: Final = re.compile(r'[A-Za-z][A-Za-z0-9_]*')
 
 
 class _FeatureSource:
@@ -74,6 +78,10 @@ class _FeatureSource:
 
     def _annotation(self, objects: Mapping[str, str]) -> str:
         stream = str(ComposedText().add_template(self._stream, objects)).strip()
+        if 'stream' in self._stated and not _STREAM.fullmatch(stream):
+            raise self._stream.error(
+                f"'{stream}' is no name of a stream; use letters, digits and _"
+            )
         name = quoted(stream) if 'topic' in self._stated else stream
         arguments = ', '.join(objects.get(each, each) for each in self._feature.arguments)
         feature = f'{self._feature.name}[{arguments}]' if arguments else self._feature.name
@@ -109,6 +117,7 @@ class _FeatureSource:
         """Return False if a part of the annotation has the syntax of several parts."""
         return (
             len(found.contents) == 1
+            and found.contents[0].feature.name == self._feature.name
             and (found.contents[0].unit or '') == self._unit
             and {each.variable for each in found.ranges} == set(self._keys)
             and set(found.constraints.given()) == set(self._constraints)

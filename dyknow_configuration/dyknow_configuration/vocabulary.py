@@ -7,7 +7,14 @@ from collections.abc import Mapping
 from dataclasses import replace
 from typing import Final
 
-from dyknow_common import FORMULA_WORDS, FUNCTIONS, SSL_WORDS, ValueType, check_unit
+from dyknow_common import (
+    FORMULA_WORDS,
+    FUNCTIONS,
+    SSL_WORDS,
+    ValueType,
+    check_unit,
+    unit_conversion,
+)
 from dyknow_configuration.documents.yaml_values import YamlValue, texts, unknown
 from dyknow_configuration.robot import RobotFeature, RobotSort, RobotVocabulary
 
@@ -80,15 +87,16 @@ class _VocabularyReader:
             raise stated['of'].error(
                 f"'{below}' has {len(above.arguments)} arguments; give as many"
             )
-        value_type = above.value_type
+        value_type, unit = above.value_type, above.unit
         if 'type' in stated:
             value_type = ValueType(stated['type'].choice('type', [*ValueType]))
-        unit = above.unit
         if 'unit' in stated:
             unit = stated['unit'].text().strip()
             stated['unit'].read(check_unit, unit)
             if value_type in {ValueType.STRING, ValueType.BOOLEAN}:
                 raise stated['unit'].error(f'values of type {value_type} have no unit; remove it')
+        if below:
+            _check_below(stated, above, value_type, unit)
         self._features[self._name(name, 'feature')] = RobotFeature(
             name.text(),
             arguments,
@@ -146,3 +154,15 @@ class _VocabularyReader:
         if other != kind:
             raise value.error(f"'{name}' is the name of a {other} already; choose another name")
         return name
+
+
+def _check_below(
+    stated: Mapping[str, YamlValue], above: RobotFeature, value_type: ValueType, unit: str
+) -> None:
+    """Check that a stream of a feature can replace one of the feature above it."""
+    if not above.value_type.accepts(value_type):
+        raise stated['type'].error(f"values of '{above.name}' are of type {above.value_type}")
+    if unit != above.unit and not above.unit:
+        raise stated['unit'].error(f"'{above.name}' has no unit; remove it, or give one there")
+    if unit != above.unit:
+        stated['unit'].read(lambda text: unit_conversion(text, above.unit), unit)

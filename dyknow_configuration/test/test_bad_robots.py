@@ -42,6 +42,33 @@ def test_a_file_that_is_too_large(tmp_path: Path) -> None:
         read_robot(path)
 
 
+MANY = f'objects: {{R: [{", ".join(f"r{number}" for number in range(6_000))}]}}\n'
+
+
+@pytest.mark.parametrize(
+    ('text', 'message'),
+    [
+        (
+            'features:\n  F: &f {of: {r: R}, from: {topic: "/{r}", field: x}}\n  G: *f\n',
+            r'4:3: the file makes more than 10000 annotations; split it',
+        ),
+        (
+            'streams:\n  for: {a: R, b: R}\n  text: sink {a}_{b}\n',
+            r'3:3: this makes more than 10000 copies; split it',
+        ),
+        (
+            'streams:\n  for: {r: R}\n  text: "stream {r} = {r} # ' + 'long' * 60 + '"\n',
+            r'3:3: the streams have more than 1000000 characters; split them',
+        ),
+    ],
+)
+def test_too_much(tmp_path: Path, text: str, message: str) -> None:
+    path = tmp_path / 'robot.yaml'
+    path.write_text(MANY + text)
+    with pytest.raises(ConfigurationError, match=message):
+        read_robot(path)
+
+
 def test_a_bad_file_of_formulas_is_named(tmp_path: Path) -> None:
     (tmp_path / 'more.yaml').write_text("- {name: a, formula: 'always alway p q'}\n")
     (tmp_path / 'robot.yaml').write_text('formulas: more.yaml\n')

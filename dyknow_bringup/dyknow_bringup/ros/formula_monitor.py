@@ -110,7 +110,7 @@ class FormulaMonitor(DyKnowNode):
         monitor = self._monitors[index] = self._client.monitor(
             monitored.formula.text,
             on_verdict=lambda answer: self._on_verdict(index, answer),
-            on_feedback=lambda progress: self._on_progress(monitored, progress),
+            on_feedback=lambda progress: self._on_progress(index, progress),
             name=monitored.name,
             timeout=self._timeout,
             wait=self._wait,
@@ -122,7 +122,10 @@ class FormulaMonitor(DyKnowNode):
         if self._retry_until is None:
             self._retry_until = self.now() + START_UP_NS
 
-    def _on_progress(self, monitored: MonitoredFormula, progress: Progress) -> None:
+    def _on_progress(self, index: int, progress: Progress) -> None:
+        monitored = self.formulas[index]
+        if self._monitors[index].outcome.done():
+            return  # Feedback may arrive after the verdict.
         monitored.waits_for = progress.waits_for
         if progress.states_progressed and monitored.is_decided:
             self._set(monitored, UNDECIDED, '')

@@ -28,17 +28,15 @@ class ComposedText:
     """A text that grows by parts. All methods that add something return the text itself."""
 
     def __init__(self) -> None:
-        self._text = ''
+        self._parts: list[str] = []
         self._starts: list[int] = []
         self._origins: list[tuple[YamlValue, int | None]] = []
 
     def __str__(self) -> str:
-        return self._text
+        return ''.join(self._parts)
 
-    @property
-    def is_empty(self) -> bool:
-        """True if nothing was added."""
-        return not self._text
+    def __len__(self) -> int:
+        return self._starts[-1] + len(self._parts[-1]) if self._parts else 0
 
     def add(self, text: str, origin: YamlValue, first: int | None = None) -> Self:
         """Add a text.
@@ -49,9 +47,9 @@ class ComposedText:
             first: the index of its first character in the value; None if the text as a whole
                 stands for the value.
         """
-        self._starts.append(len(self._text))
+        self._starts.append(len(self))
         self._origins.append((origin, first))
-        self._text += text
+        self._parts.append(text)
         return self
 
     def add_value(self, value: YamlValue) -> Self:
@@ -94,9 +92,9 @@ class ComposedText:
 
     def _origin(self, position: TextPosition) -> tuple[YamlValue, int]:
         """Return the value that a part of the text comes from, and the index in it."""
-        lines = self._text.split('\n')[: position.line - 1]
+        lines = str(self).split('\n')[: position.line - 1]
         offset = sum(len(each) + 1 for each in lines) + position.column - 1
-        part = bisect_right(self._starts, min(offset, len(self._text))) - 1
+        part = bisect_right(self._starts, min(offset, len(self))) - 1
         origin, first = self._origins[part]
         return origin, 0 if first is None else first + offset - self._starts[part]
 
