@@ -35,6 +35,8 @@ if TYPE_CHECKING:
 
 SOURCE_KEYS: Final = ('topic', 'stream', 'field', 'unit', 'only', 'where', *CONSTRAINT_KINDS)
 
+_STREAM: Final = re.compile(r'[A-Za-z][A-Za-z0-9_]*')
+
 MAX_TEXTS: Final = 10_000
 """The number of annotations that a file makes, and of the copies of one of its texts."""
 
@@ -49,9 +51,6 @@ def read_topics(
     """
     sources = [_FeatureSource(feature, each, vocabulary) for each in value.one_or_more()]
     return [annotation for each in sources for annotation in each.annotations()]
-
-
-_STREAM: Final = re.compile(r'[A-Za-z][A-Za-z0-9_]*')
 
 
 class _FeatureSource:
@@ -181,6 +180,8 @@ class _FeatureSource:
         found: dict[str, tuple[str, ...]] = {}
         for variable, value in self._stated['only'].entries('a mapping from variables to objects'):
             sort = self._feature.arguments[self._variable(variable)]
+            if variable.text() in self._keys:
+                raise variable.error("'where' names its objects; remove one of the two")
             known = vocabulary.objects(sort)
             found[variable.text()] = tuple(
                 each.choice('object', known) for each in value.one_or_more()

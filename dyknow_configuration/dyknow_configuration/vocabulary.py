@@ -57,10 +57,11 @@ class _VocabularyReader:
     def _read_sorts(self) -> None:
         if 'sorts' not in self._values:
             return
-        for name, value in self._values['sorts'].entries('a mapping from sorts'):
+        for key, value in self._values['sorts'].entries('a mapping from sorts'):
             stated = value.mapping(SORT_KEYS)
-            self._sorts[self._name(name, 'sort')] = RobotSort(
-                name.text(),
+            name = self._name(key, 'sort')
+            self._sorts[name] = RobotSort(
+                name,
                 self._below(stated, self._sorts, 'sort'),
                 stated['description'].line() if 'description' in stated else '',
             )
@@ -78,7 +79,7 @@ class _VocabularyReader:
                     raise each.error(f"'{names[index]}' is given twice; keep one")
             self._sorts[sort] = replace(self._sorts.get(sort, RobotSort(sort)), objects=names)
 
-    def _read_feature(self, name: YamlValue, value: YamlValue) -> None:
+    def _read_feature(self, key: YamlValue, value: YamlValue) -> None:
         stated = value.mapping(FEATURE_KEYS)
         below = self._below(stated, self._features, 'feature')
         above = self._features.get(below, RobotFeature(''))
@@ -97,8 +98,9 @@ class _VocabularyReader:
                 raise stated['unit'].error(f'values of type {value_type} have no unit; remove it')
         if below:
             _check_below(stated, above, value_type, unit)
-        self._features[self._name(name, 'feature')] = RobotFeature(
-            name.text(),
+        name = self._name(key, 'feature')
+        self._features[name] = RobotFeature(
+            name,
             arguments,
             below,
             value_type,
