@@ -10,6 +10,7 @@ from hypothesis import HealthCheck, settings
 import dyknow_bringup  # noqa: F401
 import dyknow_command  # noqa: F401
 import dyknow_common  # noqa: F401
+import dyknow_configuration  # noqa: F401
 import dyknow_coordinator  # noqa: F401
 import dyknow_reasoning  # noqa: F401
 import dyknow_recordings  # noqa: F401

@@ -13,12 +13,12 @@ from contextlib import ExitStack
 from typing import Any
 
 import relays
-import robots
 from dyknow_interfaces.msg import FormulaResult
 from parts import measure
 from processes import Client, summary, use_private_domain, wait_for_line, worker
 from running_system import AT_ONCE, RunningSystem, ask, timed
 
+import robots
 from dyknow_common import SECOND_NS
 from dyknow_common.ros import time_to_nanoseconds
 

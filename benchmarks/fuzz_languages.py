@@ -25,7 +25,6 @@ from typing import Any
 
 import numpy as np
 
-from dyknow_bringup.demonstration.formulas import load_formulas
 from dyknow_bringup.simulation.missions import load_mission
 from dyknow_bringup.simulation.scenario import load_scenario
 from dyknow_common import (
@@ -40,6 +39,7 @@ from dyknow_common import (
     parse_duration,
     unit_conversion,
 )
+from dyknow_configuration import read_formulas
 from dyknow_coordinator.grounding.feature_sources import referenced_source
 from dyknow_coordinator.grounding.sorts import with_sorts
 from dyknow_reasoning import FormulaGroup, FormulaLimits, parse_formula
@@ -401,7 +401,7 @@ def languages() -> Mapping[str, LanguageUse]:
             yaml_use(load_scenario),
         ),
         'plan': LanguageUse(files(f'{yaml}/plans/*.yaml'), yaml_use(load_mission)),
-        'formulas': LanguageUse(files(f'{yaml}/formulas/*.yaml'), yaml_use(load_formulas)),
+        'formulas': LanguageUse(files(f'{yaml}/formulas/*.yaml'), yaml_use(read_formulas)),
     }
 
 

@@ -10,7 +10,6 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any, Self
 
-import robots
 from diagnostic_msgs.msg import DiagnosticStatus
 from dyknow_interfaces.msg import FormulaProgress, FormulaResult
 from dyknow_interfaces.srv import EvaluateFormula, ListStreams
@@ -25,6 +24,7 @@ from processes import (
 )
 from rclpy.task import Future
 
+import robots
 from dyknow_bringup.processes.launcher import EndedProcess, Launcher
 from dyknow_bringup.processes.processes import Process, SystemConfiguration, dyknow_processes
 from dyknow_bringup.resources import uav_ontology_path

@@ -7,7 +7,7 @@ from dyknow_common.executables import script_template
 
 PACKAGE = 'dyknow_bringup'
 NODES = ('formula_markers', 'formula_monitor', 'uav_simulation')
-DATA = ('launch', 'ontology', 'scenarios', 'formulas', 'plans', 'recordings', 'security')
+DATA = ('launch', 'ontology', 'robots', 'scenarios', 'formulas', 'plans', 'recordings', 'security')
 
 
 def data_files():

@@ -18,7 +18,8 @@ from rclpy.qos import DurabilityPolicy, QoSProfile
 from std_msgs.msg import Float64
 
 from dyknow_bringup.processes.launcher import Launcher
-from dyknow_bringup.processes.processes import PACKAGES, Process
+from dyknow_bringup.processes.processes import Process
+from dyknow_configuration import PACKAGES
 from system import LIMIT, Client, private_environment
 
 LATCHED = QoSProfile(depth=1000, durability=DurabilityPolicy.TRANSIENT_LOCAL)

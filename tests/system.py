@@ -25,7 +25,6 @@ from sensor_msgs.msg import BatteryState
 from domains import reserve_domain
 from dyknow_bringup.processes.launcher import Launcher
 from dyknow_bringup.processes.processes import (
-    Parameter,
     Process,
     SystemConfiguration,
     dyknow_processes,
@@ -42,6 +41,7 @@ from dyknow_common.ros import (
     nanoseconds_to_duration,
     nanoseconds_to_time,
 )
+from dyknow_configuration import ParameterValue
 from dyknow_stream_processing import parse_specification, specifications_by_sink
 
 PATIENCE = 3.0
@@ -169,7 +169,7 @@ class Client:
         self.node.destroy_subscription(listener)
 
 
-SOON_NOTICED: Mapping[str, Mapping[str, Parameter]] = {
+SOON_NOTICED: Mapping[str, Mapping[str, ParameterValue]] = {
     'stream_reasoning_coordinator': {'silence_limit': 2.5},
     'stream_reasoning_engine': {'progress_period': 0.2},
 }
@@ -197,7 +197,7 @@ class System:
         vehicles: int = 2,
         *,
         use_sim_time: bool = False,
-        parameters: Mapping[str, Mapping[str, Parameter]] | None = None,
+        parameters: Mapping[str, Mapping[str, ParameterValue]] | None = None,
         short_lease: bool = False,
         spares: tuple[str, ...] = (),
     ) -> None:
@@ -249,7 +249,7 @@ class System:
             for process in dyknow_processes(self.configuration)
         }
 
-    def start(self, executable: str, **parameters: Parameter) -> None:
+    def start(self, executable: str, **parameters: ParameterValue) -> None:
         """Starts a node."""
         process = self.processes[executable]
         process = replace(process, parameters={**process.parameters, **parameters})
@@ -275,7 +275,7 @@ class System:
         finally:
             self.restart(executable)
 
-    def restart(self, executable: str, **parameters: Parameter) -> None:
+    def restart(self, executable: str, **parameters: ParameterValue) -> None:
         """Starts a node that was killed, and waits until it is heard of.
 
         For a while the services of the killed one still look ready.

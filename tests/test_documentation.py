@@ -12,7 +12,8 @@ from pathlib import Path
 
 import pytest
 
-from dyknow_common import NO_CONSTRAINTS, LanguageError, SymbolKind
+from dyknow_common import NO_CONSTRAINTS, InlineText, LanguageError, SymbolKind
+from dyknow_configuration import ConfigurationError, read_robot
 from dyknow_reasoning import check_types, parse_formula, symbols_of
 from dyknow_semantics import (
     Annotation,
@@ -35,7 +36,8 @@ from dyknow_stream_processing.dataflow import built_in_units as units
 
 ROOT = Path(__file__).parent.parent
 EXAMPLES = ROOT / 'docs' / 'examples'
-DOCUMENTS = ('README.md', 'docs/clients.md', 'docs/languages.md')
+CONFIGURATION = 'docs/configuration.md'
+DOCUMENTS = ('README.md', 'docs/clients.md', CONFIGURATION, 'docs/languages.md')
 
 _BLOCK = re.compile(r'^```(?P<language>\w+)\n(?P<text>.*?)^```$', re.MULTILINE | re.DOTALL)
 
@@ -46,9 +48,9 @@ def blocks(document: str, language: str) -> list[str]:
     return [each['text'] for each in _BLOCK.finditer(text) if each['language'] == language]
 
 
-def excerpt(language: str) -> str:
-    """The one block of a language in the README."""
-    (text,) = blocks('README.md', language)
+def excerpt(language: str, document: str = 'README.md') -> str:
+    """The one block of a language in a document."""
+    (text,) = blocks(document, language)
     return text
 
 
@@ -194,12 +196,45 @@ def test_the_readme_shows_the_node_that_is_shipped() -> None:
     assert excerpt('python') == example('stop_when_empty.py')
 
 
-def test_the_readme_shows_the_annotations_that_are_shipped() -> None:
-    assert statements(excerpt('ssl')) == statements(example('rover.ssl'))
+def test_the_readme_shows_the_robot_that_is_shipped() -> None:
+    assert statements(excerpt('yaml')) == statements(example('rover.yaml'))
 
 
-def test_the_readme_shows_the_streams_that_are_shipped() -> None:
-    assert statements(excerpt('streams')) == statements(example('rover.streams'))
+@pytest.mark.parametrize('text', blocks('README.md', 'yaml') + blocks(CONFIGURATION, 'yaml'))
+def test_robots_can_be_read(text: str, tmp_path: Path) -> None:
+    path = tmp_path / 'robot.yaml'
+    path.write_text(text, encoding='utf-8')
+    robot = read_robot(path)
+    sources = (*robot.ontologies, *robot.annotations, *robot.streams)
+    assert sources
+    with Ontology() as ontology:
+        for source in robot.ontologies:
+            assert isinstance(source, InlineText)
+            ontology.load_text(source.text)
+        for source in robot.annotations:
+            assert isinstance(source, InlineText)
+            (annotation,) = parse_annotations(source.text)
+            check_annotation(annotation, ontology.knowledge)
+
+
+def test_the_manual_shows_a_fault_as_it_is(tmp_path: Path) -> None:
+    text = (ROOT / CONFIGURATION).read_text(encoding='utf-8')
+    shown = text.partition('```\nrobot.yaml:12:')[2].partition('\n```')[0]
+    formula = shown.splitlines()[1].removeprefix('  ')
+    path = tmp_path / 'robot.yaml'
+    path.write_text('formulas:\n' + '\n' * 9 + f'  - name: slow\n{formula}\n', encoding='utf-8')
+    with pytest.raises(ConfigurationError) as error:
+        read_robot(path)
+    assert str(error.value) == f'{path}:12:{shown}'
+
+
+def test_the_manual_shows_the_annotations_that_are_shipped() -> None:
+    assert statements(excerpt('ssl', CONFIGURATION)) == statements(example('rover.ssl'))
+
+
+def test_the_manual_shows_the_streams_that_are_shipped() -> None:
+    shown = blocks(CONFIGURATION, 'streams')[-1]
+    assert statements(shown) == statements(example('rover.streams'))
 
 
 def test_the_annotations_fit_the_ontology(

@@ -10,8 +10,8 @@ from pathlib import Path
 
 import pytest
 
-from dyknow_bringup.processes.processes import PACKAGES
 from dyknow_bringup.resources import executable_path
+from dyknow_configuration import PACKAGES
 from system import LIMIT, Client, private_environment
 
 EXECUTABLES = {

@@ -43,7 +43,7 @@ class Rover:
     def __init__(self, environment: dict[str, str]) -> None:
         self.client = Client(environment)
         node = self.client.node
-        self.charge, self.speed = 0.9, 1.0
+        self.charge, self.speed, self.publishes_battery = 0.9, 1.0, True
         self._battery = node.create_publisher(BatteryState, '/rover1/battery', 10)
         self._odometry = node.create_publisher(Odometry, '/rover1/odom', 10)
         node.create_timer(0.05, self._publish)
@@ -53,7 +53,8 @@ class Rover:
         battery, odometry = BatteryState(percentage=self.charge), Odometry()
         battery.header.stamp = odometry.header.stamp = stamp
         odometry.twist.twist.linear.x = self.speed
-        self._battery.publish(battery)
+        if self.publishes_battery:
+            self._battery.publish(battery)
         self._odometry.publish(odometry)
 
     def run(self, line: list[str], environment: dict[str, str]) -> tuple[int, str]:

@@ -16,9 +16,9 @@ from dyknow_interfaces.action import MonitorFormula
 from rclpy.action import ActionClient
 
 from commands import command
-from dyknow_bringup.processes.processes import PACKAGES
 from dyknow_bringup.resources import executable_path
 from dyknow_common.ros import SERVICE
+from dyknow_configuration import PACKAGES
 from system import LIMIT, System, private_environment
 
 MOMENTS = [each * 0.15 for each in range(11)]

@@ -1,6 +1,5 @@
 """Everything to start DyKnow: a UAV fleet simulation, configuration and the demonstration."""
 
-from dyknow_bringup.demonstration.formulas import DescribedFormula, load_formulas
 from dyknow_bringup.errors import BringupError
 from dyknow_bringup.recordings.recording import STORAGES, record
 from dyknow_bringup.recordings.replay import Replay, Schedule
@@ -29,7 +28,6 @@ __all__ = [
     'Battery',
     'BringupError',
     'Channel',
-    'DescribedFormula',
     'Odometry',
     'Replay',
     'Scenario',
@@ -40,7 +38,6 @@ __all__ = [
     'fleet_annotations',
     'fleet_ontology',
     'fleet_specification',
-    'load_formulas',
     'load_mission',
     'load_scenario',
     'record',

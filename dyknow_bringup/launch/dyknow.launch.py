@@ -1,6 +1,6 @@
 """Start the seven nodes of DyKnow for a robot.
 
-ros2 launch dyknow_bringup dyknow.launch.py ontology:=my.owl annotations:=my.ssl streams:=my.streams
+ros2 launch dyknow_bringup dyknow.launch.py config:=robot.yaml
 """
 
 from dyknow_bringup.processes.arguments import CONFIGURATION, configuration

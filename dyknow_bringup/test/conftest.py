@@ -2,7 +2,8 @@ from pathlib import Path
 
 import pytest
 
-from dyknow_bringup import DescribedFormula, Scenario, load_formulas, load_scenario
+from dyknow_bringup import Scenario, load_scenario
+from dyknow_configuration import RequestedFormula, read_formulas
 
 SHARE = Path(__file__).parent.parent
 
@@ -20,5 +21,5 @@ def scenarios() -> dict[str, Scenario]:
 
 
 @pytest.fixture(scope='session')
-def formulas() -> dict[str, DescribedFormula]:
-    return {formula.name: formula for formula in load_formulas(SHARE / 'formulas' / 'uav.yaml')}
+def formulas() -> dict[str, RequestedFormula]:
+    return {formula.name: formula for formula in read_formulas(SHARE / 'formulas' / 'uav.yaml')}

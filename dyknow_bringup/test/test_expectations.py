@@ -3,8 +3,8 @@
 import pytest
 
 from dyknow_bringup.demonstration.expectations import MonitoredFormula, unexpected
-from dyknow_bringup.demonstration.formulas import DescribedFormula
 from dyknow_bringup.simulation.scenario import Expectation
+from dyknow_configuration import RequestedFormula
 
 START = 100_000_000_000
 SECOND = 1_000_000_000
@@ -13,7 +13,7 @@ WINDOW = (5 * SECOND, 7 * SECOND)
 
 def monitored(outcome: str, after: float | None = None) -> MonitoredFormula:
     known_at = None if after is None else START + round(after * SECOND)
-    return MonitoredFormula(DescribedFormula('f', 'p', ''), outcome, known_at)
+    return MonitoredFormula(RequestedFormula('p', 'f'), outcome, known_at)
 
 
 @pytest.mark.parametrize('after', [5, 6.2, 7])

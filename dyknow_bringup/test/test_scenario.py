@@ -2,8 +2,9 @@ from pathlib import Path
 
 import pytest
 
-from dyknow_bringup import BringupError, DescribedFormula, Scenario, load_scenario
+from dyknow_bringup import BringupError, Scenario, load_scenario
 from dyknow_common import NANOSECONDS, ExitCode
+from dyknow_configuration import RequestedFormula
 
 BAD = sorted((Path(__file__).parent / 'bad_scenarios').glob('*.yaml'))
 
@@ -36,7 +37,7 @@ def test_a_scenario_as_written(scenarios: dict[str, Scenario]) -> None:
 
 
 def test_every_scenario_says_how_every_formula_ends(
-    scenarios: dict[str, Scenario], formulas: dict[str, DescribedFormula]
+    scenarios: dict[str, Scenario], formulas: dict[str, RequestedFormula]
 ) -> None:
     for scenario in scenarios.values():
         assert list(scenario.expected) == list(formulas)

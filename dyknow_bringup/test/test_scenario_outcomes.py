@@ -16,7 +16,6 @@ import pytest
 from dyknow_bringup import (
     Battery,
     Channel,
-    DescribedFormula,
     Odometry,
     Scenario,
     Simulation,
@@ -24,6 +23,7 @@ from dyknow_bringup import (
     vehicle_names,
 )
 from dyknow_common import NANOSECONDS
+from dyknow_configuration import RequestedFormula
 from dyknow_reasoning import FormulaGroup
 
 MS = NANOSECONDS['ms']
@@ -233,7 +233,7 @@ def states(formula: str, values: dict[str, Ground]) -> list[tuple[int, dict[str,
 @pytest.mark.parametrize(('count', 'asked'), [(3, 0), (5, 2_500 * MS)])
 def test_progression_says_the_same(
     scenarios: dict[str, Scenario],
-    formulas: dict[str, DescribedFormula],
+    formulas: dict[str, RequestedFormula],
     name: str,
     count: int,
     asked: int,
@@ -242,16 +242,16 @@ def test_progression_says_the_same(
     messages = flight(scenario, count, asked)
     for formula, ending in endings(messages, scenario.duration).items():
         verdict = UNDECIDED if ending.outcome == 'CONSTRAINT_VIOLATION' else ending
-        assert progressed(formulas[formula].formula, messages) == verdict
+        assert progressed(formulas[formula].text, messages) == verdict
 
 
 @pytest.mark.parametrize('name', SURGES)
 def test_progression_of_the_power_formula_says_the_same(
-    formulas: dict[str, DescribedFormula], name: str
+    formulas: dict[str, RequestedFormula], name: str
 ) -> None:
     watts, false_at = SURGES[name]
     group = FormulaGroup()
-    group.add_formula('power', formulas['power'].formula)
+    group.add_formula('power', formulas['power'].text)
     group.begin({'UAV': ['uav1']})
     found = [
         result.decided_at

@@ -32,12 +32,14 @@ class Verb:
 VERBS: Final[Mapping[str, Verb]] = {
     'up': Verb('dyknow_bringup.ros.up', 'start the nodes'),
     'evaluate': Verb('dyknow_bringup.ros.evaluate', 'evaluate a formula with the running system'),
+    'monitor': Verb('dyknow_bringup.ros.monitor', 'monitor the formulas of a robot.yaml'),
     'evaluations': Verb('dyknow_coordinator.ros.evaluations', 'show what is being evaluated'),
     'streams': Verb('dyknow_stream_processing.ros.streams', 'show the streams and their timing'),
     'semantics': Verb('dyknow_semantics.ros.semantics', 'show ontologies and what streams mean'),
     'check': Verb(
         'dyknow_recordings.check', 'check formulas over recordings, without ROS', needs_ros=False
     ),
+    'init': Verb('dyknow_configuration.init', 'write the files of a robot.yaml', needs_ros=False),
     'replay': Verb('dyknow_bringup.ros.replay', 'publish a recording on its topics'),
     'parse': Verb(
         'dyknow_command.parse', 'check a text, and print its canonical form', needs_ros=False

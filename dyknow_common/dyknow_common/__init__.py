@@ -75,11 +75,13 @@ from dyknow_common.parsing import (
     distinct_settings,
     duration_value,
     number_value,
+    position_at,
     quoted,
     text_value,
 )
 from dyknow_common.symbol import FORMULA_WORDS, FUNCTIONS, SSL_WORDS, Symbol, SymbolKind
 from dyknow_common.text_files import (
+    InlineText,
     open_text,
     read_file,
     read_text,
@@ -120,6 +122,7 @@ __all__ = [
     'ExitCode',
     'FieldBuilder',
     'FieldTypes',
+    'InlineText',
     'Language',
     'LanguageError',
     'Margin',
@@ -164,6 +167,7 @@ __all__ = [
     'open_text',
     'parse_duration',
     'parse_field',
+    'position_at',
     'quoted',
     'read_file',
     'read_text',

@@ -199,10 +199,10 @@ class Language:
     def _check_characters(self, text: str) -> None:
         if len(text) > MAX_CHARACTERS:
             message = f'the {self.name} has more than {MAX_CHARACTERS} characters; split it'
-            raise PositionedError(message, _position_at(text, MAX_CHARACTERS))
+            raise PositionedError(message, position_at(text, MAX_CHARACTERS))
         if found := _FORBIDDEN.search(text):
             message = f'unexpected character {found[0]!r}; remove it'
-            raise PositionedError(message, _position_at(text, found.start()))
+            raise PositionedError(message, position_at(text, found.start()))
 
     def _tree(self, text: str) -> Tree[Token]:
         parser: Any = self._parser.parse_interactive(text)  # typed in part only
@@ -305,7 +305,8 @@ class Language:
         return f"'{self._parser.get_terminal(terminal).pattern.value}'"
 
 
-def _position_at(text: str, offset: int) -> TextPosition:
+def position_at(text: str, offset: int) -> TextPosition:
+    """Return the position of a character of a text, given its index."""
     line_start = text.rfind('\n', 0, offset) + 1
     return TextPosition(text.count('\n', 0, offset) + 1, offset - line_start + 1)
 

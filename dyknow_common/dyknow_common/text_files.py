@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Final, TextIO, TypeVar
 
@@ -14,6 +15,22 @@ Content = TypeVar('Content')
 
 NO_WAIT: Final = getattr(os, 'O_NONBLOCK', 0)
 """Opens a pipe without a wait for its other end; Windows has no such files."""
+
+
+@dataclass(frozen=True, slots=True)
+class InlineText:
+    """A text that is not in a file of its own.
+
+    Args:
+        name: says where it comes from, for messages.
+        text: the text.
+    """
+
+    name: str
+    text: str
+
+    def __str__(self) -> str:
+        return self.name
 
 
 @contextmanager
@@ -38,14 +55,19 @@ def open_text(path: Path, content: str, error_class: type[DyKnowError]) -> Itera
         raise error_class(f'cannot read the {content} in {path}: it is not in UTF-8') from None
 
 
-def read_text(path: Path, content: str, error_class: type[DyKnowError]) -> str:
+def read_text(path: Path | InlineText, content: str, error_class: type[DyKnowError]) -> str:
     """Return the text of a file; arguments and errors are those of `open_text`."""
+    if isinstance(path, InlineText):
+        return path.text
     with open_text(path, content, error_class) as file:
         return file.read()
 
 
 def read_file(
-    path: Path, content: str, parse: Callable[[str], Content], error_class: type[DyKnowError]
+    path: Path | InlineText,
+    content: str,
+    parse: Callable[[str], Content],
+    error_class: type[DyKnowError],
 ) -> Content:
     """Return the parsed text of a file.
 

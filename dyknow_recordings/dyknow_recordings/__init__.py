@@ -1,6 +1,6 @@
 """Recordings of robots, and formulas over them, without ROS."""
 
-from dyknow_recordings.configuration import read_configuration, read_formulas
+from dyknow_configuration import RequestedFormula
 from dyknow_recordings.errors import RecordingError
 from dyknow_recordings.evaluation.episodes import EpisodeStart, Every
 from dyknow_recordings.evaluation.evaluation import evaluate_recording
@@ -9,7 +9,6 @@ from dyknow_recordings.evaluation.results import (
     FormulaReport,
     Outcome,
     RecordingReport,
-    RequestedFormula,
     StateGap,
 )
 from dyknow_recordings.evaluation.vocabulary import MonitoringFiles
@@ -53,6 +52,4 @@ __all__ = [
     'evaluate_recording',
     'in_order',
     'open_recording',
-    'read_configuration',
-    'read_formulas',
 ]

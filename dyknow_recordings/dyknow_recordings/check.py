@@ -19,12 +19,16 @@ from dyknow_common.executables import (
     run_main,
 )
 from dyknow_common.tables import Terminal
+from dyknow_configuration import (
+    RequestedFormula,
+    RobotConfiguration,
+    read_formulas,
+    read_robot,
+)
 from dyknow_reasoning import add_domain_option, read_domains
-from dyknow_recordings.configuration import merged, read_configuration, read_formulas
 from dyknow_recordings.errors import RecordingError
 from dyknow_recordings.evaluation.episodes import Every
-from dyknow_recordings.evaluation.results import RequestedFormula
-from dyknow_recordings.evaluation.vocabulary import NO_FILES, MonitoringFiles
+from dyknow_recordings.evaluation.vocabulary import MonitoringFiles
 from dyknow_recordings.jobs.processes import run_in_processes
 from dyknow_recordings.jobs.progress import ProgressBar
 from dyknow_recordings.jobs.recording_job import JobResult, RecordingJob, run_here
@@ -56,7 +60,7 @@ def add_check_options(parser: argparse.ArgumentParser) -> None:
         (
             'dyknow check flight.mcap --topics',
             """dyknow check flight.mcap --formula 'always "/uav1/battery".voltage > 10'""",
-            'dyknow check flight1 flight2 --config monitoring.yaml --json',
+            'dyknow check flight1 flight2 --config robot.yaml --json',
         ),
         '0 if all is well, 1 if a formula is false, or undecided and that is a failure, 2 for an '
         'error',
@@ -91,7 +95,7 @@ def _add_inputs(parser: argparse.ArgumentParser) -> None:
         help='a rosbag2 folder, or a .mcap, .db3, .ulg or .csv file',
     )
     parser.add_argument(
-        '--config', type=Path, metavar='FILE', help='a YAML file that names all other files'
+        '--config', type=Path, metavar='FILE', help='robot.yaml, which describes the robot'
     )
     for name, description in (
         ('ontology', 'OWL files'),
@@ -309,22 +313,19 @@ def _list_topics(options: argparse.Namespace) -> int:
 def _configuration(
     options: argparse.Namespace,
 ) -> tuple[MonitoringFiles, tuple[RequestedFormula, ...]]:
-    files: MonitoringFiles = NO_FILES
-    formulas: tuple[RequestedFormula, ...] = ()
-    if options.config is not None:
-        files, formulas = read_configuration(options.config)
-    own = MonitoringFiles(
-        ontologies=tuple(options.ontology),
-        annotations=tuple(options.annotations),
-        streams=tuple(options.streams),
-        bridges=tuple(options.bridges),
-        domains=read_domains(options.domain),
+    robot = RobotConfiguration() if options.config is None else read_robot(options.config)
+    files = MonitoringFiles(
+        ontologies=(*robot.ontologies, *options.ontology),
+        annotations=(*robot.annotations, *options.annotations),
+        streams=(*robot.streams, *options.streams),
+        bridges=(*robot.bridges, *options.bridges),
+        domains={**robot.domains, **read_domains(options.domain)},
     )
     read = (formula for path in options.formulas for formula in read_formulas(path))
-    formulas = (*formulas, *read, *map(RequestedFormula, options.formula))
+    formulas = (*robot.formulas, *read, *map(RequestedFormula, options.formula))
     if not formulas:
         raise RecordingError('there is no formula to check; give --formula, --formulas or --config')
-    return merged(files, own), formulas
+    return files, formulas
 
 
 def _file(text: str) -> Path:

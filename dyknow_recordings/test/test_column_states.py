@@ -16,12 +16,13 @@ from hypothesis import strategies as st
 from recorded import TYPE, ListedSamples, RecordedSample, at, recording, sample
 
 from dyknow_common import SECOND_NS, ExitCode
+from dyknow_configuration import RequestedFormula
 from dyknow_recordings.errors import RecordingError
 from dyknow_recordings.evaluation import evaluation
 from dyknow_recordings.evaluation.column_states import ColumnStates
 from dyknow_recordings.evaluation.episodes import FROM_FIRST_STATE, EpisodeStart, Every
 from dyknow_recordings.evaluation.evaluation import evaluate_recording
-from dyknow_recordings.evaluation.results import RecordingReport, RequestedFormula
+from dyknow_recordings.evaluation.results import RecordingReport
 from dyknow_recordings.evaluation.vocabulary import NO_FILES, MonitoringFiles, NoVocabulary
 
 MS = 1_000_000

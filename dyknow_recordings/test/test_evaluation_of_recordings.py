@@ -10,10 +10,11 @@ import pytest
 from recorded import TYPE, ListedSamples, RecordedSample, at, recording, sample
 
 from dyknow_common import DyKnowError, ExitCode, Verdict
+from dyknow_configuration import RequestedFormula
 from dyknow_reasoning import parse_constants
 from dyknow_recordings.evaluation.episodes import FROM_FIRST_STATE, EpisodeStart, Every
 from dyknow_recordings.evaluation.evaluation import evaluate_recording
-from dyknow_recordings.evaluation.results import FormulaReport, Outcome, RequestedFormula
+from dyknow_recordings.evaluation.results import FormulaReport, Outcome
 from dyknow_recordings.evaluation.vocabulary import NO_FILES, MonitoringFiles
 from dyknow_recordings.reading.contents import TopicContent
 

@@ -11,10 +11,11 @@ from hypothesis import strategies as st
 from recorded import TYPE, RecordedSample, at, recording
 
 from dyknow_common import ExitCode, Verdict
+from dyknow_configuration import RequestedFormula
 from dyknow_reasoning import FormulaGroup, FormulaResult
 from dyknow_recordings.errors import RecordingError
 from dyknow_recordings.evaluation import evaluation
-from dyknow_recordings.evaluation.results import FormulaReport, RequestedFormula
+from dyknow_recordings.evaluation.results import FormulaReport
 from dyknow_recordings.evaluation.vocabulary import NoVocabulary
 
 MS = 1_000_000

@@ -12,6 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from recorded import at, recording, sample
 
+from dyknow_configuration import RequestedFormula
 from dyknow_recordings.evaluation import observation
 from dyknow_recordings.evaluation.episodes import EpisodeStart, Every
 from dyknow_recordings.evaluation.evaluation import evaluate_recording
@@ -24,7 +25,6 @@ from dyknow_recordings.evaluation.observation import (
     SignalRecorder,
     terms_of,
 )
-from dyknow_recordings.evaluation.results import RequestedFormula
 
 STEPS = st.lists(st.integers(1, 10**6), min_size=1, max_size=400)
 NAN = float('nan')

@@ -10,10 +10,11 @@ from hypothesis import strategies as st
 from recorded import TYPE, RecordedSample, at, recording
 
 from dyknow_common import Verdict
+from dyknow_configuration import RequestedFormula
 from dyknow_reasoning import CheckResult, RecordedState, check_trace
 from dyknow_recordings.evaluation.episodes import EpisodeStart, Every
 from dyknow_recordings.evaluation.evaluation import evaluate_recording
-from dyknow_recordings.evaluation.results import Episode, FormulaReport, RequestedFormula
+from dyknow_recordings.evaluation.results import Episode, FormulaReport
 from dyknow_recordings.evaluation.vocabulary import MonitoringFiles
 
 MS = 1_000_000

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from dyknow_bringup.demonstration.formulas import DescribedFormula
 from dyknow_bringup.simulation.scenario import UNDECIDED, Expectation
 from dyknow_common import round_time
+from dyknow_configuration import RequestedFormula
 
 
 @dataclass(slots=True)
@@ -17,12 +17,19 @@ class MonitoredFormula:
         outcome: `true`, `false`, `undecided`, or the name of an exit status.
         known_at: when the outcome was known, in nanoseconds; None while undecided.
         explanation: the reason, for people.
+        waits_for: why no state comes, for people; empty while states come.
     """
 
-    formula: DescribedFormula
+    formula: RequestedFormula
     outcome: str = UNDECIDED
     known_at: int | None = None
     explanation: str = ''
+    waits_for: str = ''
+
+    @property
+    def name(self) -> str:
+        """The name of the formula."""
+        return self.formula.name or self.formula.text
 
     @property
     def is_decided(self) -> bool:

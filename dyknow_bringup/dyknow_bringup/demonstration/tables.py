@@ -72,7 +72,7 @@ def plan_table(outcome: PlanOutcome) -> Table:
 
 def _formula_row(monitored: MonitoredFormula, start: int) -> list[Cell]:
     since = '' if monitored.known_at is None else round_time(monitored.known_at - start)
-    reason = Text(monitored.formula.description, 'dim')
+    reason = Text(monitored.waits_for or monitored.formula.description, 'dim')
     style = 'dim'
     if monitored.is_decided:
         reason = Text(monitored.explanation)

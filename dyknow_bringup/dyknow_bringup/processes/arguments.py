@@ -8,8 +8,10 @@ from typing import Final
 
 from dyknow_bringup.errors import BringupError
 from dyknow_bringup.processes.processes import Process, SystemConfiguration, robot_processes
+from dyknow_bringup.processes.robot import with_robot
 
 CONFIGURATION: Final = {
+    'config': ('', 'robot.yaml, which describes the robot'),
     'ontology': ('', 'OWL files, separated by commas'),
     'annotations': ('', 'files in SSL, separated by commas'),
     'streams': ('', 'files in the stream language, separated by commas'),
@@ -26,7 +28,7 @@ ROBOT: Final = '<robot>'
 def configuration(values: Mapping[str, str]) -> SystemConfiguration:
     """Return the configuration that the values of the arguments describe."""
     store = values['store']
-    return SystemConfiguration(
+    files = SystemConfiguration(
         ontologies=_files(values['ontology']),
         annotations=_files(values['annotations']),
         streams=_files(values['streams']),
@@ -34,6 +36,7 @@ def configuration(values: Mapping[str, str]) -> SystemConfiguration:
         store=Path(store).resolve() if store else None,
         reasoner=values['reasoner'],
     )
+    return with_robot(files, Path(values['config']).resolve()) if values['config'] else files
 
 
 def robots(values: Mapping[str, str]) -> tuple[Process, ...]:

@@ -6,26 +6,11 @@ import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Final
 
 from dyknow_bringup.errors import BringupError
 from dyknow_bringup.simulation.fleet import fleet_annotations, fleet_ontology, fleet_specification
 from dyknow_common import ExitCode
-
-Parameter = bool | int | float | str | list[str]
-"""The value of a node's parameter."""
-
-
-PACKAGES: Final = {
-    'stream_processing_engine': 'dyknow_stream_processing',
-    'stream_manager': 'dyknow_stream_processing',
-    'ontology_manager': 'dyknow_semantics',
-    'stream_semantics_manager': 'dyknow_semantics',
-    'semantic_matching_engine': 'dyknow_semantics',
-    'stream_reasoning_engine': 'dyknow_reasoning',
-    'stream_reasoning_coordinator': 'dyknow_coordinator',
-}
-"""The packages of the seven nodes of DyKnow."""
+from dyknow_configuration import PACKAGES, ParameterValue
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,7 +26,7 @@ class Process:
 
     package: str
     executable: str
-    parameters: Mapping[str, Parameter] = field(default_factory=dict)
+    parameters: Mapping[str, ParameterValue] = field(default_factory=dict)
     namespace: str = ''
 
     @property
@@ -61,6 +46,7 @@ class SystemConfiguration:
         bridges: files of bridge rules between the ontologies.
         store: a folder that keeps changes of the ontology and of the annotations; None: no store.
         reasoner: of the ontology; empty for the node's default.
+        parameters: of nodes, by their names; the files and options above take precedence.
 
     Raises:
         BringupError: NOT_FOUND, with the path of a file that does not exist.
@@ -72,6 +58,7 @@ class SystemConfiguration:
     bridges: tuple[Path, ...] = ()
     store: Path | None = None
     reasoner: str = ''
+    parameters: Mapping[str, Mapping[str, ParameterValue]] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         """Check the files."""
@@ -96,8 +83,11 @@ def dyknow_processes(configuration: SystemConfiguration) -> tuple[Process, ...]:
         ),
         'semantic_matching_engine': _parameters(bridges=configuration.bridges),
     }
+    given = configuration.parameters
     return tuple(
-        Process(package, executable, parameters.get(executable, {}))
+        Process(
+            package, executable, {**given.get(executable, {}), **parameters.get(executable, {})}
+        )
         for executable, package in PACKAGES.items()
     )
 
@@ -206,7 +196,7 @@ def _check_apart(namespaces: Sequence[str]) -> None:
                 )
 
 
-def _parameters(**values: tuple[Path, ...] | Path | str | None) -> dict[str, Parameter]:
+def _parameters(**values: tuple[Path, ...] | Path | str | None) -> dict[str, ParameterValue]:
     """Return the parameters that have a value, with texts for paths."""
     return {
         name: [str(path) for path in value] if isinstance(value, tuple) else str(value)

@@ -1,22 +1,24 @@
-"""Monitor the formulas of a file with the stream reasoning coordinator, all at once."""
+"""Monitor formulas with the stream reasoning coordinator, all at once."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
-from rclpy.task import Future
-
 from dyknow_bringup.demonstration.expectations import MonitoredFormula
-from dyknow_bringup.demonstration.formulas import load_formulas
 from dyknow_bringup.resources import formulas_path
+from dyknow_bringup.simulation.scenario import UNDECIDED
 from dyknow_common import SECOND_NS, ExitCode, round_time
 from dyknow_common.ros import DyKnowNode, run
-from dyknow_coordinator import Answer
+from dyknow_configuration import RequestedFormula, Severity, read_formulas
+from dyknow_coordinator import Answer, Progress
 from dyknow_coordinator.ros import FormulaClient, Monitor
 
 RETRIED = (ExitCode.UNAVAILABLE, ExitCode.NOT_FOUND)
 """Errors worth retrying while the other nodes are still starting."""
+
+PASSING = (*RETRIED, ExitCode.CONSTRAINT_VIOLATION, ExitCode.TIMEOUT, ExitCode.INTERNAL_ERROR)
+"""Errors worth retrying at any time."""
 
 START_UP_NS = 10 * SECOND_NS
 """Time that the other nodes may take to start after the coordinator."""
@@ -29,11 +31,23 @@ class FormulaMonitor(DyKnowNode):
     """A client that monitors each formula by a MonitorFormula action, and keeps its outcome.
 
     Args:
-        on_change: called with every formula that gets an outcome; None: it is logged.
+        formulas: to monitor; None: those of the file of the parameter `formulas`.
+        on_change: called with every formula whose outcome has changed; None: it is logged.
+        name: of the node.
+        wait: seconds to wait for the coordinator; None: as long as formulas are monitored.
+        retries: True to monitor a formula again after an error, until it has a verdict.
     """
 
-    def __init__(self, on_change: Callable[[MonitoredFormula], None] | None = None) -> None:
-        super().__init__('formula_monitor')
+    def __init__(
+        self,
+        formulas: Sequence[RequestedFormula] | None = None,
+        on_change: Callable[[MonitoredFormula], None] | None = None,
+        *,
+        name: str = 'formula_monitor',
+        wait: float | None = None,
+        retries: bool = False,
+    ) -> None:
+        super().__init__(name)
         path = self.parameter('formulas', str(formulas_path()), 'YAML file with the formulas.')
         self._timeout = self.parameter(
             'timeout', 86_400.0, 'Seconds after which the monitoring of a formula ends.', (0.1, 1e9)
@@ -41,13 +55,17 @@ class FormulaMonitor(DyKnowNode):
         coordinator = self.parameter(
             'coordinator', 'stream_reasoning_coordinator', 'Name of the coordinator node.'
         )
-        self.formulas = [MonitoredFormula(formula) for formula in load_formulas(Path(path))]
-        self._on_change = on_change or self._log
+        requested = read_formulas(Path(path)) if formulas is None else formulas
+        self.formulas = [MonitoredFormula(formula) for formula in requested]
+        self._wait = self._timeout if wait is None else wait
+        self._retries = retries
+        self._restarting: set[int] = set()
+        self._on_change = on_change or self.log
         self._client = FormulaClient(self, coordinator)
         self._retry_until: int | None = None
-        self._monitors: dict[str, Monitor] = {}
-        for monitored in self.formulas:
-            self._start(monitored).accepted.add_done_callback(self._on_start)
+        self._monitors: dict[int, Monitor] = {}
+        for index in range(len(self.formulas)):
+            self._start(index)
 
     @property
     def is_running(self) -> bool:
@@ -57,10 +75,13 @@ class FormulaMonitor(DyKnowNode):
     @property
     def has_ended(self) -> bool:
         """True if the monitoring of all formulas has ended."""
-        return all(monitor.outcome.done() for monitor in self._monitors.values())
+        has_ended = all(monitor.outcome.done() for monitor in self._monitors.values())
+        return has_ended and not self._restarting
 
     def cancel_all(self) -> None:
         """Cancel the monitoring of all formulas."""
+        self._retries, self._retry_until = False, 0
+        self._restarting.clear()
         for monitor in self._monitors.values():
             monitor.cancel()
 
@@ -69,49 +90,70 @@ class FormulaMonitor(DyKnowNode):
         self._client.close()
         super().destroy_node()
 
-    def _on_start(self, _: Future) -> None:
+    def log(self, monitored: MonitoredFormula) -> None:
+        """Log the outcome of a formula: an alarm with the severity of the formula."""
+        logger = self.get_logger()
+        text = f'{monitored.name}: {monitored.outcome} at {round_time(monitored.known_at or 0)}'
+        text += f': {monitored.explanation}' if monitored.explanation else ''
+        # A formula that is not violated in its time ends with TIMEOUT. A logger of rclpy has one
+        # severity for each call in the code.
+        if monitored.outcome in {'true', UNDECIDED, ExitCode.TIMEOUT.name}:
+            logger.info(text)
+        elif monitored.formula.severity is Severity.ERROR:
+            logger.error(text)
+        else:
+            logger.warning(text)
+
+    def _start(self, index: int) -> None:
+        monitored = self.formulas[index]
+        monitored.waits_for = 'the coordinator has not accepted it yet'
+        monitor = self._monitors[index] = self._client.monitor(
+            monitored.formula.closed_text,
+            on_verdict=lambda answer: self._on_verdict(index, answer),
+            on_feedback=lambda progress: self._on_progress(index, progress),
+            name=monitored.name,
+            timeout=self._timeout,
+            wait=self._wait,
+        )
+        monitor.accepted.add_done_callback(lambda _: self._on_accept(monitored))
+
+    def _on_accept(self, monitored: MonitoredFormula) -> None:
+        monitored.waits_for = ''
         if self._retry_until is None:
             self._retry_until = self.now() + START_UP_NS
 
-    def _start(self, monitored: MonitoredFormula) -> Monitor:
-        monitor = self._monitors[monitored.formula.name] = self._client.monitor(
-            monitored.formula.formula,
-            on_verdict=lambda answer: self._on_verdict(monitored, answer),
-            name=monitored.formula.name,
-            timeout=self._timeout,
-            wait=self._timeout,
-        )
-        return monitor
+    def _on_progress(self, index: int, progress: Progress) -> None:
+        monitored = self.formulas[index]
+        if self._monitors[index].outcome.done():
+            return  # Feedback may arrive after the verdict.
+        monitored.waits_for = progress.waits_for
+        if progress.states_progressed and monitored.is_decided:
+            self._set(monitored, UNDECIDED, '')
 
-    def _on_verdict(self, monitored: MonitoredFormula, answer: Answer) -> None:
-        error = answer.error
+    def _on_verdict(self, index: int, answer: Answer) -> None:
+        monitored, error = self.formulas[index], answer.error
         if error is None:
-            monitored.outcome = answer.verdict.name.lower()
-            monitored.explanation = answer.explanation
-        elif error.code is ExitCode.CANCELLED:
-            return
-        elif error.code in RETRIED and self.now() < (self._retry_until or 0):
-            self.deadlines.after(RETRY_DELAY_S).add_done_callback(lambda _: self._start(monitored))
-            return
-        else:
-            monitored.outcome = error.code.name
-            monitored.explanation = error.message
-        monitored.known_at = self.now()
-        self._on_change(monitored)
+            self._set(monitored, answer.verdict.name.lower(), answer.explanation)
+        elif error.code is not ExitCode.CANCELLED:
+            is_starting = error.code in RETRIED and self.now() < (self._retry_until or 0)
+            if not is_starting:
+                self._set(monitored, error.code.name, error.message)
+            if is_starting or (self._retries and error.code in PASSING):
+                self._restarting.add(index)
+                due = self.deadlines.after(RETRY_DELAY_S)
+                due.add_done_callback(lambda _: self._restart(index))
 
-    def _log(self, monitored: MonitoredFormula) -> None:
-        logger = self.get_logger()
-        # A formula that is not violated in its time ends with TIMEOUT.
-        is_alarm = monitored.outcome not in {'true', ExitCode.TIMEOUT.name}
-        text = (
-            f'{monitored.formula.name}: {monitored.outcome} '
-            f'at {round_time(monitored.known_at or 0)}: {monitored.explanation}'
-        )
-        # A logger of rclpy has one severity for each call in the code.
-        if is_alarm:
-            logger.warning(text)
-        else:
-            logger.info(text)
+    def _restart(self, index: int) -> None:
+        if index in self._restarting:
+            self._restarting.remove(index)
+            self._start(index)
+
+    def _set(self, monitored: MonitoredFormula, outcome: str, explanation: str) -> None:
+        has_changed = outcome != monitored.outcome
+        monitored.outcome, monitored.explanation = outcome, explanation
+        if has_changed:
+            monitored.known_at = None if outcome == UNDECIDED else self.now()
+            self._on_change(monitored)
 
 
 def main() -> int:

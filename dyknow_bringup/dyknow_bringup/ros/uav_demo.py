@@ -13,7 +13,6 @@ from typing import Any
 from rich.live import Live
 
 from dyknow_bringup.demonstration.expectations import unexpected
-from dyknow_bringup.demonstration.formulas import DescribedFormula
 from dyknow_bringup.demonstration.tables import formula_table, summary
 from dyknow_bringup.recordings.flight_report import write_flight_report
 from dyknow_bringup.resources import scenario_names
@@ -22,7 +21,8 @@ from dyknow_bringup.ros.scenario_run import ScenarioRun, run_scenario
 from dyknow_common import SECOND_NS
 from dyknow_common.executables import describe
 from dyknow_common.ros import command_main
-from dyknow_recordings import Judgement, MonitoringFiles, PictureFiles, RequestedFormula
+from dyknow_configuration import RequestedFormula
+from dyknow_recordings import Judgement, MonitoringFiles, PictureFiles
 
 SETTLING_NS = SECOND_NS
 """Time after the end of the scenario in which verdicts may still come."""
@@ -75,20 +75,19 @@ class Demonstration(ScenarioRun):
             self._write_page(self._page, [each.formula for each in monitor.formulas])
         return not problems
 
-    def _write_page(self, page: Path, formulas: Sequence[DescribedFormula]) -> None:
+    def _write_page(self, page: Path, formulas: Sequence[RequestedFormula]) -> None:
         """Check the formulas over a recording of the same flight."""
         configuration = self._configuration
         files = MonitoringFiles(
             configuration.ontologies, configuration.annotations, configuration.streams
         )
-        requested = [RequestedFormula(each.formula, each.name) for each in formulas]
         with self._console.status('writing the report'):
             write_flight_report(
                 self._scenario,
                 self._vehicles,
                 self._start,
                 files,
-                requested,
+                formulas,
                 self._folder,
                 self._pictures,
             )

@@ -19,6 +19,7 @@ from dyknow_bringup.errors import BringupError
 from dyknow_bringup.processes.launcher import Launcher
 from dyknow_bringup.processes.logs import LogReader, LogThrottle
 from dyknow_bringup.processes.processes import SystemConfiguration, dyknow_processes
+from dyknow_bringup.processes.robot import with_robot
 from dyknow_bringup.processes.supervision import Supervisor
 from dyknow_bringup.ros.system_start import SystemStart
 from dyknow_common import ExitCode
@@ -133,7 +134,7 @@ def _absolute(namespace: str) -> str:
 def _configuration(chosen: argparse.Namespace) -> SystemConfiguration:
     if chosen.store is not None:
         chosen.store.mkdir(parents=True, exist_ok=True)
-    return SystemConfiguration(
+    files = SystemConfiguration(
         ontologies=tuple(path.resolve() for path in chosen.ontology),
         annotations=tuple(path.resolve() for path in chosen.annotations),
         streams=tuple(path.resolve() for path in chosen.streams),
@@ -141,6 +142,7 @@ def _configuration(chosen: argparse.Namespace) -> SystemConfiguration:
         store=chosen.store and chosen.store.resolve(),
         reasoner=chosen.reasoner,
     )
+    return files if chosen.robot is None else with_robot(files, chosen.robot)
 
 
 def add_up_options(parser: argparse.ArgumentParser) -> None:
@@ -151,20 +153,13 @@ def add_up_options(parser: argparse.ArgumentParser) -> None:
         'Start the nodes of DyKnow, load files, and show warnings and errors of all nodes.',
         (
             'dyknow up',
+            'dyknow up robot.yaml',
             'dyknow up --ontology robot.owl --annotations robot.ssl --streams robot.streams',
             'dyknow up --namespace /robot1 --use-sim-time',
         ),
         '0 after a stop by a signal, 2 for an error',
     )
-    for name, description in (
-        ('ontology', 'OWL files'),
-        ('annotations', 'files in SSL'),
-        ('streams', 'files in the stream language'),
-        ('bridges', 'files of bridge rules between the ontologies'),
-    ):
-        parser.add_argument(
-            f'--{name}', nargs='*', type=Path, default=[], metavar='FILE', help=description
-        )
+    _add_files(parser)
     parser.add_argument(
         '--store',
         type=Path,
@@ -183,3 +178,16 @@ def add_up_options(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument('--log-level', default='info', help='of all nodes (default: info)')
     parser.add_argument('--logs', type=Path, help='folder for the logs')
+
+
+def _add_files(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument('robot', nargs='?', type=Path, help='robot.yaml, which describes the robot')
+    for name, description in (
+        ('ontology', 'OWL files'),
+        ('annotations', 'files in SSL'),
+        ('streams', 'files in the stream language'),
+        ('bridges', 'files of bridge rules between the ontologies'),
+    ):
+        parser.add_argument(
+            f'--{name}', nargs='*', type=Path, default=[], metavar='FILE', help=description
+        )

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 import traceback
 from collections.abc import Awaitable, Callable, Mapping
+from difflib import get_close_matches
 from inspect import isawaitable
 from typing import Any
 
@@ -47,6 +48,7 @@ REPORT_PERIOD_S = 1.0
 """The time between two reports of dropped messages."""
 
 _FILES = 'files'
+_QUALITY_OF_SERVICE = 'qos_overrides.'
 _USE_SIM_TIME = 'use_sim_time'
 
 
@@ -163,9 +165,19 @@ class DyKnowNode(Node):
             DyKnowError: ALREADY_EXISTS, if another node of this name is running.
         """
         self.heartbeat.start()
+        self._report_unknown_parameters()
         self.get_logger().info(f'ready: {loaded_text(self._loaded)}' if self._loaded else 'ready')
         self._status = self.create_publisher(DiagnosticStatus, '~/status', STATUS)
         self._publish_status()
+
+    def _report_unknown_parameters(self) -> None:
+        """Warn of given parameters that the node does not have; ROS ignores them silently."""
+        known = [*self._parameters]
+        for name in sorted({*self._parameter_overrides} - {*known}):
+            if not name.startswith(_QUALITY_OF_SERVICE):
+                similar = get_close_matches(name, known, n=1)
+                hint = f"did you mean '{similar[0]}'?" if similar else 'it has no effect'
+                self.get_logger().warning(f"unknown parameter '{name}'; {hint}")
 
     def set_loaded(self, counts: Mapping[str, int]) -> None:
         """Set the numbers of things that the node has loaded, in plural: `streams`, and `files`.

@@ -19,6 +19,7 @@ from dataclasses import dataclass
 from typing import Final
 
 from dyknow_common import NANOSECONDS, SECOND_NS, DyKnowError, ExitCode
+from dyknow_configuration import RequestedFormula
 from dyknow_recordings.errors import RecordingError
 from dyknow_recordings.evaluation.column_states import ColumnStates
 from dyknow_recordings.evaluation.episodes import (
@@ -30,7 +31,7 @@ from dyknow_recordings.evaluation.episodes import (
 from dyknow_recordings.evaluation.grounding import FormulaGrounder, GroundedFormula
 from dyknow_recordings.evaluation.loading import load_vocabulary
 from dyknow_recordings.evaluation.observation import EvaluationObserver, SignalRecorder, terms_of
-from dyknow_recordings.evaluation.results import FormulaReport, RecordingReport, RequestedFormula
+from dyknow_recordings.evaluation.results import FormulaReport, RecordingReport
 from dyknow_recordings.evaluation.state_group import StateGroup
 from dyknow_recordings.evaluation.streams import RecordedStreams
 from dyknow_recordings.evaluation.vocabulary import NO_FILES, MonitoringFiles

@@ -7,7 +7,6 @@ from enum import StrEnum
 
 from dyknow_common import DyKnowError, Margin, Verdict
 from dyknow_coordinator import SymbolGrounding
-from dyknow_reasoning import NO_CONSTANTS, Constants
 from dyknow_recordings.evaluation.observation import StateSignals
 from dyknow_stream_processing import Violation
 
@@ -22,21 +21,6 @@ class Outcome(StrEnum):
     FALSE = 'false'
     UNDECIDED = 'undecided'
     TRUE = 'true'
-
-
-@dataclass(frozen=True, slots=True)
-class RequestedFormula:
-    """A formula to evaluate.
-
-    Args:
-        text: in the formula language.
-        name: for people; empty for its text.
-        constants: the values of names that the text does not define.
-    """
-
-    text: str
-    name: str = ''
-    constants: Constants = NO_CONSTANTS
 
 
 @dataclass(frozen=True, slots=True)

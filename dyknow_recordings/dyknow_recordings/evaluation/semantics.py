@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
-from dyknow_common import ExitCode, read_file
+from dyknow_common import ExitCode, InlineText, read_file
 from dyknow_recordings.errors import RecordingError
 from dyknow_recordings.evaluation.vocabulary import MonitoringFiles
 from dyknow_recordings.reading.contents import TopicContent
@@ -47,8 +47,11 @@ class SemanticVocabulary:
         self._domains = files.domains
         self._ontology = Ontology()
         try:
-            for path in files.ontologies:
-                self._ontology.load(path)
+            for source in files.ontologies:
+                if isinstance(source, InlineText):
+                    self._ontology.load_text(source.text)
+                else:
+                    self._ontology.load(source)
             _, triples = self._ontology.query(ALL_TRIPLES)
             known = bridged(((s, p, o) for s, p, o in triples), bridges)
         except BaseException:

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections import defaultdict
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
-from pathlib import Path
 
 import numpy as np
 
 from dyknow_common import NO_CONSTRAINTS, DyKnowError, StreamConstraints, listed_as
+from dyknow_configuration import TextSource
 from dyknow_coordinator import FeatureSource, KnownStream, KnownStreams, field_names, stream_topic
 from dyknow_recordings.evaluation.columns.column_terms import ColumnTerms
 from dyknow_recordings.evaluation.columns.series import ColumnStream
@@ -49,10 +49,10 @@ class RecordedStreams:
         StreamError: naming a file that cannot be read or parsed.
     """
 
-    def __init__(self, topics: Mapping[str, TopicContent], files: Iterable[Path]) -> None:
+    def __init__(self, topics: Mapping[str, TopicContent], files: Iterable[TextSource]) -> None:
         self._topics = topics
         self._units = load_units()
-        self._requested = {each.name: each for each in read_streams(map(str, files))}
+        self._requested = {each.name: each for each in read_streams(files)}
         self.dataflow = self._new_dataflow()
         self._faults: dict[str, str] = {}
         self._consumers: Mapping[str, Collection[str]] = {}

@@ -4,16 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import Final, Protocol
 
 from dyknow_common import ExitCode
+from dyknow_configuration import TextSource
 from dyknow_recordings.errors import RecordingError
 
 
 @dataclass(frozen=True, slots=True)
 class MonitoringFiles:
-    """The files that `dyknow up` is started with.
+    """The files that `dyknow up` is started with, or their texts.
 
     Args:
         ontologies: OWL files.
@@ -23,10 +23,10 @@ class MonitoringFiles:
         domains: the objects of sorts, which take precedence over those of the ontologies.
     """
 
-    ontologies: tuple[Path, ...] = ()
-    annotations: tuple[Path, ...] = ()
-    streams: tuple[Path, ...] = ()
-    bridges: tuple[Path, ...] = ()
+    ontologies: tuple[TextSource, ...] = ()
+    annotations: tuple[TextSource, ...] = ()
+    streams: tuple[TextSource, ...] = ()
+    bridges: tuple[TextSource, ...] = ()
     domains: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
 
 

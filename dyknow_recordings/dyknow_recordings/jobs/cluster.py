@@ -10,6 +10,7 @@ from queue import Empty, SimpleQueue
 from typing import TYPE_CHECKING, Final
 
 from dyknow_common import DyKnowError, ExitCode
+from dyknow_configuration import TextSource
 from dyknow_recordings.errors import RecordingError
 from dyknow_recordings.jobs.recording_job import JobResult, RecordingJob
 
@@ -141,8 +142,8 @@ def _has_workers(client: Client) -> bool:
 def _absolute(job: RecordingJob) -> RecordingJob:
     """Return a job for a process that runs in another folder."""
 
-    def absolute(paths: Sequence[Path]) -> tuple[Path, ...]:
-        return tuple(each.absolute() for each in paths)
+    def absolute(sources: Sequence[TextSource]) -> tuple[TextSource, ...]:
+        return tuple(each.absolute() if isinstance(each, Path) else each for each in sources)
 
     files = replace(
         job.files,

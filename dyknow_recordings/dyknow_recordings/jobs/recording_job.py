@@ -8,10 +8,11 @@ from pathlib import Path
 
 from dyknow_common import DyKnowError, ExitCode
 from dyknow_common.executables import error_text
+from dyknow_configuration import RequestedFormula
 from dyknow_recordings.errors import RecordingError
 from dyknow_recordings.evaluation.episodes import FIRST_BEGIN, EpisodeStart, Every
 from dyknow_recordings.evaluation.evaluation import evaluate_recording
-from dyknow_recordings.evaluation.results import RecordingReport, RequestedFormula
+from dyknow_recordings.evaluation.results import RecordingReport
 from dyknow_recordings.evaluation.vocabulary import MonitoringFiles
 from dyknow_recordings.reading.opening import open_recording
 

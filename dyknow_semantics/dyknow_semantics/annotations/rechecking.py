@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from dyknow_common import DyKnowError, LanguageError, ValueType
+from dyknow_common import DyKnowError, InlineText, LanguageError, ValueType
 from dyknow_semantics.annotations.annotation import Annotation
 from dyknow_semantics.annotations.checking import check_annotation
 from dyknow_semantics.annotations.field_checking import check_fields
@@ -20,7 +20,7 @@ Fields = tuple[str, Mapping[str, ValueType]]
 class Origin:
     """The file that an annotation was read from, and the annotation with its position there."""
 
-    file: Path
+    file: Path | InlineText
     annotation: Annotation
 
 

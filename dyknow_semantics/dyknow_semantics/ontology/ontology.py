@@ -11,7 +11,7 @@ from typing import Self
 from dyknow_common import listed, shortened
 from dyknow_semantics.errors import SemanticsError
 from dyknow_semantics.ontology.documents.access import MAX_STATEMENTS, Access
-from dyknow_semantics.ontology.documents.documents import Document, read_documents
+from dyknow_semantics.ontology.documents.documents import Document, read_documents, read_text
 from dyknow_semantics.ontology.features import INHERITED, StatedSignature
 from dyknow_semantics.ontology.knowledge import Knowledge, Triple
 from dyknow_semantics.ontology.names import split_iri
@@ -90,6 +90,10 @@ class Ontology:
         `http://www.dyknow.org/uav`); those of an ontology from the web are downloaded.
         """
         self.add(read_documents(str(path_or_iri), self.ontologies, Access()))
+
+    def load_text(self, text: str) -> None:
+        """Add the ontology in a text, whose imports are loaded."""
+        self.add(read_text(text, '', self.ontologies, Access()))
 
     @property
     def ontologies(self) -> frozenset[str]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticStatus
@@ -106,7 +107,7 @@ class StreamManager(DyKnowNode):
             NamingConvention(convention), own, self._published, Namespaces.of(namespaces, own)
         )
         paths = list(filter(None, files))
-        for stream in read_streams(paths):
+        for stream in read_streams(map(Path, paths)):
             registry.add(stream)
         self.set_loaded({'streams': len(registry.streams()), 'files': len(paths)})
         return registry

@@ -82,7 +82,7 @@ def test_a_sink_in_two_files_is_named(tmp_path: Path) -> None:
     for path in paths:
         path.write_text('stream a = select b from "/c"; sink a')
     with pytest.raises(DyKnowError, match=f"{paths[1]}: there is a sink 'a' in another file"):
-        list(read_streams(map(str, paths)))
+        list(read_streams(paths))
 
 
 def test_only_the_owner_may_read_a_memory(tmp_path: Path) -> None:

@@ -1,0 +1,55 @@
+"""The system of a robot that a robot.yaml describes."""
+
+from __future__ import annotations
+
+import atexit
+import shutil
+import tempfile
+from dataclasses import replace
+from pathlib import Path
+
+from dyknow_bringup.errors import BringupError
+from dyknow_bringup.processes.processes import SystemConfiguration
+from dyknow_configuration import RobotConfiguration, read_robot, write_texts
+
+
+def with_robot(configuration: SystemConfiguration, path: Path) -> SystemConfiguration:
+    """Return a configuration with what a robot.yaml describes added to it.
+
+    The nodes read files: the texts of the robot are written to a folder that exists as long as this
+    process.
+
+    Raises:
+        DyKnowError: with the place of a fault in the file.
+    """
+    robot = read_robot(path)
+    if robot.domains:
+        raise BringupError(
+            f"{path}: 'domains' is for recordings only, as a running system takes the objects of "
+            "its ontologies; list them as 'objects' instead"
+        )
+    return added(configuration, write_texts(robot, temporary_folder(), path.stem))
+
+
+def added(configuration: SystemConfiguration, robot: RobotConfiguration) -> SystemConfiguration:
+    """Return a configuration with the files and parameters of a robot."""
+
+    def paths(kind: str) -> tuple[Path, ...]:
+        files = tuple(each for each in getattr(robot, kind) if isinstance(each, Path))
+        return (*files, *getattr(configuration, kind))
+
+    return replace(
+        configuration,
+        ontologies=paths('ontologies'),
+        annotations=paths('annotations'),
+        streams=paths('streams'),
+        bridges=paths('bridges'),
+        parameters=robot.parameters,
+    )
+
+
+def temporary_folder() -> Path:
+    """Return a new folder that is removed at the end of this process."""
+    folder = Path(tempfile.mkdtemp(prefix='dyknow_'))
+    atexit.register(shutil.rmtree, folder, ignore_errors=True)
+    return folder

@@ -1,0 +1,1 @@
+"""YAML documents, with the positions of their parts."""

@@ -1,0 +1,264 @@
+"""YAML documents, read with errors that show the place in the file.
+
+robot.yaml:3:5: unknown key 'object'; did you mean 'objects'?
+  object: {Rover: [rover1]}
+  ^
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Collection, Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass
+from difflib import get_close_matches
+from pathlib import Path
+from typing import Any, Final, TypeVar
+
+import yaml
+
+from dyknow_common import (
+    MAX_CHARACTERS,
+    DyKnowError,
+    LanguageError,
+    TextPosition,
+    listed,
+    parse_duration,
+    position_at,
+    read_text,
+    shortened,
+)
+from dyknow_configuration.documents.scalar_positions import source_offsets
+from dyknow_configuration.errors import ConfigurationError
+
+Read = TypeVar('Read')
+
+_TAG: Final = 'tag:yaml.org,2002:'
+_MERGE: Final = _TAG + 'merge'
+_CONTROL: Final = re.compile('[\x00-\x08\x0b\x0c\x0e-\x1f\x7f\ud800-\udfff\ufffe\uffff]')
+_KINDS: Final = {
+    'bool': 'a boolean',
+    'float': 'a number',
+    'int': 'a number',
+    'map': 'a mapping',
+    'null': 'nothing',
+    'seq': 'a list',
+    'timestamp': 'a date',
+}
+
+
+@dataclass(frozen=True, slots=True)
+class YamlDocument:
+    """A text in YAML.
+
+    Args:
+        path: of its file.
+        text: the text.
+    """
+
+    path: Path
+    text: str
+
+    def error(self, message: str, position: TextPosition) -> ConfigurationError:
+        """Return an error at a position of the text."""
+        return ConfigurationError(
+            LanguageError(message, str(self.path), self.text, position).message
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class YamlValue:
+    """A value in a YAML document.
+
+    Each method that reads the value raises ConfigurationError if it is something else.
+
+    Args:
+        document: the document.
+        node: of PyYAML.
+    """
+
+    document: YamlDocument
+    node: yaml.Node
+
+    def error(self, message: str, character: int = 0) -> ConfigurationError:
+        """Return an error about this value, or about a character of a text."""
+        return self.document.error(message, self.position(character))
+
+    def position(self, character: int) -> TextPosition:
+        """Return the position of a character of a text in the document."""
+        begin, end = self.node.start_mark.index, self.node.end_mark.index
+        if isinstance(self.node, yaml.ScalarNode):
+            source = self.document.text[begin:end]
+            offsets = source_offsets(self.node.value, source, self.node.style)
+            begin += 0 if offsets is None else offsets[min(character, len(offsets) - 1)]
+        return position_at(self.document.text, begin)
+
+    @property
+    def place(self) -> str:
+        """The file with the line."""
+        return f'{self.document.path}:{self.node.start_mark.line + 1}'
+
+    @property
+    def is_text(self) -> bool:
+        """True if this is a text."""
+        return self.node.tag == _TAG + 'str'
+
+    @property
+    def is_empty(self) -> bool:
+        """True if there is no value, as after a key whose elements are all comments."""
+        return self.node.tag == _TAG + 'null'
+
+    @property
+    def is_mapping(self) -> bool:
+        """True if this is a mapping."""
+        return isinstance(self.node, yaml.MappingNode)
+
+    def expected(self, description: str, hint: str = '') -> ConfigurationError:
+        """Return the error that this value is something else than what is expected."""
+        kind = self.node.tag.removeprefix(_TAG)
+        found = _KINDS.get(kind, 'an empty text' if self.is_text else kind)
+        if isinstance(self.node, yaml.ScalarNode) and self.node.value.strip():
+            shown = f"'{shortened(self.node.value)}'"
+            found = shown if self.is_text else f'{shown}, which is {found} in YAML{hint}'
+        return self.error(f'write {description} instead of {found}')
+
+    def entries(self, description: str) -> list[tuple[YamlValue, YamlValue]]:
+        """Return the keys and values of a mapping with texts for keys, each key once."""
+        if self.is_empty:
+            return []
+        if not isinstance(self.node, yaml.MappingNode):
+            raise self.expected(description)
+        own: dict[str, tuple[YamlValue, YamlValue]] = {}
+        merged: dict[str, tuple[YamlValue, YamlValue]] = {}
+        for key_node, value_node in self.node.value:
+            key, value = YamlValue(self.document, key_node), YamlValue(self.document, value_node)
+            if key_node.tag == _MERGE:
+                merged |= {each[0].text(): each for each in value.entries('a mapping')}
+            elif key.text('a name') in own:
+                raise key.error(f"'{key.text()}' is given twice; keep one")
+            else:
+                own[key.text()] = key, value
+        return list({**merged, **own}.values())
+
+    def mapping(
+        self, known: Collection[str], required: Collection[str] = ()
+    ) -> dict[str, YamlValue]:
+        """Return the values of a mapping whose keys are known.
+
+        Args:
+            known: the keys that it may have.
+            required: those that it must have.
+        """
+        found: dict[str, YamlValue] = {}
+        for key, value in self.entries(f'a mapping with some of the keys {", ".join(known)}'):
+            if key.text() not in known:
+                raise key.error(unknown('key', key.text(), known))
+            found[key.text()] = value
+        for name in required:
+            if name not in found:
+                raise self.error(f"add the key '{name}'")
+        return found
+
+    def items(self, description: str = 'a list') -> list[YamlValue]:
+        """Return the elements of a list."""
+        if self.is_empty:
+            return []
+        if not isinstance(self.node, yaml.SequenceNode):
+            raise self.expected(description)
+        return [YamlValue(self.document, each) for each in self.node.value]
+
+    def one_or_more(self) -> list[YamlValue]:
+        """Return the elements of a list, or this value alone."""
+        is_list = isinstance(self.node, yaml.SequenceNode) or self.is_empty
+        return self.items() if is_list else [self]
+
+    def text(self, description: str = 'a text') -> str:
+        """Return a text that is not blank."""
+        if not self.is_text or not self.node.value.strip():
+            raise self.expected(description, '; quotes make it a text')
+        value = str(self.node.value)
+        if found := _CONTROL.search(value):
+            raise self.error(f'a text cannot hold the character {found[0]!r}; remove it')
+        return value
+
+    def line(self) -> str:
+        """Return a text with single spaces for its line breaks and other whitespace."""
+        return ' '.join(self.text().split())
+
+    def duration(self) -> int:
+        """Return a duration with a unit, in nanoseconds."""
+        if not self.is_text or self.text().strip()[-1].isdigit():
+            raise self.expected('a duration with a unit, such as 500 ms,')
+        return self.read(parse_duration, self.text())
+
+    def choice(self, kind: str, known: Collection[str]) -> str:
+        """Return one of some texts of a kind."""
+        text = self.text(f'a {kind}').strip()
+        if text not in known:
+            raise self.error(unknown(kind, text, known))
+        return text
+
+    def plain(self) -> Any:
+        """Return the value as PyYAML reads it."""
+        try:
+            return yaml.SafeLoader('').construct_document(self.node)
+        except (yaml.YAMLError, ValueError, TypeError, RecursionError) as error:
+            raise self.error(f'a value that cannot be read: {error}') from None
+
+    def read(self, function: Callable[[str], Read], text: str) -> Read:
+        """Return the result of a function for a text of this value; its error shows the value."""
+        try:
+            return function(text)
+        except (DyKnowError, ValueError) as error:
+            raise self.error(str(error)) from None
+
+
+def unknown(kind: str, name: str, known: Collection[str]) -> str:
+    """Return the message about an unknown name, with the one that was probably meant."""
+    similar = get_close_matches(name, known, n=1)
+    others = f'use {listed(known)}' if known else 'there is none'
+    hint = f"did you mean '{similar[0]}'?" if similar else others
+    return f"unknown {kind} '{shortened(name)}'; {hint}"
+
+
+def read_yaml(path: Path) -> YamlValue:
+    """Return the whole of a YAML file.
+
+    Raises:
+        ConfigurationError: if it cannot be read (NOT_FOUND), is too large, or is not YAML.
+    """
+    text = read_text(path, 'configuration', ConfigurationError)
+    document = YamlDocument(path, text)
+    if len(text) > MAX_CHARACTERS:
+        message = f'more than {MAX_CHARACTERS} characters; split it'
+        raise document.error(message, position_at(text, MAX_CHARACTERS))
+    with _yaml_errors(document):
+        node = yaml.compose(text, Loader=yaml.SafeLoader)
+    if node is None:
+        mark = yaml.Mark(str(path), 0, 0, 0, None, 0)
+        node = yaml.ScalarNode(_TAG + 'null', '', mark, mark)
+    return YamlValue(document, node)
+
+
+@contextmanager
+def _yaml_errors(document: YamlDocument) -> Iterator[None]:
+    try:
+        yield
+    except yaml.MarkedYAMLError as error:
+        mark = error.problem_mark or error.context_mark
+        reason = f'not YAML: {error.problem or error.context}'
+        position = position_at(document.text, mark.index if mark else 0)
+        raise document.error(reason, position) from None
+    except yaml.reader.ReaderError as error:
+        position = position_at(document.text, error.position)
+        raise document.error(f'not YAML: {error.reason}', position) from None
+    except RecursionError:
+        raise document.error('not YAML: it nests too deep', TextPosition(1, 1)) from None
+
+
+def texts(values: Mapping[str, YamlValue], key: str) -> list[YamlValue]:
+    """Return the texts of a key that may be missing, have one text or a list of texts."""
+    found = values[key].one_or_more() if key in values else []
+    for each in found:
+        each.text('a text or a list of texts')
+    return found

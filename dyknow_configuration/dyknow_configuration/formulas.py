@@ -1,0 +1,79 @@
+"""The formulas of a robot.yaml, and files of formulas."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Final
+
+from dyknow_common import read_text
+from dyknow_configuration.documents.composed_text import checked_text
+from dyknow_configuration.documents.yaml_values import YamlValue, read_yaml
+from dyknow_configuration.errors import ConfigurationError
+from dyknow_configuration.robot import RequestedFormula, Severity
+from dyknow_reasoning import NO_CONSTANTS, Constants, check_types, parse_formula
+
+FORMULA_KEYS: Final = ('name', 'formula', 'description', 'severity')
+
+
+def read_formulas(path: Path, constants: Constants = NO_CONSTANTS) -> tuple[RequestedFormula, ...]:
+    """Return the formulas of a file.
+
+    A file with the ending `.yaml` or `.yml` has a list of formulas as `robot.yaml` has it. Any
+    other has one formula a line, which is not checked here; # begins a comment line.
+
+    Raises:
+        ConfigurationError: with the place of the fault.
+    """
+    if path.suffix in {'.yaml', '.yml'}:
+        return formulas_of([read_yaml(path)], constants)
+    lines = read_text(path, 'formulas', ConfigurationError).splitlines()
+    stripped = [line.strip() for line in lines]
+    wanted = (line for line in stripped if line and line[0] != '#')
+    return tuple(RequestedFormula(line, constants=constants) for line in wanted)
+
+
+def formulas_of(
+    lists: Iterable[YamlValue], constants: Constants = NO_CONSTANTS
+) -> tuple[RequestedFormula, ...]:
+    """Return formulas of lists of mappings, and of files that are named in their place.
+
+    Raises:
+        ConfigurationError: with the place of the fault, also inside of a formula.
+    """
+    found: list[RequestedFormula] = []
+    names: set[str] = set()
+    for each in (element for value in lists for element in _elements(value)):
+        if not each.is_mapping:
+            name = each.text('a mapping with name and formula, or a file of formulas')
+            found += read_formulas(each.document.path.parent / name.strip(), constants)
+            continue
+        formula = _formula(each, names, constants)
+        names.add(formula.name)
+        found.append(formula)
+    return tuple(found)
+
+
+def _elements(value: YamlValue) -> list[YamlValue]:
+    return [value] if value.is_text else value.items('a list of formulas')
+
+
+def _formula(value: YamlValue, names: set[str], constants: Constants) -> RequestedFormula:
+    stated = value.mapping(FORMULA_KEYS, ('name', 'formula'))
+    name = stated['name'].line()
+    if name in names:
+        raise stated['name'].error(f"the name '{name}' is taken; use another")
+    text = stated['formula'].text('a formula').rstrip()
+    with checked_text(stated['formula']).errors():
+        check_types(parse_formula(text, constants), text)
+    return RequestedFormula(
+        text,
+        name,
+        stated['description'].line() if 'description' in stated else '',
+        Severity(
+            stated['severity'].choice('severity', [*Severity])
+            if 'severity' in stated
+            else 'warning'
+        ),
+        constants,
+    )

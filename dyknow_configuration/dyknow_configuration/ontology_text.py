@@ -1,0 +1,70 @@
+"""The ontology of a robot.yaml, in OWL (RDF/XML)."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from xml.sax.saxutils import escape
+
+from dyknow_configuration.robot import RobotFeature, RobotSort, RobotVocabulary
+
+_HEADER = """\
+<?xml version="1.0" encoding="UTF-8"?>
+<rdf:RDF xmlns="{iri}#"
+         xml:base="{iri}"
+         xmlns:dyknow="http://www.dyknow.org/ontology#"
+         xmlns:owl="http://www.w3.org/2002/07/owl#"
+         xmlns:rdf="http://www.w3.org/1999/02/22-rdf-syntax-ns#"
+         xmlns:rdfs="http://www.w3.org/2000/01/rdf-schema#">
+
+    <owl:Ontology rdf:about="{iri}">
+        <owl:imports rdf:resource="http://www.dyknow.org/ontology"/>
+    </owl:Ontology>
+"""
+
+
+def ontology_text(vocabulary: RobotVocabulary, name: str) -> str:
+    """Return the ontology of a vocabulary.
+
+    Args:
+        vocabulary: the sorts, objects and features.
+        name: of the ontology, which becomes the prefix of its names.
+    """
+    lines = [_HEADER.format(iri=f'http://www.dyknow.org/robots/{name}')]
+    for sort in vocabulary.sorts.values():
+        lines += _class(sort, 'Object', ())
+    for feature in vocabulary.features.values():
+        above = 'Feature' if feature.arguments else 'NullaryFeature'
+        lines += _class(feature, above, _signature(feature))
+    for object_ in sorted({each for sort in vocabulary.sorts.values() for each in sort.objects}):
+        lines.append(f'    <owl:NamedIndividual rdf:about="#{object_}">')
+        lines += [
+            f'        <rdf:type rdf:resource="#{sort.name}"/>'
+            for sort in vocabulary.sorts.values()
+            if object_ in sort.objects
+        ]
+        lines.append('    </owl:NamedIndividual>')
+    return '\n'.join([*lines, '</rdf:RDF>', ''])
+
+
+def _class(
+    concept: RobotSort | RobotFeature, above: str, details: tuple[str, ...]
+) -> Iterator[str]:
+    parent = f'#{concept.below}' if concept.below else f'http://www.dyknow.org/ontology#{above}'
+    yield f'    <owl:Class rdf:about="#{concept.name}">'
+    yield f'        <rdfs:subClassOf rdf:resource="{parent}"/>'
+    if concept.description:
+        yield f'        <rdfs:comment>{escape(concept.description)}</rdfs:comment>'
+    yield from (f'        {each}' for each in details)
+    yield '    </owl:Class>'
+
+
+def _signature(feature: RobotFeature) -> tuple[str, ...]:
+    unit = escape(feature.unit)
+    return (
+        *(
+            f'<dyknow:argument{number} rdf:resource="#{sort}"/>'
+            for number, sort in enumerate(feature.arguments.values(), start=1)
+        ),
+        f'<dyknow:value_type>{feature.value_type}</dyknow:value_type>',
+        *([f'<dyknow:unit>{unit}</dyknow:unit>'] if unit else []),
+    )

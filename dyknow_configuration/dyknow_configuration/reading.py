@@ -1,0 +1,116 @@
+"""Reading of a robot.yaml: one file that describes a robot and what is monitored.
+
+    objects: {Rover: [rover1]}
+    features:
+      Speed: {of: {r: Rover}, unit: m/s, from: {topic: '/{r}/odom', field: twist.twist.linear.x}}
+    formulas:
+      - {name: slow, formula: 'forall r in Rover: always Speed[r] < 1.5'}
+
+All keys are optional. The ontology, the annotations and the streams of the robot are made from
+the file; `ontology`, `annotations`, `streams` and `bridges` may also name files, in its folder or
+relative to it.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Final
+
+from dyknow_common import InlineText
+from dyknow_configuration.constants import read_constants
+from dyknow_configuration.documents.yaml_values import YamlValue, read_yaml, texts
+from dyknow_configuration.formulas import formulas_of
+from dyknow_configuration.nodes import read_parameters
+from dyknow_configuration.ontology_text import ontology_text
+from dyknow_configuration.robot import RobotConfiguration, RobotVocabulary
+from dyknow_configuration.stream_texts import is_stream_text, read_streams
+from dyknow_configuration.topics import MAX_TEXTS, read_topics
+from dyknow_configuration.vocabulary import read_vocabulary
+from dyknow_reasoning import NO_CONSTANTS
+
+KEYS: Final = (
+    'sorts',
+    'objects',
+    'features',
+    'streams',
+    'constants',
+    'formulas',
+    'nodes',
+    'ontology',
+    'annotations',
+    'bridges',
+    'domains',
+)
+"""The keys of a robot.yaml."""
+
+_STREAM_HINT: Final = '; a text begins with source, compunit, stream or sink'
+
+
+def read_robot(path: Path) -> RobotConfiguration:
+    """Return what a robot.yaml describes.
+
+    Raises:
+        ConfigurationError: naming the file, the place and the correction.
+    """
+    values = read_yaml(path).mapping(KEYS)
+    vocabulary = read_vocabulary(values)
+    stream_values = values['streams'].one_or_more() if 'streams' in values else []
+    own_streams = [each for each in stream_values if is_stream_text(each)]
+    named_streams = [each for each in stream_values if each not in own_streams]
+    constants = read_constants(values['constants']) if 'constants' in values else NO_CONSTANTS
+    return RobotConfiguration(
+        ontologies=(*_files(texts(values, 'ontology')), *_ontology(vocabulary, path)),
+        annotations=(
+            *_files(texts(values, 'annotations')),
+            *_annotations(values, vocabulary),
+        ),
+        streams=(*_files(named_streams, _STREAM_HINT), *read_streams(own_streams, vocabulary)),
+        bridges=tuple(_files(texts(values, 'bridges'))),
+        domains=_domains(values),
+        formulas=formulas_of([values['formulas']] if 'formulas' in values else [], constants),
+        parameters=read_parameters(values['nodes']) if 'nodes' in values else {},
+    )
+
+
+def _ontology(vocabulary: RobotVocabulary, path: Path) -> list[InlineText]:
+    if not vocabulary:
+        return []
+    name = re.sub(r'[^A-Za-z0-9_]+', '_', path.stem)
+    return [InlineText(str(path), ontology_text(vocabulary, name))]
+
+
+def _annotations(values: Mapping[str, YamlValue], vocabulary: RobotVocabulary) -> list[InlineText]:
+    if 'features' not in values:
+        return []
+    found: list[InlineText] = []
+    for name, value in values['features'].entries('a mapping from features'):
+        feature = vocabulary.features[name.text().strip()]
+        for key, source in value.entries('the description of a feature'):
+            if key.text() == 'from':
+                found += read_topics(feature, source, vocabulary)
+        if len(found) > MAX_TEXTS:
+            raise name.error(f'the file makes more than {MAX_TEXTS} annotations; split it')
+    return found
+
+
+def _domains(values: Mapping[str, YamlValue]) -> dict[str, tuple[str, ...]]:
+    if 'domains' not in values:
+        return {}
+    entries = values['domains'].entries('a mapping from sorts to lists of objects')
+    return {
+        sort.text(): tuple(each.text('an object') for each in objects.one_or_more())
+        for sort, objects in entries
+    }
+
+
+def _files(values: list[YamlValue], hint: str = '') -> list[Path]:
+    """Return the files that texts name, which must exist."""
+    paths: list[Path] = []
+    for each in values:
+        path = each.document.path.parent / each.text('the name of a file').strip()
+        if not path.is_file():
+            raise each.error(f'there is no file {path}{hint}')
+        paths.append(path)
+    return paths

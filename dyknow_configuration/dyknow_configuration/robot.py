@@ -1,0 +1,144 @@
+"""The description of a robot and of what is monitored."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from enum import StrEnum
+from itertools import product
+from pathlib import Path
+
+from dyknow_common import InlineText, ValueType
+from dyknow_reasoning import NO_CONSTANTS, Constants
+
+ParameterValue = bool | int | float | str | list[str]
+"""The value of a node's parameter."""
+
+TextSource = Path | InlineText
+"""A file, or a text that is not in a file of its own."""
+
+
+class Severity(StrEnum):
+    """The severity of a formula that is false."""
+
+    WARNING = 'warning'
+    ERROR = 'error'
+
+
+@dataclass(frozen=True, slots=True)
+class RequestedFormula:
+    """A formula to evaluate.
+
+    Args:
+        text: in the formula language.
+        name: for people; empty for its text.
+        description: what it says, for people.
+        severity: of its violation.
+        constants: the values of names that the text does not define.
+    """
+
+    text: str
+    name: str = ''
+    description: str = ''
+    severity: Severity = Severity.WARNING
+    constants: Constants = NO_CONSTANTS
+
+    @property
+    def closed_text(self) -> str:
+        """The text with its constants, which it does not define itself."""
+        stated = ', '.join(f'{name} = {value}' for name, value in self.constants)
+        return f'let {stated} in {self.text}' if stated else self.text
+
+
+@dataclass(frozen=True, slots=True)
+class RobotSort:
+    """A sort of objects.
+
+    Args:
+        name: its name.
+        below: the sort that contains it; empty for none.
+        description: for people.
+        objects: those that are listed for it, without those of sorts below it.
+    """
+
+    name: str
+    below: str = ''
+    description: str = ''
+    objects: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class RobotFeature:
+    """A property of objects, or a relation between them.
+
+    Args:
+        name: its name.
+        arguments: the sort of each argument, by the name of its variable.
+        below: the feature that it is a kind of; empty for none.
+        value_type: of its values.
+        unit: of its values; empty for none.
+        description: for people.
+    """
+
+    name: str
+    arguments: Mapping[str, str] = field(default_factory=dict)
+    below: str = ''
+    value_type: ValueType = ValueType.FLOAT
+    unit: str = ''
+    description: str = ''
+
+
+class RobotVocabulary:
+    """The sorts and features of a robot.
+
+    Args:
+        sorts: by name; each is below an earlier one.
+        features: by name; each is below an earlier one.
+    """
+
+    def __init__(self, sorts: Iterable[RobotSort], features: Iterable[RobotFeature]) -> None:
+        self.sorts = {each.name: each for each in sorts}
+        self.features = {each.name: each for each in features}
+
+    def __bool__(self) -> bool:
+        return bool(self.sorts or self.features)
+
+    def objects(self, sort: str) -> tuple[str, ...]:
+        """Return the objects of a sort and of all sorts below it."""
+        below = {sort}
+        for each in self.sorts.values():
+            if each.below in below:
+                below.add(each.name)
+        found = (name for each in below for name in self.sorts[each].objects)
+        return tuple(dict.fromkeys(sorted(found)))
+
+
+def choices(domains: Mapping[str, Sequence[str]]) -> Iterator[dict[str, str]]:
+    """Yield each choice of an object for each variable, never one object for two of them."""
+    for objects in product(*domains.values()):
+        if len({*objects}) == len(objects):
+            yield dict(zip(domains, objects, strict=True))
+
+
+@dataclass(frozen=True, slots=True)
+class RobotConfiguration:
+    """The files, texts and formulas of a system.
+
+    Args:
+        ontologies: in OWL.
+        annotations: in SSL.
+        streams: in the stream language.
+        bridges: rules between the ontologies.
+        domains: the objects of sorts for recordings, which take precedence over those of the
+            ontologies.
+        formulas: to monitor.
+        parameters: of nodes, by the names of nodes and parameters.
+    """
+
+    ontologies: tuple[TextSource, ...] = ()
+    annotations: tuple[TextSource, ...] = ()
+    streams: tuple[TextSource, ...] = ()
+    bridges: tuple[TextSource, ...] = ()
+    domains: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+    formulas: tuple[RequestedFormula, ...] = ()
+    parameters: Mapping[str, Mapping[str, ParameterValue]] = field(default_factory=dict)

@@ -1,0 +1,192 @@
+"""The topics and streams that carry the features of a robot.yaml, as annotations.
+
+    features:
+      Speed:
+        of: {r: Rover}
+        unit: m/s
+        from: {topic: '/{r}/odom', field: twist.twist.linear.x, max_delay: 500 ms}
+
+For the objects rover1 and rover2, this makes two annotations, the first of which is
+
+    stream "/rover1/odom" contains Speed[rover1] = twist.twist.linear.x with max_delay = 500 ms;
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Mapping
+from math import prod
+from typing import TYPE_CHECKING, Final
+
+from dyknow_common import (
+    CONSTRAINT_KINDS,
+    DyKnowError,
+    InlineText,
+    check_unit,
+    quoted,
+    unit_conversion,
+)
+from dyknow_configuration.documents.composed_text import ComposedText, variables
+from dyknow_configuration.documents.yaml_values import YamlValue
+from dyknow_configuration.robot import RobotFeature, RobotVocabulary, choices
+
+if TYPE_CHECKING:
+    from dyknow_semantics import Annotation
+
+SOURCE_KEYS: Final = ('topic', 'stream', 'field', 'unit', 'only', 'where', *CONSTRAINT_KINDS)
+
+_STREAM: Final = re.compile(r'[A-Za-z][A-Za-z0-9_]*')
+
+MAX_TEXTS: Final = 10_000
+"""The number of annotations that a file makes, and of the copies of one of its texts."""
+
+
+def read_topics(
+    feature: RobotFeature, value: YamlValue, vocabulary: RobotVocabulary
+) -> list[InlineText]:
+    """Return the annotations of a feature, given the value of its key `from`.
+
+    Raises:
+        ConfigurationError: with the place of the fault.
+    """
+    sources = [_FeatureSource(feature, each, vocabulary) for each in value.one_or_more()]
+    return [annotation for each in sources for annotation in each.annotations()]
+
+
+class _FeatureSource:
+    """A topic or stream with the field that holds a feature."""
+
+    def __init__(
+        self, feature: RobotFeature, value: YamlValue, vocabulary: RobotVocabulary
+    ) -> None:
+        self._feature = feature
+        self._value = value
+        self._stated = value.mapping(SOURCE_KEYS, ('field',))
+        if ('topic' in self._stated) == ('stream' in self._stated):
+            raise value.error("give either 'topic' or 'stream'")
+        self._stream = self._stated['topic' if 'topic' in self._stated else 'stream']
+        self._keys = self._read_keys()
+        self._unit = self._read_unit()
+        self._constraints = self._read_constraints()
+        self._objects = self._read_objects(vocabulary)
+
+    def annotations(self) -> Iterator[InlineText]:
+        """Yield an annotation for each choice of objects."""
+        for objects in choices(self._objects):
+            yield InlineText(self._value.place, self._annotation(objects))
+
+    def _annotation(self, objects: Mapping[str, str]) -> str:
+        stream = str(ComposedText().add_template(self._stream, objects)).strip()
+        if 'stream' in self._stated and not _STREAM.fullmatch(stream):
+            raise self._stream.error(
+                f"'{stream}' is no name of a stream; use letters, digits and _"
+            )
+        name = quoted(stream) if 'topic' in self._stated else stream
+        arguments = ', '.join(objects.get(each, each) for each in self._feature.arguments)
+        feature = f'{self._feature.name}[{arguments}]' if arguments else self._feature.name
+        text = ComposedText()
+        text.add(f'stream {name} ', self._stream).add(f'contains {feature} = ', self._value)
+        text.add_template(self._stated['field'], objects)
+        if self._unit:
+            text.add(f' [{self._unit}]', self._stated['unit'])
+        if self._keys:
+            ranges = ', '.join(f'{each} in {self._feature.arguments[each]}' for each in self._keys)
+            text.add(f' for every {ranges} where ', self._stated['where'])
+            for index, (variable, key) in enumerate(self._keys.items()):
+                text.add(f'{", " if index else ""}{variable} = ', key).add_value(key)
+        if self._constraints:
+            given = ', '.join(f'{name} = {text_}' for name, text_ in self._constraints.items())
+            text.add(f' with {given}', self._stated[next(iter(self._constraints))])
+        text.add(';', self._value)
+        with text.errors():
+            self._check(str(text))
+        return str(text)
+
+    def _check(self, text: str) -> None:
+        # The library for ontologies, which this imports, takes a second to load.
+        from dyknow_semantics import parse_annotations  # noqa: PLC0415
+
+        found = parse_annotations(text)
+        if len(found) != 1 or not self._is_expected(found[0]):
+            raise self._stated['field'].error(
+                'write the path of one field, such as pose.position.x'
+            )
+
+    def _is_expected(self, found: Annotation) -> bool:
+        """Return False if a part of the annotation has the syntax of several parts."""
+        return (
+            len(found.contents) == 1
+            and found.contents[0].feature.name == self._feature.name
+            and (found.contents[0].unit or '') == self._unit
+            and {each.variable for each in found.ranges} == set(self._keys)
+            and set(found.constraints.given()) == set(self._constraints)
+        )
+
+    def _read_keys(self) -> dict[str, YamlValue]:
+        """Return the fields that name objects, by their variables."""
+        if 'where' not in self._stated:
+            return {}
+        entries = self._stated['where'].entries('a mapping from variables to fields')
+        found: dict[str, YamlValue] = {}
+        for variable, key in entries:
+            found[self._variable(variable)] = key
+            key.text('a field')
+        return found
+
+    def _read_unit(self) -> str:
+        if 'unit' not in self._stated:
+            return ''
+        value = self._stated['unit']
+        unit = value.text().strip()
+        value.read(check_unit, unit)
+        if not self._feature.unit:
+            raise value.error(f"'{self._feature.name}' has no unit; remove it, or give one there")
+        try:
+            unit_conversion(unit, self._feature.unit)
+        except DyKnowError as error:
+            raise value.error(error.message) from None
+        return unit
+
+    def _read_constraints(self) -> dict[str, str]:
+        given = {name: value for name, value in self._stated.items() if name in CONSTRAINT_KINDS}
+        for value in given.values():
+            value.duration()
+        return {name: value.line() for name, value in given.items()}
+
+    def _read_objects(self, vocabulary: RobotVocabulary) -> dict[str, tuple[str, ...]]:
+        """Return the objects of each variable that the message does not name."""
+        chosen = self._read_choice(vocabulary)
+        known = tuple(self._feature.arguments)
+        named = variables(self._stream, known) | variables(self._stated['field'], known)
+        found: dict[str, tuple[str, ...]] = {}
+        for variable, sort in self._feature.arguments.items():
+            objects = chosen.get(variable, vocabulary.objects(sort))
+            if variable in self._keys:
+                continue
+            if len(objects) > 1 and variable not in named:
+                raise self._stream.error(
+                    f'this is the same for {objects[0]} and {objects[1]}; write {{{variable}}} in '
+                    f"it, or add 'where: {{{variable}: FIELD}}' if a field names the {sort}"
+                )
+            found[variable] = objects
+        if prod(map(len, found.values())) > MAX_TEXTS:
+            raise self._value.error(f'this makes more than {MAX_TEXTS} annotations; split it')
+        return found
+
+    def _read_choice(self, vocabulary: RobotVocabulary) -> dict[str, tuple[str, ...]]:
+        """Return the objects of the variables for which they are given."""
+        if 'only' not in self._stated:
+            return {}
+        found: dict[str, tuple[str, ...]] = {}
+        for variable, value in self._stated['only'].entries('a mapping from variables to objects'):
+            sort = self._feature.arguments[self._variable(variable)]
+            if variable.text() in self._keys:
+                raise variable.error("'where' names its objects; remove one of the two")
+            known = vocabulary.objects(sort)
+            found[variable.text()] = tuple(
+                each.choice('object', known) for each in value.one_or_more()
+            )
+        return found
+
+    def _variable(self, value: YamlValue) -> str:
+        return value.choice('variable', tuple(self._feature.arguments))

@@ -1,0 +1,170 @@
+"""The sorts, objects and features of a robot.yaml."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Final
+
+from dyknow_common import (
+    FORMULA_WORDS,
+    FUNCTIONS,
+    SSL_WORDS,
+    ValueType,
+    check_unit,
+    unit_conversion,
+)
+from dyknow_configuration.documents.yaml_values import YamlValue, texts, unknown
+from dyknow_configuration.robot import RobotFeature, RobotSort, RobotVocabulary
+
+SORT_KEYS: Final = ('below', 'description')
+FEATURE_KEYS: Final = ('of', 'type', 'unit', 'below', 'description', 'from')
+
+_ARTICLES: Final = {'sort': 'a', 'feature': 'a', 'object': 'an'}
+_NAME: Final = re.compile(r'[A-Za-z_][A-Za-z0-9_]*')
+_RESERVED: Final = FORMULA_WORDS | SSL_WORDS | FUNCTIONS
+_UPPER: Final = {'Object', 'Feature', 'NullaryFeature', 'Thing', 'Nothing'}
+
+
+def read_vocabulary(values: Mapping[str, YamlValue]) -> RobotVocabulary:
+    """Return the sorts and features of a robot.yaml.
+
+    Raises:
+        ConfigurationError: with the place of the fault.
+    """
+    return _VocabularyReader(values).read()
+
+
+class _VocabularyReader:
+    """Reads sorts first, as features refer to them."""
+
+    def __init__(self, values: Mapping[str, YamlValue]) -> None:
+        self._values = values
+        self._kinds: dict[str, str] = {}
+        self._sorts: dict[str, RobotSort] = {}
+        self._features: dict[str, RobotFeature] = {}
+
+    def read(self) -> RobotVocabulary:
+        """Return the vocabulary."""
+        self._read_sorts()
+        self._read_objects()
+        if 'features' in self._values:
+            for name, value in self._values['features'].entries('a mapping from features'):
+                self._read_feature(name, value)
+        return RobotVocabulary(self._sorts.values(), self._features.values())
+
+    def _read_sorts(self) -> None:
+        if 'sorts' not in self._values:
+            return
+        for key, value in self._values['sorts'].entries('a mapping from sorts'):
+            stated = value.mapping(SORT_KEYS)
+            name = self._name(key, 'sort')
+            self._sorts[name] = RobotSort(
+                name,
+                self._below(stated, self._sorts, 'sort'),
+                stated['description'].line() if 'description' in stated else '',
+            )
+
+    def _read_objects(self) -> None:
+        if 'objects' not in self._values:
+            return
+        listed = self._values['objects'].entries('a mapping from sorts to lists of objects')
+        for name, value in listed:
+            sort = self._sort(name) if 'sorts' in self._values else self._name(name, 'sort')
+            objects = value.items('a list of objects')
+            names = tuple(self._name(each, 'object') for each in objects)
+            for index, each in enumerate(objects):
+                if names[index] in names[:index]:
+                    raise each.error(f"'{names[index]}' is given twice; keep one")
+            self._sorts[sort] = replace(self._sorts.get(sort, RobotSort(sort)), objects=names)
+
+    def _read_feature(self, key: YamlValue, value: YamlValue) -> None:
+        stated = value.mapping(FEATURE_KEYS)
+        below = self._below(stated, self._features, 'feature')
+        above = self._features.get(below, RobotFeature(''))
+        arguments = self._arguments(stated['of']) if 'of' in stated else above.arguments
+        if below and len(arguments) != len(above.arguments):
+            raise stated['of'].error(
+                f"'{below}' has {len(above.arguments)} arguments; give as many"
+            )
+        value_type, unit = above.value_type, above.unit
+        if 'type' in stated:
+            value_type = ValueType(stated['type'].choice('type', [*ValueType]))
+        if 'unit' in stated:
+            unit = stated['unit'].text().strip()
+            stated['unit'].read(check_unit, unit)
+            if value_type in {ValueType.STRING, ValueType.BOOLEAN}:
+                raise stated['unit'].error(f'values of type {value_type} have no unit; remove it')
+        if below:
+            _check_below(stated, above, value_type, unit)
+        name = self._name(key, 'feature')
+        self._features[name] = RobotFeature(
+            name,
+            arguments,
+            below,
+            value_type,
+            unit,
+            stated['description'].line() if 'description' in stated else '',
+        )
+
+    def _arguments(self, value: YamlValue) -> dict[str, str]:
+        if not value.is_mapping:
+            sorts = [self._sort(each) for each in texts({'of': value}, 'of')]
+            for index, each in enumerate(sorts):
+                if each in sorts[:index]:
+                    raise value.error(
+                        f'name the arguments of one sort, such as {{a: {each}, b: {each}}}'
+                    )
+            return {each: each for each in sorts}
+        found: dict[str, str] = {}
+        for variable, sort in value.entries('a mapping from variables to sorts'):
+            if not _NAME.fullmatch(variable.text()):
+                raise variable.error('a variable has letters, digits and _ only; rename it')
+            found[variable.text()] = self._sort(sort)
+        return found
+
+    def _sort(self, value: YamlValue) -> str:
+        """Return the name of a sort that is declared."""
+        name = value.text('the name of a sort').strip()
+        if name not in self._sorts:
+            raise value.error(unknown('sort', name, self._sorts))
+        return name
+
+    def _below(
+        self, stated: Mapping[str, YamlValue], known: Mapping[str, object], kind: str
+    ) -> str:
+        if 'below' not in stated:
+            return ''
+        name = stated['below'].text(f'the name of a {kind}').strip()
+        if name not in known:
+            hint = f'; declare a {kind} before those below it'
+            raise stated['below'].error(unknown(kind, name, known) + hint)
+        return name
+
+    def _name(self, value: YamlValue, kind: str) -> str:
+        """Return a name that is of no other kind."""
+        name = value.text(f'the name of {_ARTICLES[kind]} {kind}').strip()
+        if not _NAME.fullmatch(name):
+            raise value.error(
+                f"'{name}' is no name of {_ARTICLES[kind]} {kind}; use letters, digits and _, and "
+                'begin with no digit'
+            )
+        if name in _RESERVED or name in _UPPER:
+            raise value.error(f"'{name}' is a reserved word; choose another name")
+        other = self._kinds.setdefault(name, kind)
+        if other != kind:
+            raise value.error(f"'{name}' is the name of a {other} already; choose another name")
+        return name
+
+
+def _check_below(
+    stated: Mapping[str, YamlValue], above: RobotFeature, value_type: ValueType, unit: str
+) -> None:
+    """Check that a stream of a feature can replace one of the feature above it."""
+    if not above.value_type.accepts(value_type):
+        raise stated['type'].error(f"values of '{above.name}' are of type {above.value_type}")
+    if unit != above.unit and not above.unit:
+        raise stated['unit'].error(f"'{above.name}' has no unit; remove it, or give one there")
+    if unit != above.unit:
+        stated['unit'].read(lambda text: unit_conversion(text, above.unit), unit)

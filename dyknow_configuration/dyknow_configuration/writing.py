@@ -1,0 +1,109 @@
+"""The texts of a robot.yaml as files, which other tools and the nodes of DyKnow read."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterable, Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from dyknow_common import ExitCode, InlineText
+from dyknow_configuration.errors import ConfigurationError
+from dyknow_configuration.robot import RequestedFormula, RobotConfiguration, Severity, TextSource
+
+
+def write_texts(robot: RobotConfiguration, folder: Path, name: str = 'robot') -> RobotConfiguration:
+    """Write the texts of a configuration to a folder that exists.
+
+    Args:
+        robot: the configuration.
+        folder: the folder.
+        name: of the files, without their endings.
+
+    Returns:
+        The configuration with absolute paths only.
+
+    Raises:
+        ConfigurationError: if a file exists or cannot be written.
+    """
+
+    def files(sources: Iterable[TextSource], ending: str) -> tuple[Path, ...]:
+        texts = [each.text.rstrip() for each in sources if isinstance(each, InlineText)]
+        given = tuple(each.absolute() for each in sources if isinstance(each, Path))
+        path = folder.absolute() / f'{name}.{ending}'
+        if texts:
+            _write(path, '\n'.join([*texts, '']))
+        return (*given, *([path] if texts else []))
+
+    return replace(
+        robot,
+        ontologies=files(robot.ontologies, 'owl'),
+        annotations=files(robot.annotations, 'ssl'),
+        streams=files(robot.streams, 'streams'),
+        bridges=files(robot.bridges, 'bridges'),
+    )
+
+
+def export(robot: RobotConfiguration, folder: Path, name: str) -> Path:
+    """Write the files of a configuration, and a YAML file that names them; return its path.
+
+    Args:
+        robot: the configuration.
+        folder: the folder, which is made if it does not exist.
+        name: of the files, without their endings.
+
+    Raises:
+        ConfigurationError: if a file exists or cannot be written.
+    """
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise ConfigurationError(f'cannot make the folder {folder}: {error.strerror}') from None
+    written = write_texts(robot, folder, name)
+    path = folder / f'{name}.yaml'
+    _write(path, _yaml_text(_document(written, folder)))
+    return path
+
+
+def _document(robot: RobotConfiguration, folder: Path) -> dict[str, Any]:
+    """Return the content of the YAML file, with paths relative to its folder."""
+
+    def relative(files: Iterable[TextSource]) -> list[str]:
+        return [os.path.relpath(str(each), folder.absolute()) for each in files]
+
+    parts = {
+        'ontology': relative(robot.ontologies),
+        'annotations': relative(robot.annotations),
+        'streams': relative(robot.streams),
+        'bridges': relative(robot.bridges),
+        'domains': {sort: list(objects) for sort, objects in robot.domains.items()},
+        'formulas': [_formula(each) for each in robot.formulas],
+        'nodes': {node: dict(given) for node, given in robot.parameters.items()},
+    }
+    return {key: part for key, part in parts.items() if part}
+
+
+def _formula(formula: RequestedFormula) -> Mapping[str, str]:
+    description = {'description': formula.description} if formula.description else {}
+    severity = {} if formula.severity is Severity.WARNING else {'severity': str(formula.severity)}
+    name = formula.name or formula.text
+    return {'name': name, 'formula': formula.text, **description, **severity}
+
+
+def _yaml_text(document: Mapping[str, Any]) -> str:
+    return yaml.safe_dump(document, sort_keys=False, allow_unicode=True, width=100)
+
+
+def _write(path: Path, text: str) -> None:
+    try:
+        with path.open('x', encoding='utf-8') as file:
+            file.write(text)
+    except FileExistsError:
+        raise ConfigurationError(
+            f'{path} exists; remove it, or choose another folder', ExitCode.ALREADY_EXISTS
+        ) from None
+    except OSError as error:
+        raise ConfigurationError(f'cannot write {path}: {error.strerror}') from None

@@ -1,0 +1,247 @@
+"""The ontology, the annotations, the streams and the formulas of a robot.yaml."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from dyknow_common import InlineText, ValueType
+from dyknow_configuration import (
+    PACKAGES,
+    ConfigurationError,
+    RequestedFormula,
+    RobotConfiguration,
+    Severity,
+    export,
+    read_formulas,
+    read_robot,
+    write_texts,
+)
+from dyknow_semantics import Ontology, check_annotation, match, parse_annotations, parse_concept
+from dyknow_stream_processing import parse_specification, specifications_by_sink
+
+FLEET = """\
+sorts:
+  Vehicle: {description: It moves <by itself> & alone.}
+  UAV: {below: Vehicle}
+  Zone:
+objects:
+  Vehicle: [truck]
+  UAV: [uav1, uav2]
+  Zone: [north]
+features:
+  Altitude:
+    description: |
+      The height
+      above the origin.
+    of: {v: Vehicle}
+    unit: m
+    from:
+      - {topic: '/{v}/odom', field: pose.pose.position.z, only: {v: [uav1, uav2]}, max_delay: 1 s}
+      - {topic: /fleet, field: 'z', where: {v: id}, unit: ft}
+  GpsAltitude: {below: Altitude, from: {topic: '/{v}/gps', field: altitude}}
+  Distance:
+    of: {a: UAV, b: UAV}
+    unit: m
+    from: {stream: '{a}_{b}_distance', field: distance}
+  Inside: {of: [Vehicle, Zone], type: boolean, from: {topic: '/{Vehicle}/zones', field: '{Zone}'}}
+  Wind: {unit: m/s, from: {topic: /weather, field: 'speed'}}
+  Mode: {of: Vehicle, type: string}
+streams:
+  - 'compunit distance: float distance((x: float, y: float), (x: float, y: float))  # one'
+  - for: {u: UAV}
+    text: |-
+      stream {u}_position = select x, y from "/{u}/odom";
+      sink {u}_position # a comment at the end
+  - for: {a: UAV, b: UAV}
+    text: |
+      stream {a}_{b}_distance = distance({a}_position, {b}_position);
+      sink {a}_{b}_distance;
+"""
+
+
+def robot(folder: Path, text: str) -> RobotConfiguration:
+    path = folder / 'robot.yaml'
+    path.write_text(text, encoding='utf-8')
+    return read_robot(path)
+
+
+def annotations(configuration: RobotConfiguration) -> list[str]:
+    return [each.text for each in configuration.annotations if isinstance(each, InlineText)]
+
+
+def loaded(configuration: RobotConfiguration) -> Ontology:
+    ontology = Ontology()
+    for each in configuration.ontologies:
+        assert isinstance(each, InlineText)
+        ontology.load_text(each.text)
+    return ontology
+
+
+def test_the_ontology(tmp_path: Path) -> None:
+    with loaded(robot(tmp_path, FLEET)) as ontology:
+        knowledge = ontology.knowledge
+        assert knowledge.instances('Vehicle') == ('truck', 'uav1', 'uav2')
+        assert knowledge.instances('robot:UAV') == ('uav1', 'uav2')
+        features = {each.name: each for each in knowledge.features}
+        # Each has its arguments, its type and its unit, also those that are inherited.
+        assert features['GpsAltitude'].argument_sorts == ('Vehicle',)
+        assert features['GpsAltitude'].unit == 'm'
+        assert features['Distance'].argument_sorts == ('UAV', 'UAV')
+        assert features['Inside'].value_type is ValueType.BOOLEAN
+        assert features['Wind'].argument_sorts == ()
+        assert 'Altitude' in knowledge.superconcepts('GpsAltitude')
+        comment = 'SELECT ?c { ?x rdfs:comment ?c }'
+        comments = {row[0] for row in ontology.query(comment)[1]}
+        assert {'It moves <by itself> & alone.', 'The height above the origin.'} <= comments
+
+
+def test_the_annotations(tmp_path: Path) -> None:
+    configuration = robot(tmp_path, FLEET)
+    assert annotations(configuration) == [
+        'stream "/uav1/odom" contains Altitude[uav1] = pose.pose.position.z with max_delay = 1 s;',
+        'stream "/uav2/odom" contains Altitude[uav2] = pose.pose.position.z with max_delay = 1 s;',
+        'stream "/fleet" contains Altitude[v] = z [ft] for every v in Vehicle where v = id;',
+        'stream "/truck/gps" contains GpsAltitude[truck] = altitude;',
+        'stream "/uav1/gps" contains GpsAltitude[uav1] = altitude;',
+        'stream "/uav2/gps" contains GpsAltitude[uav2] = altitude;',
+        'stream uav1_uav2_distance contains Distance[uav1, uav2] = distance;',
+        'stream uav2_uav1_distance contains Distance[uav2, uav1] = distance;',
+        'stream "/truck/zones" contains Inside[truck, north] = north;',
+        'stream "/uav1/zones" contains Inside[uav1, north] = north;',
+        'stream "/uav2/zones" contains Inside[uav2, north] = north;',
+        'stream "/weather" contains Wind = speed;',
+    ]
+    assert {each.name for each in configuration.annotations if isinstance(each, InlineText)} >= {
+        f'{tmp_path}/robot.yaml:17',
+        f'{tmp_path}/robot.yaml:18',
+    }
+
+
+def test_the_annotations_match(tmp_path: Path) -> None:
+    configuration = robot(tmp_path, FLEET)
+    parsed = [each for text in annotations(configuration) for each in parse_annotations(text)]
+    with loaded(configuration) as ontology:
+        for each in parsed:
+            check_annotation(each, ontology.knowledge)
+        found = match(parse_concept('Altitude[uav1]'), parsed, ontology.knowledge)
+    topics = [each.specification.split('from "')[-1].split('"')[0] for each in found]
+    assert sorted(topics) == ['/fleet', '/uav1/gps', '/uav1/odom']
+
+
+def test_the_streams(tmp_path: Path) -> None:
+    (text,) = robot(tmp_path, FLEET).streams
+    assert isinstance(text, InlineText)
+    assert list(specifications_by_sink(parse_specification(text.text))) == [
+        'uav1_position',
+        'uav2_position',
+        'uav1_uav2_distance',
+        'uav2_uav1_distance',
+    ]
+
+
+def test_anchors_and_merges(tmp_path: Path) -> None:
+    configuration = robot(
+        tmp_path,
+        'objects: {R: [r1]}\n'
+        'features:\n'
+        '  A: {of: R, from: &odom {topic: /odom, field: a, max_delay: 1 s}}\n'
+        '  B: {of: R, from: {<<: *odom, field: b}}\n',
+    )
+    assert annotations(configuration) == [
+        'stream "/odom" contains A[r1] = a with max_delay = 1 s;',
+        'stream "/odom" contains B[r1] = b with max_delay = 1 s;',
+    ]
+
+
+def test_fields_may_name_objects(tmp_path: Path) -> None:
+    configuration = robot(
+        tmp_path,
+        'objects: {Joint: [elbow, wrist]}\n'
+        'features:\n'
+        '  Position: {of: {j: Joint}, from: {topic: /joints, field: "{j}.position"}}\n',
+    )
+    assert annotations(configuration) == [
+        'stream "/joints" contains Position[elbow] = elbow.position;',
+        'stream "/joints" contains Position[wrist] = wrist.position;',
+    ]
+
+
+def test_formulas_and_parameters(tmp_path: Path) -> None:
+    (tmp_path / 'more.txt').write_text('# a comment\n\nalways a.c < 1\n')
+    configuration = robot(
+        tmp_path,
+        'formulas:\n'
+        '  - {name: slow, formula: "always a.b < 1 ", severity: error, description: It is slow.}\n'
+        '  - more.txt\n'
+        'nodes: {stream_reasoning_coordinator: {silence_limit: 2, names: [a, b], x: no}}\n',
+    )
+    assert configuration.formulas == (
+        RequestedFormula('always a.b < 1', 'slow', 'It is slow.', Severity.ERROR),
+        RequestedFormula('always a.c < 1'),
+    )
+    assert configuration.parameters == {
+        'stream_reasoning_coordinator': {'silence_limit': 2, 'names': ['a', 'b'], 'x': False}
+    }
+
+
+def test_files_lie_beside_the_robot(tmp_path: Path) -> None:
+    folder = tmp_path / 'config'
+    folder.mkdir()
+    for name in ('a.owl', 'a b.ssl', 'a.streams', 'a.bridges'):
+        (folder / name).write_text('')
+    configuration = robot(
+        folder,
+        'ontology: a.owl\nannotations: [a b.ssl]\nstreams: [a.streams]\nbridges: a.bridges\n'
+        'domains: {Robot: [r1]}\nformulas: []\n',
+    )
+    assert configuration.ontologies == (folder / 'a.owl',)
+    assert configuration.annotations == (folder / 'a b.ssl',)
+    assert configuration.streams == (folder / 'a.streams',)
+    assert configuration.bridges == (folder / 'a.bridges',)
+    assert configuration.domains == {'Robot': ('r1',)}
+
+
+@pytest.mark.parametrize('text', ['', '# nothing\n', '{}', 'objects: {}\n'])
+def test_every_part_is_optional(tmp_path: Path, text: str) -> None:
+    assert robot(tmp_path, text) == RobotConfiguration()
+
+
+def test_the_exported_files_describe_the_same_robot(tmp_path: Path) -> None:
+    text = f'{FLEET}formulas: [{{name: slow, formula: Wind < 1, severity: error}}]\n'
+    text += 'nodes: {stream_manager: {memory: m.json}}\ndomains: {Zone: [south]}\n'
+    (tmp_path / 'more.ssl').write_text('stream "/x" contains Wind = x;\n')
+    configuration = robot(tmp_path, f'{text}annotations: more.ssl\n')
+    path = export(configuration, tmp_path / 'new' / 'files', 'fleet')
+    exported = read_robot(path)
+    for kind in ('formulas', 'parameters', 'domains'):
+        assert getattr(exported, kind) == getattr(configuration, kind)
+    assert [each.name for each in exported.annotations if isinstance(each, Path)] == [
+        'more.ssl',
+        'fleet.ssl',
+    ]
+    written = '\n'.join(each.read_text() for each in exported.annotations if isinstance(each, Path))
+    assert [str(each) for each in parse_annotations(written)][1:] == [
+        str(each) for text in annotations(configuration) for each in parse_annotations(text)
+    ]
+    with Ontology() as ontology, loaded(configuration) as inline:
+        ontology.load(tmp_path / 'new' / 'files' / 'fleet.owl')
+        assert ontology.knowledge.features == inline.knowledge.features
+    with pytest.raises(ConfigurationError, match=r'fleet\.owl exists; remove it'):
+        export(configuration, tmp_path / 'new' / 'files', 'fleet')
+
+
+def test_written_texts_are_named_by_absolute_paths(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    written = write_texts(robot(tmp_path, FLEET), Path())
+    assert written.streams == (tmp_path / 'robot.streams',)
+    assert read_formulas(tmp_path / 'robot.ssl')
+
+
+def test_the_nodes_are_those_of_the_packages() -> None:
+    for node, package in PACKAGES.items():
+        folder = Path(__file__).parents[2] / package / package / 'ros'
+        assert (folder / f'{node}.py').is_file()

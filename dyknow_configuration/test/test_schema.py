@@ -1,0 +1,114 @@
+"""The JSON Schema for editors knows the keys of the reader, and accepts what the reader accepts."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+
+from dyknow_common import CONSTRAINT_KINDS, ValueType
+from dyknow_configuration import PACKAGES, Severity, reading
+from dyknow_configuration.formulas import FORMULA_KEYS
+from dyknow_configuration.stream_texts import TEMPLATE_KEYS
+from dyknow_configuration.topics import SOURCE_KEYS
+from dyknow_configuration.vocabulary import FEATURE_KEYS, SORT_KEYS
+
+ROOT = Path(__file__).parents[2]
+SCHEMA = json.loads((ROOT / 'docs' / 'robot.schema.json').read_text(encoding='utf-8'))
+DEFINITIONS = SCHEMA['$defs']
+BAD = Path(__file__).parent / 'bad_robots'
+TYPES: dict[str, tuple[type, ...]] = {
+    'object': (dict,), 'array': (list,), 'string': (str,), 'boolean': (bool,), 'integer': (int,),
+    'number': (int, float), 'null': (type(None),),
+}  # fmt: skip
+
+WRONG = (
+    'bad_object_name', 'bare_duration', 'boolean_for_object', 'formula_without_name', 'no_field',
+    'no_list_of_objects', 'no_mapping', 'number_for_object', 'parameter_of_no_type',
+    'topic_and_stream', 'unknown_feature_key', 'unknown_key', 'unknown_node', 'unknown_severity',
+    'unknown_source_key', 'unknown_type', 'unknown_unit_of_time',
+)  # fmt: skip
+"""The faults that a schema can know."""
+
+ACCEPTED = """\
+objects: {A: [a1], B: }
+sorts:
+formulas: [{name: a, formula: 'always x.y = 1', severity: error}, more.yaml]
+features:
+  Empty:
+  F: {of: [A, B], type: boolean, from: [{topic: /a, field: b, max_lead: 1.5min, where: {A: c}}]}
+streams: [a.streams, {for: {a: A}, text: sink a}]
+nodes: {stream_manager: {a: 1, b: [c], d: true, e: 1.5, f: g}, ontology_manager: }
+ontology: a.owl
+annotations: [a.ssl, b.ssl]
+domains: {A: a1}
+"""
+
+
+def faults(schema: Mapping[str, Any], value: Any, place: str = '$') -> Iterator[str]:
+    """Yield the differences between a value and the keywords that our schema uses."""
+    if '$ref' in schema:
+        yield from faults(DEFINITIONS[schema['$ref'].rpartition('/')[2]], value, place)
+    if 'oneOf' in schema:
+        found = [list(faults(each, value, place)) for each in schema['oneOf']]
+        if sum(not each for each in found) != 1:
+            yield f'{place}: not one of: {found}'
+    names = schema.get('type', list(TYPES))
+    types = [
+        each for name in ([names] if isinstance(names, str) else names) for each in TYPES[name]
+    ]
+    if type(value) not in types:
+        yield f'{place}: {value!r} is not of type {names}'
+    elif value not in schema.get('enum', [value]):
+        yield f'{place}: {value!r} is not one of {schema["enum"]}'
+    elif isinstance(value, str) and not re.search(schema.get('pattern', ''), value):
+        yield f'{place}: {value!r} is not {schema["pattern"]}'
+    elif isinstance(value, list):
+        for index, each in enumerate(value):
+            yield from faults(schema.get('items', {}), each, f'{place}[{index}]')
+    elif isinstance(value, dict):
+        yield from faults_of_object(schema, value, place)
+
+
+def faults_of_object(
+    schema: Mapping[str, Any], value: Mapping[str, Any], place: str
+) -> Iterator[str]:
+    properties, others = schema.get('properties', {}), schema.get('additionalProperties', {})
+    yield from (f'{place}: lacks {key}' for key in schema.get('required', ()) if key not in value)
+    for key, each in value.items():
+        yield from faults(schema.get('propertyNames', {}), key, f'{place}.{key}')
+        if key in properties or others is not False:
+            yield from faults(properties.get(key, others), each, f'{place}.{key}')
+        else:
+            yield f'{place}: unknown key {key}'
+
+
+def test_the_keys_are_those_of_the_reader() -> None:
+    properties = {name: {*each.get('properties', ())} for name, each in DEFINITIONS.items()}
+    assert {*SCHEMA['properties']} == {*reading.KEYS}
+    assert properties['sort'] == {*SORT_KEYS}
+    assert properties['feature'] == {*FEATURE_KEYS}
+    assert properties['source'] == {*SOURCE_KEYS} >= {*CONSTRAINT_KINDS}
+    assert properties['formula'] == {*FORMULA_KEYS}
+    template = next(each for each in DEFINITIONS['stream']['oneOf'] if 'properties' in each)
+    assert {*template['properties']} == {*TEMPLATE_KEYS}
+    assert {*SCHEMA['properties']['nodes']['properties']} == {*PACKAGES}
+    assert DEFINITIONS['feature']['properties']['type']['enum'] == [*ValueType]
+    assert DEFINITIONS['formula']['properties']['severity']['enum'] == [*Severity]
+
+
+def test_examples_are_valid() -> None:
+    rover = (ROOT / 'docs' / 'examples' / 'rover.yaml').read_text(encoding='utf-8')
+    for text in (rover, ACCEPTED, ''):
+        assert not list(faults(SCHEMA, yaml.safe_load(text)))
+
+
+@pytest.mark.parametrize('name', WRONG)
+def test_wrong_ones_are_not(name: str) -> None:
+    text = (BAD / f'{name}.yaml').read_text(encoding='utf-8')
+    assert list(faults(SCHEMA, yaml.safe_load(text)))

@@ -1,0 +1,223 @@
+"""One file describes a robot for checks of recordings, the running system and its monitor."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+from builtin_interfaces.msg import Time
+from dyknow_interfaces.msg import EvaluationStatus, EvaluationStatusArray
+from nav_msgs.msg import Odometry
+from rclpy.serialization import serialize_message
+from rosbags.rosbag2 import StoragePlugin, Writer
+from rosbags.typesys import Stores, get_typestore
+from sensor_msgs.msg import BatteryState
+
+from commands import command, output_of, running
+from dyknow_bringup.processes.arguments import CONFIGURATION, configuration
+from dyknow_bringup.processes.processes import dyknow_processes
+from dyknow_common.ros import LATCHED, nanoseconds_to_time
+from dyknow_configuration import ConfigurationError
+from system import private_environment
+from test_rover import EXAMPLES, Rover
+
+ROBOT = EXAMPLES / 'rover.yaml'
+RUNNING = EvaluationStatus.RUNNING
+
+
+@pytest.fixture(scope='module')
+def rover() -> Iterator[tuple[Rover, dict[str, str]]]:
+    """The rover, and a system that its file describes."""
+    environment = private_environment()
+    with running(command('dyknow', 'up', str(ROBOT)), environment) as process:
+        assert process.stdout is not None
+        start = 'DyKnow runs in /: 1 ontology (3 concepts, 2 features, 1 object), 2 annotations'
+        assert any(start in line for line in process.stdout)
+        publishing = Rover(environment)
+        publishing.client.wait_for_coordinator()
+        yield publishing, environment
+        publishing.client.close()
+
+
+def monitored(
+    rover: tuple[Rover, dict[str, str]], *options: str
+) -> tuple[int, dict[str, dict[str, Any]], str]:
+    """Run `dyknow monitor`; return its code, the last change of each formula, and all output."""
+    publishing, environment = rover
+    line = command('dyknow', 'monitor', *options, '--json')
+    code, output = publishing.run(line, environment)
+    lines = [json.loads(line) for line in output.splitlines() if line.startswith('{')]
+    return code, {each['name']: each for each in lines}, output
+
+
+def formulas(folder: Path, **texts: str) -> str:
+    """Write formulas to a file, all of severity `error`, and return its path."""
+    path = folder / 'formulas.yaml'
+    path.write_text(
+        'formulas:\n'
+        + ''.join(
+            f'  - {{name: {name}, severity: error, formula: {json.dumps(text)}}}\n'
+            for name, text in texts.items()
+        )
+    )
+    return str(path)
+
+
+def test_all_formulas_are_monitored(rover: tuple[Rover, dict[str, str]], tmp_path: Path) -> None:
+    path = formulas(
+        tmp_path,
+        fast='forall r in Rover: always[0 s, 1 s] Speed[r] < 1.5',
+        slow='forall r in Rover: always[0 s, 1 s] Speed[r] < 0.5',
+    )
+    code, changes, output = monitored(rover, path)
+    assert code == 1, output
+    assert {name: each['outcome'] for name, each in changes.items()} == {
+        'fast': 'true',
+        'slow': 'false',
+    }
+    assert 'Speed[rover1] = 1' in changes['slow']['explanation']
+    (logged,) = (line for line in output.splitlines() if 'slow: false' in line and '{' not in line)
+    assert '[ERROR]' in logged
+
+
+def test_the_formulas_of_the_robot_hold_for_a_while(rover: tuple[Rover, dict[str, str]]) -> None:
+    publishing, environment = rover
+    line = command('dyknow', 'monitor', str(ROBOT), '--duration', '2')
+    code, output = publishing.run(line, environment)
+    assert code == 0, output
+    assert 'speed limit' in output
+    assert 'undecided' in output
+
+
+def test_a_violation_that_ends_is_not_the_end(
+    rover: tuple[Rover, dict[str, str]], tmp_path: Path
+) -> None:
+    publishing, _ = rover
+    path = formulas(tmp_path, charged='forall r in Rover: always Charge[r] > 0.2')
+
+    def follow(report: EvaluationStatusArray) -> None:
+        """The battery falls silent when it is monitored, then returns, and then it is empty."""
+        found = [each for each in report.evaluations if each.name == 'charged']
+        has_ended = any(each.phase == EvaluationStatus.ENDED for each in found)
+        states = max((each.states_progressed for each in found if each.phase == RUNNING), default=0)
+        if has_ended:
+            publishing.publishes_battery = True
+            publishing.charge = 0.1 if states > 60 else 0.9
+        elif states:
+            publishing.publishes_battery = False
+
+    node = publishing.client.node
+    topic = 'stream_reasoning_coordinator/evaluations'
+    listener = node.create_subscription(EvaluationStatusArray, topic, follow, LATCHED)
+    code, changes, output = monitored(rover, path, '--retry', '--duration', '60')
+    node.destroy_subscription(listener)
+    publishing.charge = 0.9
+    assert code == 1, output
+    assert changes['charged']['outcome'] == 'false'
+    outcomes = [json.loads(line)['outcome'] for line in output.splitlines() if line[0] == '{']
+    # In between it is undecided, which is reported with the next progress.
+    assert (outcomes[0], outcomes[-1]) == ('CONSTRAINT_VIOLATION', 'false')
+
+
+def test_a_formula_that_cannot_be_evaluated(
+    rover: tuple[Rover, dict[str, str]], tmp_path: Path
+) -> None:
+    path = formulas(tmp_path, unknown='forall r in Rover: always Sped[r] < 1.5')
+    code, changes, output = monitored(rover, path)
+    assert code == 2, output
+    assert 'Sped' in changes['unknown']['explanation']
+
+
+def test_a_fault_in_the_file_is_shown_at_its_place(tmp_path: Path) -> None:
+    path = tmp_path / 'robot.yaml'
+    path.write_text('formulas:\n  - {name: a, formula: always alway x}\n')
+    for verb in ('monitor', 'up'):
+        done = output_of(command('dyknow', verb, str(path)), private_environment())
+        assert done.returncode == 2
+        assert done.stderr.startswith(f"dyknow: {path}:2:37: unexpected 'x'")
+
+
+def test_a_file_without_formulas_is_not_monitored(tmp_path: Path) -> None:
+    path = tmp_path / 'robot.yaml'
+    path.write_text('objects: {Rover: [rover1]}\n')
+    done = output_of(command('dyknow', 'monitor', str(path)), private_environment())
+    assert (done.returncode, done.stderr) == (
+        2,
+        f"dyknow: {path}: there is no formula; add one under 'formulas'\n",
+    )
+
+
+def test_launch_files_take_the_same_file() -> None:
+    values = {name: default for name, (default, _) in CONFIGURATION.items()}
+    processes = dyknow_processes(configuration({**values, 'config': str(ROBOT)}))
+    given = {each.executable: each.parameters for each in processes}
+    for node, parameter, ending in (
+        ('ontology_manager', 'ontologies', 'rover.owl'),
+        ('stream_semantics_manager', 'annotations', 'rover.ssl'),
+        ('stream_manager', 'streams', 'rover.streams'),
+    ):
+        (path,) = given[node][parameter]
+        assert path.endswith(f'/{ending}')
+        assert Path(path).is_file()
+    assert given['stream_reasoning_coordinator'] == {'silence_limit': 10.0}
+    with pytest.raises(ConfigurationError, match='cannot read'):
+        configuration({**values, 'config': 'missing.yaml'})
+
+
+def recorded(path: Path) -> str:
+    """Record a rover that drives ever faster, and whose battery becomes empty."""
+    store = get_typestore(Stores.ROS2_JAZZY)
+    with Writer(path, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
+        connections = {
+            topic: writer.add_connection(topic, name, typestore=store)
+            for topic, name in (
+                ('/rover1/odom', 'nav_msgs/msg/Odometry'),
+                ('/rover1/battery', 'sensor_msgs/msg/BatteryState'),
+            )
+        }
+        for number in range(100):
+            time = 1_700_000_000_000_000_000 + number * 100_000_000
+            stamp: Time = nanoseconds_to_time(time)
+            battery, odometry = BatteryState(percentage=1 - number / 90), Odometry()
+            battery.header.stamp = odometry.header.stamp = stamp
+            odometry.twist.twist.linear.x = 1 + math.sin(number / 30)
+            odometry.twist.twist.linear.y = 0.5
+            writer.write(connections['/rover1/odom'], time, serialize_message(odometry))
+            writer.write(connections['/rover1/battery'], time, serialize_message(battery))
+    return str(path)
+
+
+def test_checks_are_those_of_three_files(tmp_path: Path) -> None:
+    """The file, the files that it is exported to, and those written by hand mean the same."""
+    bag = recorded(tmp_path / 'bag')
+    environment = private_environment()
+    done = output_of(command('dyknow', 'init', '--export', str(tmp_path), str(ROBOT)), environment)
+    assert done.returncode == 0, done.stderr
+    texts = (
+        'forall r in Rover: always Speed[r] < 1.5',
+        'forall r in Rover: always (Charge[r] < 0.2 -> eventually[0 s, 2 s] Speed[r] < 0.1)',
+        'forall r in Rover: always[0 s, 5 s] Charge[r] > 0.4',
+    )
+    options = [word for text in texts for word in ('--formula', text)]
+    by_hand = [
+        *('--ontology', str(EXAMPLES / 'rover.owl'), '--annotations', str(EXAMPLES / 'rover.ssl')),
+        *('--streams', str(EXAMPLES / 'rover.streams')),
+    ]
+    documents = []
+    for files in (
+        by_hand,
+        ['--config', str(ROBOT)],
+        ['--config', str(tmp_path / 'rover.yaml')],
+    ):
+        line = command('dyknow', 'check', bag, '--json', *files, *options)
+        done = output_of(line, environment)
+        assert done.returncode == 1, done.stderr
+        document = json.loads(done.stdout)
+        assert document['notes'] == []
+        documents.append(document['formulas'][-len(texts) :])
+    assert documents[0] == documents[1] == documents[2]
+    assert [each['outcome'] for each in documents[0]] == ['false', 'false', 'true']
