@@ -8,26 +8,28 @@ from dyknow_reasoning.language.constants import NO_CONSTANTS, Constants
 from dyknow_reasoning.language.formula import (
     Always,
     And,
-    Arithmetic,
     Comparison,
     Eventually,
-    Feature,
-    FieldReference,
     Forall,
     Formula,
-    Function,
     Historically,
-    Number,
     Once,
     Previous,
     Since,
-    Term,
     Until,
     parts,
 )
 from dyknow_reasoning.language.interval import Interval
 from dyknow_reasoning.language.parsing import parse_constants, parse_formula
 from dyknow_reasoning.language.symbols import symbols_of
+from dyknow_reasoning.language.terms import (
+    Arithmetic,
+    Feature,
+    FieldReference,
+    Function,
+    Number,
+    Term,
+)
 from dyknow_reasoning.language.type_checking import Kind, check_types
 from dyknow_reasoning.progression.atoms import CALCULATE
 from dyknow_reasoning.progression.functions import call_function_on_vectors

@@ -12,8 +12,8 @@ from typing import Any
 
 from dyknow_common import SECOND_NS, LanguageError, Value, ValueType, shortened
 from dyknow_reasoning.errors import ReasoningError
-from dyknow_reasoning.language.formula import Feature, FieldReference
 from dyknow_reasoning.language.parsing import parse_formula
+from dyknow_reasoning.language.terms import Feature, FieldReference
 
 _UNITS = {'time_ns': Decimal(1), 'time_s': Decimal(SECOND_NS)}
 _EXACT = Context(prec=60, traps=[Inexact, Overflow])

@@ -16,7 +16,6 @@ from dyknow_reasoning.language.formula import (
     CountOf,
     Equivalent,
     Eventually,
-    Feature,
     Formula,
     Historically,
     Implies,
@@ -25,10 +24,10 @@ from dyknow_reasoning.language.formula import (
     Or,
     Previous,
     Since,
-    Truth,
     Until,
 )
 from dyknow_reasoning.language.interval import Interval
+from dyknow_reasoning.language.terms import Feature, Truth
 
 Bounds = tuple[float, float]
 Step = tuple[int, float, Mapping[str, float] | None]

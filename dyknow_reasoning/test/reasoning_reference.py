@@ -17,7 +17,6 @@ from dyknow_reasoning.language.formula import (
     CountOf,
     Equivalent,
     Eventually,
-    Feature,
     Formula,
     Historically,
     Implies,
@@ -27,9 +26,9 @@ from dyknow_reasoning.language.formula import (
     Or,
     Previous,
     Since,
-    Truth,
     Until,
 )
+from dyknow_reasoning.language.terms import Feature, Truth
 
 NAMES = ('p', 'q')
 

@@ -23,22 +23,24 @@ from dyknow_reasoning.language.formula import (
     Comparison,
     Eventually,
     Exists,
-    Feature,
     Forall,
     Formula,
     Historically,
-    Number,
-    Object,
     Once,
     Or,
     Previous,
     Since,
-    TextLiteral,
-    Truth,
     Until,
-    Variable,
     walk,
     with_changed_parts,
+)
+from dyknow_reasoning.language.terms import (
+    Feature,
+    Number,
+    Object,
+    TextLiteral,
+    Truth,
+    Variable,
 )
 
 EXAMPLES = 20_000 if os.environ.get('DYKNOW_LONG_TESTS') else 400

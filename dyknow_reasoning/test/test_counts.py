@@ -23,8 +23,8 @@ from dyknow_reasoning.language.formula import (
     Interval,
     Not,
     Or,
-    Truth,
 )
+from dyknow_reasoning.language.terms import Truth
 
 BOUNDS = st.sampled_from(CountBound)
 

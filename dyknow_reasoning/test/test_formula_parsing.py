@@ -13,27 +13,29 @@ from dyknow_reasoning import FormulaGroup, parse_formula
 from dyknow_reasoning.language.formula import (
     Always,
     And,
-    Arithmetic,
     Comparison,
     Equivalent,
     Eventually,
     Exists,
-    Feature,
-    FieldReference,
     Forall,
     Formula,
     Implies,
     Interval,
     Not,
+    Or,
+    Until,
+    walk,
+)
+from dyknow_reasoning.language.terms import (
+    Arithmetic,
+    Feature,
+    FieldReference,
     Number,
     Object,
-    Or,
     Term,
     TextLiteral,
     Truth,
-    Until,
     Variable,
-    walk,
 )
 
 BAD_FORMULAS = sorted((Path(__file__).parent / 'bad_formulas').glob('*.formula'))

@@ -15,7 +15,12 @@ from reasoning_reference import COMPARISONS, formulas
 
 from dyknow_common import Margin, Verdict
 from dyknow_reasoning import FormulaGroup, ReasoningError
-from dyknow_reasoning.language.formula import And, Comparison, Feature, Formula, Number
+from dyknow_reasoning.language.formula import (
+    And,
+    Comparison,
+    Formula,
+)
+from dyknow_reasoning.language.terms import Feature, Number
 from dyknow_reasoning.margins.building import check_margin
 
 S = 1_000_000_000

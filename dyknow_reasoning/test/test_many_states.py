@@ -18,7 +18,7 @@ from dyknow_reasoning import FormulaGroup, FormulaLimits, FormulaResult
 from dyknow_reasoning.errors import ReasoningError
 from dyknow_reasoning.execution import block_progression, instance_monitor, instance_pool
 from dyknow_reasoning.execution.automata import automaton, configurations
-from dyknow_reasoning.language.formula import Feature
+from dyknow_reasoning.language.terms import Feature
 
 EXAMPLES = 5000 if os.environ.get('DYKNOW_LONG_TESTS') else 150
 PERIOD = 3

@@ -11,8 +11,9 @@ from hypothesis import strategies as st
 from margin_reference import Step, ended, margin
 from reasoning_reference import COMPARISONS, formulas
 
-from dyknow_reasoning.language.formula import Comparison, Feature, Formula, Number
+from dyknow_reasoning.language.formula import Comparison, Formula
 from dyknow_reasoning.language.parsing import parse_formula
+from dyknow_reasoning.language.terms import Feature, Number
 from dyknow_reasoning.language.type_checking import check_types
 from dyknow_reasoning.margins import windows
 from dyknow_reasoning.margins.formula_margin import FormulaMargin

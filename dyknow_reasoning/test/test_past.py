@@ -24,7 +24,6 @@ from dyknow_reasoning.execution.past import histories
 from dyknow_reasoning.language.formula import (
     Always,
     And,
-    Feature,
     Formula,
     Historically,
     Implies,
@@ -34,8 +33,8 @@ from dyknow_reasoning.language.formula import (
     Or,
     Previous,
     Since,
-    Truth,
 )
+from dyknow_reasoning.language.terms import Feature, Truth
 
 CASES = 100_000 if os.environ.get('DYKNOW_LONG_TESTS') else 600
 EXAMPLES = 20_000 if os.environ.get('DYKNOW_LONG_TESTS') else 200

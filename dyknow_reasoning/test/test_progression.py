@@ -17,14 +17,13 @@ from dyknow_reasoning.language.formula import (
     Always,
     And,
     Eventually,
-    Feature,
     Formula,
     Interval,
     Not,
     Or,
-    Truth,
     Until,
 )
+from dyknow_reasoning.language.terms import Feature, Truth
 
 EXAMPLES = 20_000 if os.environ.get('DYKNOW_LONG_TESTS') else 400
 

@@ -20,15 +20,14 @@ from dyknow_reasoning.language.formula import (
     And,
     Equivalent,
     Eventually,
-    Feature,
     Formula,
     Implies,
     Interval,
     Not,
     Or,
-    Truth,
     Until,
 )
+from dyknow_reasoning.language.terms import Feature, Truth
 
 EXAMPLES = 20_000 if os.environ.get('DYKNOW_LONG_TESTS') else 400
 SECOND = 1_000_000_000

@@ -18,13 +18,12 @@ from dyknow_reasoning.language.formula import (
     And,
     Comparison,
     Equivalent,
-    Feature,
     Formula,
     Implies,
     Not,
-    Number,
     Or,
 )
+from dyknow_reasoning.language.terms import Feature, Number
 
 
 def at_once(text: str) -> str:

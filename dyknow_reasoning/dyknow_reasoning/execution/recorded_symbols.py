@@ -23,7 +23,8 @@ from dyknow_reasoning.execution.vectors.atom_vectors import (
     checked,
 )
 from dyknow_reasoning.execution.vectors.batch_keys import atom_form
-from dyknow_reasoning.language.formula import Atom, PastAtom, Term
+from dyknow_reasoning.language.formula import Atom, PastAtom
+from dyknow_reasoning.language.terms import Term
 from dyknow_reasoning.language.type_checking import Kind, Kinds
 from dyknow_reasoning.progression.atoms import field_name, fields, predicate
 from dyknow_reasoning.progression.nodes import slots

@@ -26,15 +26,17 @@ from dyknow_reasoning.language.formula import (
     Comparison,
     Eventually,
     Formula,
-    Number,
     PastAtom,
-    Term,
-    TextLiteral,
-    Truth,
     Until,
     walk,
 )
 from dyknow_reasoning.language.interval import Interval
+from dyknow_reasoning.language.terms import (
+    Number,
+    Term,
+    TextLiteral,
+    Truth,
+)
 from dyknow_reasoning.progression.atoms import (
     COMPARE,
     MIRRORED_COMPARISONS,

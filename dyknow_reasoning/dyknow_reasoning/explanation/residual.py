@@ -6,8 +6,14 @@ from collections.abc import Mapping, Sequence
 from functools import reduce
 from operator import attrgetter
 
-from dyknow_reasoning.language.formula import Atom, Comparison, Formula, Not, operand_text
+from dyknow_reasoning.language.formula import (
+    Atom,
+    Comparison,
+    Formula,
+    Not,
+)
 from dyknow_reasoning.language.interval import Interval
+from dyknow_reasoning.language.terms import operand_text
 from dyknow_reasoning.progression.atoms import NEGATED_COMPARISONS
 from dyknow_reasoning.progression.bounds import Bound, Chronology
 from dyknow_reasoning.progression.node_store import NodeStore

@@ -12,19 +12,21 @@ from typing import Any, Final, TypeAlias
 
 from dyknow_common import NOWHERE, PositionedError, TextPosition
 from dyknow_reasoning.language.formula import (
-    Arithmetic,
     Comparison,
-    Feature,
     Formula,
-    Function,
     Let,
+    walk,
+    with_changed_parts,
+)
+from dyknow_reasoning.language.terms import (
+    Arithmetic,
+    Feature,
+    Function,
     Number,
     Object,
     Quantity,
     TextLiteral,
     Truth,
-    walk,
-    with_changed_parts,
 )
 
 Constant: TypeAlias = Number | Quantity | TextLiteral | Truth

@@ -22,16 +22,18 @@ from dyknow_common import (
     shortened,
 )
 from dyknow_reasoning.language.formula import (
-    Arithmetic,
     Comparison,
-    FieldReference,
     Formula,
+    with_changed_parts,
+)
+from dyknow_reasoning.language.terms import (
+    Arithmetic,
+    FieldReference,
     Function,
     Number,
     Term,
     TextLiteral,
     Truth,
-    with_changed_parts,
 )
 
 

@@ -13,132 +13,22 @@ from dataclasses import dataclass, replace
 from enum import StrEnum
 from typing import Any, ClassVar, TypeAlias
 
-from dyknow_common import ComputedField, SyntaxNode, parse_field
+from dyknow_common import SyntaxNode
 from dyknow_reasoning.language.interval import ALL_FUTURE, Interval
+from dyknow_reasoning.language.terms import (
+    Feature,
+    FieldReference,
+    Function,
+    Object,
+    Operation,
+    Term,
+    Truth,
+    operand_text,
+)
 
 
 @dataclass(frozen=True, slots=True)
-class Number(SyntaxNode):
-    """A number."""
-
-    value: int | float
-
-    def __str__(self) -> str:
-        return repr(self.value)
-
-
-@dataclass(frozen=True, slots=True)
-class Quantity(SyntaxNode):
-    """A number with a unit of measurement, until it is converted to the unit of a feature."""
-
-    value: int | float
-    unit: str
-
-    def __str__(self) -> str:
-        return f'{self.value!r} "{self.unit}"'
-
-
-@dataclass(frozen=True, slots=True)
-class TextLiteral(SyntaxNode):
-    """A quoted string."""
-
-    value: str
-
-    def __str__(self) -> str:
-        escaped = self.value.replace('\\', '\\\\').replace('"', '\\"')
-        return f'"{escaped}"'
-
-
-@dataclass(frozen=True, slots=True)
-class Truth(SyntaxNode):
-    """`true` or `false`: a formula, and a value that a boolean feature can be compared with."""
-
-    value: bool
-
-    def __str__(self) -> str:
-        return 'true' if self.value else 'false'
-
-
-@dataclass(frozen=True, slots=True)
-class _Name(SyntaxNode):
-    name: str
-
-    def __str__(self) -> str:
-        return self.name
-
-
-@dataclass(frozen=True, slots=True)
-class Object(_Name):
-    """An object of the domain."""
-
-
-@dataclass(frozen=True, slots=True)
-class Variable(_Name):
-    """A variable that a quantifier binds to the objects of a sort."""
-
-
-@dataclass(frozen=True, slots=True)
-class Feature(SyntaxNode):
-    """A feature of objects, `XYDist[x, uav1]`, or of none, `p`."""
-
-    name: str
-    arguments: tuple[Object | Variable, ...] = ()
-
-    def __str__(self) -> str:
-        if not self.arguments:
-            return self.name
-        return f'{self.name}[{", ".join(map(str, self.arguments))}]'
-
-
-@dataclass(frozen=True, slots=True)
-class FieldReference(SyntaxNode):
-    """A syntactic reference: a field of a stream, by name.
-
-    Args:
-        stream: the name of a stream or topic.
-        path: the path to the field, `ranges[0]`, or a function of it, `min(ranges[90:270])`.
-    """
-
-    stream: str
-    path: str
-
-    def __str__(self) -> str:
-        plain = self.stream.isascii() and self.stream.isidentifier()
-        stream = self.stream if plain else f'"{self.stream}"'
-        field = parse_field(self.path)
-        if not isinstance(field, ComputedField):
-            return f'{stream}.{self.path}'
-        return f'{field.function}({stream}.{self.path[len(field.function) + 1 :]}'
-
-
-@dataclass(frozen=True, slots=True)
-class _Operation(SyntaxNode):
-    operator: str
-    left: Term
-    right: Term
-
-    def __str__(self) -> str:
-        return f'{operand_text(self.left)} {self.operator} {operand_text(self.right)}'
-
-
-@dataclass(frozen=True, slots=True)
-class Arithmetic(_Operation):
-    """Two numbers joined by `+`, `-`, `*` or `/`."""
-
-
-@dataclass(frozen=True, slots=True)
-class Function(SyntaxNode):
-    """A function of numbers, `hypot(x, y)`."""
-
-    name: str
-    arguments: tuple[Term, ...]
-
-    def __str__(self) -> str:
-        return f'{self.name}({", ".join(map(str, self.arguments))})'
-
-
-@dataclass(frozen=True, slots=True)
-class Comparison(_Operation):
+class Comparison(Operation):
     """Two terms joined by `=`, `!=`, `<`, `<=`, `>` or `>=`."""
 
 
@@ -364,20 +254,6 @@ class Let(SyntaxNode):
     body: Formula
 
 
-Term: TypeAlias = (
-    Number
-    | Quantity
-    | TextLiteral
-    | Truth
-    | Object
-    | Variable
-    | Feature
-    | FieldReference
-    | Arithmetic
-    | Function
-)
-"""An operand of a comparison."""
-
 PastFormula: TypeAlias = Historically | Once | Previous | Since
 """A formula whose operator looks back."""
 
@@ -411,7 +287,7 @@ Formula: TypeAlias = (
 def parts(node: Formula | Term) -> tuple[Formula | Term, ...]:
     """Return the formulas and terms that a node directly consists of, from left to right."""
     match node:
-        case _Operation() | _Connective() | _BinaryTemporal():
+        case Operation() | _Connective() | _BinaryTemporal():
             return (node.left, node.right)
         case Not() | _Quantifier() | _Temporal() | Previous() | Let():
             return (node.body,)
@@ -428,7 +304,7 @@ def parts(node: Formula | Term) -> tuple[Formula | Term, ...]:
 def with_changed_parts(node: Any, change: Callable[[Any], Any]) -> Any:
     """Return a node with a function applied to each of its parts."""
     match node:
-        case _Operation() | _Connective() | _BinaryTemporal():
+        case Operation() | _Connective() | _BinaryTemporal():
             return replace(node, left=change(node.left), right=change(node.right))
         case Not() | _Quantifier() | _Temporal() | Previous() | Let():
             return replace(node, body=change(node.body))
@@ -447,9 +323,3 @@ def walk(node: Formula | Term) -> Iterator[Formula | Term]:
         each = pending.pop()
         yield each
         pending.extend(reversed(parts(each)))
-
-
-def operand_text(node: Formula | Term) -> str:
-    """Return the canonical text of a node within another: in brackets if it is compound."""
-    is_leaf = isinstance(node, Term) and not isinstance(node, Arithmetic)
-    return str(node) if is_leaf else f'({node})'

@@ -6,19 +6,21 @@ from collections import defaultdict
 from typing import Any
 
 from dyknow_reasoning.language.formula import (
-    Arithmetic,
     Comparison,
     Count,
     Exists,
-    Feature,
     Forall,
     Formula,
+    walk,
+    with_changed_parts,
+)
+from dyknow_reasoning.language.terms import (
+    Arithmetic,
+    Feature,
     Function,
     Object,
     Term,
     Variable,
-    walk,
-    with_changed_parts,
 )
 
 _Names = frozenset[str]

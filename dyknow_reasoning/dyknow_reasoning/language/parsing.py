@@ -24,7 +24,7 @@ from dyknow_common import (
     shortened,
 )
 from dyknow_reasoning.language import formula as syntax
-from dyknow_reasoning.language import sugar
+from dyknow_reasoning.language import sugar, terms
 from dyknow_reasoning.language.constants import (
     NO_CONSTANTS,
     Constant,
@@ -37,12 +37,13 @@ from dyknow_reasoning.language.field_functions import (
     function_of_field,
     with_numbers,
 )
-from dyknow_reasoning.language.formula import Formula, Term
+from dyknow_reasoning.language.formula import Formula
 from dyknow_reasoning.language.functions import FIELD_FUNCTIONS, check_call, not_a_function
 from dyknow_reasoning.language.grammar import LANGUAGE
 from dyknow_reasoning.language.interval import ALL_FUTURE, Interval
 from dyknow_reasoning.language.names import resolve
 from dyknow_reasoning.language.quantities import with_converted_numbers
+from dyknow_reasoning.language.terms import Term
 
 _MAX_KEPT: Final = 1000
 """The length of a text whose abstract syntax is kept: one formula is often asked for again."""
@@ -102,16 +103,16 @@ def _shown(node: Formula | Term) -> str:
 
 def _formula(node: Formula | Term) -> Formula:
     match node:
-        case syntax.Number() | syntax.Quantity() | syntax.Arithmetic() | syntax.Function():
+        case terms.Number() | terms.Quantity() | terms.Arithmetic() | terms.Function():
             raise PositionedError(
                 f"'{_shown(node)}' is a number, not a formula; compare it with another",
                 node.position,
             )
-        case syntax.TextLiteral():
+        case terms.TextLiteral():
             raise PositionedError(
                 f'{_shown(node)} is a string, not a formula; compare it with another', node.position
             )
-        case syntax.Object() | syntax.Variable():  # pragma: no cover - never an operand here
+        case terms.Object() | terms.Variable():  # pragma: no cover - never an operand here
             raise PositionedError(f"'{_shown(node)}' is an object, not a formula", node.position)
         case _:
             return node
@@ -218,14 +219,14 @@ class _FormulaBuilder(SyntaxBuilder[Any]):
         bound = syntax.CountBound(' '.join(words.split()))
         return syntax.CountOf(bound, _whole(number), tuple(map(_formula, members)))
 
-    def constant(self, name: Token, value: Formula | Term) -> tuple[syntax.Object, Any]:
-        return syntax.Object(str(name), position=TextPosition.of(name)), value
+    def constant(self, name: Token, value: Formula | Term) -> tuple[terms.Object, Any]:
+        return terms.Object(str(name), position=TextPosition.of(name)), value
 
-    def unit(self, name: Token, unit: Token) -> tuple[syntax.Object, str]:
+    def unit(self, name: Token, unit: Token) -> tuple[terms.Object, str]:
         text = str(name if name.type == 'NAME' else self.reference(name))
         # A feature without a unit is a pure number.
         found = _unit_text(unit) if unit != '""' else ''
-        return syntax.Object(text, position=TextPosition.of(name)), found
+        return terms.Object(text, position=TextPosition.of(name)), found
 
     def let(self, *children: Any) -> Formula:
         *bindings, body = children
@@ -242,33 +243,33 @@ class _FormulaBuilder(SyntaxBuilder[Any]):
 
     def arithmetic(self, left: Formula | Term, operator: Token, right: Formula | Term) -> Term:
         symbol = '*' if operator.type == 'TIMES' else str(operator)
-        return syntax.Arithmetic(symbol, _term(left), _term(right), position=left.position)
+        return terms.Arithmetic(symbol, _term(left), _term(right), position=left.position)
 
     def negative(self, minus: Token, operand: Formula | Term) -> Term:
-        if isinstance(operand, syntax.Number | syntax.Quantity):
+        if isinstance(operand, terms.Number | terms.Quantity):
             return replace(operand, value=-operand.value, position=TextPosition.of(minus))
-        return syntax.Arithmetic('-', syntax.Number(0), _term(operand))
+        return terms.Arithmetic('-', terms.Number(0), _term(operand))
 
     def number(self, token: Token) -> Term:
-        return syntax.Number(number_value(token))
+        return terms.Number(number_value(token))
 
     def quantity(self, number: Token, unit: Token) -> Term:
-        return syntax.Quantity(number_value(number), _unit_text(unit))
+        return terms.Quantity(number_value(number), _unit_text(unit))
 
     def call(self, name: Token, *arguments: Formula | Term) -> Term:
         if len(arguments) == 1 and name in FIELD_FUNCTIONS:
             return function_of_field(name, arguments[0])
         check_call(name, len(arguments))
-        return syntax.Function(str(name), tuple(map(_term, arguments)))
+        return terms.Function(str(name), tuple(map(_term, arguments)))
 
     def text(self, token: Token) -> Term:
-        return syntax.TextLiteral(re.sub(r'\\(.)', r'\1', token[1:-1]))
+        return terms.TextLiteral(re.sub(r'\\(.)', r'\1', token[1:-1]))
 
     def true(self, _word: Token) -> Formula:
-        return syntax.Truth(True)
+        return terms.Truth(True)
 
     def false(self, _word: Token) -> Formula:
-        return syntax.Truth(False)
+        return terms.Truth(False)
 
     def reference(self, token: Token) -> Term:
         return field_reference(token)
@@ -276,13 +277,13 @@ class _FormulaBuilder(SyntaxBuilder[Any]):
     def name(self, token: Token) -> Term:
         return self.feature(token, ())
 
-    def feature(self, token: Token, arguments: tuple[syntax.Object, ...]) -> Term:
+    def feature(self, token: Token, arguments: tuple[terms.Object, ...]) -> Term:
         if token in FUNCTIONS:
             raise not_a_function(token)
-        return syntax.Feature(str(token), arguments)
+        return terms.Feature(str(token), arguments)
 
-    def arguments(self, *tokens: Token) -> tuple[syntax.Object, ...]:
-        return tuple(syntax.Object(str(token), position=TextPosition.of(token)) for token in tokens)
+    def arguments(self, *tokens: Token) -> tuple[terms.Object, ...]:
+        return tuple(terms.Object(str(token), position=TextPosition.of(token)) for token in tokens)
 
     def interval(
         self, opening: Token, first: Token, _: Token, last: Token, closing: Token

@@ -24,17 +24,19 @@ from dyknow_common import DyKnowError, PositionedError, unit_conversion
 from dyknow_reasoning.errors import ReasoningError
 from dyknow_reasoning.language.constants import Units
 from dyknow_reasoning.language.formula import (
-    Arithmetic,
     Comparison,
+    Formula,
+    walk,
+    with_changed_parts,
+)
+from dyknow_reasoning.language.terms import (
+    Arithmetic,
     Feature,
     FieldReference,
-    Formula,
     Function,
     Number,
     Quantity,
     Term,
-    walk,
-    with_changed_parts,
 )
 
 _Measured: TypeAlias = tuple[Term, str | None]

@@ -8,13 +8,15 @@ from dyknow_common import Symbol, SymbolKind
 from dyknow_reasoning.language.formula import (
     Count,
     Exists,
-    Feature,
-    FieldReference,
     Forall,
     Formula,
+    parts,
+)
+from dyknow_reasoning.language.terms import (
+    Feature,
+    FieldReference,
     Object,
     Term,
-    parts,
 )
 
 

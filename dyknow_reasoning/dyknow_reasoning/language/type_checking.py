@@ -16,8 +16,14 @@ from typing import TypeAlias
 
 from dyknow_common import ComputedField, PositionedError, TextPosition, parse_field
 from dyknow_reasoning.language import formula as syntax
-from dyknow_reasoning.language.formula import Formula, Term, parts, walk
+from dyknow_reasoning.language import terms
+from dyknow_reasoning.language.formula import (
+    Formula,
+    parts,
+    walk,
+)
 from dyknow_reasoning.language.grammar import LANGUAGE
+from dyknow_reasoning.language.terms import Term
 
 _QUANTIFIERS = syntax.Forall | syntax.Exists | syntax.Count
 
@@ -71,14 +77,14 @@ class _TypeChecker:
         quantifiers = [node for node in nodes if isinstance(node, _QUANTIFIERS)]
         variables = {node.variable for node in quantifiers}
         sorts = {node.sort for node in quantifiers}
-        objects = {node.name for node in nodes if isinstance(node, syntax.Object)}
+        objects = {node.name for node in nodes if isinstance(node, terms.Object)}
         _check_sorts(quantifiers, nodes)
-        arities: dict[str, syntax.Feature] = {}
+        arities: dict[str, terms.Feature] = {}
         for node in nodes:
-            if isinstance(node, syntax.Feature):
+            if isinstance(node, terms.Feature):
                 _check_feature(node, variables, objects)
                 _check_arity(node, arities.setdefault(node.name, node))
-            elif isinstance(node, syntax.Object):
+            elif isinstance(node, terms.Object):
                 _check_object(node, variables, sorts)
 
     def check_variables(self, node: Formula | Term, bound: Mapping[str, TextPosition]) -> None:
@@ -97,7 +103,7 @@ class _TypeChecker:
     def infer_kinds(self, formula: Formula) -> None:
         """Check that every feature is used as one kind of value."""
         for node in walk(formula):
-            if isinstance(node, syntax.FieldReference) and (kind := _computed_kind(node)):
+            if isinstance(node, terms.FieldReference) and (kind := _computed_kind(node)):
                 self.uses[str(node)] = _Use(kind, node.position)
         self._infer_use(formula)
         comparisons: dict[str, list[syntax.Comparison]] = defaultdict(list)
@@ -105,7 +111,7 @@ class _TypeChecker:
             if isinstance(node, syntax.Comparison):
                 self._infer_equality(node)
                 for side in (node.left, node.right):
-                    if isinstance(side, syntax.Feature | syntax.FieldReference):
+                    if isinstance(side, terms.Feature | terms.FieldReference):
                         comparisons[_name(side)].append(node)
         pending = list(self.uses)
         for name in pending:  # The list grows in the loop.
@@ -117,12 +123,12 @@ class _TypeChecker:
 
     def _infer_use(self, node: Formula | Term) -> None:
         match node:
-            case syntax.Feature() | syntax.FieldReference():
+            case terms.Feature() | terms.FieldReference():
                 self._require(node, Kind.BOOLEAN, 'as a formula')
             case syntax.Comparison('=' | '!=', left, right):
                 for side in (left, right):
                     self._infer_numbers(side)
-            case syntax.Comparison() | syntax.Arithmetic() | syntax.Function():
+            case syntax.Comparison() | terms.Arithmetic() | terms.Function():
                 self._infer_numbers(node)
             case _:
                 for part in parts(node):
@@ -130,9 +136,9 @@ class _TypeChecker:
 
     def _infer_numbers(self, node: Formula | Term) -> None:
         match node:
-            case syntax.Comparison(symbol, left, right) | syntax.Arithmetic(symbol, left, right):
+            case syntax.Comparison(symbol, left, right) | terms.Arithmetic(symbol, left, right):
                 operands: tuple[Term, ...] = (left, right)
-            case syntax.Function(symbol, operands):
+            case terms.Function(symbol, operands):
                 pass
             case _:
                 return
@@ -149,15 +155,15 @@ class _TypeChecker:
 
     def _kind(self, term: Term) -> Kind | None:
         match term:
-            case syntax.Number() | syntax.Quantity() | syntax.Arithmetic() | syntax.Function():
+            case terms.Number() | terms.Quantity() | terms.Arithmetic() | terms.Function():
                 return Kind.NUMBER
-            case syntax.TextLiteral():
+            case terms.TextLiteral():
                 return Kind.STRING
-            case syntax.Truth():
+            case terms.Truth():
                 return Kind.BOOLEAN
-            case syntax.Object() | syntax.Variable():
+            case terms.Object() | terms.Variable():
                 return Kind.OBJECT
-            case syntax.Feature() | syntax.FieldReference():
+            case terms.Feature() | terms.FieldReference():
                 use = self.uses.get(_name(term))
                 return use.kind if use else None
 
@@ -177,12 +183,12 @@ class _TypeChecker:
 
     def _evidence(self, term: Term) -> str:
         use = self.uses.get(_name(term))
-        if isinstance(term, syntax.FieldReference) and _computed_kind(term):
+        if isinstance(term, terms.FieldReference) and _computed_kind(term):
             return ''
         return f' (from its use at {use.position})' if use else ''
 
 
-def _check_feature(node: syntax.Feature, variables: set[str], objects: set[str]) -> None:
+def _check_feature(node: terms.Feature, variables: set[str], objects: set[str]) -> None:
     if node.name in variables:
         raise PositionedError(
             f"the variable '{node.name}' stands for an object, not for a value; "
@@ -201,7 +207,7 @@ def _check_sorts(
 ) -> None:
     """Check that each variable without a sort is an argument of a feature, which has one."""
     arguments = {
-        each.name for node in nodes if isinstance(node, syntax.Feature) for each in node.arguments
+        each.name for node in nodes if isinstance(node, terms.Feature) for each in node.arguments
     }
     for node in quantifiers:
         if not node.is_sorted and node.variable not in arguments:
@@ -212,7 +218,7 @@ def _check_sorts(
             )
 
 
-def _check_arity(node: syntax.Feature, first: syntax.Feature) -> None:
+def _check_arity(node: terms.Feature, first: terms.Feature) -> None:
     if len(node.arguments) != len(first.arguments):
         raise PositionedError(
             f"'{node.name}' has {_counted(node)} here and "
@@ -221,7 +227,7 @@ def _check_arity(node: syntax.Feature, first: syntax.Feature) -> None:
         )
 
 
-def _check_object(node: syntax.Object, variables: set[str], sorts: set[str]) -> None:
+def _check_object(node: terms.Object, variables: set[str], sorts: set[str]) -> None:
     if node.name in variables:
         raise PositionedError(
             f"the variable '{node.name}' is not bound here; its quantifier does not reach this far",
@@ -235,12 +241,12 @@ def _check_object(node: syntax.Object, variables: set[str], sorts: set[str]) -> 
         )
 
 
-def _counted(feature: syntax.Feature) -> str:
+def _counted(feature: terms.Feature) -> str:
     count = len(feature.arguments)
     return '1 argument' if count == 1 else f'{count} arguments'
 
 
-def _computed_kind(reference: syntax.FieldReference) -> Kind | None:
+def _computed_kind(reference: terms.FieldReference) -> Kind | None:
     """Return the kind of a function of a field, whatever its use is."""
     field = parse_field(reference.path)
     if not isinstance(field, ComputedField):
@@ -251,7 +257,7 @@ def _computed_kind(reference: syntax.FieldReference) -> Kind | None:
 
 
 def _name(term: Term) -> str:
-    return term.name if isinstance(term, syntax.Feature) else str(term)
+    return term.name if isinstance(term, terms.Feature) else str(term)
 
 
 def _article(kind: Kind) -> str:

@@ -18,8 +18,6 @@ from dyknow_reasoning.language.formula import (
     Equivalent,
     Eventually,
     Exists,
-    Feature,
-    FieldReference,
     Forall,
     Formula,
     Historically,
@@ -31,11 +29,15 @@ from dyknow_reasoning.language.formula import (
     Previous,
     Since,
     StateAtom,
-    Truth,
     Until,
     parts,
 )
 from dyknow_reasoning.language.interval import Interval
+from dyknow_reasoning.language.terms import (
+    Feature,
+    FieldReference,
+    Truth,
+)
 from dyknow_reasoning.language.type_checking import Kinds
 from dyknow_reasoning.margins.comparisons import MarginReader, margin_reader
 from dyknow_reasoning.margins.first_state import FirstExtremum, FirstUntil

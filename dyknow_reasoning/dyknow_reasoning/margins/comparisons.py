@@ -6,9 +6,8 @@ from collections.abc import Callable
 from typing import Any, TypeAlias
 
 from dyknow_reasoning.errors import ReasoningError
-from dyknow_reasoning.language.formula import (
-    Atom,
-    Comparison,
+from dyknow_reasoning.language.formula import Atom, Comparison
+from dyknow_reasoning.language.terms import (
     Feature,
     FieldReference,
     Number,

@@ -10,20 +10,22 @@ from typing import Any, TypeAlias, cast
 from dyknow_common import Value
 from dyknow_reasoning.errors import ReasoningError
 from dyknow_reasoning.language.formula import (
-    Arithmetic,
     Atom,
     Comparison,
+    Formula,
+    PastAtom,
+    walk,
+)
+from dyknow_reasoning.language.terms import (
+    Arithmetic,
     Feature,
     FieldReference,
-    Formula,
     Function,
     Number,
     Object,
-    PastAtom,
     Term,
     TextLiteral,
     Truth,
-    walk,
 )
 from dyknow_reasoning.language.type_checking import Kind, Kinds
 from dyknow_reasoning.progression.functions import call_function

@@ -16,7 +16,6 @@ from dyknow_reasoning.errors import ReasoningError
 from dyknow_reasoning.language.formula import (
     Always,
     And,
-    Arithmetic,
     Atom,
     Comparison,
     Count,
@@ -25,16 +24,12 @@ from dyknow_reasoning.language.formula import (
     Equivalent,
     Eventually,
     Exists,
-    Feature,
-    FieldReference,
     Forall,
     Formula,
-    Function,
     Historically,
     Implies,
     Let,
     Not,
-    Object,
     Once,
     Or,
     PastAtom,
@@ -42,15 +37,22 @@ from dyknow_reasoning.language.formula import (
     Previous,
     Since,
     StateAtom,
-    Term,
-    Truth,
     Until,
-    Variable,
     parts,
     walk,
     with_changed_parts,
 )
 from dyknow_reasoning.language.symbols import feature_symbol
+from dyknow_reasoning.language.terms import (
+    Arithmetic,
+    Feature,
+    FieldReference,
+    Function,
+    Object,
+    Term,
+    Truth,
+    Variable,
+)
 from dyknow_reasoning.progression.atoms import NEGATED_COMPARISONS, fields, predicate
 from dyknow_reasoning.progression.bounds import Bound
 from dyknow_reasoning.progression.node_store import NodeStore

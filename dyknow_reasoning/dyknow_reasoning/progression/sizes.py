@@ -15,18 +15,20 @@ from dyknow_common import MAX_FORMULA_PARTS
 from dyknow_reasoning.errors import ReasoningError
 from dyknow_reasoning.language.formula import (
     Always,
-    Arithmetic,
     Comparison,
     Count,
     CountBound,
     CountOf,
     Exists,
-    Feature,
     Forall,
     Formula,
-    Function,
     parts,
     walk,
+)
+from dyknow_reasoning.language.terms import (
+    Arithmetic,
+    Feature,
+    Function,
 )
 
 _LONGEST_NUMBER = 15

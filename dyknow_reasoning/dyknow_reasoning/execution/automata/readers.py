@@ -12,10 +12,12 @@ from typing import Any, TypeAlias, cast
 from dyknow_reasoning.language.formula import (
     Atom,
     Comparison,
+    PastAtom,
+)
+from dyknow_reasoning.language.terms import (
     Feature,
     FieldReference,
     Number,
-    PastAtom,
     Term,
     TextLiteral,
 )

@@ -18,7 +18,12 @@ from dyknow_reasoning.errors import ReasoningError
 from dyknow_reasoning.execution.past.quick_step import QuickStep, quick_step
 from dyknow_reasoning.execution.past.registers import Register
 from dyknow_reasoning.execution.recording import Recording
-from dyknow_reasoning.language.formula import Atom, Formula, PastAtom, PastFormula
+from dyknow_reasoning.language.formula import (
+    Atom,
+    Formula,
+    PastAtom,
+    PastFormula,
+)
 from dyknow_reasoning.language.type_checking import Kinds
 from dyknow_reasoning.progression.atoms import Values, fields, kind_of
 from dyknow_reasoning.progression.bounds import Chronology

@@ -14,7 +14,13 @@ from dyknow_reasoning.execution.past.machines import Machine, PreviousMachine, S
 from dyknow_reasoning.execution.recorded_symbols import RecordedSymbols
 from dyknow_reasoning.execution.recording import Recording
 from dyknow_reasoning.execution.vectors.atom_vectors import Array
-from dyknow_reasoning.language.formula import Atom, Historically, PastAtom, PastFormula, Previous
+from dyknow_reasoning.language.formula import (
+    Atom,
+    Historically,
+    PastAtom,
+    PastFormula,
+    Previous,
+)
 from dyknow_reasoning.language.type_checking import Kinds
 from dyknow_reasoning.progression.atoms import Values, field_name, fields, predicate
 from dyknow_reasoning.progression.gaps import (

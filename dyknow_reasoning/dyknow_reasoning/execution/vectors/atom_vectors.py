@@ -15,10 +15,9 @@ from typing import Any, TypeAlias
 import numpy as np
 
 from dyknow_reasoning.execution.vectors.batch_keys import EXACT
-from dyknow_reasoning.language.formula import (
+from dyknow_reasoning.language.formula import Atom, Comparison
+from dyknow_reasoning.language.terms import (
     Arithmetic,
-    Atom,
-    Comparison,
     Feature,
     FieldReference,
     Function,

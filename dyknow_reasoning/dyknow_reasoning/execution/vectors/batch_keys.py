@@ -5,10 +5,9 @@ from __future__ import annotations
 from collections.abc import Hashable
 from typing import Any, Final
 
-from dyknow_reasoning.language.formula import (
+from dyknow_reasoning.language.formula import Atom, Comparison
+from dyknow_reasoning.language.terms import (
     Arithmetic,
-    Atom,
-    Comparison,
     Feature,
     FieldReference,
     Function,

@@ -1,0 +1,154 @@
+"""The abstract syntax of terms, the operands of comparisons in formulas.
+
+`str` of a node is its canonical text, as of formulas.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, TypeAlias
+
+from dyknow_common import ComputedField, SyntaxNode, parse_field
+
+
+@dataclass(frozen=True, slots=True)
+class Number(SyntaxNode):
+    """A number."""
+
+    value: int | float
+
+    def __str__(self) -> str:
+        return repr(self.value)
+
+
+@dataclass(frozen=True, slots=True)
+class Quantity(SyntaxNode):
+    """A number with a unit of measurement, until it is converted to the unit of a feature."""
+
+    value: int | float
+    unit: str
+
+    def __str__(self) -> str:
+        return f'{self.value!r} "{self.unit}"'
+
+
+@dataclass(frozen=True, slots=True)
+class TextLiteral(SyntaxNode):
+    """A quoted string."""
+
+    value: str
+
+    def __str__(self) -> str:
+        escaped = self.value.replace('\\', '\\\\').replace('"', '\\"')
+        return f'"{escaped}"'
+
+
+@dataclass(frozen=True, slots=True)
+class Truth(SyntaxNode):
+    """`true` or `false`: a formula, and a value that a boolean feature can be compared with."""
+
+    value: bool
+
+    def __str__(self) -> str:
+        return 'true' if self.value else 'false'
+
+
+@dataclass(frozen=True, slots=True)
+class _Name(SyntaxNode):
+    name: str
+
+    def __str__(self) -> str:
+        return self.name
+
+
+@dataclass(frozen=True, slots=True)
+class Object(_Name):
+    """An object of the domain."""
+
+
+@dataclass(frozen=True, slots=True)
+class Variable(_Name):
+    """A variable that a quantifier binds to the objects of a sort."""
+
+
+@dataclass(frozen=True, slots=True)
+class Feature(SyntaxNode):
+    """A feature of objects, `XYDist[x, uav1]`, or of none, `p`."""
+
+    name: str
+    arguments: tuple[Object | Variable, ...] = ()
+
+    def __str__(self) -> str:
+        if not self.arguments:
+            return self.name
+        return f'{self.name}[{", ".join(map(str, self.arguments))}]'
+
+
+@dataclass(frozen=True, slots=True)
+class FieldReference(SyntaxNode):
+    """A syntactic reference: a field of a stream, by name.
+
+    Args:
+        stream: the name of a stream or topic.
+        path: the path to the field, `ranges[0]`, or a function of it, `min(ranges[90:270])`.
+    """
+
+    stream: str
+    path: str
+
+    def __str__(self) -> str:
+        plain = self.stream.isascii() and self.stream.isidentifier()
+        stream = self.stream if plain else f'"{self.stream}"'
+        field = parse_field(self.path)
+        if not isinstance(field, ComputedField):
+            return f'{stream}.{self.path}'
+        return f'{field.function}({stream}.{self.path[len(field.function) + 1 :]}'
+
+
+@dataclass(frozen=True, slots=True)
+class Operation(SyntaxNode):
+    """Two terms joined by an operator."""
+
+    operator: str
+    left: Term
+    right: Term
+
+    def __str__(self) -> str:
+        return f'{operand_text(self.left)} {self.operator} {operand_text(self.right)}'
+
+
+@dataclass(frozen=True, slots=True)
+class Arithmetic(Operation):
+    """Two numbers joined by `+`, `-`, `*` or `/`."""
+
+
+@dataclass(frozen=True, slots=True)
+class Function(SyntaxNode):
+    """A function of numbers, `hypot(x, y)`."""
+
+    name: str
+    arguments: tuple[Term, ...]
+
+    def __str__(self) -> str:
+        return f'{self.name}({", ".join(map(str, self.arguments))})'
+
+
+Term: TypeAlias = (
+    Number
+    | Quantity
+    | TextLiteral
+    | Truth
+    | Object
+    | Variable
+    | Feature
+    | FieldReference
+    | Arithmetic
+    | Function
+)
+"""An operand of a comparison."""
+
+
+def operand_text(node: Any) -> str:
+    """Return the canonical text of a node within another: in brackets if it is compound."""
+    is_leaf = isinstance(node, Term) and not isinstance(node, Arithmetic)
+    return str(node) if is_leaf else f'({node})'
