@@ -12,11 +12,11 @@ from collections.abc import Set as AbstractSet
 from itertools import chain, count
 from typing import Any
 
-from dyknow_common import ExitCode, Margin, Symbol, SymbolKind, Verdict, round_time
+from dyknow_common import ExitCode, Margin, Symbol, Verdict
 from dyknow_reasoning.errors import ReasoningError
 from dyknow_reasoning.execution import InstanceMonitor, Outcomes, Recording
-from dyknow_reasoning.explanation.explanation import VerdictReasons, explain
 from dyknow_reasoning.explanation.remainders import Remainders
+from dyknow_reasoning.group_results import GroupResults
 from dyknow_reasoning.language.constants import NO_CONSTANTS, Constants
 from dyknow_reasoning.language.formula import Formula
 from dyknow_reasoning.language.parsing import parse_formula
@@ -70,14 +70,10 @@ class FormulaGroup:
         self._ids = count(1)
         self._formulas: dict[int, NamedFormula] = {}
         self._instances: dict[int, list[Instance]] = {}
-        # The verdicts of formulas that need no state, until they are reported.
-        self._known: dict[int, Verdict] = {}
-        # The residual texts of formulas that have a result.
-        self._ends: dict[int, str] = {}
-        self._undecided: set[int] = set()
         self._margins = GroupMargins(limits.node_limit)
         self.standing = StandingFormulas()
         """The formulas that are asked at every state."""
+        self._results = GroupResults(self._formulas, self._margins, self.standing)
         self._store = NodeStore(Chronology())
         self._max_nodes = _MAX_NODES
         self._domains: Domains = {}
@@ -98,7 +94,7 @@ class FormulaGroup:
     @property
     def undecided(self) -> AbstractSet[int]:
         """The ids of the formulas without a result; empty before `begin`."""
-        return self._undecided
+        return self._results.undecided
 
     def add_formula(
         self,
@@ -118,18 +114,15 @@ class FormulaGroup:
             text: the formula.
             constants: the values of names that the text does not define, from `parse_constants`.
             margin: True to compute its margin, too.
-            every_state: True to ask it at every state: its verdicts are in `standing`, and it has
-                no result but an error.
+            every_state: True to ask it at every state; its verdicts are in `standing`.
 
         Raises:
             LanguageError: for a text that is not a formula or is badly typed, with the position.
             ReasoningError: if the group has begun, for a sort without a domain, or a formula that
                 is too large for its domains; if a part of it has no margin, which is requested.
         """
-        formula = parse_formula(text, constants)
-        if every_state:
-            check_standing(formula)
-        named = NamedFormula(name, formula, check_types(formula, text), every_state)
+        named = _named(name, text, constants, every_state=every_state)
+        formula = named.formula
         self._limit_nodes()
         instances: list[Instance] = []
         size = formula_size(formula, self._counts)
@@ -139,8 +132,7 @@ class FormulaGroup:
         formula_id = next(self._ids)
         if margin:
             self._margins.add(formula_id, named)
-        self._formulas[formula_id] = named
-        self._sizes[formula_id] = size.parts
+        self._formulas[formula_id], self._sizes[formula_id] = named, size.parts
         if self._monitor:
             self._begin_formula(formula_id, instances, self._monitor)
         return formula_id
@@ -148,12 +140,10 @@ class FormulaGroup:
     def remove_formula(self, formula_id: int) -> None:
         """Remove a formula."""
         self._find(formula_id)
-        if self._monitor and formula_id in self._undecided:
+        if self._monitor and formula_id in self.undecided:
             self._monitor.remove([formula_id])
-        self._end(formula_id)
-        self._margins.remove(formula_id)
-        self.standing.remove(formula_id)
-        for each in (self._formulas, self._sizes, self._instances, self._known, self._ends):
+        self._results.remove(formula_id)
+        for each in (self._formulas, self._sizes, self._instances):
             each.pop(formula_id, None)
 
     def symbols(self) -> list[Symbol]:
@@ -195,6 +185,7 @@ class FormulaGroup:
         self._domains, self._counts, self._sizes = domains, counts, sizes
         self._monitor = InstanceMonitor(self._limits.node_limit)
         self._remainders = Remainders(self._monitor)
+        self._results.histories = self._monitor.histories
         for formula_id, found in instances.items():
             self._begin_formula(formula_id, found, self._monitor)
         self._monitor.prepare()
@@ -223,7 +214,7 @@ class FormulaGroup:
         Their `decided_at` is None. Without a call they are returned with the first state.
         """
         self._begun()
-        return self._known_results()
+        return self._results.of_known()
 
     def progress(self, valid_time: int, values: Values) -> list[FormulaResult]:
         """Progress all undecided formulas over a state; return the new results.
@@ -241,7 +232,7 @@ class FormulaGroup:
         if monitor.histories.registers:
             values = monitor.histories.extended(valid_time, values)
         quick_step, standing = monitor.quick_step, self.standing
-        is_done = quick_step and not self._known and quick_step(valid_time, values)
+        is_done = quick_step and not self._results.known and quick_step(valid_time, values)
         if is_done and not standing.formulas:
             return []
         try:
@@ -250,8 +241,8 @@ class FormulaGroup:
             return self.fail(error, valid_time)
         if standing.formulas and (failures := standing.progress(valid_time, values)):
             outcomes = {**outcomes, **failures}
-        if outcomes or self._known:
-            return self._known_results() + self._results(outcomes, valid_time, values)
+        if outcomes or self._results.known:
+            return self._results.of_known() + self._results.of(outcomes, valid_time, values)
         return []
 
     def progress_many(
@@ -274,10 +265,10 @@ class FormulaGroup:
         usable = recording.increasing(monitor.latest)
         if monitor.histories.registers:
             usable = monitor.histories.extended_recording(usable)
-        results = self._known_results() if len(usable) else []
+        results = self._results.of_known() if len(usable) else []
         for index, outcomes in monitor.progress_many(usable):
             self._margins.progress_many(usable.times, usable.columns, index + 1)
-            results += self._results(outcomes, usable.time(index), usable.values(index))
+            results += self._results.of(outcomes, usable.time(index), usable.values(index))
         end = len(usable)
         self._margins.progress_many(usable.times, usable.columns, end)
         if end < len(recording):
@@ -301,10 +292,10 @@ class FormulaGroup:
             error: the reason.
             valid_time: the valid time of the unusable state, in nanoseconds.
         """
-        failed = sorted(self._undecided)
+        failed = sorted(self.undecided)
         if self._monitor:
             self._monitor.remove(failed)
-        return self._results(dict.fromkeys(failed, error), valid_time, {})
+        return self._results.of(dict.fromkeys(failed, error), valid_time, {})
 
     def residual(self, formula_id: int) -> str:
         """Return the canonical text of what remains of a formula, for the states to come.
@@ -313,9 +304,9 @@ class FormulaGroup:
         instances are shown.
         """
         formula = self._find(formula_id)
-        if formula_id in self._ends:
-            return self._ends[formula_id]
-        if self._remainders is None or formula_id in self._known or formula.every_state:
+        if formula_id in self._results.ends:
+            return self._results.ends[formula_id]
+        if self._remainders is None or formula_id in self._results.known or formula.every_state:
             return str(formula)
         return self._remainders.text(formula_id) or str(formula)
 
@@ -332,12 +323,13 @@ class FormulaGroup:
         before `begin`. For one that is asked at every state, return True while it is violated.
         """
         self._find(formula_id)
-        if formula_id in self._ends:
-            return self._ends[formula_id] == 'false'
+        if formula_id in self._results.ends:
+            return self._results.ends[formula_id] == 'false'
         if formula_id in self.standing.formulas:
             return self.standing.formulas[formula_id].monitor.is_violated
-        if formula_id in self._known or self._remainders is None:
-            return self._known.get(formula_id) is Verdict.FALSE
+        known = self._results.known
+        if formula_id in known or self._remainders is None:
+            return known.get(formula_id) is Verdict.FALSE
         return not self._remainders.holds_at_the_end(formula_id)
 
     def _begun(self) -> InstanceMonitor:
@@ -387,70 +379,18 @@ class FormulaGroup:
         named = self._formulas[formula_id]
         instances = monitor.histories.attach(formula_id, named.formula, instances, named.kinds)
         self._instances[formula_id] = instances
-        self._undecided.add(formula_id)
+        self._results.undecided.add(formula_id)
         limit = self._limits.node_limit
         if named.every_state:
             self.standing.add(formula_id, StandingFormula(formula_id, named, instances, limit))
         elif verdict := verdict_of(instances):
-            self._known[formula_id] = verdict
+            self._results.known[formula_id] = verdict
         else:
             monitor.add(formula_id, instances, named.kinds)
 
-    def _known_results(self) -> list[FormulaResult]:
-        known, self._known = self._known, {}
-        return [
-            self._decided(formula_id, verdict, None, self._known_reason(formula_id, verdict))
-            for formula_id, verdict in known.items()
-            if formula_id in self._undecided
-        ]
 
-    def _known_reason(self, formula_id: int, verdict: Verdict) -> VerdictReasons:
-        symbols = symbols_of(self._formulas[formula_id].formula)
-        sorts = dict.fromkeys(each.name for each in symbols if each.kind is SymbolKind.SORT)
-        objects = f' for the objects of {" and ".join(sorts)}' if sorts else ''
-        return VerdictReasons(f'it is {verdict.name.lower()}{objects}, whatever the states are')
-
-    def _results(self, outcomes: Outcomes, valid_time: int, values: Values) -> list[FormulaResult]:
-        results = []
-        for formula_id, outcome in outcomes.items():
-            if isinstance(outcome, ReasoningError):
-                results.append(self._failed(formula_id, outcome, valid_time))
-            else:
-                verdict = Verdict.TRUE if outcome.holds else Verdict.FALSE
-                why = explain(self._formulas[formula_id].formula, outcome, values)
-                results.append(self._decided(formula_id, verdict, valid_time, why))
-        return results
-
-    def _end(self, formula_id: int) -> None:
-        self._undecided.discard(formula_id)
-        if self._monitor:
-            self._monitor.histories.release([formula_id])
-
-    def _decided(
-        self, formula_id: int, verdict: Verdict, valid_time: int | None, why: VerdictReasons
-    ) -> FormulaResult:
-        self._end(formula_id)
-        self._ends[formula_id] = verdict.name.lower()
-        return FormulaResult(
-            formula_id,
-            self._formulas[formula_id].name,
-            verdict,
-            valid_time,
-            why.text,
-            objects=why.objects,
-            windows=why.windows,
-            ended_at=valid_time,
-            margin=self._margins.end(formula_id),
-        )
-
-    def _failed(self, formula_id: int, error: ReasoningError, valid_time: int) -> FormulaResult:
-        self._end(formula_id)
-        self.standing.remove(formula_id)
-        formula = self._formulas[formula_id]
-        self._ends[formula_id] = str(formula)
-        located = ReasoningError(f'at {round_time(valid_time)}: {error}', error.code)
-        verdict = Verdict.UNDECIDED
-        end, margin = valid_time, self._margins.end(formula_id)
-        return FormulaResult(
-            formula_id, formula.name, verdict, None, '', located, ended_at=end, margin=margin
-        )
+def _named(name: str, text: str, constants: Constants, *, every_state: bool) -> NamedFormula:
+    formula = parse_formula(text, constants)
+    if every_state:
+        check_standing(formula)
+    return NamedFormula(name, formula, check_types(formula, text), every_state)

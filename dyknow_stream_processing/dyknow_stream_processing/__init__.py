@@ -14,7 +14,7 @@ from dyknow_stream_processing.language.built_in_sources import TF_STATIC, built_
 from dyknow_stream_processing.language.parsing import parse_specification
 from dyknow_stream_processing.language.required_fields import ALL, WHOLE
 from dyknow_stream_processing.language.resolution import FreeNames, free_names, resolve
-from dyknow_stream_processing.language.sinks import specifications_by_sink
+from dyknow_stream_processing.language.sinks import made, specifications_by_sink
 from dyknow_stream_processing.language.specification import (
     Approximation,
     BuiltInSource,
@@ -33,7 +33,6 @@ from dyknow_stream_processing.language.specification import (
     TypedField,
     UnitArgument,
     UnitDeclaration,
-    made,
     references,
     subterms,
 )

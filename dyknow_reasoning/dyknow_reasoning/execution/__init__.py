@@ -7,6 +7,7 @@ ways to progress give identical results; the monitor chooses the fastest one:
 - `single_instance`, `fast_path`: individual instances, state by state.
 - `vectors`: many instances that are alike, as numpy vectors.
 - `recorded_symbols`: the atoms of many states at once.
+- `past`: the registers of past operators, whose values are atoms of the states.
 - `standing`: formulas that are asked at every state.
 """
 
@@ -18,6 +19,7 @@ from dyknow_reasoning.execution.automata.instance_states import (
     InstanceVerdict,
 )
 from dyknow_reasoning.execution.instance_monitor import InstanceMonitor
+from dyknow_reasoning.execution.past.histories import Histories
 from dyknow_reasoning.execution.recording import Recording
 from dyknow_reasoning.execution.standing.failures import Failure
 from dyknow_reasoning.execution.standing.standing_monitor import (
@@ -32,6 +34,7 @@ __all__ = [
     'DecidingMoment',
     'Failure',
     'FormulaInstance',
+    'Histories',
     'InstanceMonitor',
     'InstanceState',
     'InstanceVerdict',

@@ -132,15 +132,6 @@ def ground_atom(atom: StateAtom, binding: Binding) -> StateAtom:
     return cast('StateAtom', _substitute(atom, binding))
 
 
-def objects_of(sort: str, domains: Domains) -> list[str]:
-    """Return the objects of a sort, each once.
-
-    Raises:
-        ReasoningError: for a sort without a domain.
-    """
-    return _objects(sort, domains)
-
-
 def _ground_atoms(formula: Formula, binding: Binding, domains: Domains) -> Iterator[StateAtom]:
     match formula:
         case Feature() | FieldReference() | Comparison():
@@ -150,7 +141,7 @@ def _ground_atoms(formula: Formula, binding: Binding, domains: Domains) -> Itera
             | Exists(variable, sort, body)
             | Count(variable, sort, body)
         ):
-            for name in _objects(sort, domains):
+            for name in objects_of(sort, domains):
                 yield from _ground_atoms(body, {**binding, variable: name}, domains)
         case _:
             for part in parts(formula):
@@ -162,7 +153,7 @@ def _instances(
 ) -> Iterator[tuple[Binding, Formula]]:
     match formula:
         case Forall(variable, sort, body):
-            for name in _objects(sort, domains):
+            for name in objects_of(sort, domains):
                 yield from _instances(body, domains, {**binding, variable: name})
         case Always(body=Forall() as inner):
             # `always` and `forall` commute; separate instances are cheaper than a junction.
@@ -245,7 +236,7 @@ class _Translator:
             return self._count(formula.bound, formula.number, members)
         members = [
             self.node(formula.body, {**binding, formula.variable: name})
-            for name in _objects(formula.sort, self._domains)
+            for name in objects_of(formula.sort, self._domains)
         ]
         if isinstance(formula, Count):
             return self._count(formula.bound, formula.number, members)
@@ -343,11 +334,11 @@ def ground(formula: Any, binding: Binding, domains: Domains) -> Any:
     """
     match formula:
         case Forall(variable, sort, body) | Exists(variable, sort, body):
-            names = _objects(sort, domains)
+            names = objects_of(sort, domains)
             members = [ground(body, {**binding, variable: name}, domains) for name in names]
             return _joined(members, And if isinstance(formula, Forall) else Or)
         case Count(variable, sort, body, bound, number):
-            names = _objects(sort, domains)
+            names = objects_of(sort, domains)
             members = [ground(body, {**binding, variable: name}, domains) for name in names]
             return CountOf(bound, number, tuple(members))
         case Feature() | FieldReference() | Comparison():
@@ -389,7 +380,7 @@ def _substitute(term: Term, binding: Binding) -> Term:
             return term
 
 
-def _objects(sort: str, domains: Domains) -> list[str]:
+def objects_of(sort: str, domains: Domains) -> list[str]:
     """Return the objects of a sort, each once; raise ReasoningError for a sort without a domain."""
     if sort not in domains:
         if variable := sort.removeprefix('?') if sort.startswith('?') else '':

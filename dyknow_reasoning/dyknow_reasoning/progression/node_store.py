@@ -26,6 +26,7 @@ from dyknow_reasoning.progression.nodes import (
     members,
     pending_parts,
 )
+from dyknow_reasoning.progression.window_order import WindowOrder
 
 _WindowKey: TypeAlias = tuple[bool, Bound | None, Bound | None, Node, Node]
 _JunctionKey: TypeAlias = tuple[bool, tuple[Node, ...]]
@@ -43,7 +44,7 @@ class NodeStore:
     """
 
     def __init__(self, chronology: Chronology, roots: Iterable[Node] = ()) -> None:
-        self._chronology = chronology
+        self._order = WindowOrder(chronology)
         self._literals: dict[tuple[int, bool], Literal] = {}
         self._junctions: dict[_JunctionKey, Junction] = {}
         self._counts: dict[_AtLeastKey, AtLeast] = {}
@@ -316,11 +317,11 @@ class NodeStore:
         if windows[0].universal is not universal:
             return self._innermost(windows)
         merged: list[Window] = []
-        for window in sorted(windows, key=cmp_to_key(self._by_start)):
+        for window in sorted(windows, key=cmp_to_key(self._order.by_start)):
             last = merged[-1] if merged else None
-            if last is None or self._is_apart(last, window):
+            if last is None or self._order.is_apart(last, window):
                 merged.append(window)
-            elif self._ends_later(window, last):
+            elif self._order.ends_later(window, last):
                 key = (universal, last.start, window.end, last.left, last.right)
                 merged[-1] = self._window(key)
         return merged
@@ -328,32 +329,10 @@ class NodeStore:
     def _innermost(self, windows: list[Window]) -> list[Window]:
         """Return the windows that contain no other."""
         kept: list[Window] = []
-        for window in sorted(windows, key=cmp_to_key(self._by_narrowness)):
-            if not kept or self._ends_later(kept[-1], window):
+        for window in sorted(windows, key=cmp_to_key(self._order.by_narrowness)):
+            if not kept or self._order.ends_later(kept[-1], window):
                 kept.append(window)
         return kept
-
-    def _by_start(self, first: Window, second: Window) -> int:
-        return self._chronology.compare(first.start, second.start)
-
-    def _by_narrowness(self, first: Window, second: Window) -> int:
-        """Compare two windows: later starts first, then earlier ends first."""
-        ends = self._ends_later(first, second) - self._ends_later(second, first)
-        return -self._by_start(first, second) or ends
-
-    def _is_apart(self, first: Window, second: Window) -> bool:
-        """Return True if a time lies between the end of one window and the start of another."""
-        if first.end is None or second.start is None:
-            return False
-        return self._chronology.later(second.start, first.end, 1)
-
-    def _ends_later(self, first: Window, second: Window) -> bool:
-        if first.end is None or second.end is None:
-            return first.end is None and second.end is not None
-        return self._chronology.later(first.end, second.end)
-
-    def _contains(self, outer: Window, inner: Window) -> bool:
-        return self._by_start(outer, inner) <= 0 and not self._ends_later(inner, outer)
 
     def _contradictory(self, groups: dict[Sides, list[Window]], *, universal: bool) -> bool:
         """Return True if a window contains one that requires the opposite."""
@@ -361,7 +340,7 @@ class NodeStore:
             if kind is universal:
                 opposite = (not kind, self.negation(left), self.negation(right))
                 for inner in groups.get(opposite, ()):
-                    if any(self._contains(window, inner) for window in outer):
+                    if any(self._order.contains(window, inner) for window in outer):
                         return True
         return False
 
@@ -380,8 +359,8 @@ class NodeStore:
             return False
         windows = groups.get((part.universal, part.left, part.right), ())
         if part.universal is universal:
-            return any(self._contains(window, part) for window in windows)
-        return any(self._contains(part, window) for window in windows)
+            return any(self._order.contains(window, part) for window in windows)
+        return any(self._order.contains(part, window) for window in windows)
 
 
 def _slots_of(nodes: Iterable[Node]) -> int:

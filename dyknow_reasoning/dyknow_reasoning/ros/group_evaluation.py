@@ -267,9 +267,7 @@ class GroupEvaluation:
             return
         stamp = self._node.get_clock().now().to_msg()
         for result in results:
-            message = result_to_message(result, self._id)
-            message.header.stamp = stamp
-            self._results.publish(message)
+            self._results.publish(result_to_message(result, self._id, stamp))
         self._episodes.publish_changes()
 
     def report_episodes(self) -> None:

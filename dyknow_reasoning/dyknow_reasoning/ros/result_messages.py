@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from builtin_interfaces.msg import Time
 from dyknow_interfaces.msg import Episode, FormulaEpisodes
 from dyknow_interfaces.msg import FormulaResult as FormulaResultMessage
 
@@ -10,7 +11,7 @@ from dyknow_reasoning.results import FormulaResult
 from dyknow_reasoning.standing import EpisodeSummary, FailureEpisode
 
 
-def result_to_message(result: FormulaResult, group_id: int) -> FormulaResultMessage:
+def result_to_message(result: FormulaResult, group_id: int, stamp: Time) -> FormulaResultMessage:
     """Return the message of a result of a formula in a group."""
     message = FormulaResultMessage(
         formula_group_id=group_id,
@@ -20,6 +21,7 @@ def result_to_message(result: FormulaResult, group_id: int) -> FormulaResultMess
         explanation=result.explanation,
         margin=margin_to_message(result.margin),
     )
+    message.header.stamp = stamp
     if result.decided_at is not None:
         message.decided_at = nanoseconds_to_time(result.decided_at)
     if result.error is not None:

@@ -11,19 +11,18 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from dyknow_common import DyKnowError, Margin, Value, Verdict, round_time
+from dyknow_common import DyKnowError, Margin, Value, Verdict
 from dyknow_coordinator import with_unit
 from dyknow_reasoning import (
-    FailureEpisode,
     FormulaGroup,
     FormulaResult,
     ReasoningError,
-    start_verdicts,
 )
 from dyknow_recordings.errors import RecordingError
 from dyknow_recordings.evaluation.grounding import GroundedFormula
 from dyknow_recordings.evaluation.observation import EvaluationObserver
 from dyknow_recordings.evaluation.results import Episode, StateGap
+from dyknow_recordings.evaluation.standing_episodes import StandingEpisodes
 from dyknow_stream_processing import Violation
 
 FIRST_BEGIN: Final = -(1 << 63)
@@ -108,7 +107,7 @@ class EpisodeGroup:
         self.has_ended = False
         """True if no state can change anything any more."""
         self._group = FormulaGroup()
-        self._standing: dict[FormulaEpisodes, _StandingEpisodes] = {}
+        self._standing: dict[FormulaEpisodes, StandingEpisodes] = {}
         self._triggers = {
             each.grounded.trigger: _Trigger(each.grounded.trigger, domains)
             for each in formulas
@@ -126,7 +125,7 @@ class EpisodeGroup:
         for each in formulas:
             try:
                 if each.every is Every.STATE:
-                    self._standing[each] = _StandingEpisodes(each.grounded.formula, domains)
+                    self._standing[each] = StandingEpisodes(each.grounded.formula, domains)
                 elif each.every is Every.TRIGGER:
                     # What past operators look back to is the same from every state.
                     self._group.keep_history(each.grounded.formula)
@@ -305,59 +304,6 @@ class EpisodeGroup:
         self._group.remove_formula(formula_id)
 
 
-class _StandingEpisodes:
-    """The episodes of one formula, one for each state, by one standing monitor.
-
-    Args:
-        text: of the formula.
-        domains: the objects of each sort.
-    """
-
-    def __init__(self, text: str, domains: Mapping[str, tuple[str, ...]]) -> None:
-        self._group = FormulaGroup()
-        formula_id = self._group.add_formula(text, text, every_state=True)
-        self._group.begin(domains)
-        self._formula = self._group.standing.formulas[formula_id]
-        self._log = self._formula.monitor.keep_all()
-        self._times: list[int] = []
-
-    def progress(self, valid_time: int, values: Mapping[str, Value]) -> DyKnowError | None:
-        """Begin an episode and progress all; return the error by which the formula fails."""
-        results = self._group.progress(valid_time, values)
-        self._times.append(valid_time)
-        return results[0].error if results else None
-
-    def gap(self) -> None:
-        """Record that states may be missing before the next one."""
-        self._group.gap()
-
-    def episodes(self, error: DyKnowError | None = None) -> list[Episode]:
-        """Return the episodes; those that are undecided have the error, if there is one."""
-        monitor = self._formula.monitor
-        states = self._times[: monitor.states]
-        failures = {each.begin: each for each in self._formula.episodes(len(states))}
-        found: list[Episode] = []
-        latest: FailureEpisode | None = None
-        for time, each in zip(states, start_verdicts(monitor, self._log, states), strict=True):
-            latest = failures.get(time, latest)
-            is_undecided = each.verdict is Verdict.UNDECIDED
-            is_first = each.verdict is Verdict.FALSE and time in failures
-            found.append(
-                Episode(
-                    time,
-                    each.verdict,
-                    each.decided_at,
-                    _explanation(each.verdict, latest, is_first=is_first),
-                    each.error or (error if is_undecided else None),
-                    residual_formula=each.residual_formula,
-                    presumably_false=each.presumably_false,
-                    objects=latest.objects if latest and is_first else '',
-                )
-            )
-        found += [Episode(time, error=error) for time in self._times[monitor.states :]]
-        return found
-
-
 class _Trigger:
     """A formula that each state alone decides, and the states at which it begins to hold."""
 
@@ -399,10 +345,3 @@ def _margin_of(formula: FormulaEpisodes, margin: Margin | None) -> Margin | None
 def _is_plain(column: NDArray[np.generic]) -> bool:
     """Return True for numbers and booleans, but for a column with a NaN."""
     return column.dtype.kind in 'biu' or (column.dtype.kind == 'f' and not np.isnan(column).any())
-
-
-def _explanation(verdict: Verdict, latest: FailureEpisode | None, *, is_first: bool) -> str:
-    """Return the reason for a verdict: in full for the first of consecutive false ones."""
-    if verdict is not Verdict.FALSE or latest is None:
-        return ''
-    return latest.explanation if is_first else f'as from {round_time(latest.begin)} on'

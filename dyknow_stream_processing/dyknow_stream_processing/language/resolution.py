@@ -23,13 +23,17 @@ from dyknow_common import (
 )
 from dyknow_stream_processing.language import specification as syntax
 from dyknow_stream_processing.language.built_in_sources import built_in_fields, type_fault
+from dyknow_stream_processing.language.sinks import made
 from dyknow_stream_processing.language.specification import Specification, Term
 from dyknow_stream_processing.language.term_sizes import MAX_FIELDS, TermSizes
 from dyknow_stream_processing.language.type_rules import (
     Unit,
     collision_text,
     comparable_types,
+    fits,
+    interpolated,
     settings,
+    with_article,
 )
 
 Fields = Mapping[str, ValueType | None]
@@ -106,7 +110,7 @@ def resolve(
     resolver = _Resolver(specification, streams, topic_fields, units)
     for each in specification.declared(syntax.StreamDeclaration):
         resolver.stream(each)
-    term, fields = resolver.made(syntax.made(specification))
+    term, fields = resolver.made(made(specification))
     merged = term.constraints.merged(constraints)
     return Resolved(replace(term, constraints=merged), fields, resolver.names)
 
@@ -219,9 +223,9 @@ class _Resolver:
         known = self._topic_fields(source.name)
         for field in source.fields:
             found = self._field(known, field.name, f"topic '{source.name}'", field.position)
-            if not _fits(found, field.type):
-                message = f"field '{field.name}' of topic '{source.name}' is {_typed(found)}"
-                raise self._error(f'{message}, not {_typed(field.type)}', field.position)
+            if not fits(found, field.type):
+                message = f"field '{field.name}' of topic '{source.name}' is {with_article(found)}"
+                raise self._error(f'{message}, not {with_article(field.type)}', field.position)
         topic = syntax.StreamReference(source.name, is_topic=True)
         term = syntax.Select(tuple(syntax.Selection(field.name) for field in source.fields), topic)
         self._add_name(source.name, term, source.position)
@@ -242,7 +246,7 @@ class _Resolver:
             found = self._field(fields, condition.field, owner, condition.position)
             if found is not None and found not in comparable_types(condition):
                 message = (
-                    f"field '{condition.field}' is {_typed(found)}, which cannot be compared "
+                    f"field '{condition.field}' is {with_article(found)}, which cannot be compared "
                     f'with {value_text(condition.value)}'
                 )
                 raise self._error(message, condition.position)
@@ -308,10 +312,10 @@ class _Resolver:
     ) -> None:
         for field in parameter:
             found = self._field(fields, field.name, _title(argument), argument.position)
-            if not _fits(found, field.type):
+            if not fits(found, field.type):
                 message = (
-                    f"field '{field.name}' of {_title(argument)} is {_typed(found)}, "
-                    f"but computational unit '{unit}' takes {_typed(field.type)}"
+                    f"field '{field.name}' of {_title(argument)} is {with_article(found)}, "
+                    f"but computational unit '{unit}' takes {with_article(field.type)}"
                 )
                 raise self._error(message, argument.position)
 
@@ -344,7 +348,7 @@ class _Resolver:
         known = [fields for fields in all_fields if fields is not None]
         joined = {name: found for fields in known for name, found in fields.items()}
         if sync.approximation is syntax.Approximation.LINEAR:
-            joined = {name: _interpolated(found) for name, found in joined.items()}
+            joined = {name: interpolated(found) for name, found in joined.items()}
         return replace(sync, inputs=inputs), joined if len(known) == len(all_fields) else None
 
     def _field(
@@ -383,25 +387,12 @@ class _Resolver:
             self.names.setdefault(text, name)
 
 
-def _interpolated(found: ValueType | None) -> ValueType | None:
-    return ValueType.FLOAT if found is ValueType.INT else found
-
-
-def _fits(found: ValueType | None, wanted: ValueType) -> bool:
-    return found is None or wanted.accepts(found)
-
-
 def _title(term: Term) -> str:
     return f"stream '{shortened(term.name if isinstance(term, syntax.StreamReference) else term)}'"
 
 
-def _typed(value_type: ValueType | None) -> str:
-    article = 'an' if value_type is ValueType.INT else 'a'
-    return f'{article} {value_type}'
-
-
-def _streams(number: int) -> str:
-    return f'{number} stream{"s" * (number != 1)}'
+def _streams(count: int) -> str:
+    return f'{count} stream{"s" * (count != 1)}'
 
 
 def _listing(names: Iterable[str]) -> str:

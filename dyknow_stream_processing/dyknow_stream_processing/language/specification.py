@@ -9,7 +9,6 @@ from typing import Final, TypeVar
 
 from dyknow_common import (
     NO_CONSTRAINTS,
-    NOWHERE,
     ArrayElements,
     ExitCode,
     Language,
@@ -350,40 +349,6 @@ class Specification:
 
     def __str__(self) -> str:
         return ';\n'.join(map(str, self.declarations))
-
-
-def made(specification: Specification) -> Term:
-    """Return the stream that a specification makes: its sink, or the one stream that no other uses.
-
-    Raises:
-        LanguageError: if there is none, or more than one.
-    """
-    sinks = specification.declared(SinkDeclaration)
-    if len(sinks) > 1:
-        raise specification.error('a second sink; keep one', sinks[1].position)
-    return sinks[0].stream if sinks else _unused(specification).stream
-
-
-def sink_message(specification: Specification) -> SinkMessage | None:
-    """Return the messages as which the stream of a specification is published too, if any."""
-    sinks = specification.declared(SinkDeclaration)
-    return sinks[0].message if sinks else None
-
-
-def _unused(specification: Specification) -> StreamDeclaration:
-    streams = specification.declared(StreamDeclaration)
-    used = {each.name for stream in streams for each in references(stream.stream)}
-    unused = [stream for stream in streams if stream.name not in used]
-    if len(unused) == 1:
-        return unused[0]
-    candidates = unused or streams
-    if not candidates:
-        raise specification.error('no stream is made; add a sink, such as: sink a', NOWHERE)
-    raise specification.error(
-        f'it is not clear which stream is made ({_listed(each.name for each in candidates)}); '
-        f'add a sink, such as: sink {candidates[-1].name}',
-        candidates[-1].position,
-    )
 
 
 def subterms(term: Term) -> Iterator[Term]:

@@ -19,6 +19,7 @@ from dyknow_common import (
     StreamConstraints,
     round_duration,
 )
+from dyknow_stream_processing.language.sinks import made
 from dyknow_stream_processing.language.specification import (
     Merge,
     Select,
@@ -27,7 +28,6 @@ from dyknow_stream_processing.language.specification import (
     StreamReference,
     Sync,
     Term,
-    made,
 )
 
 MAX_PARTS: Final = 20_000

@@ -40,3 +40,19 @@ def settings(unit: Unit) -> tuple[str, ...]:
         return ()
     kinds = [Parameter.KEYWORD_ONLY, *([Parameter.POSITIONAL_OR_KEYWORD] * isclass(unit))]
     return tuple(each.name for each in parameters if each.kind in kinds and each.name != TIME)
+
+
+def interpolated(found: ValueType | None) -> ValueType | None:
+    """Return the type of a field whose numbers are interpolated."""
+    return ValueType.FLOAT if found is ValueType.INT else found
+
+
+def with_article(value_type: ValueType | None) -> str:
+    """Return the name of a type with its article, for messages."""
+    article = 'an' if value_type is ValueType.INT else 'a'
+    return f'{article} {value_type}'
+
+
+def fits(found: ValueType | None, wanted: ValueType) -> bool:
+    """Return True if a field may have a type, as far as its own is known."""
+    return found is None or wanted.accepts(found)

@@ -27,10 +27,10 @@ from dyknow_common.ros import (
 from dyknow_stream_processing.dataflow.computational_units import load_units
 from dyknow_stream_processing.dataflow.dataflow import DEFAULT_MAX_LEAD, Dataflow
 from dyknow_stream_processing.errors import StreamError
+from dyknow_stream_processing.language.sinks import sink_message
 from dyknow_stream_processing.language.specification import (
     LANGUAGE,
     Specification,
-    sink_message,
 )
 from dyknow_stream_processing.language.term_sizes import check_rates
 from dyknow_stream_processing.management.naming import check_name

@@ -17,7 +17,7 @@ from dyknow_stream_processing.errors import StreamError
 from dyknow_stream_processing.language.parsing import parse_specification
 from dyknow_stream_processing.language.required_fields import total_demand
 from dyknow_stream_processing.language.resolution import resolve
-from dyknow_stream_processing.language.specification import sink_message
+from dyknow_stream_processing.language.sinks import sink_message
 from dyknow_stream_processing.ros.topics.publications import publishers_remark
 from dyknow_stream_processing.ros.topics.topic_sources import TopicSources, source_type
 from dyknow_stream_processing.sample import Sample

@@ -204,15 +204,14 @@ class FormulaClient:
     ) -> Monitor:
         """Evaluate a formula from now on, in the background.
 
-        `on_verdict` (may be `async`) is called once, with the answer or an error; `on_feedback`
-        after states. If `every_state`, both have `episodes`.
+        `on_verdict` (may be `async`) gets the answer or an error; `on_feedback`, reports meanwhile.
         """
         monitor = Monitor()
         to_answer = partial(answer_from_message, every_state=every_state)
         to_progress = partial(progress_from_message, every_state=every_state)
 
         def end(result: Any, error: DyKnowError | None) -> None:
-            answer = Answer(error=error) if error is not None else to_answer(result)
+            answer = to_answer(result) if error is None else Answer(error=error)
             monitor.outcome.set_result(answer)
             _notify(self._node, on_verdict, answer)
 
@@ -223,10 +222,8 @@ class FormulaClient:
         goal = _request(MonitorFormula.Goal, formula, timeout, grounding, constraints)
         goal.name, goal.restart_on_change = name, restart_on_change
         goal.margin, goal.every_state = margin, every_state
-        limits = GoalTimeouts(wait, timeout)
-        monitor.call = self._send(
-            MonitorFormula, goal, limits, end, lambda each: on_feedback(to_progress(each))
-        )
+        limits, report = GoalTimeouts(wait, timeout), (lambda each: on_feedback(to_progress(each)))
+        monitor.call = self._send(MonitorFormula, goal, limits, end, report)
         monitor.call.accepted.add_done_callback(lambda _: monitor.accepted.set_result(None))
         return monitor
 

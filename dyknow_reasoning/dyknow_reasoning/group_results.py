@@ -1,0 +1,117 @@
+"""The results of the formulas of a group: when each of them ends, and why."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from dyknow_common import SymbolKind, Verdict, round_time
+from dyknow_reasoning.errors import ReasoningError
+from dyknow_reasoning.execution import Histories, Outcomes
+from dyknow_reasoning.explanation.explanation import VerdictReasons, explain
+from dyknow_reasoning.language.formula import Formula
+from dyknow_reasoning.language.symbols import symbols_of
+from dyknow_reasoning.margins.group_margins import GroupMargins
+from dyknow_reasoning.progression.atoms import Values
+from dyknow_reasoning.results import FormulaResult, NamedFormula
+from dyknow_reasoning.standing import StandingFormulas
+
+
+class GroupResults:
+    """The formulas of a group that have no result yet, and the results of the others.
+
+    Args:
+        formulas: of the group, by their ids.
+        margins: of these formulas.
+        standing: those that are asked at every state.
+    """
+
+    def __init__(
+        self,
+        formulas: Mapping[int, NamedFormula],
+        margins: GroupMargins,
+        standing: StandingFormulas,
+    ) -> None:
+        self.undecided: set[int] = set()
+        """The formulas without a result."""
+        self.known: dict[int, Verdict] = {}
+        """The verdicts of formulas that need no state, until they are reported."""
+        self.ends: dict[int, str] = {}
+        """The residual texts of formulas that have a result."""
+        self.histories: Histories | None = None
+        """What past operators look back to, which formulas with a result no longer do."""
+        self._formulas = formulas
+        self._margins = margins
+        self._standing = standing
+
+    def remove(self, formula_id: int) -> None:
+        """Forget a formula."""
+        self._end(formula_id)
+        self._margins.remove(formula_id)
+        self._standing.remove(formula_id)
+        self.known.pop(formula_id, None)
+        self.ends.pop(formula_id, None)
+
+    def of_known(self) -> list[FormulaResult]:
+        """Return the results of formulas that need no state, and forget that they were known."""
+        known, self.known = self.known, {}
+        return [
+            self._decided(
+                formula_id, verdict, None, _reason(self._formulas[formula_id].formula, verdict)
+            )
+            for formula_id, verdict in known.items()
+            if formula_id in self.undecided
+        ]
+
+    def of(self, outcomes: Outcomes, valid_time: int, values: Values) -> list[FormulaResult]:
+        """Return the results of the formulas that a state decides, or that fail with it."""
+        results = []
+        for formula_id, outcome in outcomes.items():
+            if isinstance(outcome, ReasoningError):
+                results.append(self._failed(formula_id, outcome, valid_time))
+            else:
+                verdict = Verdict.TRUE if outcome.holds else Verdict.FALSE
+                why = explain(self._formulas[formula_id].formula, outcome, values)
+                results.append(self._decided(formula_id, verdict, valid_time, why))
+        return results
+
+    def _end(self, formula_id: int) -> None:
+        self.undecided.discard(formula_id)
+        if self.histories is not None:
+            self.histories.release([formula_id])
+
+    def _decided(
+        self, formula_id: int, verdict: Verdict, valid_time: int | None, why: VerdictReasons
+    ) -> FormulaResult:
+        self._end(formula_id)
+        self.ends[formula_id] = verdict.name.lower()
+        return FormulaResult(
+            formula_id,
+            self._formulas[formula_id].name,
+            verdict,
+            valid_time,
+            why.text,
+            objects=why.objects,
+            windows=why.windows,
+            ended_at=valid_time,
+            margin=self._margins.end(formula_id),
+        )
+
+    def _failed(self, formula_id: int, error: ReasoningError, valid_time: int) -> FormulaResult:
+        self._end(formula_id)
+        self._standing.remove(formula_id)
+        formula = self._formulas[formula_id]
+        self.ends[formula_id] = str(formula)
+        located = ReasoningError(f'at {round_time(valid_time)}: {error}', error.code)
+        verdict = Verdict.UNDECIDED
+        end, margin = valid_time, self._margins.end(formula_id)
+        return FormulaResult(
+            formula_id, formula.name, verdict, None, '', located, ended_at=end, margin=margin
+        )
+
+
+def _reason(formula: Formula, verdict: Verdict) -> VerdictReasons:
+    """Return the reason of a verdict that needs no state."""
+    symbols = symbols_of(formula)
+    sorts = dict.fromkeys(each.name for each in symbols if each.kind is SymbolKind.SORT)
+    objects = f' for the objects of {" and ".join(sorts)}' if sorts else ''
+    return VerdictReasons(f'it is {verdict.name.lower()}{objects}, whatever the states are')
