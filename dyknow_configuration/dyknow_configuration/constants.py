@@ -15,9 +15,12 @@ def read_constants(value: YamlValue) -> Constants:
     """
     found: Constants = ()
     for key, each in value.entries('a mapping from names to values'):
-        name, text = key.text(), each.text('a number, or a text such as 150 W').strip()
+        name, given = key.text(), each.plain()
         if name in FORMULA_WORDS:
             raise key.error(f"'{name}' cannot be the name of a constant; use another")
+        if not isinstance(given, bool | int | float | str):
+            raise each.expected('a number, or a text such as 150 W,')
+        text = str(given).lower() if isinstance(given, bool) else str(given)
         try:
             found += parse_constants({name: text})
         except LanguageError as error:

@@ -121,7 +121,7 @@ class FormulaGroup:
             ReasoningError: if the group has begun, for a sort without a domain, or a formula that
                 is too large for its domains; if a part of it has no margin, which is requested.
         """
-        named = _named(name, text, constants, every_state=every_state)
+        named = _named(name, text, constants, margin=margin, every_state=every_state)
         formula = named.formula
         self._limit_nodes()
         instances: list[Instance] = []
@@ -389,8 +389,10 @@ class FormulaGroup:
             monitor.add(formula_id, instances, named.kinds)
 
 
-def _named(name: str, text: str, constants: Constants, *, every_state: bool) -> NamedFormula:
+def _named(
+    name: str, text: str, constants: Constants, *, margin: bool, every_state: bool
+) -> NamedFormula:
     formula = parse_formula(text, constants)
     if every_state:
-        check_standing(formula)
+        check_standing(formula, margin=margin)
     return NamedFormula(name, formula, check_types(formula, text), every_state)

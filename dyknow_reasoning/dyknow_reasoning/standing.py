@@ -34,12 +34,16 @@ from dyknow_reasoning.progression.nodes import FALSE
 from dyknow_reasoning.results import NamedFormula
 
 
-def check_standing(formula: Formula) -> None:
+def check_standing(formula: Formula, *, margin: bool = False) -> None:
     """Check that a formula can be asked at every state.
 
     Raises:
-        ReasoningError: if it looks back on an operator of the future.
+        ReasoningError: if it looks back on an operator of the future, or its margin is requested.
     """
+    if margin:
+        raise ReasoningError(
+            'a formula that is asked at every state has no margin; leave out one of both'
+        )
     for each in walk(formula):
         if isinstance(each, PastFormula) and any(
             isinstance(part, Always | Eventually | Until) for part in walk(each)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from dyknow_reasoning import FormulaGroup
+from dyknow_reasoning import FormulaGroup, ReasoningError
 from dyknow_reasoning.execution.standing import standing_monitor
 
 SECOND = 1_000_000_000
@@ -51,7 +51,7 @@ def test_a_response_that_comes_too_late() -> None:
     (episode,) = summary.latest_episodes
     assert (episode.begin, episode.decided_at) == (1 * SECOND, 3 * SECOND)
     assert episode.explanation == (
-        "'stopped' held at no state from 1.000 s to 3.000 s; stopped is false at 3.000 s"
+        "'stopped' held at no state in [1.000 s, 3.000 s]; stopped is false at 3.000 s"
     )
 
 
@@ -137,3 +137,31 @@ def test_too_many_runs_are_an_error(monkeypatch: pytest.MonkeyPatch) -> None:
     (result,) = results
     assert 'more than 100' in str(result.error)
     assert 'give its operators shorter intervals' in str(result.error)
+
+
+def test_operators_of_the_past_look_back_to_all_states() -> None:
+    group, formula_id = begun('alarm -> once[0 s, 2 s] armed')
+    for second in range(8):
+        values = {'alarm': second in {3, 6}, 'armed': second == 2}
+        assert not group.progress(second * SECOND, values)
+    (episode,) = group.standing.summary(formula_id).latest_episodes
+    assert (episode.begin, episode.states) == (6 * SECOND, 1)
+
+
+def test_the_past_of_missing_states_ends_a_standing_monitor() -> None:
+    group, _ = begun('alarm -> once[0 s, 2 s] armed')
+    group.progress(0, {'alarm': False, 'armed': True})
+    group.gap()
+    (result,) = group.progress(SECOND, {'alarm': True, 'armed': False})
+    assert 'operators of the past look back on states that are missing' in str(result.error)
+    assert not group.undecided
+
+
+def test_a_margin_is_refused() -> None:
+    with pytest.raises(ReasoningError, match='asked at every state has no margin'):
+        FormulaGroup().add_formula('it', 'p', every_state=True, margin=True)
+
+
+def test_the_past_of_the_future_is_refused() -> None:
+    with pytest.raises(ReasoningError, match='can be evaluated from the first state only'):
+        FormulaGroup().add_formula('it', 'once eventually p', every_state=True)

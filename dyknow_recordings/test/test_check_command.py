@@ -178,7 +178,7 @@ def test_a_configuration(bag: Path, tmp_path: Path, capsys: pytest.CaptureFixtur
         ('domains: {UAV: 3}', ':1:16: write an object instead of'),
         ('formulas: [{name: a}]', ":1:12: add the key 'formula'"),
         ('constants: [a]', ':1:12: write a mapping from names to values instead of'),
-        ('constants: {a: [1]}', ':1:16: write a number, or a text such as 150 W instead of'),
+        ('constants: {a: [1]}', ':1:16: write a number, or a text such as 150 W, instead of'),
         ('constants: {limit: 3 mm/s/fo}', ":1:20: the constant 'limit': unknown unit 'mm/s/fo'"),
         ('constants: {limit: x}', ":1:20: the constant 'limit'"),
         ('constants: {limit: "2, b = 3"}', "the constant 'limit' must be one number"),

@@ -150,7 +150,7 @@ def test_numbers_are_converted_to_the_unit_of_their_feature(files: MonitoringFil
     report = in_watts(f'{limits} always[0 s, 1 s] (Power[r1] <= most and Power[r1] > least)', files)
     assert report.outcome is Outcome.TRUE
     constants = parse_constants({'most': '0.15 kW'})
-    requested = RequestedFormula('eventually[0 s, 1 s] Power[r1] > most', '', constants)
+    requested = RequestedFormula('eventually[0 s, 1 s] Power[r1] > most', constants=constants)
     source = recording(series('/main', steps(0, 2), 150.0))
     assert evaluate_recording(source, [requested], files).formulas[0].outcome is Outcome.FALSE
 

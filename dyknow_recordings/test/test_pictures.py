@@ -15,6 +15,7 @@ import pytest
 from recorded import ListedSamples, at, recording, sample
 
 from dyknow_common import SECOND_NS, DyKnowError, Verdict
+from dyknow_configuration import RequestedFormula
 from dyknow_recordings.check import main
 from dyknow_recordings.errors import RecordingError
 from dyknow_recordings.evaluation.episodes import FROM_FIRST_STATE, EpisodeStart, Every
@@ -24,7 +25,6 @@ from dyknow_recordings.evaluation.results import (
     FormulaReport,
     Outcome,
     RecordingReport,
-    RequestedFormula,
     StateGap,
 )
 from dyknow_recordings.evaluation.vocabulary import MonitoringFiles

@@ -67,8 +67,9 @@ def test_the_worst_margin_of_several_episodes(
     recording: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     report = tmp_path / 'report.xml'
-    options = ('--every', 'state', '--junit', str(report), '--formula', 'x < 5')
-    check(recording, *options)
+    # Of the states at 0 s and 2 s.
+    trigger = 'x < 2 or x > 3'
+    check(recording, '--every', trigger, '--junit', str(report), '--formula', 'x < 5')
     assert '1 (x < 5)' in capsys.readouterr().out
     suite = ET.parse(report).getroot()[0]  # noqa: S314 - our own file
     found = {each.get('name'): each.get('value') for each in suite.iter('property')}
@@ -78,6 +79,13 @@ def test_the_worst_margin_of_several_episodes(
         'margin_unit of x < 5': '',
         'margin_atom of x < 5': 'x < 5',
     }
+
+
+def test_margins_from_every_state_are_refused(
+    recording: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert check(recording, '--every', 'state', '--formula', 'x < 5') == 2
+    assert 'asked at every state has no margin; leave out --margins' in capsys.readouterr().err
 
 
 def test_sorts_are_inherited(recording: Path, capsys: pytest.CaptureFixture[str]) -> None:

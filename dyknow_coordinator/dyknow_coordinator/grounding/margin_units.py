@@ -13,6 +13,7 @@ from typing import Final
 
 from dyknow_common import Margin, Symbol
 from dyknow_coordinator.errors import CoordinationError
+from dyknow_coordinator.grounding.symbols import feature_symbols
 from dyknow_coordinator.grounding.units import only_unit, stated_units
 
 # A syntactic reference to a quoted stream, the arguments of a feature, or a name.
@@ -36,8 +37,10 @@ async def feature_units(
     Raises:
         DyKnowError: if the query fails.
     """
-    rows = await stated_units(symbols, query)
-    return {name: _known_unit(name, found) for name, found in rows.items()}
+    features = feature_symbols(symbols)
+    rows = await stated_units(features, query)
+    units = {name: _known_unit(name, found) for name, found in rows.items()}
+    return {**{each.name: '' for each in features if each.is_reference}, **units}
 
 
 def _known_unit(feature: str, rows: Sequence[tuple[str, ...]]) -> str:
