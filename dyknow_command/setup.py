@@ -27,6 +27,6 @@ setup(
     license='Apache-2.0',
     entry_points={
         'console_scripts': ['dyknow = dyknow_command:main'],
-        'ros2cli.command': ['dyknow = dyknow_command.ros2_command:DyKnowCommand'],
+        'ros2cli.command': ['dyknow = dyknow_command.ros.ros2_command:DyKnowCommand'],
     },
 )

@@ -25,8 +25,10 @@ class Verb:
     @property
     def is_installed(self) -> bool:
         """False if only what needs no ROS is installed, and this is something else."""
-        package, *rest = self.module.split('.')
-        return find_spec('.'.join([package, *rest[:1]]) if rest[1:] else package) is not None
+        try:
+            return find_spec(self.module.rpartition('.')[0]) is not None
+        except ModuleNotFoundError:  # The package that contains it is missing, too.
+            return False
 
 
 VERBS: Final[Mapping[str, Verb]] = {

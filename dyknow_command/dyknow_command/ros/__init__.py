@@ -1,0 +1,1 @@
+"""What extends the commands of ROS 2."""
