@@ -303,6 +303,9 @@ def test_reading_what_was_written(formula: Formula) -> None:
         ('x == 1', '==', '='),
         ('p => q', '=>', '->'),
         ('p untill[0 s, 5 s] q', 'untill', 'until'),
+        ('p S q', 'S', 'since'),
+        ('p W[0 s, 5 s] q', 'W', 'unless'),
+        ('H p', 'H', 'historically'),
     ],
 )
 def test_what_other_tools_write_is_corrected(text: str, mistake: str, meant: str) -> None:
