@@ -51,9 +51,9 @@ def compare(system: System, bag: Path, formulas: Sequence[str]) -> None:
         assert (live.exit_status.code, live.exit_status.message.partition(' (')[0]) == (
             code,
             message.partition(' (')[0],
-        ), formula
+        ), (formula, live.exit_status.message, message)
         assert (live.verdict, time_to_nanoseconds(live.decided_at) or None, live.explanation) == (
             episode.verdict,
             episode.decided_at,
             episode.explanation,
-        ), formula
+        ), (formula, live.exit_status.message, message)

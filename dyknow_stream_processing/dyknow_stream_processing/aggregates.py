@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dyknow_common import ComputedField, Value, ValueType, shortened
+from dyknow_stream_processing.sample import AbsentElement
 
 _OPERATORS: Final[Mapping[str, Callable[[Any, Any], Any]]] = {
     '=': operator.eq,
@@ -35,6 +36,20 @@ _MAX_EXACT: Final = 1 << 53
 
 class NoValueError(Exception):
     """The reason why a message has no value at a path."""
+
+    @property
+    def reason(self) -> str:
+        """Why there is no value."""
+        return str(self)
+
+
+class NoElementError(NoValueError):
+    """A message has no element with a key."""
+
+    @property
+    def reason(self) -> str:
+        """Why there is no value."""
+        return AbsentElement(str(self))
 
 
 def aggregate(field: ComputedField, kind: ValueType | None) -> Callable[[Any], Value]:

@@ -30,7 +30,14 @@ from dyknow_common import (
     listed_as,
     parse_field,
 )
-from dyknow_stream_processing.aggregates import NoValueError, aggregate, number, plain, text
+from dyknow_stream_processing.aggregates import (
+    NoElementError,
+    NoValueError,
+    aggregate,
+    number,
+    plain,
+    text,
+)
 from dyknow_stream_processing.sample import PartialFields, Rows
 
 MAX_ELEMENTS = 10_000
@@ -168,7 +175,7 @@ def _keyed(name: str, key: ElementKey, place: str, are_members: bool) -> Reader:
         keys = keys if are_members else [plain(each) for each in key_of(message)]
         if key.value not in keys:
             known = listed(list(dict.fromkeys(map(str, keys)))) or 'none'
-            raise NoValueError(f'no element of {place} with {key}; it has: {known}')
+            raise NoElementError(f'no element of {place} with {key}; it has: {known}')
         index = keys.index(key.value)
         if index >= len(elements):
             raise _missing(place, elements, index)

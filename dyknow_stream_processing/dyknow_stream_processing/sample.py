@@ -13,6 +13,15 @@ Rows = Sequence[Mapping[str, Value]]
 """The fields of each element of an array."""
 
 
+class AbsentElement(str):
+    """The reason that a message has no element with a key.
+
+    It is no fault: another publisher of the topic may send the element.
+    """
+
+    __slots__ = ()
+
+
 class PartialFields(dict[str, Value]):
     """Fields of a sample that lacks some of the fields that it should have, or has more than them.
 

@@ -23,6 +23,7 @@ from dyknow_stream_processing import (
     load_units,
     parse_specification,
 )
+from dyknow_stream_processing.sample import AbsentElement
 
 FIELDS = {'frame': ValueType.STRING, 's[0..].name': ValueType.STRING, 's[0..].z': ValueType.INT}
 
@@ -151,3 +152,16 @@ def test_a_percent_sign_in_a_name() -> None:
     flow = Flow('select frame as "%frame% 100 %%" from "/d"')
     flow.push(1, {'frame': 'map'})
     assert flow.samples == [(1, {'map 100 %': 'map'})]
+
+
+def test_a_message_without_the_element_is_no_violation() -> None:
+    flow = Flow('select s[name = "a"].z as z from "/d"')
+    path = 's[name = "a"].z'
+    flow.push(1, PartialFields({}, {path: AbsentElement('no element of s with name = "a"')}))
+    flow.push(2, {path: 5})
+    flow.push(3, PartialFields({}, {path: 'it is damaged'}))
+    assert flow.samples == [(2, {'z': 5})]
+    assert [each.partition(': ')[2] for each in flow.violations] == [
+        f"no field '{path}': it is damaged"
+    ]
+    assert flow.drops() == {'absent': 1, 'fields': 1}

@@ -12,7 +12,7 @@ from dyknow_stream_processing.dataflow.scheduler import BEGINNING
 from dyknow_stream_processing.errors import StreamError
 from dyknow_stream_processing.language.specification import Condition, Selection
 from dyknow_stream_processing.language.type_rules import comparable_types
-from dyknow_stream_processing.sample import PartialFields, missing_text
+from dyknow_stream_processing.sample import AbsentElement, PartialFields, missing_text
 from dyknow_stream_processing.violation import Fault, ViolationKind
 
 _COMPARISONS: Final[Mapping[str, Callable[[Value, Value], bool]]] = {
@@ -26,6 +26,10 @@ _COMPARISONS: Final[Mapping[str, Callable[[Value, Value], bool]]] = {
 
 _MAX_VALUE: Final = 80
 """The length of a value in a message."""
+
+
+ABSENT: Final = 'absent'
+"""The reason of the drop of a message without the element that a key names."""
 
 
 class SelectOperator(Operator):
@@ -44,6 +48,8 @@ class SelectOperator(Operator):
         self._conditions = ' and '.join(map(str, conditions))
         self._rejected: tuple[str, Value] | None = None
         """The latest value for which a sample was not selected, and its field."""
+        self._absent = ''
+        """Which element the latest message without one lacks."""
 
     def receive(
         self, port: int, valid_time: int, fields: Mapping[str, Value], watermark: int, now: int
@@ -57,6 +63,11 @@ class SelectOperator(Operator):
                     return
             selected = self._select(fields)
         except KeyError as error:
+            if isinstance(error.args[-1], AbsentElement):
+                self._absent = str(error.args[-1])
+                self._drop(ABSENT)
+                self.promise(port, watermark, now)
+                return
             known = ', '.join(fields) or 'nothing'
             message = missing_text(error, f' in the sample (it has: {known})')
         except StreamError as error:
@@ -79,6 +90,8 @@ class SelectOperator(Operator):
 
     def obstacle(self, name: Callable[[Operator], str]) -> str:
         """Return the conditions, if samples fail them, and how the last one did."""
+        if self._absent:
+            return f'no sample of {name(self.inputs[0])} has what is selected: {self._absent}'
         if self._rejected is None:
             return super().obstacle(name)
         source, rejected = name(self.inputs[0]), _shown(*self._rejected)

@@ -60,7 +60,7 @@ class ComputedColumns:
                 try:
                     value = value if message is None else read(message)
                 except NoValueError as error:
-                    absent[path][row] = str(error)
+                    absent[path][row] = error.reason
                 values[path].append(value)
         for path, column in values.items():
             yield path, _column(column, self._types[path]), absent[path]

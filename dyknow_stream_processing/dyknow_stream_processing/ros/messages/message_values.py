@@ -40,7 +40,7 @@ def with_value(fields: dict[str, Value], message: Any, path: str) -> dict[str, V
     try:
         value = _reader(message.__class__, path)(message)
     except NoValueError as error:
-        return PartialFields(fields, {path: str(error)})
+        return PartialFields(fields, {path: error.reason})
     if isinstance(value, list):
         return PartialFields(fields, {}, {path: value})
     fields[path] = value
