@@ -110,7 +110,7 @@ class Judge:
         else:
             self.check_fact(sentence)
 
-    def is_about_the_past(self, sentence: str) -> bool:
+    def is_about_the_past(self, sentence: str) -> bool:  # noqa: PLR0911
         """A claim about a past operator at the last state."""
         last = len(self.states) - 1
         if not any(isinstance(part, PAST_KINDS) for part in walk(self.formula)):
