@@ -173,9 +173,9 @@ def test_each_robot_has_its_own_answers(two_robots: Robots) -> None:
 @pytest.mark.parametrize(
     ('package', 'line', 'code', 'words'),
     [
-        ('dyknow_bringup', f'{ASK} --coordinator /robot2/{COORDINATOR}', 1, 'false at'),
-        ('dyknow_bringup', f'{ASK} --ros-args -r __ns:=/robot1', 0, 'true at'),
-        ('dyknow_bringup', ASK, 2, f'there are: /robot1/{COORDINATOR}, /robot2/{COORDINATOR}'),
+        ('dyknow_command', f'{ASK} --coordinator /robot2/{COORDINATOR}', 1, 'false at'),
+        ('dyknow_command', f'{ASK} --ros-args -r __ns:=/robot1', 0, 'true at'),
+        ('dyknow_command', ASK, 2, f'there are: /robot1/{COORDINATOR}, /robot2/{COORDINATOR}'),
         (
             'dyknow_stream_processing',
             'streams my_speed --node /robot1/stream_manager',
