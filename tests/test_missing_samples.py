@@ -184,7 +184,7 @@ def test_a_where_that_lets_nothing_through_is_named(nodes: StreamNodes) -> None:
     start(nodes)
     nodes.create('high', 'select data from "/tank/level" where data > 0.7')
     wait_for_reason(
-        nodes, 'high', 'no sample of /tank/level satisfies data > 0.7 (one has data = 0.5)'
+        nodes, 'high', 'no sample of /tank/level satisfies data > 0.7 (the last has data = 0.5)'
     )
 
 
