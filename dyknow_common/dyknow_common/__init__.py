@@ -89,11 +89,12 @@ from dyknow_common.text_files import (
     replace_text,
 )
 from dyknow_common.units import check_unit, unit_conversion
-from dyknow_common.values import Value, ValueType
+from dyknow_common.values import COMPARISONS, Value, ValueType
 from dyknow_common.verdict import Margin, Verdict
 
 __all__ = [
     'AGGREGATES',
+    'COMPARISONS',
     'CONSTRAINT_KINDS',
     'CONVERSIONS',
     'FORMULA_WORDS',

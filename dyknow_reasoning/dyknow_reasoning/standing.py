@@ -19,12 +19,10 @@ from dyknow_reasoning.explanation.explanation import VerdictReasons, explain
 from dyknow_reasoning.explanation.remainders import text_of
 from dyknow_reasoning.explanation.residual import holds_at_the_end
 from dyknow_reasoning.language.formula import (
-    Always,
-    Eventually,
     Formula,
     PastAtom,
     PastFormula,
-    Until,
+    looks_forward,
     walk,
 )
 from dyknow_reasoning.progression.atoms import Values
@@ -45,9 +43,7 @@ def check_standing(formula: Formula, *, margin: bool = False) -> None:
             'a formula that is asked at every state has no margin; leave out one of both'
         )
     for each in walk(formula):
-        if isinstance(each, PastFormula) and any(
-            isinstance(part, Always | Eventually | Until) for part in walk(each)
-        ):
+        if isinstance(each, PastFormula) and looks_forward(each):
             raise ReasoningError(
                 f"'{shortened(each)}' looks back on an operator of the future, so it can be "
                 'evaluated from the first state only'

@@ -7,7 +7,6 @@ over their elements. NaN is ignored. Comparisons and sums of integers are exact.
 from __future__ import annotations
 
 import math
-import operator
 from array import array
 from collections.abc import Callable, Mapping
 from typing import Any, Final
@@ -15,17 +14,9 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from dyknow_common import ComputedField, Value, ValueType, shortened
+from dyknow_common import COMPARISONS, ComputedField, Value, ValueType, shortened
 from dyknow_stream_processing.sample import AbsentElement
 
-_OPERATORS: Final[Mapping[str, Callable[[Any, Any], Any]]] = {
-    '=': operator.eq,
-    '!=': operator.ne,
-    '<': operator.lt,
-    '<=': operator.le,
-    '>': operator.gt,
-    '>=': operator.ge,
-}
 _WIDE: Final = 8
 """The bytes of integers whose sum numpy may not hold."""
 
@@ -68,7 +59,7 @@ def aggregate(field: ComputedField, kind: ValueType | None) -> Callable[[Any], V
         reduce = _REDUCTIONS[function]
         return lambda elements: reduce(_vector(elements, kind))
     symbol, wanted = ('=', True) if condition is None else (condition.operator, condition.value)
-    compare, result = _OPERATORS[symbol], _RESULTS[function]
+    compare, result = COMPARISONS[symbol], _RESULTS[function]
     if isinstance(wanted, str):
         return lambda texts: result(sum(compare(each, wanted) for each in texts), len(texts))
 

@@ -7,12 +7,13 @@ unit of their features; products and quotients have none that is known.
 from __future__ import annotations
 
 import re
-from collections.abc import Awaitable, Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from typing import Final
 
 from dyknow_common import Margin, Symbol
 from dyknow_coordinator.errors import CoordinationError
+from dyknow_coordinator.grounding.declared_properties import QueryFunction, Rows
 from dyknow_coordinator.grounding.symbols import feature_symbols
 from dyknow_coordinator.grounding.units import only_unit, stated_units
 
@@ -25,9 +26,7 @@ _SAME_UNIT: Final = {'abs', 'hypot', 'max', 'min'}
 """The functions whose value has the unit of their arguments."""
 
 
-async def feature_units(
-    symbols: Iterable[Symbol], query: Callable[[str], Awaitable[Sequence[tuple[str, ...]]]]
-) -> dict[str, str]:
+async def feature_units(symbols: Iterable[Symbol], query: QueryFunction) -> dict[str, str]:
     """Return the unit of each feature; empty for one without a unit, or with an unknown one.
 
     Args:
@@ -43,7 +42,7 @@ async def feature_units(
     return {**{each.name: '' for each in features if each.is_reference}, **units}
 
 
-def _known_unit(feature: str, rows: Sequence[tuple[str, ...]]) -> str:
+def _known_unit(feature: str, rows: Rows) -> str:
     try:
         return only_unit(feature, rows)
     except CoordinationError:

@@ -9,22 +9,13 @@ from __future__ import annotations
 
 import re
 from collections import defaultdict
-from collections.abc import Awaitable, Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Final
 
 from dyknow_common import Symbol, SymbolKind
 from dyknow_coordinator.errors import CoordinationError
-
-# Without the first condition, owlready2 does not follow the path.
-_QUERY: Final = """
-    SELECT DISTINCT ?above ?sort WHERE {{
-        ?feature a owl:Class .
-        ?feature rdfs:subClassOf* ?above .
-        ?above <http://www.dyknow.org/ontology#argument{argument}> ?sort .
-        FILTER(STRENDS(STR(?feature), "#{feature}") || STRENDS(STR(?feature), "/{feature}"))
-    }}
-"""
+from dyknow_coordinator.grounding.declared_properties import QueryFunction, Rows, property_query
 
 # A text in quotes, or a quantifier without a sort.
 _UNSORTED: Final = re.compile(
@@ -43,7 +34,7 @@ class ArgumentPlace:
     @property
     def query(self) -> str:
         """The SPARQL query for concepts that state the sort of the argument, and these sorts."""
-        return _QUERY.format(argument=self.number, feature=self.feature)
+        return property_query(self.feature, f'argument{self.number}')
 
     def __str__(self) -> str:
         return f'argument {self.number} of {self.feature}'
@@ -61,9 +52,7 @@ def places_of_variables(symbols: Iterable[Symbol]) -> dict[str, tuple[ArgumentPl
     return {variable: tuple(found) for variable, found in places.items()}
 
 
-async def infer_sorts(
-    symbols: Iterable[Symbol], query: Callable[[str], Awaitable[Sequence[tuple[str, ...]]]]
-) -> dict[str, str]:
+async def infer_sorts(symbols: Iterable[Symbol], query: QueryFunction) -> dict[str, str]:
     """Return the sort of each variable whose quantifier names none.
 
     Args:
@@ -80,7 +69,7 @@ async def infer_sorts(
     return sorts
 
 
-def declared_sorts(place: ArgumentPlace, rows: Sequence[tuple[str, ...]]) -> frozenset[str]:
+def declared_sorts(place: ArgumentPlace, rows: Rows) -> frozenset[str]:
     """Return the sorts of an argument, given the solutions of its query.
 
     A feature that states the sort itself does not inherit it.

@@ -8,22 +8,13 @@ from which the reasoning engine makes `Power[u] > 1000.0`.
 from __future__ import annotations
 
 import re
-from collections.abc import Awaitable, Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from typing import Final
 
 from dyknow_common import Symbol, quoted
 from dyknow_coordinator.errors import CoordinationError
+from dyknow_coordinator.grounding.declared_properties import QueryFunction, Rows, property_query
 from dyknow_coordinator.grounding.symbols import feature_symbols
-
-# Without the first condition, owlready2 does not follow the path.
-_QUERY: Final = """
-    SELECT DISTINCT ?above ?unit WHERE {{
-        ?feature a owl:Class .
-        ?feature rdfs:subClassOf* ?above .
-        ?above <http://www.dyknow.org/ontology#unit> ?unit .
-        FILTER(STRENDS(STR(?feature), "#{feature}") || STRENDS(STR(?feature), "/{feature}"))
-    }}
-"""
 
 # The unit of a number, or another text in quotes.
 _QUOTED: Final = re.compile(r'(?P<unit>(?<=[0-9]) )?"(?:\\.|[^"\\])*"')
@@ -34,9 +25,7 @@ def has_units(formula: str) -> bool:
     return any(found['unit'] for found in _QUOTED.finditer(formula))
 
 
-async def find_units(
-    symbols: Iterable[Symbol], query: Callable[[str], Awaitable[Sequence[tuple[str, ...]]]]
-) -> dict[str, str]:
+async def find_units(symbols: Iterable[Symbol], query: QueryFunction) -> dict[str, str]:
     """Return the unit of each feature among symbols, by name; empty for one without a unit.
 
     Args:
@@ -50,18 +39,16 @@ async def find_units(
     return {name: only_unit(name, found) for name, found in rows.items()}
 
 
-async def stated_units(
-    symbols: Iterable[Symbol], query: Callable[[str], Awaitable[Sequence[tuple[str, ...]]]]
-) -> dict[str, Sequence[tuple[str, ...]]]:
+async def stated_units(symbols: Iterable[Symbol], query: QueryFunction) -> dict[str, Rows]:
     """Return the concepts with units that each feature is or is below, with these units.
 
     The arguments and errors are those of `find_units`.
     """
     names = [each.name for each in feature_symbols(symbols) if not each.is_reference]
-    return {name: await query(_QUERY.format(feature=name)) for name in dict.fromkeys(names)}
+    return {name: await query(property_query(name, 'unit')) for name in dict.fromkeys(names)}
 
 
-def only_unit(feature: str, rows: Sequence[tuple[str, ...]]) -> str:
+def only_unit(feature: str, rows: Rows) -> str:
     """Return the unit of a feature, given the concepts that state one; empty if none does.
 
     A feature that states its unit does not inherit it.

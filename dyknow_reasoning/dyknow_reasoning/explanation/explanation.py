@@ -11,7 +11,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 
-from dyknow_common import Value, format_time
+from dyknow_common import COMPARISONS, Value, format_time
 from dyknow_reasoning.execution import DecidingMoment, InstanceVerdict
 from dyknow_reasoning.explanation.origins import windows_of_known_origin
 from dyknow_reasoning.explanation.past_facts import past_fact, shortened_text
@@ -22,12 +22,10 @@ from dyknow_reasoning.explanation.residual import (
     residual_text,
 )
 from dyknow_reasoning.language.formula import (
-    Always,
     Comparison,
-    Eventually,
     Formula,
+    FutureFormula,
     PastAtom,
-    Until,
     walk,
 )
 from dyknow_reasoning.language.interval import Interval
@@ -38,7 +36,6 @@ from dyknow_reasoning.language.terms import (
     Truth,
 )
 from dyknow_reasoning.progression.atoms import (
-    COMPARE,
     MIRRORED_COMPARISONS,
     NEGATED_COMPARISONS,
     Values,
@@ -130,7 +127,7 @@ class _Explainer:
         self._intervals = _intervals(before.instance.node)
         # Simplification may have joined some of these.
         self._stated_intervals = {
-            each.interval for each in walk(formula) if isinstance(each, Always | Eventually | Until)
+            each.interval for each in walk(formula) if isinstance(each, FutureFormula)
         }
 
     def text(self) -> str:
@@ -304,7 +301,7 @@ class _Explainer:
             value if isinstance(term, _LITERALS) else _rounded(value)
             for term, value in zip(terms, values, strict=True)
         ]
-        if COMPARE[operator](*shown) != holds:
+        if COMPARISONS[operator](*shown) != holds:
             shown = values
         first, second = map(_with_value, terms, shown)
         if isinstance(atom.left, _LITERALS):

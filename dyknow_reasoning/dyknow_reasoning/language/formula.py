@@ -254,6 +254,9 @@ class Let(SyntaxNode):
     body: Formula
 
 
+FutureFormula: TypeAlias = Always | Eventually | Until
+"""An operator of the future."""
+
 PastFormula: TypeAlias = Historically | Once | Previous | Since
 """A formula whose operator looks back."""
 
@@ -323,3 +326,8 @@ def walk(node: Formula | Term) -> Iterator[Formula | Term]:
         each = pending.pop()
         yield each
         pending.extend(reversed(parts(each)))
+
+
+def looks_forward(formula: Formula) -> bool:
+    """Return True if a formula contains an operator of the future: one state may not decide it."""
+    return any(isinstance(each, FutureFormula) for each in walk(formula))

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any, TypeAlias
 
+from dyknow_common import COMPARISONS
 from dyknow_reasoning.errors import ReasoningError
 from dyknow_reasoning.language.formula import Atom, Comparison
 from dyknow_reasoning.language.terms import (
@@ -16,7 +17,6 @@ from dyknow_reasoning.language.terms import (
 from dyknow_reasoning.language.type_checking import Kinds
 from dyknow_reasoning.margins.operators import HIGHEST, LOWEST, Robustness
 from dyknow_reasoning.progression.atoms import (
-    COMPARE,
     NEGATED_COMPARISONS,
     Values,
     predicate,
@@ -100,7 +100,7 @@ def _truth(atom: Atom, kinds: Kinds, *, positive: bool) -> MarginReader:
 
 def _comparison(atom: Comparison, kinds: Kinds, number: int) -> MarginReader:
     if isinstance(atom.left, Object) and isinstance(atom.right, Object):
-        same = HIGHEST if COMPARE[atom.operator](atom.left.name, atom.right.name) else LOWEST
+        same = HIGHEST if COMPARISONS[atom.operator](atom.left.name, atom.right.name) else LOWEST
         return lambda _: same
     left, right = term_reader(atom.left, kinds), term_reader(atom.right, kinds)
     distance, truth = _DISTANCES[atom.operator], _truth(atom, kinds, positive=True)

@@ -220,7 +220,29 @@ class Product(Copyable):
         return earlier if later is None else self._operation(earlier, later)
 
 
-class SlidingUntil(SlidingMargin):
+class _SlidingPairs(SlidingMargin):
+    """`until` or `since` over a window; the body passes on pairs: the margins of both sides."""
+
+    def _meet_left(self, first: Any, second: Any) -> Any:
+        return self.worse((first[0], second[0])), None
+
+    def _joined(self, found: Robustness, window: Product, between: Product) -> Robustness:
+        """Return a margin, or a better one that a state in the window gives.
+
+        Args:
+            found: the margin.
+            window: the steps in the window.
+            between: those between the state and the window, in which the left side must hold.
+        """
+        total, left = window.total(), between.total()
+        if total is None:
+            return found
+        right = total[1] if left is None else self.worse((left[0], total[1]))
+        result: Robustness = self.better((found, right))
+        return result
+
+
+class SlidingUntil(_SlidingPairs):
     """`until`; if universal, its dual, `release` with an open interval.
 
     The body passes on pairs: the margins of the left and the right side.
@@ -231,9 +253,6 @@ class SlidingUntil(SlidingMargin):
         # The steps before the window, and those in it; of both only those after the state.
         self._before = Product(self._meet_left, keeps_elements=True)
         self._window = Product(self._compose, keeps_elements=True)
-
-    def _meet_left(self, first: Any, second: Any) -> Any:
-        return self.worse((first[0], second[0])), None
 
     def _compose(self, earlier: Any, later: Any) -> Any:
         (left, right), (next_left, next_right) = earlier, later
@@ -258,15 +277,10 @@ class SlidingUntil(SlidingMargin):
             # The state itself is in its window: the left side need not hold before it.
             _, time, (_, right) = window.pop()
             found = right if time == state else found
-        later = window.total()
-        if later is not None:
-            left = before.total()
-            right = later[1] if left is None else self.worse((left[0], later[1]))
-            found = self.better((found, right))
-        return found
+        return self._joined(found, window, before)
 
 
-class SlidingSince(SlidingMargin):
+class SlidingSince(_SlidingPairs):
     """`since`, the mirror of `until`; if universal, its dual.
 
     The body passes on pairs: the margins of the left and the right side.
@@ -286,9 +300,6 @@ class SlidingSince(SlidingMargin):
         # The steps in the window, and those after it; of both only those before the state.
         self._window = Product(self._compose, keeps_elements=start != -inf)
         self._after = Product(self._meet_left, keeps_elements=True)
-
-    def _meet_left(self, first: Any, second: Any) -> Any:
-        return self.worse((first[0], second[0])), None
 
     def _compose(self, earlier: Any, later: Any) -> Any:
         (left, right), (next_left, next_right) = earlier, later
@@ -312,9 +323,4 @@ class SlidingSince(SlidingMargin):
         found = self.neutral
         if self._window_end == 0 and self._current is not None:
             found = self._current[2][1]
-        earlier = window.total()
-        if earlier is not None:
-            left = after.total()
-            right = earlier[1] if left is None else self.worse((left[0], earlier[1]))
-            found = self.better((found, right))
-        return found
+        return self._joined(found, window, after)

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator, Mapping
 from itertools import chain
 from typing import Any, TypeAlias, cast
 
-from dyknow_common import Value
+from dyknow_common import COMPARISONS, Value
 from dyknow_reasoning.errors import ReasoningError
 from dyknow_reasoning.language.formula import (
     Atom,
@@ -37,16 +37,6 @@ Predicate: TypeAlias = Callable[[Values], bool]
 """The truth of an atom at a state; raises ReasoningError if the values are unusable."""
 
 _Reader: TypeAlias = Callable[[Values], Any]
-
-COMPARE: Mapping[str, Callable[[Any, Any], bool]] = {
-    '=': operator.eq,
-    '!=': operator.ne,
-    '<': operator.lt,
-    '<=': operator.le,
-    '>': operator.gt,
-    '>=': operator.ge,
-}
-"""The comparison operators."""
 
 CALCULATE: Mapping[str, Callable[[Any, Any], Any]] = {
     '+': operator.add,
@@ -119,7 +109,7 @@ def predicate(atom: Atom, kinds: Kinds) -> Predicate:
     """
     if not isinstance(atom, Comparison):
         return _field(atom, Kind.BOOLEAN)
-    compare = COMPARE[atom.operator]
+    compare = COMPARISONS[atom.operator]
     left, right = _reader(atom.left, kinds), _reader(atom.right, kinds)
     if isinstance(atom.right, Number | TextLiteral | Truth):
         constant = atom.right.value
@@ -153,7 +143,7 @@ def kind_of(term: Feature | FieldReference, kinds: Kinds) -> Kind | None:
 
 
 def _compare_same_kind(atom: Comparison, left: _Reader, right: _Reader) -> Predicate:
-    compare = COMPARE[atom.operator]
+    compare = COMPARISONS[atom.operator]
 
     def holds(values: Values) -> bool:
         first, second = left(values), right(values)

@@ -38,8 +38,8 @@ from dyknow_reasoning.language.formula import (
     Since,
     StateAtom,
     Until,
+    looks_forward,
     parts,
-    walk,
     with_changed_parts,
 )
 from dyknow_reasoning.language.symbols import feature_symbol
@@ -197,7 +197,7 @@ class _Translator:
                 raise AssertionError(formula)
 
     def _past(self, formula: PastFormula, binding: Binding) -> Node:
-        if not any(isinstance(each, Always | Eventually | Until) for each in walk(formula)):
+        if not looks_forward(formula):
             grounded = ground(formula, binding, self._domains)
             known = past_operands(grounded, self._store).value
             if known is not None:

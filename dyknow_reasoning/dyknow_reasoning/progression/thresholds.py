@@ -21,13 +21,14 @@ from dataclasses import dataclass
 from functools import partial
 from typing import TypeAlias, TypeVar
 
+from dyknow_common import COMPARISONS
 from dyknow_reasoning.language.formula import Atom, Comparison
 from dyknow_reasoning.language.terms import (
     Number,
     Term,
     TextLiteral,
 )
-from dyknow_reasoning.progression.atoms import COMPARE, MIRRORED_COMPARISONS, NEGATED_COMPARISONS
+from dyknow_reasoning.progression.atoms import MIRRORED_COMPARISONS, NEGATED_COMPARISONS
 from dyknow_reasoning.progression.node_store import NodeStore
 from dyknow_reasoning.progression.nodes import Junction, Literal, Node, constant
 
@@ -52,7 +53,7 @@ class _Threshold:
 
     def allows(self, value: _Value) -> bool:
         """Return True if a term with a value satisfies the comparison."""
-        return COMPARE[self.operator](value, self.value)
+        return COMPARISONS[self.operator](value, self.value)
 
 
 class Thresholds:

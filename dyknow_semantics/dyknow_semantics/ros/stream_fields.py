@@ -27,7 +27,9 @@ class StreamFields:
     def __init__(self, node: DyKnowNode) -> None:
         name = node.parameter('stream_manager', 'stream_manager', 'Name of the stream manager.')
         self._node = node
-        self._manager = RemoteNode(node, name, patience_s=_TIMEOUT_S, timeout_s=_TIMEOUT_S)
+        self._manager = RemoteNode(
+            node, name, patience_s=_TIMEOUT_S, timeout_s=_TIMEOUT_S, services=(StreamGetTopic,)
+        )
         self._reported: Mapping[str, str] = {}
         node.create_subscription(
             StreamStatusArray,

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import operator
 from collections.abc import Callable, Mapping, Sequence
 from typing import Final
 
-from dyknow_common import Value, ValueType, value_text
+from dyknow_common import COMPARISONS, Value, ValueType, value_text
 from dyknow_stream_processing.dataflow.operators import END, Operator, Wiring
 from dyknow_stream_processing.dataflow.scheduler import BEGINNING
 from dyknow_stream_processing.errors import StreamError
@@ -14,15 +13,6 @@ from dyknow_stream_processing.language.specification import Condition, Selection
 from dyknow_stream_processing.language.type_rules import comparable_types
 from dyknow_stream_processing.sample import AbsentElement, PartialFields, missing_text
 from dyknow_stream_processing.violation import Fault, ViolationKind
-
-_COMPARISONS: Final[Mapping[str, Callable[[Value, Value], bool]]] = {
-    '=': operator.eq,
-    '!=': operator.ne,
-    '<': operator.lt,
-    '<=': operator.le,
-    '>': operator.gt,
-    '>=': operator.ge,
-}
 
 _MAX_VALUE: Final = 80
 """The length of a value in a message."""
@@ -156,7 +146,7 @@ def _shown(field: str, value: Value) -> str:
 
 def condition_test(condition: Condition) -> Callable[[Value], bool]:
     """Return a function that tests values; it raises a StreamError for one of another type."""
-    compare, expected = _COMPARISONS[condition.operator], condition.value
+    compare, expected = COMPARISONS[condition.operator], condition.value
     comparable = comparable_types(condition)
     types = {each for each in (bool, int, float, str) if ValueType.of(each()) in comparable}
 

@@ -68,21 +68,7 @@ def quick_reader(
     symbol = source.symbol(atoms, kinds, predicates)
     if not source.reads_fields:
         return careful
-    source.names['careful'] = careful
-    return cast(
-        'Reader',
-        source.run(
-            f"""
-def make():
-    def read(values):
-        try: {source.reads}
-        except KeyError: return careful(values)
-        if {source.unusual}: return careful(values)
-        return {symbol}
-    return read
-"""
-        ),
-    )
+    return cast('Reader', source.reader(symbol, careful))
 
 
 class ReaderCode:
@@ -124,6 +110,26 @@ class ReaderCode:
         name = f'name_{len(self.names)}'
         self.names[name] = thing
         return name
+
+    def reader(self, result: str, careful: Callable[[Values], Any]) -> Any:
+        """Return the function of a state whose value is an expression of the fields.
+
+        Args:
+            result: the expression.
+            careful: is called instead for values that the code cannot handle.
+        """
+        self.names['careful'] = careful
+        return self.run(
+            f"""
+def make():
+    def read(values):
+        try: {self.reads}
+        except KeyError: return careful(values)
+        if {self.unusual}: return careful(values)
+        return {result}
+    return read
+"""
+        )
 
     def run(self, code: str) -> Any:
         """Run code that defines a function `make`, and return the result of that function."""

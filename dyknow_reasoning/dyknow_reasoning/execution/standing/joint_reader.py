@@ -38,19 +38,11 @@ def joint_reader(instances: Sequence[FormulaInstance]) -> JointReader:
         source.symbol(each.atoms, each.kinds, found)
         for each, found in zip(instances, predicates, strict=True)
     ]
-    source.names['careful'] = lambda values: tuple(read(values) for read in careful)
     return cast(
         'JointReader',
-        source.run(
-            f"""
-def make():
-    def read(values):
-        try: {source.reads}
-        except KeyError: return careful(values)
-        if {source.unusual}: return careful(values)
-        return ({''.join(f'{symbol}, ' for symbol in symbols)})
-    return read
-"""
+        source.reader(
+            f'({"".join(f"{symbol}, " for symbol in symbols)})',
+            lambda values: tuple(read(values) for read in careful),
         ),
     )
 

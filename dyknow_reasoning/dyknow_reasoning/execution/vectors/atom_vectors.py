@@ -14,6 +14,7 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
+from dyknow_common import COMPARISONS
 from dyknow_reasoning.execution.vectors.batch_keys import EXACT
 from dyknow_reasoning.language.formula import Atom, Comparison
 from dyknow_reasoning.language.terms import (
@@ -29,7 +30,6 @@ from dyknow_reasoning.language.terms import (
 from dyknow_reasoning.language.type_checking import Kind, Kinds
 from dyknow_reasoning.progression.atoms import (
     CALCULATE,
-    COMPARE,
     Values,
     field_name,
     has_unknown_kind,
@@ -98,7 +98,7 @@ class FieldVectors:
         if not isinstance(atom, Comparison):
             field = self._field(atoms, Kind.BOOLEAN)
             return lambda: field.values
-        compare: Callable[[Any, Any], Any] = COMPARE[atom.operator]
+        compare: Callable[[Any, Any], Any] = COMPARISONS[atom.operator]
         left = self._terms([each.left for each in atoms if isinstance(each, Comparison)], kinds)
         right = self._terms([each.right for each in atoms if isinstance(each, Comparison)], kinds)
         if has_unknown_kind(atom, kinds):

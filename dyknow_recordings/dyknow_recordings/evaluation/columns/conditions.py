@@ -2,22 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
+from dyknow_common import COMPARISONS
 from dyknow_stream_processing import Condition, condition_test
-
-_COMPARISONS: Final[Mapping[str, Callable[..., Any]]] = {
-    '=': np.equal,
-    '!=': np.not_equal,
-    '<': np.less,
-    '<=': np.less_equal,
-    '>': np.greater,
-    '>=': np.greater_equal,
-}
 
 _EXACT: Final = 1 << 53
 """Integers up to this one are floats, too."""
@@ -29,7 +20,7 @@ def satisfied(condition: Condition, column: NDArray[np.generic]) -> NDArray[np.b
     Raises:
         StreamError: if a value cannot be compared.
     """
-    compare, value = _COMPARISONS[condition.operator], condition.value
+    compare, value = COMPARISONS[condition.operator], condition.value
     if type(value) in {int, float} and abs(value) <= _EXACT:  # type: ignore[arg-type]
         # Numpy would compare numbers of 32 bits with what such a number can hold of the value.
         if column.dtype.kind == 'f':

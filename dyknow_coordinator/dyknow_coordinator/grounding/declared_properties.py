@@ -1,0 +1,32 @@
+"""What the ontology declares for features: their units, and the sorts of their arguments."""
+
+from __future__ import annotations
+
+from collections.abc import Awaitable, Callable, Sequence
+from typing import Final
+
+Rows = Sequence[tuple[str, ...]]
+"""The solutions of a query."""
+
+QueryFunction = Callable[[str], Awaitable[Rows]]
+"""Returns the solutions of a SPARQL query of the ontology."""
+
+# Without the first condition, owlready2 does not follow the path.
+_QUERY: Final = """
+    SELECT DISTINCT ?above ?value WHERE {{
+        ?feature a owl:Class .
+        ?feature rdfs:subClassOf* ?above .
+        ?above <http://www.dyknow.org/ontology#{name}> ?value .
+        FILTER(STRENDS(STR(?feature), "#{feature}") || STRENDS(STR(?feature), "/{feature}"))
+    }}
+"""
+
+
+def property_query(feature: str, name: str) -> str:
+    """Return the SPARQL query for the concepts that state a property of a feature, and its values.
+
+    Args:
+        feature: its name; the concepts are itself and those above it.
+        name: of the property, such as `unit`.
+    """
+    return _QUERY.format(feature=feature, name=name)
