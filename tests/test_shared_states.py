@@ -6,8 +6,9 @@ from typing import Any
 
 import pytest
 from dyknow_interfaces.msg import ExitStatus, FormulaResult, StreamConstraints
+from rcl_interfaces.srv import GetParameters
 
-from dyknow_common.ros import nanoseconds_to_duration
+from dyknow_common.ros import REPORTS, nanoseconds_to_duration
 from evaluations import Evaluations, Monitored
 from services import nanoseconds
 from system import Batteries, System
@@ -147,7 +148,11 @@ def test_two_hundred_at_once(
         running[:] = [each for each in evaluations.running if each.states_progressed]
         return len(running) == 200 or any(each.done() for each in futures)
 
-    system.client.spin_until(progressed, 'states of all evaluations', instead=evaluations.told)
+    def lacking() -> str:
+        without = [each for each in evaluations.running if not each.states_progressed]
+        return f'{len(running)} of {len(evaluations.running)} with states; without: {without[:3]}'
+
+    system.client.spin_until(progressed, 'states of all evaluations', instead=lacking)
     assert {each.result().exit_status.message for each in futures if each.done()} == set()
     assert len({each.formula_group_id for each in running}) == 1
     assert len(states(system)) == 1
@@ -156,3 +161,11 @@ def test_two_hundred_at_once(
     messages = {each.result().exit_status.message for each in futures}
     assert messages == {''}
     assert [each.result().verdict for each in futures] == [FALSE] * 100 + [TRUE] * 100
+
+
+def test_no_report_on_many_formulas_is_dropped(system: System) -> None:
+    """The engine reports on all formulas at once; a shorter queue keeps the last ones only."""
+    limit = system.client.call(
+        GetParameters, 'stream_reasoning_coordinator/get_parameters', names=['evaluation_limit']
+    )
+    assert limit.values[0].integer_value <= REPORTS.depth

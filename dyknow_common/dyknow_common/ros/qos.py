@@ -42,6 +42,9 @@ HEARTBEAT = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
 STREAM = QoSProfile(depth=1000, reliability=ReliabilityPolicy.RELIABLE)
 """Samples; none is lost between two nodes."""
 
+REPORTS = QoSProfile(depth=1000, reliability=ReliabilityPolicy.RELIABLE)
+"""Reports on all formulas of a node, which it publishes at once."""
+
 # With the default depth of 10, many requests at once are dropped without an error.
 SERVICE = QoSProfile(
     history=qos_profile_services_default.history,

@@ -10,6 +10,7 @@ from dyknow_interfaces.msg import FormulaEpisodes, FormulaProgress, FormulaResul
 from dyknow_common import ExitCode, Verdict
 from dyknow_common.ros import (
     LATCHED_HISTORY,
+    REPORTS,
     DyKnowNode,
     only_from,
     only_owner,
@@ -18,7 +19,6 @@ from dyknow_common.ros import (
 from dyknow_coordinator.errors import CoordinationError
 
 _MAX_UNCLAIMED: Final = 1000
-_PROGRESS_DEPTH: Final = 1000
 
 
 class ResultListener(Protocol):
@@ -53,7 +53,7 @@ class Results:
         self._unclaimed: dict[tuple[int, int], Any] = {}
         subscriptions = (
             (FormulaResult, self.topic, self._on_result, LATCHED_HISTORY, only_engine),
-            (FormulaProgress, progress_topic, self._on_progress, _PROGRESS_DEPTH, only_owner),
+            (FormulaProgress, progress_topic, self._on_progress, REPORTS, only_owner),
             (FormulaEpisodes, episodes_topic, self._on_episodes, LATCHED_HISTORY, only_owner),
         )
         for message_type, topic, callback, quality_of_service, refusal in subscriptions:

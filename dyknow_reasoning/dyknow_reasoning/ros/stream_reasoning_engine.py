@@ -17,7 +17,7 @@ from dyknow_interfaces.srv import (
 )
 
 from dyknow_common import SECOND_NS, ExitCode, listed, shortened
-from dyknow_common.ros import LATCHED_HISTORY, Background, DyKnowNode, run
+from dyknow_common.ros import LATCHED_HISTORY, REPORTS, Background, DyKnowNode, run
 from dyknow_reasoning.errors import ReasoningError
 from dyknow_reasoning.formula_group import FormulaGroup
 from dyknow_reasoning.ros.engine_limits import EngineLimits, check_name
@@ -61,7 +61,7 @@ class StreamReasoningEngine(DyKnowNode):
         self._background = Background(self)
         self._is_reporting = False
         self._ids = count(_first_id(self.started_at))
-        self._progress = self.create_publisher(FormulaProgress, '~/progress', 100)
+        self._progress = self.create_publisher(FormulaProgress, '~/progress', REPORTS)
         self._episodes = self.create_publisher(FormulaEpisodes, '~/episodes', LATCHED_HISTORY)
         self.create_timer(period, self._report_progress, clock=self.wall_clock)
         self.create_timer(_SUPERVISION_PERIOD_S, self._supervise_groups, clock=self.wall_clock)
