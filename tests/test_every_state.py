@@ -60,7 +60,7 @@ def test_an_invariant_is_violated_twice_and_cleared(
     system.client.node.create_subscription(
         FormulaEpisodes, 'stream_reasoning_engine/episodes', reports.append, LATCHED_HISTORY
     )
-    monitored = Monitored(system.client, INVARIANT, every_state=True, name=NAME)
+    monitored = Monitored(system.client, INVARIANT, every_state=True, margin=True, name=NAME)
     wait(lambda: latest(monitored).holds > 0, 'states from which it holds')
     wait(lambda: diagnostics.level == DiagnosticStatus.OK, 'the diagnosis OK')
     for number in (1, 2):
@@ -74,6 +74,8 @@ def test_an_invariant_is_violated_twice_and_cleared(
         wait(lambda: not latest(monitored).is_violated, 'the end of the violation')
         wait(lambda: diagnostics.level == DiagnosticStatus.OK, 'the diagnosis OK again')
         assert latest(monitored).episode_count == number
+    worst = latest(monitored).latest_episodes[0].worst
+    wait(lambda: monitored.feedback[-1].margin == worst, 'the least margin of all states')
     monitored.cancel()
     result = monitored.result()
     assert result.exit_status.code == ExitStatus.CANCELLED
@@ -83,6 +85,8 @@ def test_an_invariant_is_violated_twice_and_cleared(
     assert sum(each.states for each in episodes.latest_episodes) == episodes.fails > 0
     assert all(each.has_ended for each in episodes.latest_episodes)
     assert 'for u = uav2: Power[uav2] = 240' in episodes.latest_episodes[0].explanation
+    assert (worst.lower, worst.upper, worst.unit) == (-90.0, -90.0, 'W')
+    assert result.margin == worst == episodes.latest_episodes[0].worst
     violations = [each for each in monitored.events if each.startswith('violated from')]
     ends = [each for each in monitored.events if each.startswith('holds again')]
     assert (len(violations), len(ends)) == (2, 2)

@@ -119,9 +119,9 @@ class FormulaGroup:
         Raises:
             LanguageError: for a text that is not a formula or is badly typed, with the position.
             ReasoningError: if the group has begun, for a sort without a domain, or a formula that
-                is too large for its domains; if a part of it has no margin, which is requested.
+                is too large for its domains; if a margin is requested that is not defined.
         """
-        named = _named(name, text, constants, margin=margin, every_state=every_state)
+        named = _named(name, text, constants, every_state=every_state)
         formula = named.formula
         self._limit_nodes()
         instances: list[Instance] = []
@@ -149,9 +149,9 @@ class FormulaGroup:
     def symbols(self) -> list[Symbol]:
         """Return the symbols of all formulas, each once.
 
-        Before `begin` they are the symbols of the texts; an argument of a feature is an object, or
-        the sort that the variable there ranges over. After `begin` they are the features of objects
-        that the simplified formulas depend on: the fields that each state must hold.
+        Before `begin` they are those of the texts; an argument of a feature is an object, or the
+        sort of the variable there. After it they are the features of objects that the simplified
+        formulas depend on: the fields that each state must hold.
         """
         if self._monitor:
             return required_features(chain.from_iterable(self._instances.values()))
@@ -311,7 +311,10 @@ class FormulaGroup:
         return self._remainders.text(formula_id) or str(formula)
 
     def margin(self, formula_id: int) -> Margin | None:
-        """Return the margin of a formula at present, or at its end; None if not requested."""
+        """Return the margin at present or at the end, or the least so far if it is standing.
+
+        Return None if it was not requested.
+        """
         self._find(formula_id)
         return self._margins.of(formula_id)
 
@@ -380,19 +383,18 @@ class FormulaGroup:
         instances = monitor.histories.attach(formula_id, named.formula, instances, named.kinds)
         self._instances[formula_id] = instances
         self._results.undecided.add(formula_id)
-        limit = self._limits.node_limit
         if named.every_state:
-            self.standing.add(formula_id, StandingFormula(formula_id, named, instances, limit))
+            limit, margins = self._limits.node_limit, self._margins.standing(formula_id)
+            added = StandingFormula(formula_id, named, instances, limit, margins)
+            self.standing.add(formula_id, added)
         elif verdict := verdict_of(instances):
             self._results.known[formula_id] = verdict
         else:
             monitor.add(formula_id, instances, named.kinds)
 
 
-def _named(
-    name: str, text: str, constants: Constants, *, margin: bool, every_state: bool
-) -> NamedFormula:
+def _named(name: str, text: str, constants: Constants, *, every_state: bool) -> NamedFormula:
     formula = parse_formula(text, constants)
     if every_state:
-        check_standing(formula, margin=margin)
+        check_standing(formula)
     return NamedFormula(name, formula, check_types(formula, text), every_state)

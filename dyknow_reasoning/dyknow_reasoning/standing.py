@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from typing import Final
 
-from dyknow_common import ExitCode, Verdict, shortened
+from dyknow_common import ExitCode, Margin, Verdict, shortened
 from dyknow_reasoning.errors import ReasoningError
 from dyknow_reasoning.execution import (
     KEPT_FAILURES,
@@ -25,23 +26,23 @@ from dyknow_reasoning.language.formula import (
     looks_forward,
     walk,
 )
+from dyknow_reasoning.margins.standing_margin import StandingMargin
 from dyknow_reasoning.progression.atoms import Values
 from dyknow_reasoning.progression.gaps import Half, unknowable
 from dyknow_reasoning.progression.instances import Instance
 from dyknow_reasoning.progression.nodes import FALSE
 from dyknow_reasoning.results import NamedFormula
 
+_CLEANUP_STATES: Final = 4096
+"""The period in which margins that are no longer needed are dropped."""
 
-def check_standing(formula: Formula, *, margin: bool = False) -> None:
+
+def check_standing(formula: Formula) -> None:
     """Check that a formula can be asked at every state.
 
     Raises:
-        ReasoningError: if it looks back on an operator of the future, or its margin is requested.
+        ReasoningError: if it looks back on an operator of the future.
     """
-    if margin:
-        raise ReasoningError(
-            'a formula that is asked at every state has no margin; leave out one of both'
-        )
     for each in walk(formula):
         if isinstance(each, PastFormula) and looks_forward(each):
             raise ReasoningError(
@@ -62,6 +63,7 @@ class FailureEpisode:
         has_ended: True if the formula holds again after the last one.
         explanation: the reason for the verdict on the first one.
         objects: the objects that decide it, `u = uav1`; empty if there is no choice.
+        worst: the least margin from one of these states; None if margins were not requested.
     """
 
     begin: int
@@ -71,6 +73,7 @@ class FailureEpisode:
     has_ended: bool
     explanation: str
     objects: str = ''
+    worst: Margin | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -98,12 +101,20 @@ class StandingFormula:
         named: the formula.
         instances: all of which must hold for it to hold.
         node_limit: the most nodes of what remains of an instance.
+        margins: from each state on, if they were requested; its group steps them.
     """
 
     def __init__(
-        self, formula_id: int, named: NamedFormula, instances: Sequence[Instance], node_limit: int
+        self,
+        formula_id: int,
+        named: NamedFormula,
+        instances: Sequence[Instance],
+        node_limit: int,
+        margins: StandingMargin | None = None,
     ) -> None:
         self.monitor = StandingMonitor(formula_id, instances, named.kinds, node_limit)
+        self.margins = margins
+        self._next_cleanup = _CLEANUP_STATES
         self._named = named
         self._is_false = any(instance.node is FALSE for instance in instances)
         self._looks_back = any(
@@ -120,6 +131,8 @@ class StandingFormula:
         """
         if self._error is not None:
             raise self._error
+        if self.margins is not None and self.monitor.states > self._next_cleanup:
+            self._clean_up(self.margins)
         return self.monitor.progress(valid_time, values)
 
     def gap(self) -> None:
@@ -147,6 +160,9 @@ class StandingFormula:
         latest = self.monitor.failures[-most:]
         known = self._reasons
         self._reasons = {each: known.get(each) or self._reason(each) for each in latest}
+        worst: Sequence[Margin | None] = [None] * len(latest)
+        if self.margins is not None:
+            worst = self.margins.worst([(each.run.first, each.run.last) for each in latest])
         return tuple(
             FailureEpisode(
                 each.run.begin,
@@ -156,9 +172,17 @@ class StandingFormula:
                 each.has_ended,
                 reason.text,
                 reason.objects,
+                margin,
             )
-            for each, reason in self._reasons.items()
+            for (each, reason), margin in zip(self._reasons.items(), worst, strict=True)
         )
+
+    def _clean_up(self, margins: StandingMargin) -> None:
+        """Forget the margins of states that can be in no episode any more."""
+        self._next_cleanup = self.monitor.states + _CLEANUP_STATES
+        failing = [each.run for each in self.monitor.failures[:1]]
+        kept = [*failing, *self.monitor.undecided()[:1]]
+        margins.forget(min((each.first for each in kept), default=self.monitor.states))
 
     def _reason(self, failure: Failure) -> VerdictReasons:
         if self._is_false:

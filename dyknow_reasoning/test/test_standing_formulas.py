@@ -157,11 +157,6 @@ def test_the_past_of_missing_states_ends_a_standing_monitor() -> None:
     assert not group.undecided
 
 
-def test_a_margin_is_refused() -> None:
-    with pytest.raises(ReasoningError, match='asked at every state has no margin'):
-        FormulaGroup().add_formula('it', 'p', every_state=True, margin=True)
-
-
 def test_the_past_of_the_future_is_refused() -> None:
     with pytest.raises(ReasoningError, match='can be evaluated from the first state only'):
         FormulaGroup().add_formula('it', 'once eventually p', every_state=True)

@@ -230,10 +230,6 @@ def _draws(options: argparse.Namespace) -> bool:
 
 def _jobs(options: argparse.Namespace) -> tuple[RecordingJob, ...]:
     files, formulas = _configuration(options)
-    if options.margins and options.every == Every.STATE.value:
-        raise RecordingError(
-            'a formula that is asked at every state has no margin; leave out --margins, or --every'
-        )
     return tuple(
         RecordingJob(
             str(path),

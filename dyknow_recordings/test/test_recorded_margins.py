@@ -81,11 +81,22 @@ def test_the_worst_margin_of_several_episodes(
     }
 
 
-def test_margins_from_every_state_are_refused(
+def test_margins_from_every_state(recording: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    formula = 'always[0 s, 1 s] x < 4'
+    assert check(recording, '--json', '--every', 'state', '--formula', formula) == 1
+    [report] = json.loads(capsys.readouterr().out)['formulas']
+    assert [each['margin'] for each in report['episodes']] == [
+        {'lower': 2.0, 'upper': 2.0, 'unit': '', 'atom': 'x < 4'},
+        {'lower': 0.0, 'upper': 0.0, 'unit': '', 'atom': 'x < 4'},
+        {'lower': '-inf', 'upper': 0.0, 'unit': '', 'atom': 'x < 4'},
+    ]
+
+
+def test_margins_from_every_state_have_units(
     recording: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert check(recording, '--every', 'state', '--formula', 'x < 5') == 2
-    assert 'asked at every state has no margin; leave out --margins' in capsys.readouterr().err
+    check(recording, '--every', 'state', '--formula', 'MotorPower < 141')
+    assert '-1.5 W' in capsys.readouterr().out
 
 
 def test_sorts_are_inherited(recording: Path, capsys: pytest.CaptureFixture[str]) -> None:

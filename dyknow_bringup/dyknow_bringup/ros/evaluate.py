@@ -121,7 +121,8 @@ def _as_json(answer: Answer) -> dict[str, Any]:
 
 def _episodes_as_json(verdicts: StandingVerdicts) -> dict[str, Any]:
     document = asdict(verdicts)
-    for episode in document['latest_episodes']:
+    for episode, each in zip(document['latest_episodes'], verdicts.latest_episodes, strict=True):
+        episode['worst'] = each.worst and each.worst.document
         for name in ('begin', 'end', 'decided_at'):
             episode[f'{name}_ns'] = episode.pop(name)
     return document

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from dyknow_common import Verdict, round_time
+from dyknow_common import Margin, Verdict, round_time
 
 
 @dataclass(frozen=True, slots=True)
@@ -18,6 +18,7 @@ class ViolationEpisode:
         states: how many there are.
         has_ended: True if the formula holds again after the last one.
         explanation: the reason for the verdict on the first one, for people.
+        worst: the least margin from one of these states; None if margins were not asked for.
     """
 
     begin: int
@@ -26,6 +27,12 @@ class ViolationEpisode:
     states: int
     has_ended: bool
     explanation: str
+    worst: Margin | None = None
+
+    @property
+    def text(self) -> str:
+        """The reason and the worst margin, for people."""
+        return f'{self.explanation}{f"; at worst {self.worst}" if self.worst else ""}'
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,9 +85,9 @@ class StandingVerdicts:
             return ''
         others = f' ({more} episodes since the last report)' if more > 1 else ''
         if self.is_violated:
-            return f'violated from {round_time(latest.begin)} on{others}: {latest.explanation}'
+            return f'violated from {round_time(latest.begin)} on{others}: {latest.text}'
         since = f'{round_time(latest.begin)} to {round_time(latest.end)}'
-        return f'holds again, after it was false from {since}{others}: {latest.explanation}'
+        return f'holds again, after it was false from {since}{others}: {latest.text}'
 
 
 def _plural(count: int, noun: str) -> str:

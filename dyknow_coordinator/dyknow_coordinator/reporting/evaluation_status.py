@@ -101,7 +101,7 @@ def diagnose(status: EvaluationStatus, now: int, silence_limit: int) -> Diagnosi
 def _diagnosis_of_standing(verdicts: StandingVerdicts) -> Diagnosis:
     """Return the diagnosis of a formula that is asked at every state."""
     if verdicts.is_violated and verdicts.latest_episodes:
-        return Diagnosis(Level.ERROR, f'violated: {verdicts.latest_episodes[-1].explanation}')
+        return Diagnosis(Level.ERROR, f'violated: {verdicts.latest_episodes[-1].text}')
     return Diagnosis(Level.OK, verdicts.text)
 
 

@@ -99,15 +99,19 @@ class MarginBuilder:
         self._operators = 0
         self._signals: dict[tuple[str, bool], int] = {}
 
-    def build(self, formula: Formula) -> MarginOperator:
-        """Return the operator of a formula, whose margin is needed at the first state alone.
+    def build(self, formula: Formula, *, every_state: bool) -> MarginOperator:
+        """Return the operator of a formula.
+
+        Args:
+            formula: the formula.
+            every_state: False if the margin is needed at the first state alone.
 
         Raises:
             ReasoningError: for a sort without a domain, a part without a margin, or a formula that
                 is too large.
         """
         check_margin(formula)
-        return self._built(formula, {}, positive=True, first=True)
+        return self._built(formula, {}, positive=True, first=not every_state)
 
     def _built(  # noqa: PLR0911 - one for each kind
         self, formula: Formula, binding: Binding, *, positive: bool, first: bool

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
+from collections import deque
+from collections.abc import Iterable, Sequence
 from math import inf
-from typing import Any
+from typing import Any, ClassVar, cast
 
 from dyknow_common import Margin
 from dyknow_reasoning.language.formula import Formula
@@ -21,31 +24,31 @@ from dyknow_reasoning.progression.atoms import Values
 from dyknow_reasoning.progression.instances import Domains
 
 
-class _Bound:
-    """The operators of a formula, under an assumption about what is unknown."""
+class MarginBound:
+    """The operators of a formula, under an assumption about what is unknown.
 
-    def __init__(self, operator: MarginOperator, unknown: Robustness | None) -> None:
+    Attributes:
+        known: the margins that no further state changes.
+    """
+
+    def __init__(
+        self, operator: MarginOperator, unknown: Robustness | None, known: Iterable[Robustness] = ()
+    ) -> None:
         self.operator = operator
         self.assumption = Assumption(unknown)
-        self.margin: Robustness | None = None
+        self.known = deque(known)
 
     def step(self, first: int, last: float, signals: Signals | None) -> None:
-        found = self.operator.step(first, last, signals, self.assumption)
-        if found:
-            (self.margin,) = found
+        """Process a state or a gap; the arguments are those of `MarginOperator.step`."""
+        self.known.extend(self.operator.step(first, last, signals, self.assumption))
 
-    def at_present(self, now: int, unknown: Robustness) -> Robustness:
-        """Return the bound if the future is unknown."""
-        found = self.margin or self.operator.bound(unknown)
-        if found is None:
-            # The end of all windows decides.
-            end = self.operator.copied().step(now + 1, inf, None, Assumption(unknown))
-            (found,) = end
-        return found
+    def after_the_end(self, now: int, unknown: Robustness) -> Sequence[Robustness]:
+        """Return the margins that are not known yet, if all after a time is unknown."""
+        return self.operator.copied().step(now + 1, inf, None, Assumption(unknown))
 
 
-class FormulaMargin:
-    """The margin of a formula that begins with the first state.
+class BoundedMargins(ABC):
+    """The margins of a formula over states, with two bounds where they are not known.
 
     Args:
         formula: the formula.
@@ -61,65 +64,97 @@ class FormulaMargin:
             too large.
     """
 
+    every_state: ClassVar[bool]
+    """True if the margin is needed from every state on, and not from the first alone."""
+
     def __init__(self, formula: Formula, kinds: Kinds, domains: Domains, limit: int) -> None:
         builder = MarginBuilder(kinds, domains, limit)
+        operator = builder.build(formula, every_state=self.every_state)
         # One for both bounds as long as they depend on the future alone.
-        self._bounds = [_Bound(builder.build(formula), None)]
+        self._bounds = [MarginBound(operator, None)]
         self.fields = builder.fields
         self._readers = builder.readers
         self._atoms = builder.atoms
         self._latest: int | None = None
         self._gap_follows = False
-        self._is_decided = False
 
     def step(self, valid_time: int, values: Values) -> None:
         """Process a state that is later than the one before."""
-        if self._is_decided:
-            return
-        if self._latest is None:
-            self._bounds[0].operator.need(valid_time)
-        elif self._gap_follows and valid_time - self._latest > 1:
+        if self._latest is not None and self._gap_follows and valid_time - self._latest > 1:
             self._fork()
-            for bound in self._bounds:
-                bound.step(self._latest + 1, valid_time - 1, None)
+            self._process(self._latest + 1, valid_time - 1, None)
         self._gap_follows = False
         self._latest = valid_time
         signals: list[Any] = [read(values) for read in self._readers]
-        is_known = None not in signals
-        if not is_known:
+        self._process(valid_time, valid_time, signals)
+        if self._bounds[0].assumption.is_needed:
             self._fork()
-        for bound in self._bounds:
-            unknown = bound.assumption.unknown
-            known: list[Any] = signals if is_known else [each or unknown for each in signals]
-            bound.step(valid_time, valid_time, known)
-        first = self._bounds[0]
-        if first.assumption.is_needed:
-            self._fork()
-        # The bounds depend on the same states, and so they are known with the same state.
-        self._is_decided = first.margin is not None
 
     def gap(self) -> None:
         """Record that states may be missing before the next one."""
         self._gap_follows = self._latest is not None
 
+    @abstractmethod
     def at_present(self) -> Margin:
         """Return the bounds, after the latest state."""
-        if self._latest is None:
-            return Margin(-inf, inf)
-        bounds = self._bounds
-        lower = bounds[0].at_present(self._latest, LOWEST)
-        upper = bounds[-1].at_present(self._latest, HIGHEST)
-        finite = [each for each in (lower, upper) if abs(each[0]) < inf]
-        nearest = min(finite, key=lambda bound: abs(bound[0]), default=None)
-        atom = '' if nearest is None else self._atoms[nearest[1]]
-        return Margin(_float(lower[0]), _float(upper[0]), atom=atom)
+
+    def _process(self, first: int, last: int, signals: list[Any] | None) -> None:
+        if signals is None or None not in signals:
+            for bound in self._bounds:
+                bound.step(first, last, signals)
+            return
+        self._fork()
+        for bound in self._bounds:
+            unknown: Any = bound.assumption.unknown
+            bound.step(first, last, [each or unknown for each in signals])
 
     def _fork(self) -> None:
         """Compute the two bounds separately from now on."""
         if len(self._bounds) == 1:
             (both,) = self._bounds
-            lower, upper = _Bound(both.operator, LOWEST), _Bound(both.operator.copied(), HIGHEST)
-            self._bounds = [lower, upper]
+            copied = both.operator.copied()
+            self._bounds = [
+                MarginBound(both.operator, LOWEST, both.known),
+                MarginBound(copied, HIGHEST, both.known),
+            ]
+
+    def _margin(self, lower: Robustness, upper: Robustness) -> Margin:
+        finite = [each for each in (lower, upper) if abs(each[0]) < inf]
+        nearest = min(finite, key=lambda bound: abs(bound[0]), default=None)
+        atom = '' if nearest is None else self._atoms[nearest[1]]
+        return Margin(_float(lower[0]), _float(upper[0]), atom=atom)
+
+
+class FormulaMargin(BoundedMargins):
+    """The margin of a formula that begins with the first state."""
+
+    every_state = False
+
+    def step(self, valid_time: int, values: Values) -> None:
+        """Process a state that is later than the one before."""
+        first = self._bounds[0]
+        # The bounds depend on the same states, and so they are known with the same state.
+        if first.known:
+            return
+        if self._latest is None:
+            first.operator.need(valid_time)
+        super().step(valid_time, values)
+
+    def at_present(self) -> Margin:
+        """Return the bounds, after the latest state."""
+        if self._latest is None:
+            return Margin(-inf, inf)
+        return self._margin(
+            self._bound(self._bounds[0], LOWEST), self._bound(self._bounds[-1], HIGHEST)
+        )
+
+    def _bound(self, bound: MarginBound, unknown: Robustness) -> Robustness:
+        """Return the bound if the future is unknown."""
+        found = bound.known[0] if bound.known else bound.operator.bound(unknown)
+        if found is None:
+            # The end of all windows decides.
+            (found,) = bound.after_the_end(cast('int', self._latest), unknown)
+        return found
 
 
 def _float(value: float) -> float:

@@ -9,7 +9,8 @@ import numpy as np
 
 from dyknow_common import Margin
 from dyknow_reasoning.margins.building import check_margin
-from dyknow_reasoning.margins.formula_margin import FormulaMargin
+from dyknow_reasoning.margins.formula_margin import BoundedMargins, FormulaMargin
+from dyknow_reasoning.margins.standing_margin import StandingMargin
 from dyknow_reasoning.progression.atoms import Values
 from dyknow_reasoning.progression.instances import Domains
 from dyknow_reasoning.results import NamedFormula
@@ -29,7 +30,7 @@ class GroupMargins:
     """
 
     def __init__(self, limit: int) -> None:
-        self.running: dict[int, FormulaMargin] = {}
+        self.running: dict[int, BoundedMargins] = {}
         self._limit = limit
         self._domains: Domains | None = None
         self._latest: int | None = None
@@ -92,7 +93,10 @@ class GroupMargins:
             each.gap()
 
     def of(self, formula_id: int) -> Margin | None:
-        """Return the margin of a formula at present, or at its end; None if not requested."""
+        """Return the margin of a formula at present, or at its end; None if not requested.
+
+        For a formula that is asked at every state, it is the least one from any of them on.
+        """
         if formula_id in self.running:
             return self.running[formula_id].at_present()
         return Margin() if formula_id in self._requested else self._ended.get(formula_id)
@@ -110,5 +114,11 @@ class GroupMargins:
         for each in (self.running, self._requested, self._ended):
             each.pop(formula_id, None)
 
-    def _margin(self, formula: NamedFormula, domains: Domains) -> FormulaMargin:
-        return FormulaMargin(formula.formula, formula.kinds, domains, self._limit)
+    def standing(self, formula_id: int) -> StandingMargin | None:
+        """Return the margins of a formula that is asked at every state; None if not requested."""
+        found = self.running.get(formula_id)
+        return found if isinstance(found, StandingMargin) else None
+
+    def _margin(self, formula: NamedFormula, domains: Domains) -> BoundedMargins:
+        kind = StandingMargin if formula.every_state else FormulaMargin
+        return kind(formula.formula, formula.kinds, domains, self._limit)

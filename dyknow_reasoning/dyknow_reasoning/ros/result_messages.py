@@ -51,4 +51,5 @@ def _episode_to_message(episode: FailureEpisode) -> Episode:
         states=episode.states,
         has_ended=episode.has_ended,
         explanation=episode.explanation,
+        worst=margin_to_message(episode.worst),
     )

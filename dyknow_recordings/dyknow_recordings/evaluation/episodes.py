@@ -125,7 +125,9 @@ class EpisodeGroup:
         for each in formulas:
             try:
                 if each.every is Every.STATE:
-                    self._standing[each] = StandingEpisodes(each.grounded.formula, domains)
+                    self._standing[each] = StandingEpisodes(
+                        each.grounded.formula, domains, each.grounded.units
+                    )
                 elif each.every is Every.TRIGGER:
                     # What past operators look back to is the same from every state.
                     self._group.keep_history(each.grounded.formula)

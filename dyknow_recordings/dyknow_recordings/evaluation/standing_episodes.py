@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
-from dyknow_common import DyKnowError, Value, Verdict, round_time
+from dyknow_common import DyKnowError, Margin, Value, Verdict, round_time
+from dyknow_coordinator import with_unit
 from dyknow_reasoning import FailureEpisode, FormulaGroup, start_verdicts
 from dyknow_recordings.evaluation.results import Episode
 
@@ -15,14 +16,24 @@ class StandingEpisodes:
     Args:
         text: of the formula.
         domains: the objects of each sort.
+        units: of its features, if margins are asked for; else None.
     """
 
-    def __init__(self, text: str, domains: Mapping[str, tuple[str, ...]]) -> None:
+    def __init__(
+        self,
+        text: str,
+        domains: Mapping[str, tuple[str, ...]],
+        units: Mapping[str, str] | None = None,
+    ) -> None:
         self._group = FormulaGroup()
-        formula_id = self._group.add_formula(text, text, every_state=True)
+        self._units = units or {}
+        formula_id = self._group.add_formula(text, text, margin=units is not None, every_state=True)
         self._group.begin(domains)
         self._formula = self._group.standing.formulas[formula_id]
         self._log = self._formula.monitor.keep_all()
+        self._margins = self._formula.margins
+        if self._margins is not None:
+            self._margins.keep_all()
         self._times: list[int] = []
 
     def progress(self, valid_time: int, values: Mapping[str, Value]) -> DyKnowError | None:
@@ -42,7 +53,8 @@ class StandingEpisodes:
         failures = {each.begin: each for each in self._formula.episodes(len(states))}
         found: list[Episode] = []
         latest: FailureEpisode | None = None
-        for time, each in zip(states, start_verdicts(monitor, self._log, states), strict=True):
+        verdicts = start_verdicts(monitor, self._log, states)
+        for time, each, margin in zip(states, verdicts, self._margins_of(states), strict=True):
             latest = failures.get(time, latest)
             is_undecided = each.verdict is Verdict.UNDECIDED
             is_first = each.verdict is Verdict.FALSE and time in failures
@@ -56,10 +68,17 @@ class StandingEpisodes:
                     residual_formula=each.residual_formula,
                     presumably_false=each.presumably_false,
                     objects=latest.objects if latest and is_first else '',
+                    margin=margin,
                 )
             )
         found += [Episode(time, error=error) for time in self._times[monitor.states :]]
         return found
+
+    def _margins_of(self, states: Sequence[int]) -> list[Margin | None]:
+        if self._margins is None:
+            return [None] * len(states)
+        found = self._margins.of_each()[: len(states)]
+        return [with_unit(each, self._units) for each in found]
 
 
 def _explanation(verdict: Verdict, latest: FailureEpisode | None, *, is_first: bool) -> str:

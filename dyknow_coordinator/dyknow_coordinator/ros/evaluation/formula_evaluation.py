@@ -201,12 +201,19 @@ class FormulaEvaluation(Evaluation):
         """Record a FormulaEpisodes of the reasoning engine, and report what has changed."""
         if self.has_ended:
             return
-        before, self.episodes = self.episodes, verdicts_from_message(episodes)
+        before, self.episodes = self.episodes, self._with_units(verdicts_from_message(episodes))
         if change := self.episodes.change(before):
             self.history.add(change)
             self._log_change(change)
             self._on_change()
         self.on_progress()
+
+    def _with_units(self, verdicts: StandingVerdicts) -> StandingVerdicts:
+        episodes = (
+            replace(each, worst=each.worst and with_unit(each.worst, self._units))
+            for each in verdicts.latest_episodes
+        )
+        return replace(verdicts, latest_episodes=tuple(episodes))
 
     def _log_change(self, change: str) -> None:
         # A logger of rclpy has one severity for each call in the code.

@@ -6,7 +6,12 @@ from typing import Final
 
 from dyknow_interfaces.msg import Episode, FormulaEpisodes
 
-from dyknow_common.ros import nanoseconds_to_time, time_to_nanoseconds
+from dyknow_common.ros import (
+    margin_from_message,
+    margin_to_message,
+    nanoseconds_to_time,
+    time_to_nanoseconds,
+)
 from dyknow_coordinator.evaluation.standing import StandingVerdicts, ViolationEpisode
 
 _FIELDS: Final = ('holds', 'fails', 'undecided', 'unknown', 'is_violated', 'episode_count')
@@ -22,6 +27,7 @@ def verdicts_to_message(verdicts: StandingVerdicts) -> FormulaEpisodes:
                 begin=nanoseconds_to_time(each.begin),
                 end=nanoseconds_to_time(each.end),
                 decided_at=nanoseconds_to_time(each.decided_at),
+                worst=margin_to_message(each.worst),
                 **{name: getattr(each, name) for name in _EPISODE_FIELDS},
             )
             for each in verdicts.latest_episodes
@@ -38,6 +44,7 @@ def verdicts_from_message(message: FormulaEpisodes) -> StandingVerdicts:
                 begin=time_to_nanoseconds(each.begin),
                 end=time_to_nanoseconds(each.end),
                 decided_at=time_to_nanoseconds(each.decided_at),
+                worst=margin_from_message(each.worst),
                 **{name: getattr(each, name) for name in _EPISODE_FIELDS},
             )
             for each in message.latest_episodes

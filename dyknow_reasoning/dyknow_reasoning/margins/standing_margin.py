@@ -1,0 +1,148 @@
+"""The margins of a formula that is asked at every state, and the worst one of an episode.
+
+The margins from the states on are known in the order of the states, some of them long after the
+verdict: `always[0 s, 10 s] x < 5` fails with the first x above 5, and its margin is known 10 s
+later. Consecutive states with margins below zero belong to one episode, as the formula is false
+from each of them on. So of these only the least margin is kept. Example, with the formula `x < 5`:
+
+    state       0       1       2       3       4       5
+    x           4       6       9       5       5       4
+    margin      1      -1      -4       0       0       1
+    kept                -4 (1 to 2)     0 (3 to 4)
+
+From states with the margin zero on, a formula is true or false; one below other bounds may be
+either. Such states are joined if their bounds are the same, so a part of them has these bounds too.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Iterable
+from math import inf
+from typing import Any, NamedTuple
+
+from dyknow_common import Margin
+from dyknow_reasoning.language.formula import Formula
+from dyknow_reasoning.language.type_checking import Kinds
+from dyknow_reasoning.margins.formula_margin import BoundedMargins
+from dyknow_reasoning.margins.operators import HIGHEST, LOWEST, Robustness
+from dyknow_reasoning.progression.atoms import Values
+from dyknow_reasoning.progression.instances import Domains
+
+
+class _MarginRun(NamedTuple):
+    """The bounds of the least margin of consecutive states, by the numbers of the states."""
+
+    first: int
+    last: int
+    lower: Robustness
+    upper: Robustness
+
+    def joined(self, later: _MarginRun) -> _MarginRun | None:
+        """Return both runs as one; None if they are not of one kind, or do not touch."""
+        if later.first != self.last + 1:
+            return None
+        both_false = self.upper[0] < 0 and later.upper[0] < 0
+        if not both_false and self[2:] != later[2:]:
+            return None
+        lower, upper = min(self.lower, later.lower), min(self.upper, later.upper)
+        return _MarginRun(self.first, later.last, lower, upper)
+
+
+class StandingMargin(BoundedMargins):
+    """The margins of a formula from every state on.
+
+    The arguments are those of `BoundedMargins`.
+    """
+
+    every_state = True
+
+    def __init__(self, formula: Formula, kinds: Kinds, domains: Domains, limit: int) -> None:
+        super().__init__(formula, kinds, domains, limit)
+        self._states = 0
+        # The states without a margin yet, by their numbers; None for a gap.
+        self._open: deque[int | None] = deque()
+        self._runs: deque[_MarginRun] = deque()
+        self._least = HIGHEST, HIGHEST
+        self._log: list[tuple[Robustness, Robustness]] | None = None
+
+    def keep_all(self) -> None:
+        """Keep the margins from all states on, for `of_each`; call it before the first state."""
+        self._log = []
+
+    def of_each(self) -> list[Margin]:
+        """Return the bounds of the margin from each state on, in their order.
+
+        `keep_all` must have been called.
+        """
+        open_runs = [(each.lower, each.upper) for each in self._open_runs()]
+        return [self._margin(*each) for each in (*(self._log or ()), *open_runs)]
+
+    def step(self, valid_time: int, values: Values) -> None:
+        """Process a state that is later than the one before."""
+        super().step(valid_time, values)
+        lower, upper = self._bounds[0].known, self._bounds[-1].known
+        for bounds in zip(lower, upper, strict=True):
+            self._receive(*bounds)
+        for bound in self._bounds:
+            bound.known.clear()
+
+    def at_present(self) -> Margin:
+        """Return the bounds of the least margin from any state on."""
+        runs = [_MarginRun(0, 0, *self._least), *self._open_runs()]
+        return self._worst(runs)
+
+    def worst(self, episodes: Iterable[tuple[int, int]]) -> list[Margin]:
+        """Return the bounds of the least margin from the states of each episode on.
+
+        Args:
+            episodes: the numbers of the first and the last state. The formula is false from all of
+                them on, and from none of those beside them.
+        """
+        runs = [*self._runs, *self._open_runs()]
+        return [
+            self._worst([each for each in runs if each.first <= last and each.last >= first])
+            for first, last in episodes
+        ]
+
+    def forget(self, before: int) -> None:
+        """Forget what is known of the states before the one of a number."""
+        while self._runs and self._runs[0].last < before:
+            self._runs.popleft()
+
+    def _process(self, first: int, last: int, signals: list[Any] | None) -> None:
+        self._open.append(None if signals is None else self._states)
+        self._states += signals is not None
+        super()._process(first, last, signals)
+
+    def _receive(self, lower: Robustness, upper: Robustness) -> None:
+        """Keep the margin of the first open state."""
+        number = self._open.popleft()
+        if number is None:
+            return
+        self._least = min(self._least[0], lower), min(self._least[1], upper)
+        if self._log is not None:
+            self._log.append((lower, upper))
+        if lower[0] > 0:
+            return
+        run = _MarginRun(number, number, lower, upper)
+        joined = self._runs[-1].joined(run) if self._runs else None
+        if joined is None:
+            self._runs.append(run)
+        else:
+            self._runs[-1] = joined
+
+    def _open_runs(self) -> list[_MarginRun]:
+        """Return the bounds of the margins that are not known yet."""
+        if self._latest is None or not self._open:
+            return []
+        lower = self._bounds[0].after_the_end(self._latest, LOWEST)
+        upper = self._bounds[-1].after_the_end(self._latest, HIGHEST)
+        # The unknown future is a further step, with a margin of its own.
+        found = zip(self._open, lower, upper, strict=False)
+        return [_MarginRun(each, each, *bounds) for each, *bounds in found if each is not None]
+
+    def _worst(self, runs: list[_MarginRun]) -> Margin:
+        if not runs:
+            return Margin(-inf, inf)
+        return self._margin(min(each.lower for each in runs), min(each.upper for each in runs))
