@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 import json
 import os
 import subprocess
@@ -55,7 +56,8 @@ def latest(monitored: Monitored) -> FormulaEpisodes:
 def test_an_invariant_is_violated_twice_and_cleared(
     system: System, telemetry: Batteries, evaluations: Evaluations
 ) -> None:
-    wait, diagnostics = system.client.spin_until, Diagnostics(system)
+    wait = partial(system.client.spin_until, instead=evaluations.told)
+    diagnostics = Diagnostics(system)
     reports: list[FormulaEpisodes] = []
     system.client.node.create_subscription(
         FormulaEpisodes, 'stream_reasoning_engine/episodes', reports.append, LATCHED_HISTORY
