@@ -143,6 +143,10 @@ class Monitored:
         """All that it has been told."""
         return [event for each in self.feedback for event in each.events]
 
+    def told(self) -> object:
+        """Its answer, or its last feedback until there is one."""
+        return self._result.result() if self._result.done() else self.feedback[-1:]
+
     def cancel(self) -> None:
         """Wants no answer any more."""
         self._handle.cancel_goal_async()

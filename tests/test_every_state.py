@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from functools import partial
 import json
 import os
 import subprocess
+from functools import partial
 
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
@@ -56,13 +56,13 @@ def latest(monitored: Monitored) -> FormulaEpisodes:
 def test_an_invariant_is_violated_twice_and_cleared(
     system: System, telemetry: Batteries, evaluations: Evaluations
 ) -> None:
-    wait = partial(system.client.spin_until, instead=evaluations.told)
     diagnostics = Diagnostics(system)
     reports: list[FormulaEpisodes] = []
     system.client.node.create_subscription(
         FormulaEpisodes, 'stream_reasoning_engine/episodes', reports.append, LATCHED_HISTORY
     )
     monitored = Monitored(system.client, INVARIANT, every_state=True, margin=True, name=NAME)
+    wait = partial(system.client.spin_until, instead=monitored.told)
     wait(lambda: latest(monitored).holds > 0, 'states from which it holds')
     wait(lambda: diagnostics.level == DiagnosticStatus.OK, 'the diagnosis OK')
     for number in (1, 2):
