@@ -47,7 +47,7 @@ check: build  ## ruff, mypy, the import rules and the rules of the code base
 	@$(IN_ENVIRONMENT) python tools/check_code_base.py
 
 docs: setup  ## build the documentation: log/site/index.html
-	@$(IN_ENVIRONMENT) python -m mkdocs build --quiet --strict && echo "-- open log/site/index.html"
+	@$(IN_ENVIRONMENT) NO_MKDOCS_2_WARNING=1 python -m mkdocs build --quiet --strict && echo "-- open log/site/index.html"
 
 clean:  ## remove everything that was made
 	rm -rf build install log .venv .venv-* .mypy_cache .ruff_cache .pytest_cache .hypothesis

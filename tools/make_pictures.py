@@ -125,7 +125,8 @@ def drawn(picture):
     bottom = TOP + 2 * (len(picture.traces[0]) * ROW + 12)
     first, last = picture.window
     parts = [
-        f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {WIDTH} {bottom + 28}" role="img">',
+        f'<svg xmlns="http://www.w3.org/2000/svg" width="{WIDTH}" height="{bottom + 28}"'
+        f' viewBox="0 0 {WIDTH} {bottom + 28}" role="img">',
         f'<title>{picture.formula}</title>',
         STYLE,
         f'<text class="code" x="{LEFT - 26}" y="18" font-weight="bold">{picture.formula}</text>',
