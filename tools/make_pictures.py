@@ -22,7 +22,8 @@ STYLE = """\
 svg { color: #24292f; font: 13px sans-serif } text { fill: currentColor }
 .code { font-family: monospace } .now { stroke: currentColor; stroke-dasharray: 3 3 }
 .window { fill: #4c6ef5; fill-opacity: .2 } .dot { stroke: currentColor; stroke-width: 1.5 }
-.true { fill: currentColor } .false { fill: none } .ring { fill: none; stroke: #e8590c; stroke-width: 2 }
+.true { fill: currentColor } .false { fill: none }
+.ring { fill: none; stroke: #e8590c; stroke-width: 2 }
 @media (prefers-color-scheme: dark) { svg { color: #e6edf3 } .window { fill-opacity: .4 } }
 </style>"""
 
@@ -45,9 +46,7 @@ class Picture:
 
 
 PICTURES = {
-    'always': Picture(
-        'always[1 s, 4 s] p', 1, (2, 5), ({'p': '00111100'}, {'p': '11110111'})
-    ),
+    'always': Picture('always[1 s, 4 s] p', 1, (2, 5), ({'p': '00111100'}, {'p': '11110111'})),
     'eventually': Picture(
         'eventually[1 s, 4 s] p', 1, (2, 5), ({'p': '11001000'}, {'p': '11000011'})
     ),
@@ -125,15 +124,21 @@ def drawn(picture):
     bottom = TOP + 2 * (len(picture.traces[0]) * ROW + 12)
     first, last = picture.window
     parts = [
-        f'<svg xmlns="http://www.w3.org/2000/svg" width="{WIDTH}" height="{bottom + 28}"'
-        f' viewBox="0 0 {WIDTH} {bottom + 28}" role="img">',
+        (
+            f'<svg xmlns="http://www.w3.org/2000/svg" width="{WIDTH}" height="{bottom + 28}"'
+            f' viewBox="0 0 {WIDTH} {bottom + 28}" role="img">'
+        ),
         f'<title>{picture.formula}</title>',
         STYLE,
         f'<text class="code" x="{LEFT - 26}" y="18" font-weight="bold">{picture.formula}</text>',
-        f'<rect class="window" x="{_x(first) - 12}" y="{TOP - 16}" rx="4"'
-        f' width="{_x(last) - _x(first) + 24}" height="{bottom - TOP + 8}"/>',
-        f'<line class="now" x1="{_x(picture.now)}" x2="{_x(picture.now)}" y1="{TOP - 16}"'
-        f' y2="{bottom - 6}"/>',
+        (
+            f'<rect class="window" x="{_x(first) - 12}" y="{TOP - 16}" rx="4"'
+            f' width="{_x(last) - _x(first) + 24}" height="{bottom - TOP + 8}"/>'
+        ),
+        (
+            f'<line class="now" x1="{_x(picture.now)}" x2="{_x(picture.now)}" y1="{TOP - 16}"'
+            f' y2="{bottom - 6}"/>'
+        ),
         f'<text x="{_x(picture.now)}" y="{TOP - 22}" text-anchor="middle">now</text>',
         *rows,
         *(

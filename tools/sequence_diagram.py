@@ -3,6 +3,10 @@
 import html
 import re
 
+TIP = """\
+<defs><marker id="tip" orient="auto" markerWidth="8" markerHeight="8" refX="7" refY="4">
+<path d="M0,0 L8,4 L0,8 Z" fill="currentColor"/></marker></defs>"""
+
 STEP, ROW, LEFT = 150, 34, 70
 
 _PARTICIPANT = re.compile(r'participant (\w+) as (.+)')
@@ -29,8 +33,7 @@ def drawn(text):
     return '\n'.join(
         (
             f'<svg class="sequence" viewBox="0 0 {width} {height}" role="img">',
-            '<defs><marker id="tip" orient="auto" markerWidth="8" markerHeight="8" refX="7" refY="4">'
-            '<path d="M0,0 L8,4 L0,8 Z" fill="currentColor"/></marker></defs>',
+            TIP,
             *lines,
             *rows,
             '</svg>',

@@ -2,14 +2,15 @@
 
 import argparse
 
-from dyknow_command import options_parser
-from dyknow_command.verbs import VERBS
 from reference.markdown import code, page, table
 
+from dyknow_command import options_parser
+from dyknow_command.verbs import VERBS
+
 INTRODUCTION = """\
-Every verb of `dyknow` with its arguments and options, as `dyknow VERB --help` shows them. Durations are in seconds unless a
-unit is given: `30`, `'500 ms'`, `'5 min'`. The exit code is 0 for true or done, 1 for a verdict of false, and 2 for
-everything else."""
+Every verb of `dyknow` with its arguments and options, as `dyknow VERB --help` shows them.
+Durations are in seconds unless a unit is given: `30`, `'500 ms'`, `'5 min'`. The exit code is 0
+for true or done, 1 for a verdict of false, and 2 for everything else."""
 
 
 def commands_page():

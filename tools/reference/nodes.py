@@ -11,6 +11,8 @@ import rclpy
 from rclpy.action import get_action_server_names_and_types_by_node
 from rclpy.node import Node
 from rclpy.parameter import Parameter
+from reference.interfaces import link
+from reference.markdown import code, listed, page, table
 
 from dyknow_bringup.ros.formula_markers import FormulaMarkers
 from dyknow_bringup.security.interfaces import DYKNOW_NODE, engine_interfaces, node_interfaces
@@ -22,8 +24,6 @@ from dyknow_semantics.ros.semantic_matching_engine import SemanticMatchingEngine
 from dyknow_semantics.ros.stream_semantics_manager import StreamSemanticsManager
 from dyknow_stream_processing.ros.stream_manager import StreamManager
 from dyknow_stream_processing.ros.stream_processing_engine import StreamProcessingEngine
-from reference.interfaces import link
-from reference.markdown import code, listed, page, table
 
 NODES = (
     StreamReasoningCoordinator,
@@ -40,10 +40,18 @@ ENGINE = 'stream_processing_engine'
 SAMPLE, VIOLATION = 'dyknow_interfaces/msg/Sample', 'dyknow_interfaces/msg/ConstraintViolation'
 
 INTRODUCTION = """\
-The seven nodes of DyKnow, and `formula_markers`. Names that begin with `~/` are within the name of the node:
-`~/evaluate_formula` of the coordinator is `/stream_reasoning_coordinator/evaluate_formula`. In names, `*` stands for any
-text. Parameters are read at the start, from a params file, the `nodes` of a [robot.yaml](../configuration.md), or
-`--ros-args -p NAME:=VALUE`. [Limits](../limits.md) explains those that bound what a request may cost."""
+The seven nodes of DyKnow, and `formula_markers`. Names that begin with `~/` are within the name
+of the node: `~/evaluate_formula` of the coordinator is
+`/stream_reasoning_coordinator/evaluate_formula`. In names, `*` stands for any text. Parameters
+are read at the start, from a params file, the `nodes` of a [robot.yaml](../configuration.md), or
+`--ros-args -p NAME:=VALUE`. [Limits](../limits.md) explains those that bound what a request may
+cost."""
+
+EVERY_NODE = """\
+Every node publishes `~/heartbeat` ([`Heartbeat`](interfaces.md#heartbeat)), by which others know
+that it is alive, and the latched `~/status` (`diagnostic_msgs/msg/DiagnosticStatus`): what it has
+loaded, what it has dropped, and what it lacks. It has the services and parameters of any rclpy
+node, such as `use_sim_time`, and these:"""
 
 OF_MANY_TOPICS = {
     '/dyknow/streams/*': f'{link(SAMPLE)}; of violations, {link(VIOLATION)}',
@@ -116,11 +124,7 @@ def _common(common, plain):
     return '\n\n'.join(
         (
             '## Every node',
-            'Every node publishes `~/heartbeat` ([`Heartbeat`](interfaces.md#heartbeat)), by which '
-            'others know that it is alive, and the latched `~/status` '
-            '(`diagnostic_msgs/msg/DiagnosticStatus`): what it has loaded, what it has dropped, and '
-            'what it lacks. It has the services and parameters of any rclpy node, such as '
-            '`use_sim_time`, and these:',
+            EVERY_NODE,
             table(('parameter', 'default', ''), rows),
         )
     )

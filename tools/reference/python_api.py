@@ -4,6 +4,8 @@ import inspect
 import re
 from enum import Enum
 
+from reference.markdown import page
+
 import dyknow_common
 import dyknow_coordinator
 import dyknow_coordinator.ros
@@ -11,7 +13,6 @@ import dyknow_reasoning
 import dyknow_recordings
 import dyknow_stream_processing
 import dyknow_stream_processing.ros
-from reference.markdown import page
 
 API = {
     'Formulas over a running system': (
@@ -33,8 +34,9 @@ API = {
 }
 
 INTRODUCTION = """\
-What programs import, with its docstrings. [Clients](../clients.md) and [Languages](../languages.md) show how to use it. Times
-are integers in nanoseconds unless a name or a docstring says otherwise."""
+What programs import, with its docstrings. [Clients](../clients.md) and
+[Languages](../languages.md) show how to use it. Times are integers in nanoseconds unless a name
+or a docstring says otherwise."""
 
 WIDTH = 90
 RECEIVERS = {'self', 'cls'}
