@@ -14,7 +14,7 @@ from system import private_environment
 PAGE = Path(__file__).parent.parent / 'docs' / 'quickstart.md'
 
 _BLOCK = re.compile(r'^```(\w*)\n(.*?)^```$', re.MULTILINE | re.DOTALL)
-_RECORDING = 'install/dyknow_bringup/share/dyknow_bringup/recordings/power_surge'
+_RECORDING = 'dyknow_bringup/recordings/power_surge'
 
 
 def blocks(language: str) -> list[str]:

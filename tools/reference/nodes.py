@@ -73,7 +73,10 @@ def nodes_page():
     try:
         plain, common = _described(Node('plain_node')), _described(DyKnowNode('any_node'))
         used = {**node_interfaces([ENGINE]), ENGINE: engine_interfaces(ENGINE, [ENGINE], (), ())}
-        parts = [_section(make(), common, used) for make in NODES]
+        nodes = [make() for make in NODES]
+        if missing := used.keys() - {each.get_name() for each in nodes}:
+            raise LookupError(f'NODES lacks {", ".join(sorted(missing))}')
+        parts = [_section(each, common, used) for each in nodes]
     finally:
         rclpy.try_shutdown()
     return page('Nodes', INTRODUCTION, _common(common, plain), *parts)

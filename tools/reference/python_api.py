@@ -65,7 +65,7 @@ def _member(module, member):
     if inspect.isclass(member):
         for each, attribute in vars(member).items():
             if not each.startswith('_') and _is_documented(attribute):
-                parts.extend(('---', *_described(each, attribute)))
+                parts.extend((f'#### {name}.{each}', *_described(each, attribute)))
     return '\n\n'.join(filter(None, parts))
 
 
@@ -81,6 +81,8 @@ def _described(name, member):
 
 def _signature(name, member):
     """Return a signature, on one line or with one parameter a line."""
+    if inspect.isclass(member) and issubclass(member, Enum):
+        return '\n'.join(f'{name}.{each.name} = {each.value!r}' for each in member)
     if isinstance(member, property):
         return f'{name}: {inspect.signature(member.fget).return_annotation}'
     function = getattr(member, '__func__', member)
