@@ -11,7 +11,7 @@ IN_ENVIRONMENT := source env.sh &&
 TEST_PROCESSES ?= 2
 
 .DEFAULT_GOAL := help
-.PHONY: help setup build demo test test-packages test-wheel check clean
+.PHONY: help setup build demo test test-packages test-wheel check docs clean
 
 help:  ## list the targets
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 16
@@ -45,6 +45,9 @@ check: build  ## ruff, mypy, the import rules and the rules of the code base
 	@$(IN_ENVIRONMENT) mypy dyknow_common/dyknow_main $(foreach package,$(filter-out dyknow_interfaces,$(PACKAGES)),$(package)/$(package))
 	@$(IN_ENVIRONMENT) lint-imports --no-cache
 	@$(IN_ENVIRONMENT) python tools/check_code_base.py
+
+docs: setup  ## build the documentation: log/site/index.html
+	@$(IN_ENVIRONMENT) NO_MKDOCS_2_WARNING=1 python -m mkdocs build --quiet --strict && echo "-- open log/site/index.html"
 
 clean:  ## remove everything that was made
 	rm -rf build install log .venv .venv-* .mypy_cache .ruff_cache .pytest_cache .hypothesis

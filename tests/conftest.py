@@ -43,6 +43,7 @@ SCHEDULE = (
     ('test_sim_time_jumps',),
     ('test_stopping',),
     ('test_rover',),
+    ('test_quick_start',),
     ('test_robot_file',),
     ('test_up',),
     ('test_policies_in_use',),

