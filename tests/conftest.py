@@ -42,6 +42,7 @@ SCHEDULE = (
     ('test_two_robots',),
     ('test_sim_time_jumps',),
     ('test_stopping',),
+    ('test_examples',),
     ('test_rover',),
     ('test_robot_file',),
     ('test_up',),
@@ -61,6 +62,7 @@ SCHEDULE = (
 
 OF_INDEPENDENT_TESTS = {
     'test_demonstration',
+    'test_examples',
     'test_many_engines',
     'test_replay_command',
     'test_stopping',
