@@ -62,7 +62,7 @@ class FakeRobotNode(Node):
             topic: self.create_publisher(message_type, topic, 10)
             for topic, message_type in robot.TOPICS.items()
         }
-        self._simulation = Simulation(robot, self._now())
+        self._simulation = Simulation(robot, self._now() // STEP_NS * STEP_NS)
         self.create_timer(STEP_NS / 1e9, self._publish)
 
     def _publish(self):
@@ -109,7 +109,10 @@ def read_options():
         )
         robot.add_argument('--record', type=Path, metavar='FOLDER', help='write a bag, and end')
         robot.add_argument('--duration', type=float, default=20.0, help='of the bag, in seconds')
-    return parser.parse_args()
+    options = parser.parse_args()
+    if options.record and options.record.exists():
+        parser.error(f'{options.record} exists; remove it, or name another folder')
+    return options
 
 
 def main():

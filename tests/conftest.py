@@ -42,6 +42,7 @@ SCHEDULE = (
     ('test_two_robots',),
     ('test_sim_time_jumps',),
     ('test_stopping',),
+    ('test_tutorial',),
     ('test_examples',),
     ('test_rover',),
     ('test_robot_file',),

@@ -200,7 +200,12 @@ def test_the_readme_shows_the_robot_that_is_shipped() -> None:
     assert statements(excerpt('yaml')) == statements(example('rover.yaml'))
 
 
-@pytest.mark.parametrize('text', blocks('README.md', 'yaml') + blocks(CONFIGURATION, 'yaml'))
+@pytest.mark.parametrize(
+    'text',
+    blocks('README.md', 'yaml')
+    + blocks(CONFIGURATION, 'yaml')
+    + blocks('docs/tutorial.md', 'yaml'),
+)
 def test_robots_can_be_read(text: str, tmp_path: Path) -> None:
     path = tmp_path / 'robot.yaml'
     path.write_text(text, encoding='utf-8')

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -102,6 +103,29 @@ def test_each_fault_changes_its_outcomes(example: Example, fault: str, tmp_path:
         if each.outcome is not Outcome.UNDECIDED
     }
     assert decided == example.outcomes([fault])
+
+
+@pytest.mark.parametrize('example', EXAMPLES, ids=name_of)
+def test_the_page_names_what_each_fault_breaks(example: Example) -> None:
+    page = (example.folder / 'README.md').read_text(encoding='utf-8')
+    rows = re.findall(r'^\| (\w[\w ]*) \| .* \| (.*?) ?\|$', page, re.MULTILINE)
+    shown = [(name, re.findall(r'`(\w+)`', faults)) for name, faults in rows]
+    broken = [
+        (
+            formula.name,
+            [
+                fault
+                for fault, outcomes in example.expected['faults'].items()
+                if outcomes.get(formula.name) == 'false'
+            ],
+        )
+        for formula in read_robot(example.configuration).formulas
+    ]
+    assert shown == broken
+    for each in re.findall(r'--fault (\w+)', page):
+        assert each in example.faults
+    for each in re.findall(r'examples/[\w/.]+', page):
+        assert (FOLDER.parent / each).exists(), each
 
 
 @contextmanager
