@@ -101,7 +101,10 @@ def nested_forall(client: HostileClient) -> None:
 
 def _make_drones(client: HostileClient) -> None:
     """Declare vehicles of a sort of their own; their altitudes are on one topic."""
-    uav, kind = 'http://www.dyknow.org/uav', 'http://www.w3.org/1999/02/22-rdf-syntax-ns#type'
+    uav, kind = (
+        'http://www.dyknow.org/robots/uav',
+        'http://www.w3.org/1999/02/22-rdf-syntax-ns#type',
+    )
     owl, rdfs = 'http://www.w3.org/2002/07/owl#', 'http://www.w3.org/2000/01/rdf-schema#'
     triples = [
         f'<http://hostile> <{kind}> <{owl}Ontology> .',

@@ -27,8 +27,8 @@ from rclpy.task import Future
 import robots
 from dyknow_bringup.processes.launcher import EndedProcess, Launcher
 from dyknow_bringup.processes.processes import Process, SystemConfiguration, dyknow_processes
-from dyknow_bringup.resources import uav_ontology_path
-from dyknow_bringup.simulation.fleet import fleet_ontology, vehicle_names
+from dyknow_bringup.processes.robot import fleet_configuration
+from dyknow_bringup.simulation.fleet import vehicle_names
 from dyknow_common import SECOND_NS
 from dyknow_common.ros import RUNNING, STATUS, nanoseconds_to_duration
 
@@ -57,7 +57,6 @@ def configure(
     """
     streams = [(vehicle, name) for vehicle, names in sources.items() for name in names]
     texts = {
-        'fleet.nt': fleet_ontology(list(sources)),
         'fleet.ssl': ''.join(
             f'stream {name}_power contains Power[{vehicle}] = power {annotated};\n'
             for vehicle, name in streams
@@ -71,7 +70,7 @@ def configure(
     for name, text in texts.items():
         (folder / name).write_text(text, encoding='utf-8')
     return SystemConfiguration(
-        ontologies=(uav_ontology_path(), folder / 'fleet.nt'),
+        ontologies=fleet_configuration(list(sources)).ontologies,
         annotations=(folder / 'fleet.ssl',),
         streams=(folder / 'fleet.streams',),
     )

@@ -42,6 +42,8 @@ SCHEDULE = (
     ('test_two_robots',),
     ('test_sim_time_jumps',),
     ('test_stopping',),
+    ('test_tutorial',),
+    ('test_examples',),
     ('test_rover',),
     ('test_quick_start',),
     ('test_robot_file',),
@@ -62,6 +64,7 @@ SCHEDULE = (
 
 OF_INDEPENDENT_TESTS = {
     'test_demonstration',
+    'test_examples',
     'test_many_engines',
     'test_replay_command',
     'test_stopping',

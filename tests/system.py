@@ -28,10 +28,9 @@ from dyknow_bringup.processes.processes import (
     Process,
     SystemConfiguration,
     dyknow_processes,
-    write_fleet_configuration,
 )
-from dyknow_bringup.resources import uav_ontology_path
-from dyknow_bringup.simulation.fleet import fleet_specification, vehicle_names
+from dyknow_bringup.processes.robot import fleet_configuration, requested_streams
+from dyknow_bringup.simulation.fleet import vehicle_names
 from dyknow_common.ros import (
     LATCHED,
     RUNNING,
@@ -42,7 +41,6 @@ from dyknow_common.ros import (
     nanoseconds_to_time,
 )
 from dyknow_configuration import ParameterValue
-from dyknow_stream_processing import parse_specification, specifications_by_sink
 
 PATIENCE = 3.0
 """Seconds after which a request that is not answered is sent again."""
@@ -205,7 +203,7 @@ class System:
         self.running: dict[str, subprocess.Popen[bytes]] = {}
         self._parameters = parameters or {}
         self.vehicles = vehicle_names(vehicles)
-        self.configuration = write_fleet_configuration(self.vehicles, uav_ontology_path(), folder)
+        self.configuration = fleet_configuration(self.vehicles)
         self.launcher = Launcher(
             folder,
             environment={**self.environment, **(short_lease_of(folder) if short_lease else {})},
@@ -340,7 +338,7 @@ class System:
     @property
     def fleet_streams(self) -> set[str]:
         """The streams that the configuration asks for."""
-        return set(specifications_by_sink(parse_specification(fleet_specification(self.vehicles))))
+        return requested_streams(self.configuration)
 
     def evaluate(self, formula: str, timeout: float = LIMIT, **fields: Any) -> Any:
         """The coordinator's answer to a formula."""

@@ -209,7 +209,11 @@ def test_the_readme_shows_the_robot_that_is_shipped() -> None:
 
 
 @pytest.mark.parametrize(
-    'text', blocks('README.md', 'yaml') + blocks(CONFIGURATION, 'yaml') + blocks(MEANING, 'yaml')
+    'text',
+    blocks('README.md', 'yaml')
+    + blocks(CONFIGURATION, 'yaml')
+    + blocks(MEANING, 'yaml')
+    + blocks('docs/tutorial.md', 'yaml'),
 )
 def test_robots_can_be_read(text: str, tmp_path: Path) -> None:
     path = tmp_path / 'robot.yaml'

@@ -26,15 +26,14 @@ from dyknow_bringup.processes.processes import (
     formula_markers,
     formula_monitor,
     uav_simulation,
-    write_fleet_configuration,
 )
+from dyknow_bringup.processes.robot import fleet_configuration
 from dyknow_bringup.resources import (
     executable_path,
     formulas_path,
     plan_path,
     scenario_path,
     share,
-    uav_ontology_path,
 )
 from dyknow_bringup.security.policy import policy_text
 from dyknow_bringup.security.systems import SecuredSystem
@@ -58,7 +57,7 @@ NEVER_USED = {'/dyknow_admin'}
 @contextmanager
 def fleet(environment: dict[str, str], folder: Path) -> Iterator[None]:
     """Run what `uav_monitoring.launch.py` starts, the first seven nodes by `dyknow up`."""
-    configuration = write_fleet_configuration(vehicle_names(VEHICLES), uav_ontology_path(), folder)
+    configuration = fleet_configuration(vehicle_names(VEHICLES))
     line = command(
         'dyknow', 'up',
         '--ontology', *map(str, configuration.ontologies),

@@ -57,6 +57,17 @@ HOP = (
     'always[0 s, 3 s] "/uav2/battery".voltage > 5',
     'eventually[0 s, 2 s] "/uav2/odometry".twist.twist.linear.x > 50',
 )
+EXAMPLES = Path(__file__).parent.parent / 'examples'
+ROVER = (
+    'always min("/scan".ranges[35:55]) > 0.3',
+    'always (abs("/odom".twist.twist.linear.x) < 0.9 or min("/scan".ranges[35:55]) > 1)',
+    'always "/diagnostics".status[name = "lidar"].level < 2',
+    'always[0 s, 10 s] "/diagnostics".status[name = "base"].level < 2',
+)
+ARM = (
+    'always abs("/joint_states".position[name = "elbow"]) < 2',
+    'eventually any("/joint_states".effort > 40)',
+)
 
 
 @pytest.mark.parametrize(
@@ -69,6 +80,14 @@ def test_the_answers_are_those_of_the_running_system(
     with System(tmp_path, vehicles=3, use_sim_time=True) as system:
         record(load_scenario(scenario_path(scenario)), system.vehicles, START, bag)
         compare(system, bag, formulas)
+
+
+@pytest.mark.parametrize(('example', 'formulas'), [('rover', ROVER), ('arm', ARM)])
+def test_the_answers_over_values_in_arrays(
+    example: str, formulas: Sequence[str], tmp_path: Path
+) -> None:
+    with System(tmp_path, vehicles=1, use_sim_time=True) as system:
+        compare(system, EXAMPLES / example / 'recordings' / 'faults', formulas)
 
 
 @pytest.mark.parametrize(('name', 'formulas'), [('px4_sitl_flight', FLIGHT), ('px4_vtol_hop', HOP)])

@@ -3,12 +3,7 @@
 from dyknow_bringup.errors import BringupError
 from dyknow_bringup.recordings.recording import STORAGES, record
 from dyknow_bringup.recordings.replay import Replay, Schedule
-from dyknow_bringup.simulation.fleet import (
-    fleet_annotations,
-    fleet_ontology,
-    fleet_specification,
-    vehicle_names,
-)
+from dyknow_bringup.simulation.fleet import vehicle_names
 from dyknow_bringup.simulation.missions import Task, load_mission
 from dyknow_bringup.simulation.scenario import Scenario, load_scenario
 from dyknow_bringup.simulation.simulation import Simulation
@@ -35,9 +30,6 @@ __all__ = [
     'Simulation',
     'Task',
     'Telemetry',
-    'fleet_annotations',
-    'fleet_ontology',
-    'fleet_specification',
     'load_mission',
     'load_scenario',
     'record',

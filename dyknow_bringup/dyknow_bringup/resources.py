@@ -48,6 +48,11 @@ def formulas_path() -> Path:
     return share() / 'formulas' / 'uav.yaml'
 
 
+def uav_robot_path() -> Path:
+    """Return the file that describes the UAVs of the demonstration."""
+    return share() / 'robots' / 'uav.yaml'
+
+
 def uav_ontology_path() -> Path:
     """Return the file with the ontology of UAVs and their features."""
     return share() / 'ontology' / 'uav.owl'

@@ -3,18 +3,15 @@
 ros2 launch dyknow_bringup uav_monitoring.launch.py scenario:=near_miss uavs:=5
 """
 
-import tempfile
-from pathlib import Path
-
 from dyknow_bringup.processes.launching import is_true, launch_description
 from dyknow_bringup.processes.processes import (
     dyknow_processes,
     formula_markers,
     formula_monitor,
     uav_simulation,
-    write_fleet_configuration,
 )
-from dyknow_bringup.resources import formulas_path, scenario_path, uav_ontology_path
+from dyknow_bringup.processes.robot import fleet_configuration
+from dyknow_bringup.resources import formulas_path, scenario_path
 from dyknow_bringup.simulation.fleet import vehicle_names
 
 ARGUMENTS = {
@@ -27,10 +24,8 @@ ARGUMENTS = {
 def processes(values):
     """Return the nodes of DyKnow, the simulation, and the nodes that monitor it."""
     vehicles = int(values['uavs'])
-    folder = Path(tempfile.mkdtemp(prefix='uav_monitoring_'))
-    configuration = write_fleet_configuration(vehicle_names(vehicles), uav_ontology_path(), folder)
     return (
-        *dyknow_processes(configuration),
+        *dyknow_processes(fleet_configuration(vehicle_names(vehicles))),
         uav_simulation(scenario_path(values['scenario']), vehicles),
         formula_monitor(formulas_path()),
         *([formula_markers()] if is_true(values['markers']) else []),

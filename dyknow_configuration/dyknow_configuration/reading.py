@@ -14,7 +14,7 @@ relative to it.
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Final
 
@@ -48,14 +48,20 @@ KEYS: Final = (
 _STREAM_HINT: Final = '; a text begins with source, compunit, stream or sink'
 
 
-def read_robot(path: Path) -> RobotConfiguration:
+def read_robot(
+    path: Path, objects: Mapping[str, Sequence[str]] | None = None
+) -> RobotConfiguration:
     """Return what a robot.yaml describes.
+
+    Args:
+        path: the file.
+        objects: of sorts, in the place of those that the file lists.
 
     Raises:
         ConfigurationError: naming the file, the place and the correction.
     """
     values = read_yaml(path).mapping(KEYS)
-    vocabulary = read_vocabulary(values)
+    vocabulary = read_vocabulary(values).with_objects(objects or {})
     stream_values = values['streams'].one_or_more() if 'streams' in values else []
     own_streams = [each for each in stream_values if is_stream_text(each)]
     named_streams = [each for each in stream_values if each not in own_streams]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from enum import StrEnum
 from itertools import product
 from pathlib import Path
@@ -102,6 +102,14 @@ class RobotVocabulary:
 
     def __bool__(self) -> bool:
         return bool(self.sorts or self.features)
+
+    def with_objects(self, objects: Mapping[str, Sequence[str]]) -> RobotVocabulary:
+        """Return the same vocabulary with other objects of some sorts."""
+        sorts = (
+            replace(each, objects=tuple(objects.get(each.name, each.objects)))
+            for each in self.sorts.values()
+        )
+        return RobotVocabulary(sorts, self.features.values())
 
     def objects(self, sort: str) -> tuple[str, ...]:
         """Return the objects of a sort and of all sorts below it."""

@@ -245,3 +245,17 @@ def test_the_nodes_are_those_of_the_packages() -> None:
     for node, package in PACKAGES.items():
         folder = Path(__file__).parents[2] / package / package / 'ros'
         assert (folder / f'{node}.py').is_file()
+
+
+def test_other_objects_than_those_of_the_file(tmp_path: Path) -> None:
+    path = tmp_path / 'robot.yaml'
+    path.write_text(
+        'objects: {Rover: [r1], Zone: [dock]}\n'
+        "features: {Inside: {of: {r: Rover, z: Zone}, from: {topic: '/{r}/{z}', field: data}}}\n",
+        encoding='utf-8',
+    )
+    annotations = read_robot(path, {'Rover': ['r7', 'r8']}).annotations
+    assert [each.text for each in annotations if isinstance(each, InlineText)] == [
+        'stream "/r7/dock" contains Inside[r7, dock] = data;',
+        'stream "/r8/dock" contains Inside[r8, dock] = data;',
+    ]

@@ -8,7 +8,6 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from dyknow_bringup.errors import BringupError
-from dyknow_bringup.simulation.fleet import fleet_annotations, fleet_ontology, fleet_specification
 from dyknow_common import ExitCode
 from dyknow_configuration import PACKAGES, ParameterValue
 
@@ -127,30 +126,6 @@ def formula_monitor(formulas: Path) -> Process:
 def formula_markers() -> Process:
     """Return the node that shows formulas in three-dimensional views."""
     return Process('dyknow_bringup', 'formula_markers')
-
-
-def write_fleet_configuration(
-    vehicles: Sequence[str], uav_ontology: Path, folder: Path
-) -> SystemConfiguration:
-    """Write the configuration of DyKnow for a fleet into a folder that exists.
-
-    Args:
-        vehicles: their names.
-        uav_ontology: the file with the sort UAV and its features.
-        folder: the folder.
-    """
-    texts = {
-        'fleet.nt': fleet_ontology(vehicles),
-        'fleet.ssl': fleet_annotations(vehicles),
-        'fleet.streams': fleet_specification(vehicles),
-    }
-    for name, text in texts.items():
-        (folder / name).write_text(text, encoding='utf-8')
-    return SystemConfiguration(
-        ontologies=(uav_ontology, folder / 'fleet.nt'),
-        annotations=(folder / 'fleet.ssl',),
-        streams=(folder / 'fleet.streams',),
-    )
 
 
 def ros_arguments(

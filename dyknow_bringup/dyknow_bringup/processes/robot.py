@@ -5,12 +5,15 @@ from __future__ import annotations
 import atexit
 import shutil
 import tempfile
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
 from dyknow_bringup.errors import BringupError
 from dyknow_bringup.processes.processes import SystemConfiguration
+from dyknow_bringup.resources import uav_robot_path
 from dyknow_configuration import RobotConfiguration, read_robot, write_texts
+from dyknow_stream_processing import parse_specification, specifications_by_sink
 
 
 def with_robot(configuration: SystemConfiguration, path: Path) -> SystemConfiguration:
@@ -29,6 +32,20 @@ def with_robot(configuration: SystemConfiguration, path: Path) -> SystemConfigur
             "its ontologies; list them as 'objects' instead"
         )
     return added(configuration, write_texts(robot, temporary_folder(), path.stem))
+
+
+def fleet_configuration(vehicles: Sequence[str]) -> SystemConfiguration:
+    """Return the configuration for a fleet of UAVs: robots/uav.yaml with these vehicles."""
+    robot = read_robot(uav_robot_path(), {'UAV': vehicles})
+    return added(SystemConfiguration(), write_texts(robot, temporary_folder(), 'uav'))
+
+
+def requested_streams(configuration: SystemConfiguration) -> set[str]:
+    """Return the names of the streams that a configuration requests."""
+    specifications = (
+        parse_specification(path.read_text(encoding='utf-8')) for path in configuration.streams
+    )
+    return {name for each in specifications for name in specifications_by_sink(each)}
 
 
 def added(configuration: SystemConfiguration, robot: RobotConfiguration) -> SystemConfiguration:

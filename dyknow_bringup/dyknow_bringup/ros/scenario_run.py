@@ -19,16 +19,15 @@ from dyknow_bringup.processes.processes import (
     dyknow_processes,
     formula_markers,
     uav_simulation,
-    write_fleet_configuration,
 )
-from dyknow_bringup.resources import scenario_path, uav_ontology_path
-from dyknow_bringup.simulation.fleet import fleet_specification, vehicle_names
+from dyknow_bringup.processes.robot import fleet_configuration, requested_streams
+from dyknow_bringup.resources import scenario_path
+from dyknow_bringup.simulation.fleet import vehicle_names
 from dyknow_bringup.simulation.scenario import load_scenario
 from dyknow_common import SECOND_NS, ExitCode
 from dyknow_common.executables import FALSE, SUCCESS, interruptible
 from dyknow_common.ros import LATCHED, DyKnowNode, RemoteNode
 from dyknow_common.tables import Terminal
-from dyknow_stream_processing import parse_specification, specifications_by_sink
 
 START_TIMEOUT_S = 30.0
 """Time that the nodes may take to start."""
@@ -41,7 +40,7 @@ class ScenarioRun(ABC):
         scenario: the name of a shipped scenario, or the path of a YAML file.
         vehicles: the number of vehicles.
         launcher: starts the processes.
-        folder: for the configuration of the fleet.
+        folder: for the files of the run.
         markers: True to show formulas in three-dimensional views.
 
     Raises:
@@ -55,13 +54,11 @@ class ScenarioRun(ABC):
         self._scenario = load_scenario(path)
         names = self._vehicles = vehicle_names(vehicles)
         self._scenario.check_fleet(names)
-        self._fleet_streams = specifications_by_sink(
-            parse_specification(fleet_specification(names))
-        )
         self._simulation = uav_simulation(path, vehicles)
         self._launcher = launcher
         self._folder = folder
-        self._configuration = write_fleet_configuration(names, uav_ontology_path(), folder)
+        self._configuration = fleet_configuration(names)
+        self._fleet_streams = requested_streams(self._configuration)
         self._processes = list(dyknow_processes(self._configuration))
         if markers:
             self._processes.append(formula_markers())
@@ -107,7 +104,7 @@ class ScenarioRun(ABC):
     def _has_streams(self, manager: RemoteNode) -> bool:
         listing = self._executor.create_task(manager.call, ListStreams)
         self._wait_for(listing.done, 'the stream manager')
-        return set(listing.result().stream_names) >= set(self._fleet_streams)
+        return set(listing.result().stream_names) >= self._fleet_streams
 
     def _wait_for(self, condition: Callable[[], bool], description: str) -> None:
         """Spin until a condition holds, for START_TIMEOUT_S at most."""

@@ -15,7 +15,6 @@ from dyknow_bringup.processes.processes import (
     formula_monitor,
     ros_arguments,
     uav_simulation,
-    write_fleet_configuration,
 )
 from dyknow_bringup.resources import executable_path, scenario_names, scenario_path
 
@@ -51,15 +50,6 @@ def test_parameters_are_written_as_yaml() -> None:
         'x': 0.5,
         'use_sim_time': True,
     }
-
-
-def test_a_fleet_is_configured_by_files(tmp_path: Path) -> None:
-    ontology = tmp_path / 'uav.owl'
-    ontology.touch()
-    configuration = write_fleet_configuration(('uav1', 'uav2'), ontology, tmp_path)
-    assert configuration.ontologies[0] == ontology
-    written = (*configuration.ontologies[1:], *configuration.annotations, *configuration.streams)
-    assert all('uav2' in path.read_text(encoding='utf-8') for path in written)
 
 
 def test_scenarios_are_found_by_name_and_by_path(tmp_path: Path) -> None:
