@@ -10,6 +10,7 @@ import random
 import time
 from collections.abc import Callable
 from contextlib import ExitStack
+from itertools import product
 from typing import Any
 
 import relays
@@ -24,6 +25,9 @@ from dyknow_common.ros import time_to_nanoseconds
 
 UNSTAMPED = 'always "/robot/level".data < 5'
 STAMPED = 'always "/uav1/battery".current < 5'
+LEVELS = {'unstamped': (robots.ROBOT, UNSTAMPED), 'stamped': ('uav1', STAMPED)}
+"""The topics that make these formulas false."""
+
 HIGH = 9.0
 """A level that makes these formulas false."""
 
@@ -54,10 +58,25 @@ def grounding(*, quick: bool) -> Any:
 
 
 def verdict(*, quick: bool) -> Any:
-    """Measure the time from a sample that makes a formula false to the answer."""
+    """Measure the time from a sample that makes a formula false to the answer.
+
+    The nodes of DyKnow run in one process, then in a process each.
+    """
     number = 10 if quick else 100
-    rows = {}
-    with RunningSystem(1, 20.0, progress_period=0.2) as system:
+    rows: dict[str, Any] = {name: {} for name in LEVELS}
+    for nodes, composition in (('one_process', True), ('processes', False)):
+        for name, delays in _verdict_delays(number, composition=composition).items():
+            rows[name][nodes] = summary(delays)
+    for name, (topic, _) in LEVELS.items():
+        bare = rows[name]['bare'] = summary(_bare_delays(topic, number))
+        for nodes, figure in product(('one_process', 'processes'), ('median', 'p99')):
+            ratio = rows[name][nodes][f'{figure}_us'] / bare[f'{figure}_us']
+            rows[name][f'{nodes}_{figure}_ratio'] = round(ratio, 2)
+    return rows
+
+
+def _verdict_delays(number: int, *, composition: bool) -> dict[str, list[int]]:
+    with RunningSystem(1, 20.0, progress_period=0.2, composition=composition) as system:
 
         def asked(formula: str) -> Any:
             known = set(system.progress)
@@ -65,20 +84,11 @@ def verdict(*, quick: bool) -> Any:
             system.wait_for_running(1, known)
             return future
 
-        for name, topic, formula in (
-            ('unstamped', robots.ROBOT, UNSTAMPED),
-            ('stamped', 'uav1', STAMPED),
-        ):
+        found = {}
+        for name, (topic, formula) in LEVELS.items():
             decide = _decider(system.client, system.fleet, topic)
-            found = [decide(asked(formula)) for _ in range(number)]
-            rows[name] = {'dyknow': summary(found)}
-    for name, topic in (('unstamped', robots.ROBOT), ('stamped', 'uav1')):
-        rows[name]['bare'] = summary(_bare_delays(topic, number))
-        for figure in ('median', 'p99'):
-            key = f'{figure}_us'
-            ratio = rows[name]['dyknow'][key] / rows[name]['bare'][key]
-            rows[name][f'{figure}_ratio'] = round(ratio, 2)
-    return rows
+            found[name] = [decide(asked(formula)) for _ in range(number)]
+        return found
 
 
 def _bare_delays(topic: str, number: int) -> list[int]:

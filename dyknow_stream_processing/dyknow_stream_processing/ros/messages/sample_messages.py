@@ -11,6 +11,7 @@ from dyknow_interfaces.msg import Field as FieldMessage
 from dyknow_interfaces.msg import Sample as SampleMessage
 
 from dyknow_common import SECOND_NS, Value, ValueType
+from dyknow_common.ros import time_to_nanoseconds
 from dyknow_stream_processing.errors import StreamError
 from dyknow_stream_processing.sample import Sample
 
@@ -92,19 +93,35 @@ def sample_to_message(sample: Sample) -> Any:
     return SampleWriter().write(sample)
 
 
+def sample_valid_time(message: Any) -> int:
+    """Return the valid time of a Sample message, or of a `Sample`, in nanoseconds."""
+    if isinstance(message, Sample):
+        return message.valid_time
+    return time_to_nanoseconds(message.valid_time)
+
+
 def sample_fields(message: Any) -> dict[str, Value]:
-    """Return the fields of a Sample message.
+    """Return the fields of a Sample message, or of a `Sample`, as they would be in its message.
 
     Raises:
         StreamError: naming the field whose type or value is wrong.
     """
+    if isinstance(message, Sample):
+        for name, value in message.fields.items():
+            if type(value) is int and len(str(value)) > MAX_DIGITS:
+                raise _wrong_value(name, ValueType.INT.value, str(value))
+        return dict(message.fields)
     fields: dict[str, Value] = {}
     for field in message.fields:
         try:
             fields[field.name] = _PARSERS[field.type](field.value)
         except (KeyError, ValueError):
-            raise StreamError(
-                f"field '{field.name}' holds '{field.value}', which is no value of type "
-                f"'{field.type}' (the types are int, float, string and boolean)"
-            ) from None
+            raise _wrong_value(field.name, field.type, field.value) from None
     return fields
+
+
+def _wrong_value(name: str, type_: str, value: str) -> StreamError:
+    return StreamError(
+        f"field '{name}' holds '{value}', which is no value of type '{type_}' (the types are int, "
+        'float, string and boolean)'
+    )

@@ -1,0 +1,62 @@
+"""The nodes of DyKnow in one process, or in a process each.
+
+In one process they need less than half of the memory, and pass states and results on directly. In
+processes of their own, a fault of one ends no other, and each has its own keys (SROS2).
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable, Mapping
+from typing import Final
+
+from dyknow_bringup.processes.processes import Process
+from dyknow_bringup.processes.robot import temporary_folder
+from dyknow_configuration import PACKAGES
+
+NODES: Final = 'dyknow_nodes'
+"""The executable with all nodes."""
+
+
+def composed(processes: Iterable[Process], environment: Mapping[str, str]) -> tuple[Process, ...]:
+    """Return the processes that run the nodes of DyKnow in one process for each namespace.
+
+    Args:
+        processes: a node each; those of other packages stay processes of their own.
+        environment: variables of the processes. Where ROS security is enabled, every node keeps its
+            own process, as the keys belong to a process.
+    """
+    processes = tuple(processes)
+    if environment.get('ROS_SECURITY_ENABLE') == 'true':
+        return processes
+    groups: dict[str, list[Process]] = {}
+    others = []
+    for each in processes:
+        if each.executable in PACKAGES:
+            groups.setdefault(each.namespace, []).append(each)
+        else:
+            others.append(each)
+    return (*map(_in_one_process, groups.values()), *others)
+
+
+def _in_one_process(processes: list[Process]) -> Process:
+    """Return the process of nodes of one namespace; a file has the parameters of each."""
+    parameters = {
+        f'/**/{each.executable}': {'ros__parameters': dict(each.parameters)}
+        for each in processes
+        if each.parameters
+    }
+    file = temporary_folder() / 'parameters.yaml'
+    # JSON is YAML.
+    file.write_text(json.dumps(parameters), encoding='utf-8')
+    return Process(
+        'dyknow_bringup',
+        NODES,
+        namespace=processes[0].namespace,
+        parameter_files=(file,) if parameters else (),
+    )
+
+
+def nodes_of(process: Process) -> tuple[str, ...]:
+    """Return the names of the nodes in a process."""
+    return tuple(PACKAGES) if process.executable == NODES else (process.name,)
