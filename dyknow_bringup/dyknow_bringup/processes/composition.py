@@ -10,7 +10,7 @@ import json
 from collections.abc import Iterable, Mapping
 from typing import Final
 
-from dyknow_bringup.processes.processes import Process
+from dyknow_bringup.processes.processes import Process, join_namespaces
 from dyknow_bringup.processes.robot import temporary_folder
 from dyknow_configuration import PACKAGES
 
@@ -57,6 +57,14 @@ def _in_one_process(processes: list[Process]) -> Process:
     )
 
 
-def nodes_of(process: Process) -> tuple[str, ...]:
-    """Return the names of the nodes in a process."""
-    return tuple(PACKAGES) if process.executable == NODES else (process.name,)
+def names_in(process: Process) -> tuple[str, ...]:
+    """Return the names under which a process logs: its own, and those of nodes in it."""
+    nodes = PACKAGES if process.executable == NODES else ()
+    return process.name, *(join_namespaces(process.namespace, each).lstrip('/') for each in nodes)
+
+
+def name_in(process: Process, logger: str) -> str:
+    """Return the name under which a message of a process is shown: that of its node if known."""
+    node = logger.rpartition('.')[2]
+    names = names_in(process)
+    return next((each for each in names if each.rpartition('/')[2] == node), process.name)
