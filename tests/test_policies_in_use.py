@@ -60,7 +60,7 @@ def fleet(environment: dict[str, str], folder: Path) -> Iterator[None]:
     """Run what `uav_monitoring.launch.py` starts, the first seven nodes by `dyknow up`."""
     configuration = write_fleet_configuration(vehicle_names(VEHICLES), uav_ontology_path(), folder)
     line = command(
-        'dyknow', 'up',
+        'dyknow', 'up', '--processes',
         '--ontology', *map(str, configuration.ontologies),
         '--annotations', *map(str, configuration.annotations),
         '--streams', *map(str, configuration.streams),

@@ -16,8 +16,8 @@ import threading
 import time
 import traceback
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor, wait
 from contextlib import suppress
-from threading import Thread
 
 import rclpy
 from rclpy.exceptions import NameValidationException, ParameterException
@@ -116,9 +116,14 @@ def run(
 
 
 class _Nodes:
-    """The nodes of a process, each with its executor."""
+    """The nodes of a process.
+
+    Each is made, runs and is destroyed in a thread of its own: some of what they use, such as a
+    connection of SQLite, belongs to the thread that has made it.
+    """
 
     def __init__(self) -> None:
+        self._threads: list[ThreadPoolExecutor] = []
         self._executors: dict[DyKnowNode, SingleThreadedExecutor] = {}
         self.has_started = False
         self.faulty = ''
@@ -133,23 +138,31 @@ class _Nodes:
         """Make all nodes, then announce them."""
         for make_node in make_nodes:
             self.faulty = snake_case(getattr(make_node, '__name__', ''))
-            node = make_node()
-            self._executors[node] = node_executor()
-            self._executors[node].add_node(node)
-        for node in self:
+            self._threads.append(ThreadPoolExecutor(1, thread_name_prefix=self.faulty))
+            self._threads[-1].submit(self._make, make_node).result()
+        for thread, node in zip(self._threads, self, strict=True):
             self.faulty = node.get_name()
-            node.announce()
+            thread.submit(node.announce).result()
         self.has_started = True
 
     def spin(self) -> None:
         """Run the callbacks of all nodes until the context is shut down, or a node has an error."""
-        first, *others = self
-        threads = [Thread(target=self._spin, args=(each,), name=each.get_name()) for each in others]
-        for thread in threads:
-            thread.start()
-        self._spin(first)
-        for thread in threads:
-            thread.join()
+        running = [
+            thread.submit(self._spin, node)
+            for thread, node in zip(self._threads, self, strict=True)
+        ]
+        wait(running)
+
+    def destroy(self) -> None:
+        """End all executors and nodes."""
+        # The last node may be missing, as it could not be made.
+        for thread, node in zip(self._threads, self, strict=False):
+            thread.submit(self._destroy, node).result()
+
+    def _make(self, make_node: Callable[[], DyKnowNode]) -> None:
+        node = make_node()
+        self._executors[node] = node_executor()
+        self._executors[node].add_node(node)
 
     def _spin(self, node: DyKnowNode) -> None:
         try:
@@ -162,11 +175,9 @@ class _Nodes:
                 self.faulty, self.error = node.get_name(), error
             rclpy.try_shutdown()
 
-    def destroy(self) -> None:
-        """End all executors and nodes."""
-        for node, executor in self._executors.items():
-            executor.shutdown()
-            node.destroy_node()
+    def _destroy(self, node: DyKnowNode) -> None:
+        self._executors[node].shutdown()
+        node.destroy_node()
 
 
 def _run(
