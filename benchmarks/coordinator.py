@@ -1,7 +1,7 @@
 """Cost of evaluations by all nodes of DyKnow, compared with a chain of bare rclpy nodes.
 
 python benchmarks/coordinator.py [--json] [--quick]
-    [--only grounding|verdict|formulas|vehicles|at_once]
+    [--only grounding|verdict|composition|formulas|vehicles|at_once]
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from typing import Any
 import relays
 from dyknow_interfaces.msg import FormulaResult
 from parts import measure
-from processes import Client, summary, use_private_domain, wait_for_line, worker
+from processes import Client, proportional_memory, summary, use_private_domain, wait_for_line, worker
 from running_system import AT_ONCE, RunningSystem, ask, timed
 
 import robots
@@ -89,6 +89,25 @@ def _verdict_delays(number: int, *, composition: bool) -> dict[str, list[int]]:
             decide = _decider(system.client, system.fleet, topic)
             found[name] = [decide(asked(formula)) for _ in range(number)]
         return found
+
+
+def composition(*, quick: bool) -> Any:
+    """Measure memory, idle processor time and the time from the start to the first verdict."""
+    rows = []
+    for name, is_composed in (('one_process', True), ('processes', False)):
+        with RunningSystem(1, 20.0, composition=is_composed) as system:
+            system.warm_up()
+            to_first_verdict = time.monotonic() - system.started_at
+            idle = system.costs(5.0 if quick else 30.0)
+            rows.append(
+                {
+                    'nodes': name,
+                    'start_to_first_verdict_s': round(to_first_verdict, 2),
+                    'pss_mb': round(sum(map(proportional_memory, system.pids.values())), 1),
+                    'idle_share': round(sum(each['share'] for each in idle.values()), 3),
+                }
+            )
+    return rows
 
 
 def _bare_delays(topic: str, number: int) -> list[int]:
@@ -217,7 +236,7 @@ def _states(system: RunningSystem, known: set[tuple[int, int]], rate: float) -> 
 def main() -> None:
     """Measure and print."""
     use_private_domain()
-    measure(__doc__, grounding, verdict, formulas, vehicles, at_once)
+    measure(__doc__, grounding, verdict, composition, formulas, vehicles, at_once)
 
 
 if __name__ == '__main__':

@@ -115,6 +115,7 @@ class RunningSystem:
         self.fleet: Any = None
         self.pids: dict[str, int] = {}
         self.folder = Path()
+        self.started_at = 0.0
         self._rate = rate
         self._constraints = constraints
         self._annotated = annotated
@@ -149,6 +150,7 @@ class RunningSystem:
                 Launcher(logs, namespace=FAR_NAMESPACE)
             )
             self._processes[FAR_ENGINE] = engine
+        self.started_at = time.monotonic()
         for node in self._processes:
             self.start(node)
         self._wait_until_ready()

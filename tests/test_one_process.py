@@ -110,16 +110,24 @@ raise SystemExit(run(GoodNode, BadNode))
 ERRORS = 'from dyknow_common import DyKnowError; raise DyKnowError("no file x")'
 END = 'from dyknow_common.ros.topics.guards import NodeEndError; raise NodeEndError("the end")'
 
+SAVE = 'import threading; self.made_in = threading.get_ident()'
+SAY_THREADS = (
+    'import threading; from dyknow_common.ros.topics.guards import NodeEndError; '
+    'raise NodeEndError('
+    "f'in the thread that has made it: {self.made_in == threading.get_ident()}')"
+)
+
 
 @pytest.mark.parametrize(
     ('at_start', 'work', 'code', 'said'),
     [
         (ERRORS, 'pass', CANNOT_START, 'bad_node: no file x\n'),
         ('pass', END, CANNOT_START, 'bad_node: the end\n'),
+        (SAVE, SAY_THREADS, CANNOT_START, 'bad_node: in the thread that has made it: True\n'),
         ('pass', 'self.executor.create_task(lambda: 1 / 0)', FAULT, 'ZeroDivisionError'),
         ('pass', 'import threading; threading.Event().wait()', FAULT, 'executor of bad_node'),
     ],
-    ids=['start', 'end', 'fault', 'hang'],
+    ids=['start', 'end', 'thread', 'fault', 'hang'],
 )
 def test_a_node_that_ends_ends_the_process(
     at_start: str, work: str, code: int, said: str

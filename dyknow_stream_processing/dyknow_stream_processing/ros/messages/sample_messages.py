@@ -18,6 +18,10 @@ from dyknow_stream_processing.sample import Sample
 MAX_DIGITS: Final = 100
 """The number of characters of an integer: a longer one may be too large for a float."""
 
+_LEAST: Final = 1 - 10 ** (MAX_DIGITS - 1)
+_GREATEST: Final = 10**MAX_DIGITS - 1
+"""The integers with so many characters."""
+
 _FORMATS: Final[Mapping[type, tuple[str, Callable[[Any], str]]]] = {
     float: (ValueType.FLOAT.value, repr),
     int: (ValueType.INT.value, repr),
@@ -108,8 +112,9 @@ def sample_fields(message: Any) -> dict[str, Value]:
     """
     if isinstance(message, Sample):
         for name, value in message.fields.items():
-            if type(value) is int and len(str(value)) > MAX_DIGITS:
-                raise _wrong_value(name, ValueType.INT.value, str(value))
+            if type(value) is int and not _LEAST <= value <= _GREATEST:
+                # Python limits the decimal digits that it writes, which are many more.
+                raise _wrong_value(name, ValueType.INT.value, hex(value))
         return dict(message.fields)
     fields: dict[str, Value] = {}
     for field in message.fields:
