@@ -16,7 +16,14 @@ from typing import Any
 import relays
 from dyknow_interfaces.msg import FormulaResult
 from parts import measure
-from processes import Client, proportional_memory, summary, use_private_domain, wait_for_line, worker
+from processes import (
+    Client,
+    proportional_memory,
+    summary,
+    use_private_domain,
+    wait_for_line,
+    worker,
+)
 from running_system import AT_ONCE, RunningSystem, ask, timed
 
 import robots

@@ -131,7 +131,10 @@ def shared_system(
 
 def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
     """Run the tests of some modules in both compositions."""
-    if metafunc.module.__name__.rpartition(".")[2] in IN_BOTH_COMPOSITIONS and 'composition' in metafunc.fixturenames:
+    if (
+        metafunc.module.__name__.rpartition('.')[2] in IN_BOTH_COMPOSITIONS
+        and 'composition' in metafunc.fixturenames
+    ):
         metafunc.parametrize(
             'composition',
             [False, True],

@@ -56,7 +56,7 @@ class Received:
 
 
 class Bench:
-    """Two nodes of this process, each in a thread of its own, and a client of another participant."""
+    """Two nodes of this process, each with a thread, and a client of another participant."""
 
     def __init__(self) -> None:
         environment = private_environment()
@@ -130,7 +130,7 @@ def test_messages_of_several_topics_keep_their_order(bench: Bench) -> None:
     Received(bench, '/a', into=got)
     Received(bench, '/b', into=got)
     publishers = bench.publisher('/a'), bench.publisher('/b')
-    chance = random.Random(1)
+    chance = random.Random(1)  # noqa: S311 - to be repeated
     for number in range(500):
         chance.choice(publishers).publish(Int64(data=number))
     bench.wait_for(lambda: len(got) == 500)
@@ -217,7 +217,7 @@ def test_each_subscription_receives_what_is_published_while_it_exists(
     bench: Bench, seed: int
 ) -> None:
     """As a list of all messages says, with subscribers of any process coming and going."""
-    chance, publisher = random.Random(seed), bench.publisher()
+    chance, publisher = random.Random(seed), bench.publisher()  # noqa: S311 - to be repeated
     published: list[int] = []
     known: list[tuple[Received, int]] = []
     ended: list[tuple[Received, int, int]] = []

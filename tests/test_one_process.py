@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -129,9 +130,7 @@ SAY_THREADS = (
     ],
     ids=['start', 'end', 'thread', 'fault', 'hang'],
 )
-def test_a_node_that_ends_ends_the_process(
-    at_start: str, work: str, code: int, said: str
-) -> None:
+def test_a_node_that_ends_ends_the_process(at_start: str, work: str, code: int, said: str) -> None:
     program = PROGRAM.format(at_start=at_start, work=work)
     line = ('python', '-c', program, '--ros-args', '-p', 'hang_limit:=2.0')
     with process_of(*line, environment=private_environment()) as process:
@@ -145,6 +144,18 @@ def test_nodes_keep_their_processes_where_keys_belong_to_processes() -> None:
     simulation = Process('dyknow_bringup', 'uav_simulation')
     (one, other) = composed([*nodes, simulation], {})
     assert (one.executable, other) == (NODES, simulation)
+
+
+def test_the_seven_nodes_of_a_namespace_are_joined_and_no_others() -> None:
+    nodes = dyknow_processes(SystemConfiguration())
+    robots = [replace(each, namespace=name) for name in ('a', 'b') for each in nodes]
+    engine = Process('dyknow_stream_processing', 'stream_processing_engine', {'n': 1})
+    far = replace(engine, namespace='far')
+    a, b, *others = composed([*robots, engine, far], {})
+    assert [(each.executable, each.namespace) for each in (a, b)] == [(NODES, 'a'), (NODES, 'b')]
+    assert others == [engine, far]
+    one, *more = composed([*nodes, engine], {})
+    assert (one.executable, more) == (NODES, [engine])
 
 
 def test_messages_are_shown_under_the_names_of_their_nodes() -> None:

@@ -69,7 +69,7 @@ def test_an_integer_that_is_handed_over_has_the_limit_of_messages(
         if is_valid:
             assert sample_fields(each) == {'a': value}
         else:
-            with pytest.raises(StreamError, match="'a' holds .* which is no value of type 'int'"):
+            with pytest.raises(StreamError, match=r"'a' holds .* which is no value of type 'int'"):
                 sample_fields(each)
 
 
