@@ -222,7 +222,9 @@ def test_two_robots_use_what_their_policy_permits(tmp_path: Path) -> None:
         client = stack.enter_context(closing(Client(environment)))
         recorder = GraphRecorder(client.node)
         for robot in ('robot1', 'robot2'):
-            line = command('dyknow', 'up', '--namespace', robot, '--logs', str(tmp_path / robot))
+            line = command(
+                'dyknow', 'up', '--processes', '--namespace', robot, '--logs', str(tmp_path / robot)
+            )
             stack.enter_context(running(line, environment))
         engines = {f'/{robot}/stream_processing_engine' for robot in ('robot1', 'robot2')}
 
