@@ -1,7 +1,7 @@
 """Cost of evaluations by all nodes of DyKnow, compared with a chain of bare rclpy nodes.
 
 python benchmarks/coordinator.py [--json] [--quick]
-    [--only grounding|verdict|formulas|vehicles|at_once]
+    [--only grounding|verdict|composition|formulas|vehicles|at_once]
 """
 
 from __future__ import annotations
@@ -10,12 +10,20 @@ import random
 import time
 from collections.abc import Callable
 from contextlib import ExitStack
+from itertools import product
 from typing import Any
 
 import relays
 from dyknow_interfaces.msg import FormulaResult
 from parts import measure
-from processes import Client, summary, use_private_domain, wait_for_line, worker
+from processes import (
+    Client,
+    proportional_memory,
+    summary,
+    use_private_domain,
+    wait_for_line,
+    worker,
+)
 from running_system import AT_ONCE, RunningSystem, ask, timed
 
 import robots
@@ -24,6 +32,9 @@ from dyknow_common.ros import time_to_nanoseconds
 
 UNSTAMPED = 'always "/robot/level".data < 5'
 STAMPED = 'always "/uav1/battery".current < 5'
+LEVELS = {'unstamped': (robots.ROBOT, UNSTAMPED), 'stamped': ('uav1', STAMPED)}
+"""The topics that make these formulas false."""
+
 HIGH = 9.0
 """A level that makes these formulas false."""
 
@@ -54,10 +65,25 @@ def grounding(*, quick: bool) -> Any:
 
 
 def verdict(*, quick: bool) -> Any:
-    """Measure the time from a sample that makes a formula false to the answer."""
+    """Measure the time from a sample that makes a formula false to the answer.
+
+    The nodes of DyKnow run in one process, then in a process each.
+    """
     number = 10 if quick else 100
-    rows = {}
-    with RunningSystem(1, 20.0, progress_period=0.2) as system:
+    rows: dict[str, Any] = {name: {} for name in LEVELS}
+    for nodes, composition in (('one_process', True), ('processes', False)):
+        for name, delays in _verdict_delays(number, composition=composition).items():
+            rows[name][nodes] = summary(delays)
+    for name, (topic, _) in LEVELS.items():
+        bare = rows[name]['bare'] = summary(_bare_delays(topic, number))
+        for nodes, figure in product(('one_process', 'processes'), ('median', 'p99')):
+            ratio = rows[name][nodes][f'{figure}_us'] / bare[f'{figure}_us']
+            rows[name][f'{nodes}_{figure}_ratio'] = round(ratio, 2)
+    return rows
+
+
+def _verdict_delays(number: int, *, composition: bool) -> dict[str, list[int]]:
+    with RunningSystem(1, 20.0, progress_period=0.2, composition=composition) as system:
 
         def asked(formula: str) -> Any:
             known = set(system.progress)
@@ -65,19 +91,29 @@ def verdict(*, quick: bool) -> Any:
             system.wait_for_running(1, known)
             return future
 
-        for name, topic, formula in (
-            ('unstamped', robots.ROBOT, UNSTAMPED),
-            ('stamped', 'uav1', STAMPED),
-        ):
+        found = {}
+        for name, (topic, formula) in LEVELS.items():
             decide = _decider(system.client, system.fleet, topic)
-            found = [decide(asked(formula)) for _ in range(number)]
-            rows[name] = {'dyknow': summary(found)}
-    for name, topic in (('unstamped', robots.ROBOT), ('stamped', 'uav1')):
-        rows[name]['bare'] = summary(_bare_delays(topic, number))
-        for figure in ('median', 'p99'):
-            key = f'{figure}_us'
-            ratio = rows[name]['dyknow'][key] / rows[name]['bare'][key]
-            rows[name][f'{figure}_ratio'] = round(ratio, 2)
+            found[name] = [decide(asked(formula)) for _ in range(number)]
+        return found
+
+
+def composition(*, quick: bool) -> Any:
+    """Measure memory, idle processor time and the time from the start to the first verdict."""
+    rows = []
+    for name, is_composed in (('one_process', True), ('processes', False)):
+        with RunningSystem(1, 20.0, composition=is_composed) as system:
+            system.warm_up()
+            to_first_verdict = time.monotonic() - system.started_at
+            idle = system.costs(5.0 if quick else 30.0)
+            rows.append(
+                {
+                    'nodes': name,
+                    'start_to_first_verdict_s': round(to_first_verdict, 2),
+                    'pss_mb': round(sum(map(proportional_memory, system.pids.values())), 1),
+                    'idle_share': round(sum(each['share'] for each in idle.values()), 3),
+                }
+            )
     return rows
 
 
@@ -207,7 +243,7 @@ def _states(system: RunningSystem, known: set[tuple[int, int]], rate: float) -> 
 def main() -> None:
     """Measure and print."""
     use_private_domain()
-    measure(__doc__, grounding, verdict, formulas, vehicles, at_once)
+    measure(__doc__, grounding, verdict, composition, formulas, vehicles, at_once)
 
 
 if __name__ == '__main__':

@@ -161,6 +161,13 @@ def resident_memory(process: int) -> float:
     return pages * os.sysconf('SC_PAGE_SIZE') / 1e6
 
 
+def proportional_memory(process: int) -> float:
+    """Return the memory of a process in MB, with its share of what it shares with others (PSS)."""
+    rollup = Path(f'/proc/{process}/smaps_rollup').read_text(encoding='ascii')
+    (kilobytes,) = (line.split()[1] for line in rollup.splitlines() if line.startswith('Pss:'))
+    return int(kilobytes) * 1024 / 1e6
+
+
 def memory_of_group(group: int) -> float:
     """Return the resident memory of all processes of a process group, MB."""
     found = 0.0

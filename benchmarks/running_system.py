@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import tempfile
 import time
 from collections.abc import Callable, Mapping, Sequence
@@ -25,6 +26,7 @@ from processes import (
 from rclpy.task import Future
 
 import robots
+from dyknow_bringup.processes.composition import composed
 from dyknow_bringup.processes.launcher import EndedProcess, Launcher
 from dyknow_bringup.processes.processes import Process, SystemConfiguration, dyknow_processes
 from dyknow_bringup.processes.robot import fleet_configuration
@@ -88,6 +90,7 @@ class RunningSystem:
         annotated: constraints of the annotations.
         far: True for a second stream processing engine, in a namespace of its own.
         logs: a folder for the logs of the nodes; None: they are deleted.
+        composition: True for one process with all nodes of the robot's own namespace.
     """
 
     def __init__(
@@ -101,6 +104,7 @@ class RunningSystem:
         annotated: str = '',
         far: bool = False,
         logs: Path | None = None,
+        composition: bool = False,
     ) -> None:
         self.sources = {
             name: (name, *(f'{name}_spare{number}' for number in range(1, batteries)))
@@ -110,12 +114,14 @@ class RunningSystem:
         self.fleet: Any = None
         self.pids: dict[str, int] = {}
         self.folder = Path()
+        self.started_at = 0.0
         self._rate = rate
         self._constraints = constraints
         self._annotated = annotated
         self._progress_period = progress_period
         self._logs = logs
         self._far = far
+        self._composition = composition
         self._stack = ExitStack()
 
     def __enter__(self) -> Self:
@@ -128,11 +134,13 @@ class RunningSystem:
         self._stack.callback(robots.stop, self.fleet)
         wait_for_line(self.fleet)
         configuration = configure(self.sources, folder, self._constraints, self._annotated)
+        nodes = [self._configured(each, folder) for each in dyknow_processes(configuration)]
         self._processes = {
-            each.executable: self._configured(each, folder)
-            for each in dyknow_processes(configuration)
+            each.executable: each
+            for each in (composed(nodes, os.environ) if self._composition else nodes)
         }
-        launcher = self._stack.enter_context(Launcher(self._logs or folder))
+        engine = next(each for each in nodes if each.executable == ENGINE)
+        launcher = self._launcher = self._stack.enter_context(Launcher(self._logs or folder))
         self._launchers = dict.fromkeys(self._processes, launcher)
         if self._far:
             logs = (self._logs or folder) / FAR_NAMESPACE
@@ -140,7 +148,8 @@ class RunningSystem:
             self._launchers[FAR_ENGINE] = self._stack.enter_context(
                 Launcher(logs, namespace=FAR_NAMESPACE)
             )
-            self._processes[FAR_ENGINE] = self._processes[ENGINE]
+            self._processes[FAR_ENGINE] = engine
+        self.started_at = time.monotonic()
         for node in self._processes:
             self.start(node)
         self._wait_until_ready()
@@ -162,11 +171,11 @@ class RunningSystem:
 
     def ended(self) -> tuple[EndedProcess, ...]:
         """Return the nodes of the robot's own namespace that have ended by themselves."""
-        return self._launchers[COORDINATOR].ended()
+        return self._launcher.ended()
 
     def stop(self) -> dict[str, int]:
         """Stop all nodes and return their exit codes."""
-        codes = self._launchers[COORDINATOR].stop_all()
+        codes = self._launcher.stop_all()
         if self._far:
             (codes[FAR_ENGINE],) = self._launchers[FAR_ENGINE].stop_all().values()
         return codes

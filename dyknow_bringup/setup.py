@@ -6,7 +6,7 @@ from setuptools.command.easy_install import ScriptWriter
 from dyknow_common.executables import script_template
 
 PACKAGE = 'dyknow_bringup'
-NODES = ('formula_markers', 'formula_monitor', 'uav_simulation')
+NODES = ('dyknow_nodes', 'formula_markers', 'formula_monitor', 'uav_simulation')
 DATA = ('launch', 'ontology', 'robots', 'scenarios', 'formulas', 'plans', 'recordings', 'security')
 
 
@@ -37,6 +37,7 @@ setup(
     license='Apache-2.0',
     entry_points={
         'console_scripts': [
+            'dyknow_nodes = dyknow_bringup.ros.composition.dyknow_nodes:main',
             'formula_markers = dyknow_bringup.ros.formula_markers:main',
             'formula_monitor = dyknow_bringup.ros.formula_monitor:main',
             'replay = dyknow_bringup.ros.replay:main',

@@ -73,6 +73,9 @@ OF_INDEPENDENT_TESTS = {
 }
 """Modules whose tests share nothing: each test is a unit."""
 
+IN_BOTH_COMPOSITIONS = {'test_change', 'test_evaluate_formula', 'test_stand_ins'}
+"""Modules that run with a process for each node, and with one process for all of them."""
+
 SHARED_SYSTEM = pytest.StashKey[SharedSystem]()
 
 
@@ -130,10 +133,31 @@ def shared_system(
     return shared
 
 
+def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
+    """Run the tests of some modules in both compositions."""
+    if (
+        metafunc.module.__name__.rpartition('.')[2] in IN_BOTH_COMPOSITIONS
+        and 'composition' in metafunc.fixturenames
+    ):
+        metafunc.parametrize(
+            'composition',
+            [False, True],
+            ids=['processes', 'one_process'],
+            scope='module',
+            indirect=True,
+        )
+
+
 @pytest.fixture(scope='module')
-def system(shared_system: SharedSystem) -> System:
+def composition(request: pytest.FixtureRequest) -> bool:
+    """True if one process has all nodes."""
+    return getattr(request, 'param', False)
+
+
+@pytest.fixture(scope='module')
+def system(shared_system: SharedSystem, composition: bool) -> System:  # noqa: FBT001 - a fixture
     """DyKnow for two vehicles, shared by the modules of a unit."""
-    return shared_system.get()
+    return shared_system.get(composition=composition)
 
 
 @pytest.fixture

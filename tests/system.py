@@ -1,4 +1,7 @@
-"""A running DyKnow for tests: real nodes in processes of their own, in a private ROS domain."""
+"""A running DyKnow for tests: real nodes in a private ROS domain.
+
+By default each node has a process of its own, which tests may stop or kill.
+"""
 
 from __future__ import annotations
 
@@ -23,6 +26,7 @@ from rclpy.node import Node
 from sensor_msgs.msg import BatteryState
 
 from domains import reserve_domain
+from dyknow_bringup.processes.composition import NODES, composed
 from dyknow_bringup.processes.launcher import Launcher
 from dyknow_bringup.processes.processes import (
     Process,
@@ -187,6 +191,7 @@ class System:
         parameters: of nodes, by their names, where they differ from the defaults.
         short_lease: whether it is noticed within seconds that a node was killed.
         spares: names of batteries beside those of the vehicles.
+        composition: whether one process, `dyknow_nodes`, has all nodes.
     """
 
     def __init__(
@@ -198,6 +203,7 @@ class System:
         parameters: Mapping[str, Mapping[str, ParameterValue]] | None = None,
         short_lease: bool = False,
         spares: tuple[str, ...] = (),
+        composition: bool = False,
     ) -> None:
         self.environment = private_environment()
         self.running: dict[str, subprocess.Popen[bytes]] = {}
@@ -211,6 +217,7 @@ class System:
         )
         self.client = Client(self.environment, self.launcher.check_running)
         self._spares = spares
+        self._composition = composition
 
     @cached_property
     def batteries(self) -> Batteries:
@@ -236,16 +243,15 @@ class System:
         codes = self.launcher.stop_all()
         assert set(codes.values()) <= {0}, f'exit codes of the nodes: {codes}'
 
-    @property
+    @cached_property
     def processes(self) -> dict[str, Process]:
-        """The nodes by name."""
-        return {
-            process.executable: replace(
-                process,
-                parameters={**process.parameters, **self._parameters.get(process.executable, {})},
-            )
-            for process in dyknow_processes(self.configuration)
-        }
+        """The processes by the names of their executables."""
+        nodes = [
+            replace(each, parameters={**each.parameters, **self._parameters.get(each.name, {})})
+            for each in dyknow_processes(self.configuration)
+        ]
+        processes = composed(nodes, {}) if self._composition else nodes
+        return {each.executable: each for each in processes}
 
     def start(self, executable: str, **parameters: ParameterValue) -> None:
         """Starts a node."""
@@ -284,8 +290,9 @@ class System:
         def note(status: DiagnosticStatus) -> None:
             births.extend(int(each.value) for each in status.values if each.key == STARTED_AT)
 
+        node = 'stream_reasoning_coordinator' if executable == NODES else executable
         listener = self.client.node.create_subscription(
-            DiagnosticStatus, f'{executable}/status', note, STATUS
+            DiagnosticStatus, f'{node}/status', note, STATUS
         )
         self.start(executable, **parameters)
         self.client.spin_until(lambda: max(births, default=0) > begun, f'{executable} is back')

@@ -18,8 +18,8 @@ pytestmark = pytest.mark.usefixtures('calm')
 
 
 @pytest.fixture(scope='module')
-def system(shared_system: SharedSystem) -> System:
-    return shared_system.get(parameters=SOON_NOTICED, spares=SPARES)
+def system(shared_system: SharedSystem, composition: bool) -> System:  # noqa: FBT001 - a fixture
+    return shared_system.get(parameters=SOON_NOTICED, spares=SPARES, composition=composition)
 
 
 def wait_for_own_streams(system: System, count: int) -> None:

@@ -19,7 +19,7 @@ EXECUTABLES = {
     for package in (*dict.fromkeys(PACKAGES.values()), 'dyknow_bringup', 'dyknow_command')
     for script in distribution(package).entry_points.select(group='console_scripts')
 }
-NODES = {*PACKAGES, 'formula_markers', 'formula_monitor', 'uav_simulation'}
+NODES = {*PACKAGES, 'dyknow_nodes', 'formula_markers', 'formula_monitor', 'uav_simulation'}
 
 
 @pytest.fixture(scope='module')

@@ -59,7 +59,7 @@ def fleet(environment: dict[str, str], folder: Path) -> Iterator[None]:
     """Run what `uav_monitoring.launch.py` starts, the first seven nodes by `dyknow up`."""
     configuration = fleet_configuration(vehicle_names(VEHICLES))
     line = command(
-        'dyknow', 'up',
+        'dyknow', 'up', '--processes',
         '--ontology', *map(str, configuration.ontologies),
         '--annotations', *map(str, configuration.annotations),
         '--streams', *map(str, configuration.streams),
@@ -221,7 +221,9 @@ def test_two_robots_use_what_their_policy_permits(tmp_path: Path) -> None:
         client = stack.enter_context(closing(Client(environment)))
         recorder = GraphRecorder(client.node)
         for robot in ('robot1', 'robot2'):
-            line = command('dyknow', 'up', '--namespace', robot, '--logs', str(tmp_path / robot))
+            line = command(
+                'dyknow', 'up', '--processes', '--namespace', robot, '--logs', str(tmp_path / robot)
+            )
             stack.enter_context(running(line, environment))
         engines = {f'/{robot}/stream_processing_engine' for robot in ('robot1', 'robot2')}
 

@@ -70,16 +70,25 @@ def node(environment: dict[str, str], executable: str) -> int:
     raise AssertionError(f'{executable} does not run')
 
 
-def test_a_killed_engine_is_restarted_and_formulas_are_evaluated() -> None:
+COMPOSITIONS = pytest.mark.parametrize(
+    ('composition', 'killed'),
+    [((), 'dyknow_nodes'), (('--processes',), 'stream_processing_engine')],
+    ids=['one_process', 'processes'],
+)
+"""The options of a composition, and a process that is killed in it."""
+
+
+@COMPOSITIONS
+def test_a_killed_process_is_restarted_and_formulas_are_evaluated(
+    composition: tuple[str, ...], killed: str
+) -> None:
     environment = private_environment()
-    with up(environment, *ROVER) as terminal:
+    with up(environment, *ROVER, *composition) as terminal:
         terminal.wait_for('DyKnow runs in /: 1 ontology (3 concepts, 2 features, 1 object), ')
         terminal.wait_for('2 annotations, 0 refused, 1 stream, 0 refused; logs are in ')
-        os.kill(node(environment, 'stream_processing_engine'), signal.SIGKILL)
-        terminal.wait_for(
-            'stream_processing_engine was killed by SIGKILL; it will be started again'
-        )
-        terminal.wait_for('stream_processing_engine was started again')
+        os.kill(node(environment, killed), signal.SIGKILL)
+        terminal.wait_for(f'{killed} was killed by SIGKILL; it will be started again')
+        terminal.wait_for(f'{killed} was started again')
         rover = Rover(environment)
         rover.client.wait_for_coordinator()
         formula = 'forall r in Rover: always[0 s, 1 s] Speed[r] < 1.5'
@@ -90,10 +99,13 @@ def test_a_killed_engine_is_restarted_and_formulas_are_evaluated() -> None:
     assert outcomes[-1][0] == 0, outcomes
 
 
-def test_without_respawn_the_end_of_a_node_ends_the_system() -> None:
+@COMPOSITIONS
+def test_without_respawn_the_end_of_a_process_ends_the_system(
+    composition: tuple[str, ...], killed: str
+) -> None:
     environment = private_environment()
     with subprocess.Popen(
-        command('dyknow', 'up', '--no-respawn'),
+        command('dyknow', 'up', '--no-respawn', *composition),
         env={**os.environ, **environment},
         stdout=subprocess.PIPE,
         stderr=subprocess.STDOUT,
@@ -101,9 +113,9 @@ def test_without_respawn_the_end_of_a_node_ends_the_system() -> None:
     ) as process:
         terminal = Terminal(process)
         terminal.wait_for('DyKnow runs in /')
-        os.kill(node(environment, 'stream_manager'), signal.SIGKILL)
+        os.kill(node(environment, killed), signal.SIGKILL)
         assert process.wait(LIMIT) == 2
-        terminal.wait_for('dyknow: stream_manager was killed by SIGKILL')
+        terminal.wait_for(f'dyknow: {killed} was killed by SIGKILL')
         terminal.join()
     assert not members(environment['ROS_DOMAIN_ID'])
 
@@ -150,11 +162,15 @@ def syntax_error(folder: Path) -> list[str]:
 @pytest.mark.parametrize(
     ('options', 'message'),
     [
-        (syntax_error, 'stream_semantics_manager cannot start:\n/'),
+        (syntax_error, 'dyknow_nodes cannot start:\nstream_semantics_manager: /'),
+        (
+            lambda folder: ['--processes', *syntax_error(folder)],
+            'stream_semantics_manager cannot start:\n/',
+        ),
         (lambda _: ['--streams', 'nope.streams'], 'streams: there is no file /'),
         (
             lambda _: ['--reasoner', 'guess'],
-            "ontology_manager cannot start:\nunknown reasoner 'guess'",
+            "dyknow_nodes cannot start:\nontology_manager: unknown reasoner 'guess'",
         ),
         (lambda _: ['--namespace', 'a b'], 'must not contain characters'),
     ],

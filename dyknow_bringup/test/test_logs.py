@@ -35,8 +35,8 @@ def test_warnings_and_errors_are_read_with_all_their_lines(log: Path) -> None:
         '[INFO] [1.8] [a]: more\n',
     )
     assert reader.read() == (
-        LogRecord('WARN', 'late'),
-        LogRecord('ERROR', 'unknown unit:\n  x\n  ^'),
+        LogRecord('WARN', 'late', 'robot1.a'),
+        LogRecord('ERROR', 'unknown unit:\n  x\n  ^', 'a'),
     )
     assert reader.read() == ()
 
@@ -46,9 +46,9 @@ def test_incomplete_lines_wait(log: Path) -> None:
     write(log, '[ERROR] [1.7] [a]: bro')
     assert reader.read() == ()
     write(log, 'ken\n')
-    assert reader.read() == (LogRecord('ERROR', 'broken'),)
+    assert reader.read() == (LogRecord('ERROR', 'broken', 'a'),)
     write(log, '  really\n')
-    assert reader.read() == (LogRecord('ERROR', 'really'),)
+    assert reader.read() == (LogRecord('ERROR', 'really', 'a'),)
 
 
 def test_faults_of_python_are_errors(log: Path) -> None:

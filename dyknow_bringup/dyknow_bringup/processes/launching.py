@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Iterable, Mapping
 from typing import Any
 
@@ -9,6 +10,7 @@ from launch.actions import DeclareLaunchArgument, OpaqueFunction
 from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 
+from dyknow_bringup.processes.composition import composed
 from dyknow_bringup.processes.processes import Process, enclave, join_namespaces
 from dyknow_bringup.processes.supervision import RESTART_DELAY_NS
 from dyknow_common import SECOND_NS
@@ -21,7 +23,8 @@ COMMON_ARGUMENTS = {
     'namespace': ('', 'namespace of all nodes'),
     'use_sim_time': ('false', 'take time from /clock'),
     'log_level': ('info', 'of all nodes'),
-    'use_respawn': ('false', 'start a node again that has died'),
+    'composition': ('true', 'run the nodes of DyKnow in one process'),
+    'use_respawn': ('false', 'start a process again that has died'),
 }
 
 
@@ -39,7 +42,10 @@ def launch_description(
 
     def nodes(context: Any) -> list[Any]:
         values = {name: LaunchConfiguration(name).perform(context) for name in all_arguments}
-        return [_node(process, values) for process in processes(values)]
+        started = processes(values)
+        if is_true(values['composition']):
+            started = composed(started, os.environ)
+        return [_node(process, values) for process in started]
 
     declared = [
         DeclareLaunchArgument(name, default_value=default, description=description)
@@ -59,7 +65,10 @@ def _node(process: Process, values: Mapping[str, str]) -> Any:
         executable=process.executable,
         namespace=join_namespaces(values['namespace'], process.namespace),
         output='screen',
-        parameters=[{**process.parameters, 'use_sim_time': is_true(values['use_sim_time'])}],
+        parameters=[
+            *map(str, process.parameter_files),
+            {**process.parameters, 'use_sim_time': is_true(values['use_sim_time'])},
+        ],
         ros_arguments=[
             '--log-level',
             values['log_level'],

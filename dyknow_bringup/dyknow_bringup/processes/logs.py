@@ -21,7 +21,7 @@ PERIOD_NS: Final = 10 * SECOND_NS
 MAX_RECORDS: Final = 20
 """Records of a node that are shown in a period."""
 
-_RECORD: Final = re.compile(r'\[(DEBUG|INFO|WARN|ERROR|FATAL)\] \[[\d.]+\] \[[^\]]*\]: (.*)')
+_RECORD: Final = re.compile(r'\[(DEBUG|INFO|WARN|ERROR|FATAL)\] \[[\d.]+\] \[([^\]]*)\]: (.*)')
 _FAULTS_OF_PYTHON: Final = (
     'Traceback ',
     'Exception ignored ',
@@ -36,10 +36,17 @@ _MAX_LAST_LINES: Final = 15
 
 @dataclass(frozen=True, slots=True)
 class LogRecord:
-    """A warning or an error; its text may have several lines."""
+    """A warning or an error; its text may have several lines.
+
+    Args:
+        level: `WARN`, `ERROR` or `FATAL`.
+        text: the message.
+        logger: the name of the logger, such as `robot1.stream_manager`; empty if there is none.
+    """
 
     level: str
     text: str
+    logger: str = ''
 
 
 class LogReader:
@@ -59,26 +66,26 @@ class LogReader:
     def __init__(self, file: Path) -> None:
         self._file = file
         self._position = file.stat().st_size if file.exists() else 0
-        self._level = 'INFO'
+        self._level, self._logger = 'INFO', ''
 
     def read(self) -> tuple[LogRecord, ...]:
         """Return the warnings and errors since the last call."""
-        records: list[tuple[str, list[str]]] = []
+        records: list[tuple[str, str, list[str]]] = []
         for line in self._new_lines():
             head = _RECORD.match(line)
             if head is not None:
-                self._level, line = head.groups()  # noqa: PLW2901
-                records.append((self._level, [line]))
+                self._level, self._logger, line = head.groups()  # noqa: PLW2901
+                records.append((self._level, self._logger, [line]))
             elif line.startswith(_FAULTS_OF_PYTHON) and self._level not in _SHOWN:
-                self._level = 'ERROR'
-                records.append((self._level, [line]))
+                self._level, self._logger = 'ERROR', ''
+                records.append((self._level, self._logger, [line]))
             elif records:
-                records[-1][1].append(line)
+                records[-1][2].append(line)
             else:
-                records.append((self._level, [line]))
+                records.append((self._level, self._logger, [line]))
         return tuple(
-            LogRecord(level, '\n'.join(lines).strip())
-            for level, lines in records
+            LogRecord(level, '\n'.join(lines).strip(), logger)
+            for level, logger, lines in records
             if level in _SHOWN
         )
 

@@ -14,19 +14,21 @@ from dyknow_configuration import PACKAGES, ParameterValue
 
 @dataclass(frozen=True, slots=True)
 class Process:
-    """A node in a process of its own.
+    """A node in a process of its own, or several nodes in one.
 
     Args:
         package: the package with its executable.
         executable: the name of the executable and of the node.
         parameters: values that differ from the defaults.
         namespace: of the node, relative to that of all nodes.
+        parameter_files: files with more parameters.
     """
 
     package: str
     executable: str
     parameters: Mapping[str, ParameterValue] = field(default_factory=dict)
     namespace: str = ''
+    parameter_files: tuple[Path, ...] = ()
 
     @property
     def name(self) -> str:
@@ -138,6 +140,8 @@ def ros_arguments(
     if node_namespace:
         arguments += ['-r', f'__ns:={node_namespace}']
     arguments += ['--enclave', enclave(process, namespace)]
+    for file in process.parameter_files:
+        arguments += ['--params-file', str(file)]
     for name, value in parameters.items():
         # rclpy reads the values of parameters as YAML, and JSON is YAML.
         arguments += ['-p', f'{name}:={json.dumps(value)}']

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import tempfile
 from abc import ABC, abstractmethod
 from collections.abc import Callable
@@ -14,6 +15,7 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.signals import SignalHandlerOptions
 
 from dyknow_bringup.errors import BringupError
+from dyknow_bringup.processes.composition import composed
 from dyknow_bringup.processes.launcher import Launcher
 from dyknow_bringup.processes.processes import (
     dyknow_processes,
@@ -59,7 +61,7 @@ class ScenarioRun(ABC):
         self._folder = folder
         self._configuration = fleet_configuration(names)
         self._fleet_streams = requested_streams(self._configuration)
-        self._processes = list(dyknow_processes(self._configuration))
+        self._processes = list(composed(dyknow_processes(self._configuration), os.environ))
         if markers:
             self._processes.append(formula_markers())
         self._console = Terminal()

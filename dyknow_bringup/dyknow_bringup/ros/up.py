@@ -7,7 +7,7 @@ import os
 import tempfile
 import threading
 import time
-from collections.abc import Mapping
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 
 from rclpy.exceptions import InvalidNamespaceException
@@ -16,9 +16,10 @@ from rich.console import Console
 from rich.text import Text
 
 from dyknow_bringup.errors import BringupError
+from dyknow_bringup.processes.composition import composed, name_in, names_in
 from dyknow_bringup.processes.launcher import Launcher
 from dyknow_bringup.processes.logs import LogReader, LogThrottle
-from dyknow_bringup.processes.processes import SystemConfiguration, dyknow_processes
+from dyknow_bringup.processes.processes import Process, SystemConfiguration, dyknow_processes
 from dyknow_bringup.processes.robot import with_robot
 from dyknow_bringup.processes.supervision import Supervisor
 from dyknow_bringup.ros.system_start import SystemStart
@@ -41,15 +42,16 @@ _STYLES = {'WARN': 'yellow', 'ERROR': 'red', 'FATAL': 'red'}
 
 
 class LogMonitor:
-    """Shows the warnings and errors in the logs of nodes on the terminal.
+    """Shows the warnings and errors in the logs of processes on the terminal.
 
     Args:
-        logs: the logs by node; what they contain already is not shown.
+        processes: the processes.
+        log: returns the log of the process of a name; what it contains already is not shown.
     """
 
-    def __init__(self, logs: dict[str, Path]) -> None:
-        self._logs = logs
-        self._readers = {name: LogReader(log) for name, log in logs.items()}
+    def __init__(self, processes: Iterable[Process], log: Callable[[str], Path]) -> None:
+        self._readers = [(each, LogReader(log(each.name))) for each in processes]
+        self._logs = {node: log(each.name) for each in processes for node in names_in(each)}
         self._throttle = LogThrottle()
         self._console = Console(stderr=True)
 
@@ -60,8 +62,9 @@ class LogMonitor:
 
     def update(self, now: int) -> None:
         """Show what is new."""
-        for name, reader in self._readers.items():
+        for process, reader in self._readers:
             for record in reader.read():
+                name = name_in(process, record.logger)
                 if self._throttle.admit(name, record, now):
                     self.show(record.level, f'{name}: {record.text}')
         for name, count in self._throttle.left_out(now):
@@ -73,7 +76,8 @@ def up(chosen: argparse.Namespace) -> int:
     stop = threading.Event()
     handle(TERMINAL_SIGNALS, lambda *_: stop.set())
     namespace = _absolute(chosen.namespace)
-    processes = dyknow_processes(_configuration(chosen))
+    nodes = dyknow_processes(_configuration(chosen))
+    processes = nodes if chosen.processes else composed(nodes, os.environ)
     logs = _log_folder(chosen.logs)
     with Launcher(
         logs,
@@ -81,8 +85,7 @@ def up(chosen: argparse.Namespace) -> int:
         use_sim_time=chosen.use_sim_time,
         log_level=chosen.log_level,
     ) as launcher:
-        names = [process.name for process in processes]
-        monitor = LogMonitor({name: launcher.log(name) for name in names})
+        monitor = LogMonitor(processes, launcher.log)
         supervisor = Supervisor(
             launcher,
             processes,
@@ -99,7 +102,7 @@ def up(chosen: argparse.Namespace) -> int:
             supervisor.update(now)
 
         end = time.monotonic() + START_LIMIT_S
-        with SystemStart(namespace, names) as start:
+        with SystemStart(namespace, [each.name for each in nodes]) as start:
             while not (stop.is_set() or start.is_complete or time.monotonic() > end):
                 start.spin_once(PERIOD_S)
                 update()
@@ -170,6 +173,11 @@ def add_up_options(parser: argparse.ArgumentParser) -> None:
         '--reasoner',
         default='',
         help='structural, hermit or pellet, the last two with Java (default: structural)',
+    )
+    parser.add_argument(
+        '--processes',
+        action='store_true',
+        help='run each node in a process of its own (default: all in one)',
     )
     parser.add_argument('--namespace', default='', help='of all nodes (default: none)')
     parser.add_argument('--use-sim-time', action='store_true', help='take time from /clock')

@@ -41,6 +41,7 @@ from dyknow_common.ros.time_messages import (
     nanoseconds_to_time,
     time_to_nanoseconds,
 )
+from dyknow_common.ros.topics.direct_topics import DirectPublisher, DirectSubscription
 from dyknow_common.ros.topics.guards import (
     MessageGuard,
     Refusal,
@@ -68,6 +69,8 @@ __all__ = [
     'VIOLATIONS',
     'Background',
     'CommandNode',
+    'DirectPublisher',
+    'DirectSubscription',
     'DyKnowNode',
     'Heartbeats',
     'LogOnce',

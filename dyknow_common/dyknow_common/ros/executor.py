@@ -16,7 +16,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from functools import partial
+from functools import cache, partial
 from queue import SimpleQueue
 from threading import Thread
 from typing import Any, Final, NamedTuple, TypeVar
@@ -31,6 +31,7 @@ from rclpy.task import Future, Task
 from rclpy.waitable import NumberOfEntities
 
 from dyknow_common.ros.topics.guards import MessageGuard
+from dyknow_common.ros.topics.senders import gives_identifiers
 
 Take = Callable[[Any], Any]
 """A function that takes the data of an entity; it returns a coroutine function, or None."""
@@ -60,6 +61,16 @@ def node_executor() -> SingleThreadedExecutor:
         return plain
     plain.shutdown()
     return NodeExecutor()
+
+
+@cache
+def has_senders() -> bool:
+    """Return True if nodes know which node has sent a message."""
+    plain = SingleThreadedExecutor()
+    try:
+        return supports_node_executor(plain) and gives_identifiers()
+    finally:
+        plain.shutdown()
 
 
 def supports_node_executor(executor: SingleThreadedExecutor) -> bool:

@@ -1,4 +1,8 @@
-"""The process of a node: its start, its shutdown, its exit code."""
+"""The process of one or several nodes: its start, its shutdown, its exit code.
+
+Each node has an executor, and a thread that runs it, so a long callback of one node delays the
+others only as far as Python's threads do. The nodes share the context: one participant of DDS.
+"""
 
 from __future__ import annotations
 
@@ -11,12 +15,13 @@ import sys
 import threading
 import time
 import traceback
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor, wait
 from contextlib import suppress
 
 import rclpy
 from rclpy.exceptions import NameValidationException, ParameterException
-from rclpy.executors import ExternalShutdownException
+from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.signals import SignalHandlerOptions, install_signal_handlers
 
 from dyknow_common.errors import DyKnowError, one_line
@@ -24,7 +29,7 @@ from dyknow_common.executables import CANNOT_START, FAULT, LAUNCHER
 from dyknow_common.ros.commands import ROS_ERRORS
 from dyknow_common.ros.deadlines import TICK_PERIOD_S
 from dyknow_common.ros.executor import node_executor
-from dyknow_common.ros.node import DyKnowNode
+from dyknow_common.ros.node import DyKnowNode, snake_case
 from dyknow_common.ros.topics.names import RCLError
 from dyknow_common.ros.watchdog import WITHOUT_STDERR, Watchdog
 from dyknow_main import STOP_SIGNALS, handle, ignore
@@ -53,7 +58,7 @@ def _end_with_launcher() -> None:
             os.kill(os.getpid(), signal.SIGTERM)  # It had ended before.
 
 
-def _exit_after_stop(stopped: threading.Event, left: threading.Event) -> None:
+def _exit_after_stop(stopped: threading.Event, left: threading.Event, nodes: _Nodes) -> None:
     """End the process some time after its stop or the shutdown of its context, even if it hangs.
 
     The middleware may wait for ever for a lock in shared memory that a killed process held.
@@ -61,6 +66,7 @@ def _exit_after_stop(stopped: threading.Event, left: threading.Event) -> None:
     Args:
         stopped: set by a signal.
         left: set when no callback runs any more.
+        nodes: of the process.
     """
 
     def watch() -> None:
@@ -68,7 +74,7 @@ def _exit_after_stop(stopped: threading.Event, left: threading.Event) -> None:
             time.sleep(TICK_PERIOD_S)
         if left.wait(CALLBACK_TIMEOUT_S):
             time.sleep(SHUTDOWN_TIMEOUT_S - CALLBACK_TIMEOUT_S)
-        os._exit(0)
+        os._exit(0 if nodes.error is None or stopped.is_set() else FAULT)
 
     threading.Thread(target=watch, daemon=True).start()
 
@@ -83,14 +89,16 @@ def _exit_without_threads() -> None:
 
 
 def run(
-    make_node: Callable[[], DyKnowNode],
+    *make_nodes: Callable[[], DyKnowNode],
     arguments: Sequence[str] | None = None,
     failure: int = CANNOT_START,
 ) -> int:
-    """Run a node until SIGINT or SIGTERM; the main function of every executable.
+    """Run nodes until SIGINT or SIGTERM; the main function of every executable.
+
+    If one of several nodes ends by a fault, the process ends.
 
     Returns:
-        The exit code: 0 after a clean stop, `failure` when the node cannot run, or FAULT.
+        The exit code: 0 after a clean stop, `failure` when a node cannot run, or FAULT.
     """
     # Otherwise, Python would raise KeyboardInterrupt anywhere.
     stopped, left = threading.Event(), threading.Event()
@@ -102,57 +110,118 @@ def run(
     except ROS_ERRORS as error:
         print(one_line(error), file=sys.stderr)  # noqa: T201
         return failure
-    _exit_after_stop(stopped, left)
-    return _run(make_node, failure, stopped, left)
+    nodes = _Nodes()
+    _exit_after_stop(stopped, left, nodes)
+    return _run(make_nodes, failure, nodes, stopped, left)
+
+
+class _Nodes:
+    """The nodes of a process.
+
+    Each is made, runs and is destroyed in a thread of its own: some of what they use, such as a
+    connection of SQLite, belongs to the thread that has made it.
+    """
+
+    def __init__(self) -> None:
+        self._threads: list[ThreadPoolExecutor] = []
+        self._executors: dict[DyKnowNode, SingleThreadedExecutor] = {}
+        self.has_started = False
+        self.faulty = ''
+        """The type of the node that an error concerns."""
+        self.error: Exception | None = None
+        """The error that has ended a running node."""
+
+    def __iter__(self) -> Iterator[DyKnowNode]:
+        return iter(self._executors)
+
+    def start(self, make_nodes: Iterable[Callable[[], DyKnowNode]]) -> None:
+        """Make all nodes, then announce them."""
+        for make_node in make_nodes:
+            self.faulty = snake_case(getattr(make_node, '__name__', ''))
+            self._threads.append(ThreadPoolExecutor(1, thread_name_prefix=self.faulty))
+            self._threads[-1].submit(self._make, make_node).result()
+        for thread, node in zip(self._threads, self, strict=True):
+            self.faulty = node.get_name()
+            thread.submit(node.announce).result()
+        self.has_started = True
+
+    def spin(self) -> None:
+        """Run the callbacks of all nodes until the context is shut down, or a node has an error."""
+        running = [
+            thread.submit(self._spin, node)
+            for thread, node in zip(self._threads, self, strict=True)
+        ]
+        wait(running)
+
+    def destroy(self) -> None:
+        """End all executors and nodes."""
+        # The last node may be missing, as it could not be made.
+        for thread, node in zip(self._threads, self, strict=False):
+            thread.submit(self._destroy, node).result()
+
+    def _make(self, make_node: Callable[[], DyKnowNode]) -> None:
+        node = make_node()
+        self._executors[node] = node_executor()
+        self._executors[node].add_node(node)
+
+    def _spin(self, node: DyKnowNode) -> None:
+        try:
+            self._executors[node].spin()
+        except ExternalShutdownException:
+            pass
+        except Exception as error:  # noqa: BLE001 - the main thread reports it
+            # Once the context is shut down, errors are its consequences.
+            if rclpy.ok() and self.error is None:
+                self.faulty, self.error = node.get_name(), error
+            rclpy.try_shutdown()
+
+    def _destroy(self, node: DyKnowNode) -> None:
+        self._executors[node].shutdown()
+        node.destroy_node()
 
 
 def _run(
-    make_node: Callable[[], DyKnowNode],
+    make_nodes: Sequence[Callable[[], DyKnowNode]],
     failure: int,
+    nodes: _Nodes,
     stopped: threading.Event,
     left: threading.Event,
 ) -> int:
-    """Run a node within an initialised context; return the exit code."""
+    """Run nodes within an initialised context; return the exit code."""
     watchdog = Watchdog()
-    node: DyKnowNode | None = None
-    executor = node_executor()
-    has_started = False
     try:
-        node = make_node()
-        executor.add_node(node)
-        node.announce()
-        has_started = True
+        nodes.start(make_nodes)
         # These shut the context down. A node cannot be made with a context that is shut down.
         install_signal_handlers()
         if not stopped.is_set():
-            watchdog.guard(node)
-            executor.spin()
-    except ExternalShutdownException:
-        pass
+            watchdog.guard(nodes)
+            nodes.spin()
     except Exception as error:  # noqa: BLE001 - it is printed, unless the stop has caused it
-        if rclpy.ok() and not stopped.is_set():
-            return _report(error, failure, has_started=has_started)
+        if rclpy.ok():
+            nodes.error = error
+    try:
+        if nodes.error is None or stopped.is_set():
+            return 0
+        place = f'{nodes.faulty}: ' if len(make_nodes) > 1 else ''
+        return _report(nodes.error, place, failure, has_started=nodes.has_started)
     finally:
         left.set()
         gc.freeze()  # At its end, Python would search a million objects for garbage.
         ignore(STOP_SIGNALS)
         watchdog.stop()
         _exit_without_threads()
-        executor.shutdown()
-        if node is not None:
-            node.destroy_node()
+        nodes.destroy()
         rclpy.try_shutdown()
-    return 0
 
 
-def _report(error: Exception, failure: int, *, has_started: bool) -> int:
+def _report(error: Exception, place: str, failure: int, *, has_started: bool) -> int:
     """Print an error that ends a node, as there is no node to log with; return the exit code."""
     if isinstance(error, DyKnowError | NameValidationException | ParameterException):
-        print(error, file=sys.stderr)  # noqa: T201
+        print(f'{place}{error}', file=sys.stderr)  # noqa: T201
         return failure
     if isinstance(error, RCLError) and not has_started:
         # Such as: the middleware cannot secure its topics, or refuses one.
-        print(one_line(error), file=sys.stderr)  # noqa: T201
+        print(f'{place}{one_line(error)}', file=sys.stderr)  # noqa: T201
         return failure
     traceback.print_exception(error)
     return FAULT if has_started else failure

@@ -1,4 +1,4 @@
-"""The watchdog of a node: ends its process if its executor or its middleware hangs."""
+"""The watchdog of a process: ends it if the executor of a node or the middleware hangs."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ import faulthandler
 import os
 import signal
 import threading
+from collections.abc import Iterable
 from contextlib import suppress
 from typing import Final
 
@@ -26,13 +27,13 @@ _INT_AND_POINTER: Final = (ctypes.c_int, ctypes.c_void_p)
 
 
 class Watchdog:
-    """A thread that publishes the heartbeats of a node, and ends the process if it hangs.
+    """A thread that publishes the heartbeats of nodes, and ends the process if one hangs.
 
     The thread counts its own periods, so time in which the process is stopped (SIGSTOP) does not
     count. If a thread that hangs holds the GIL, no other one can run. Then SIGALRM ends the
     process, which is handled without Python:
 
-         0.0 s  the thread sets the timer of SIGALRM to `hang_limit`, and publishes a heartbeat
+         0.0 s  the thread sets the timer of SIGALRM to `hang_limit`, and publishes heartbeats
          0.5 s  the same again
          0.7 s  a thread waits for ever, with the GIL
         20.5 s  SIGALRM: the tracebacks of all threads are printed
@@ -41,7 +42,7 @@ class Watchdog:
     """
 
     def __init__(self) -> None:
-        self._node: DyKnowNode | None = None
+        self._nodes: tuple[DyKnowNode, ...] = ()
         self._limit_s = HANG_LIMIT_S
         self._stopped = threading.Event()
         with suppress(*WITHOUT_STDERR):
@@ -53,10 +54,12 @@ class Watchdog:
         self._thread = threading.Thread(target=self._run, daemon=True)
         self._thread.start()
 
-    def guard(self, node: DyKnowNode) -> None:
-        """Publish the heartbeats of a node whose executor is about to run."""
-        self._limit_s = node.hang_limit_s
-        self._node = node
+    def guard(self, nodes: Iterable[DyKnowNode]) -> None:
+        """Publish the heartbeats of nodes whose executors are about to run."""
+        self._nodes = tuple(nodes)
+        # If no thread can run, it is unknown which node hangs. A limit of 0 is none.
+        limits = [each.hang_limit_s for each in self._nodes]
+        self._limit_s = min(filter(None, limits), default=0.0)
 
     def stop(self) -> None:
         """End the heartbeats and the guard."""
@@ -69,7 +72,7 @@ class Watchdog:
             # A handler that `sysv_signal` sets is called once; then the default action is restored.
             self._libc.sysv_signal(signal.SIGALRM, self._print_tracebacks)
             signal.setitimer(signal.ITIMER_REAL, self._limit_s, FREEZE_GRACE_S)
-            if self._node is not None and not self._publish(self._node):
+            if not all(map(self._publish, self._nodes)):
                 return
             self._stopped.wait(HEARTBEAT_PERIOD_S)
 
@@ -81,15 +84,15 @@ class Watchdog:
             if node.context.ok():
                 raise
             return False
-        if node.context.ok() and 0.0 < self._limit_s < hung_s:
-            _end_hung(hung_s)
+        if node.context.ok() and 0.0 < node.hang_limit_s < hung_s:
+            _end_hung(node.get_name(), hung_s)
         return True
 
 
-def _end_hung(hung_s: float) -> None:
+def _end_hung(node: str, hung_s: float) -> None:
     # The loggers of nodes publish, and the middleware may hang.
     get_logger('watchdog').fatal(
-        f'The executor or the middleware has hung for {hung_s:g} s, so the process ends.'
+        f'The executor of {node} or the middleware has hung for {hung_s:g} s, so the process ends.'
     )
     with suppress(*WITHOUT_STDERR):
         faulthandler.dump_traceback(all_threads=True)

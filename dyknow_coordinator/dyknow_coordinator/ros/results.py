@@ -11,6 +11,7 @@ from dyknow_common import ExitCode, Verdict
 from dyknow_common.ros import (
     LATCHED_HISTORY,
     REPORTS,
+    DirectSubscription,
     DyKnowNode,
     only_from,
     only_owner,
@@ -51,8 +52,16 @@ class Results:
         self._listeners: dict[tuple[int, int], ResultListener] = {}
         # A result may arrive before the response that contains the id of its formula.
         self._unclaimed: dict[tuple[int, int], Any] = {}
+        DirectSubscription(
+            node,
+            FormulaResult,
+            self.topic,
+            self._on_result,
+            LATCHED_HISTORY,
+            only_engine,
+            callback_group=node.reentrant,
+        )
         subscriptions = (
-            (FormulaResult, self.topic, self._on_result, LATCHED_HISTORY, only_engine),
             (FormulaProgress, progress_topic, self._on_progress, REPORTS, only_owner),
             (FormulaEpisodes, episodes_topic, self._on_episodes, LATCHED_HISTORY, only_owner),
         )
@@ -77,7 +86,7 @@ class Results:
         """Remove the listener of a formula."""
         self._listeners.pop((group_id, formula_id), None)
 
-    def _on_result(self, result: Any) -> None:
+    def _on_result(self, result: Any, _info: object) -> None:
         _check(result)
         key = result.formula_group_id, result.formula_id
         if key in self._listeners:

@@ -17,6 +17,7 @@ from dyknow_common import SECOND_NS, DyKnowError, ExitCode, listed, shortened
 from dyknow_common.ros import (
     LATCHED_HISTORY,
     Background,
+    DirectPublisher,
     DyKnowNode,
     absolute_topic,
     margin_to_message,
@@ -92,7 +93,7 @@ class GroupEvaluation:
         self._events: deque[str] = deque(maxlen=_MAX_EVENTS)
         self._domains: Mapping[str, Sequence[str]] = {}
         self._result_topic = ''
-        self._results: Any = None
+        self._results: DirectPublisher | None = None
         self._current: StateSubscription | None = None
         self._next: StateSubscription | None = None
         self._queue: list[State] = []
@@ -167,9 +168,8 @@ class GroupEvaluation:
         if self._is_destroyed:
             raise ReasoningError('the formula group was destroyed meanwhile', ExitCode.NOT_FOUND)
         self._domains, self._result_topic = domains, result_topic
-        self._results = self._node.create_publisher(
-            FormulaResultMessage, result_topic, LATCHED_HISTORY
-        )
+        node = self._node
+        self._results = DirectPublisher(node, FormulaResultMessage, result_topic, LATCHED_HISTORY)
         self.publish(self.group.decided_at_once())
         self._current = self._subscribe(state_stream)
 
@@ -216,7 +216,7 @@ class GroupEvaluation:
             if stream:
                 stream.destroy()
         if self._results is not None:
-            self._node.destroy_publisher(self._results)
+            self._results.destroy()
 
     def note_request(self) -> None:
         """Record that a service was called for the group."""
@@ -263,7 +263,7 @@ class GroupEvaluation:
 
     def publish(self, results: Iterable[FormulaResult]) -> None:
         """Publish the results of formulas."""
-        if self._is_destroyed:
+        if self._is_destroyed or self._results is None:
             return
         stamp = self._node.get_clock().now().to_msg()
         for result in results:

@@ -4,19 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Any, Final, cast
+from typing import Any, Final
 
 from dyknow_interfaces.msg import ConstraintViolation, Sample
 
 from dyknow_common.ros import (
     STREAM,
     VIOLATIONS,
+    DirectSubscription,
     DyKnowNode,
     TopicOwner,
     time_to_nanoseconds,
 )
 from dyknow_reasoning.errors import ReasoningError
-from dyknow_stream_processing.ros import SequenceGaps, publishers_of
+from dyknow_stream_processing.ros import SequenceGaps, publishers_of, sample_valid_time
 
 VIOLATIONS_SUFFIX: Final = '/violations'
 """The end of the topic of the violations of a stream, after the topic of its samples."""
@@ -28,7 +29,7 @@ class State:
 
     Args:
         valid_time: the valid time in nanoseconds.
-        message: the `Sample`.
+        message: the Sample message, or the `Sample` itself if it comes from this process.
         loss: the reason why states before it may be missing; empty if there is none.
     """
 
@@ -71,7 +72,6 @@ class StateSubscription:
     ) -> None:
         self.topic = topic
         self.breach: Breach | None = None
-        self._node = node
         self._on_state = on_state
         self._on_breach = on_breach
         self._start_time = node.now()
@@ -80,34 +80,30 @@ class StateSubscription:
         self._owner = TopicOwner(node.heartbeats, node.resolve_topic_name(topic))
         # If both have messages, the subscription that is created first is served first. So no state
         # after a violation is processed before the violation.
-        self._violations: Any = node.create_subscription(
+        self._violations = DirectSubscription(
+            node,
             ConstraintViolation,
             f'{topic}{VIOLATIONS_SUFFIX}',
             self._on_violation,
             VIOLATIONS,
-            refusal=self._owner.refusal,
+            self._owner.refusal,
         )
-        self._states = node.create_subscription(
-            Sample,
-            topic,
-            # The types of rclpy do not know callbacks with message info.
-            cast('Any', self._on_sample),
-            STREAM,
-            refusal=self._owner.refusal,
+        self._states = DirectSubscription(
+            node, Sample, topic, self._on_sample, STREAM, self._owner.refusal
         )
 
     def destroy(self) -> None:
         """End both subscriptions."""
         self._owner.stop()
-        self._node.destroy_subscription(self._states)
-        self._node.destroy_subscription(self._violations)
+        self._states.destroy()
+        self._violations.destroy()
 
     def _on_sample(self, message: Any, info: Mapping[str, int | None]) -> None:
-        valid_time = time_to_nanoseconds(message.valid_time)
+        valid_time = sample_valid_time(message)
         if valid_time < 0:
             # The next state reveals by its sequence number that this one is missing.
             raise ReasoningError('its valid time is before 1970')
-        self._violations.callback.retry()
+        self._violations.retry()
         self._loss = ''
         self._sequence.note(info.get('publication_sequence_number'))
         self._on_state(self, State(valid_time, message, self._loss))
@@ -115,7 +111,7 @@ class StateSubscription:
     def _on_loss(self, count: int) -> None:
         self._loss = f'{count} states were lost' if count else 'the state stream was recreated'
 
-    def _on_violation(self, message: Any) -> None:
+    def _on_violation(self, message: Any, _info: object) -> None:
         # The topic is latched: violations before the subscription are ignored.
         if time_to_nanoseconds(message.available_time) >= self._start_time:
             self.breach = Breach(time_to_nanoseconds(message.valid_time), message.message)

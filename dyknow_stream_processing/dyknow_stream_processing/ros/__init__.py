@@ -15,6 +15,7 @@ from dyknow_stream_processing.ros.messages.sample_messages import (
     SampleWriter,
     sample_fields,
     sample_to_message,
+    sample_valid_time,
 )
 from dyknow_stream_processing.ros.stream_proxy import StreamProxy
 from dyknow_stream_processing.ros.topics.process_pauses import PAUSES
@@ -34,6 +35,7 @@ __all__ = [
     'publishers_of',
     'sample_fields',
     'sample_to_message',
+    'sample_valid_time',
     'scalar_fields',
     'source_type',
     'valid_time_reader',

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any, Final
 
 from dyknow_interfaces.msg import ConstraintViolation, Sample, StreamWatermark
@@ -15,6 +15,7 @@ from dyknow_common.ros import (
     STREAM,
     VIOLATIONS,
     Background,
+    DirectPublisher,
     DyKnowNode,
     Throttle,
     absolute_topic,
@@ -70,16 +71,15 @@ class _Output:
 
     topic: str
     constraints: StreamConstraints
-    samples: Any
-    violations: Any
+    writer: SampleWriter
+    samples: DirectPublisher
+    violations: DirectPublisher
     meter: FlowMeter
     typed: TypedOutput | None = None
-    is_wanted: bool = False
     waits_for: str = ''
     """The reason in the last report."""
     watermark: int = 0
     """The watermark of the last sample."""
-    writer: SampleWriter = field(default_factory=SampleWriter)
     flow: Flow = NO_FLOW
 
 
@@ -143,11 +143,13 @@ class StreamProcessingEngine(DyKnowNode):
         )
         typed = self._typed_output(spec.name, specification, topic)
         violations = violations_topic(topic)
+        writer = SampleWriter()
         self._outputs[spec.name] = _Output(
             topic=topic,
             constraints=constraints,
-            samples=self.create_publisher(Sample, topic, STREAM),
-            violations=self.create_publisher(ConstraintViolation, violations, VIOLATIONS),
+            writer=writer,
+            samples=DirectPublisher(self, Sample, topic, STREAM, writer.write),
+            violations=DirectPublisher(self, ConstraintViolation, violations, VIOLATIONS),
             meter=FlowMeter(self.now()),
             typed=typed,
         )
@@ -176,8 +178,8 @@ class StreamProcessingEngine(DyKnowNode):
         self._dataflow.destroy(request.stream_name)
         self._waiting.remove(request.stream_name)
         output = self._outputs.pop(request.stream_name)
-        self.destroy_publisher(output.samples)
-        self.destroy_publisher(output.violations)
+        output.samples.destroy()
+        output.violations.destroy()
         if output.typed is not None:
             output.typed.destroy()
         self._sources.refresh()
@@ -222,9 +224,9 @@ class StreamProcessingEngine(DyKnowNode):
         # Publishing is what costs most, and only other streams of this engine use many streams.
         # A stream that once had a subscriber stays published: a subscriber that was out of reach
         # counts the samples that it missed by their sequence numbers.
-        if self._is_wanted(output):
+        if output.samples.is_for_others:
             output.watermark = max(sample.watermark or 0, 0)
-            output.samples.publish(output.writer.write(sample))
+        output.samples.publish(sample)
         if output.typed is not None:
             self._publish_typed(name, output.typed, sample)
 
@@ -238,17 +240,13 @@ class StreamProcessingEngine(DyKnowNode):
                     f'{name}: a sample cannot be published on {typed.topic}: {error}'
                 )
 
-    def _is_wanted(self, output: _Output) -> bool:
-        output.is_wanted = output.is_wanted or output.samples.get_subscription_count() > 0
-        return output.is_wanted
-
     def _watermarks(self) -> Iterator[Any]:
         """Yield the watermarks that are later than those of the last samples."""
         if not self._sources.catch_up():
             return
         for name, output in self._outputs.items():
             watermark = self._dataflow.watermark(name)
-            if watermark > output.watermark and self._is_wanted(output):
+            if watermark > output.watermark and output.samples.is_for_others:
                 yield StreamWatermark(
                     stream_name=name,
                     stream_id=output.writer.stream_id,

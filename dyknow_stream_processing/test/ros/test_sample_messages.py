@@ -4,13 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+import pytest
 from dyknow_interfaces.msg import Sample as SampleMessage
 from hypothesis import given
 from hypothesis import strategies as st
 from rclpy.serialization import deserialize_message, serialize_message
 
-from dyknow_stream_processing import Sample
-from dyknow_stream_processing.ros import SampleWriter, sample_fields, sample_to_message
+from dyknow_common import Value
+from dyknow_stream_processing import Sample, StreamError
+from dyknow_stream_processing.ros import (
+    SampleWriter,
+    sample_fields,
+    sample_to_message,
+    sample_valid_time,
+)
 
 NAMES = st.sampled_from(['a', 'b', 'ranges[0]', 'Power[uav1]'])
 TEXTS = st.text(st.characters(exclude_categories=['Cs'], exclude_characters='\0'))
@@ -31,3 +38,41 @@ def test_a_reused_message_equals_a_new_one(samples: Sequence[Sample]) -> None:
         assert deserialize_message(serialize_message(again), SampleMessage) == new
         assert again.header.stamp == again.valid_time
         assert list(sample_fields(again)) == list(sample.fields)
+
+
+@given(FIELDS, TIMES)
+def test_a_sample_that_is_handed_over_has_the_fields_of_its_message(
+    fields: dict[str, Value], time: int
+) -> None:
+    sample = Sample(time, time, fields)
+    message = sample_to_message(sample)
+    handed_over, sent = sample_fields(sample), sample_fields(message)
+    assert str(handed_over) == str(sent), 'nan differs from itself'
+    assert sample_valid_time(sample) == sample_valid_time(message) == time
+    assert handed_over is not fields, 'the receiver may add to them'
+
+
+@pytest.mark.parametrize(
+    ('value', 'is_valid'),
+    [
+        (10**100 - 1, True),
+        (10**100, False),
+        (1 - 10**99, True),
+        (-(10**99), False),
+    ],
+)
+def test_an_integer_that_is_handed_over_has_the_limit_of_messages(
+    value: int, *, is_valid: bool
+) -> None:
+    sample = Sample(5, 6, {'a': value})
+    for each in (sample, sample_to_message(sample)):
+        if is_valid:
+            assert sample_fields(each) == {'a': value}
+        else:
+            with pytest.raises(StreamError, match=r"'a' holds .* which is no value of type 'int'"):
+                sample_fields(each)
+
+
+def test_an_integer_that_python_does_not_write() -> None:
+    with pytest.raises(StreamError, match='no value of type'):
+        sample_fields(Sample(5, 6, {'a': 10**5000}))

@@ -26,7 +26,7 @@ from rclpy.node import Node
 from dyknow_common.durations import SECOND_NS
 from dyknow_common.errors import DyKnowError, shortened
 from dyknow_common.ros.throttle import Throttle
-from dyknow_common.ros.topics.senders import GID, Senders, full_name, take
+from dyknow_common.ros.topics.senders import GID, SENDER, Senders, full_name, take
 
 Refusal = Callable[[str, str], str]
 """Returns why a message on a topic (absolute) of a node (full name) is refused; empty if not."""
@@ -150,8 +150,8 @@ class MessageGuard:
     def _pass_on(self, message: Any, info: Any) -> bool:
         """Pass a message on or drop it; return False if its sender is not known yet."""
         try:
-            if self._refusal is not None and GID in info:
-                sender = self._senders.name(info[GID])
+            if self._refusal is not None and (GID in info or SENDER in info):
+                sender = info[SENDER] = info.get(SENDER) or self._senders.name(info[GID])
                 if not sender:
                     return False
                 if reason := self._refusal(self._topic, sender):

@@ -7,6 +7,7 @@ A node chooses its name by itself: only SROS2 keeps one from using the name of a
 
 from __future__ import annotations
 
+from contextlib import suppress
 from ctypes import (
     CDLL,
     POINTER,
@@ -21,6 +22,7 @@ from ctypes import (
     c_void_p,
     string_at,
 )
+from threading import local
 from typing import Any, ClassVar, Final
 
 from rclpy.node import Node
@@ -28,6 +30,9 @@ from rclpy.serialization import deserialize_message
 
 GID: Final = 'publisher_gid'
 """The key of the identifier of the publisher in the info of a message."""
+
+SENDER: Final = 'sender'
+"""The key of the full name of the node that has sent a message in its info."""
 
 _OK: Final = 0
 _NOTHING_TO_TAKE: Final = 401
@@ -97,14 +102,21 @@ class _Taker:
         }
 
 
-def _taker() -> _Taker | None:
-    try:
-        return _Taker()
-    except (OSError, AttributeError):
-        return None  # Another build of ROS.
+class _Takers(local):
+    """The taker of each thread, as a taker has one memory."""
+
+    def __init__(self) -> None:
+        self.taker: _Taker | None = None
+        with suppress(OSError, AttributeError):  # Another build of ROS.
+            self.taker = _Taker()
 
 
-_TAKER: Final = _taker()
+_TAKERS: Final = _Takers()
+
+
+def gives_identifiers() -> bool:
+    """Return True if the messages that are taken have the identifiers of their publishers."""
+    return _TAKERS.taker is not None
 
 
 def take(subscription: Any) -> tuple[Any, dict[str, Any]] | None:
@@ -113,8 +125,9 @@ def take(subscription: Any) -> tuple[Any, dict[str, Any]] | None:
     The handle of the subscription must be in use (`with subscription.handle`). Without the C
     library, the info has no GID.
     """
-    if _TAKER is not None:
-        return _TAKER(subscription)
+    taker = _TAKERS.taker
+    if taker is not None:
+        return taker(subscription)
     taken: tuple[Any, dict[str, Any]] | None = subscription.handle.take_message(
         subscription.msg_type, subscription.raw
     )

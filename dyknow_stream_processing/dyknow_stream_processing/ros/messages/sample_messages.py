@@ -11,11 +11,16 @@ from dyknow_interfaces.msg import Field as FieldMessage
 from dyknow_interfaces.msg import Sample as SampleMessage
 
 from dyknow_common import SECOND_NS, Value, ValueType
+from dyknow_common.ros import time_to_nanoseconds
 from dyknow_stream_processing.errors import StreamError
 from dyknow_stream_processing.sample import Sample
 
 MAX_DIGITS: Final = 100
 """The number of characters of an integer: a longer one may be too large for a float."""
+
+_LEAST: Final = 1 - 10 ** (MAX_DIGITS - 1)
+_GREATEST: Final = 10**MAX_DIGITS - 1
+"""The integers with so many characters."""
 
 _FORMATS: Final[Mapping[type, tuple[str, Callable[[Any], str]]]] = {
     float: (ValueType.FLOAT.value, repr),
@@ -92,19 +97,36 @@ def sample_to_message(sample: Sample) -> Any:
     return SampleWriter().write(sample)
 
 
+def sample_valid_time(message: Any) -> int:
+    """Return the valid time of a Sample message, or of a `Sample`, in nanoseconds."""
+    if isinstance(message, Sample):
+        return message.valid_time
+    return time_to_nanoseconds(message.valid_time)
+
+
 def sample_fields(message: Any) -> dict[str, Value]:
-    """Return the fields of a Sample message.
+    """Return the fields of a Sample message, or of a `Sample`, as they would be in its message.
 
     Raises:
         StreamError: naming the field whose type or value is wrong.
     """
+    if isinstance(message, Sample):
+        for name, value in message.fields.items():
+            if type(value) is int and not _LEAST <= value <= _GREATEST:
+                # Python limits the decimal digits that it writes, which are many more.
+                raise _wrong_value(name, ValueType.INT.value, hex(value))
+        return dict(message.fields)
     fields: dict[str, Value] = {}
     for field in message.fields:
         try:
             fields[field.name] = _PARSERS[field.type](field.value)
         except (KeyError, ValueError):
-            raise StreamError(
-                f"field '{field.name}' holds '{field.value}', which is no value of type "
-                f"'{field.type}' (the types are int, float, string and boolean)"
-            ) from None
+            raise _wrong_value(field.name, field.type, field.value) from None
     return fields
+
+
+def _wrong_value(name: str, type_: str, value: str) -> StreamError:
+    return StreamError(
+        f"field '{name}' holds '{value}', which is no value of type '{type_}' (the types are int, "
+        'float, string and boolean)'
+    )

@@ -1,0 +1,1 @@
+"""All nodes of DyKnow in one process."""
