@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
 from heapq import merge
 from itertools import chain, takewhile
 from math import inf
@@ -30,6 +29,8 @@ from dyknow_reasoning.execution.standing.runs import (
     number_in,
     union,
 )
+from dyknow_reasoning.execution.standing.start_counts import StartCounts
+from dyknow_reasoning.execution.standing.tabulated_starts import TabulatedStarts
 from dyknow_reasoning.execution.standing.verdict_log import VerdictLog
 from dyknow_reasoning.language.type_checking import Kinds
 from dyknow_reasoning.progression.atoms import Values
@@ -45,23 +46,6 @@ KEPT_FAILURES: Final = 10
 
 _CLEANUP_STATES: Final = 4096
 """The period in which what is no longer needed is dropped."""
-
-
-@dataclass(frozen=True, slots=True)
-class StartCounts:
-    """The numbers of start states, by their verdicts.
-
-    Args:
-        holds: from which the formula is true.
-        fails: from which it is false.
-        undecided: from which it is undecided yet.
-        unknown: from which its verdict depends on states that are missing in a gap.
-    """
-
-    holds: int = 0
-    fails: int = 0
-    undecided: int = 0
-    unknown: int = 0
 
 
 class StandingMonitor:
@@ -98,6 +82,7 @@ class StandingMonitor:
         self._read = joint_reader(self._instances)
         self._symbols: tuple[int, ...] = (-1,) * len(self._starts)
         self._node_limit = node_limit
+        self._tabulated = TabulatedStarts(self._starts, self._times, node_limit)
         self._keeps_failures = False
         # Of each instance, as of `OpenStarts`.
         self._ends: list[float] = [-inf] * len(self._starts)
@@ -166,6 +151,12 @@ class StandingMonitor:
             ReasoningError: for values that cannot be used, or too many undecided starts.
         """
         symbols = self._read(values)
+        if self._tabulated.is_active:
+            is_clean = len(self._times) < self._next_cleanup
+            if is_clean and self._tabulated.step(now, symbols):
+                self.latest = now
+                return False
+            self._leave_tabulated(is_expensive=is_clean)
         latest = now if self.latest is None else self.latest
         if symbols == self._symbols and now < self._joins_until:
             self._times.append(now)
@@ -175,6 +166,8 @@ class StandingMonitor:
 
     def gap(self) -> None:
         """Record that states may be missing before the next one."""
+        if self._tabulated.is_active:
+            self._leave_tabulated()
         self._joins_until = -inf
         self._gap_follows = self.latest is not None
 
@@ -208,7 +201,8 @@ class StandingMonitor:
         self._times.append(now)
         self.latest = now
         decided: list[tuple[OpenStarts, DecidedStarts]] = []
-        for index in self._due(symbols, now):
+        due = self._due(symbols, now)
+        for index in due:
             starts = self._starts[index]
             decided += [(starts, found) for found in starts.step(symbols[index])]
             self._ends[index] = starts.joins_until
@@ -234,7 +228,15 @@ class StandingMonitor:
         self._joins_until = min(self._ends, default=inf)
         if self._failures.waiting:
             self._joins_until = min([self._joins_until, *self._fading])
+        elif not self._fails_at_once and not self._log:
+            self._tabulated.stepped(len(due))
         return changed
+
+    def _leave_tabulated(self, *, is_expensive: bool = True) -> None:
+        """Let the starts take the next states."""
+        self._tabulated.leave(is_expensive=is_expensive)
+        self._symbols = (-1,) * len(self._starts)
+        self._joins_until = -inf
 
     def _due(self, symbols: tuple[int, ...], now: int) -> Sequence[int]:
         """Return the indices of the instances that must be progressed over a state."""
@@ -323,6 +325,7 @@ class StandingMonitor:
         return False
 
     def _settle(self, end: int) -> None:
+        self._tabulated.restore()
         self._record_failing(end)
         for each in self._starts:
             each.join(end)
@@ -339,6 +342,7 @@ class StandingMonitor:
                 locations = {each for starts in used for each in starts.locations}
                 self._check_sizes(locations)
                 if automaton.is_full:
+                    self._tabulated.forget()
                     automaton.forget(locations)
                     for starts in used:
                         starts.forget()
