@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
-from heapq import merge
+from collections.abc import Callable, Iterable, Sequence
 from itertools import chain, takewhile
 from math import inf
 from typing import Final
@@ -22,12 +21,12 @@ from dyknow_reasoning.execution.standing.open_starts import OpenStarts
 from dyknow_reasoning.execution.standing.runs import (
     Run,
     StateTimes,
-    coalesced,
     count_outside,
     count_states,
     difference,
     number_in,
     union,
+    union_of,
 )
 from dyknow_reasoning.execution.standing.start_counts import StartCounts
 from dyknow_reasoning.execution.standing.tabulated_starts import TabulatedStarts
@@ -67,19 +66,19 @@ class StandingMonitor:
         """The valid time of the latest state, in nanoseconds."""
         self._failures = Failures()
         self._times = StateTimes()
-        self._instances = [
+        self.instances = [
             FormulaInstance(
                 each.binding, each.atoms, each.node, formula_id, order, kinds, batch_key=None
             )
             for order, each in enumerate(instances)
             if each.node is not TRUE
         ]
-        templates = {node: Template(node) for node in {each.node for each in self._instances}}
+        templates = {node: Template(node) for node in {each.node for each in self.instances}}
         self._templates = list(templates.values())
         self._starts = [
-            OpenStarts(each, templates[each.node], self._times) for each in self._instances
+            OpenStarts(each, templates[each.node], self._times) for each in self.instances
         ]
-        self._read = joint_reader(self._instances)
+        self._read = joint_reader(self.instances)
         self._symbols: tuple[int, ...] = (-1,) * len(self._starts)
         self._node_limit = node_limit
         self._tabulated = TabulatedStarts(self._starts, self._times, node_limit)
@@ -150,7 +149,19 @@ class StandingMonitor:
         Raises:
             ReasoningError: for values that cannot be used, or too many undecided starts.
         """
-        symbols = self._read(values)
+        return self.take(self._read(values), now, lambda: values)
+
+    def take(self, symbols: tuple[int, ...], now: int, values: Callable[[], Values]) -> bool:
+        """Progress over a state of which the atoms are known; return as `progress`.
+
+        Args:
+            symbols: the truth of the atoms of each instance, as bits.
+            now: the valid time of the state, in nanoseconds, later than the latest one.
+            values: returns the values of its features.
+
+        Raises:
+            ReasoningError: for too many undecided starts.
+        """
         if self._tabulated.is_active:
             is_clean = len(self._times) < self._next_cleanup
             if is_clean and self._tabulated.step(now, symbols):
@@ -188,13 +199,15 @@ class StandingMonitor:
         found: list[Run] = []
         for half in Half:
             runs = chain.from_iterable(each.runs(half) for each in self._starts)
-            joined = _union_of(runs)
+            joined = union_of(runs)
             if half is Half.PESSIMISTIC:
                 joined = difference(joined, self._unprovable)
             found = union(found, joined)
         return found
 
-    def _step(self, symbols: tuple[int, ...], now: int, elapsed: int, values: Values) -> bool:
+    def _step(
+        self, symbols: tuple[int, ...], now: int, elapsed: int, values: Callable[[], Values]
+    ) -> bool:
         number = len(self._times)
         self._record_failing(number)
         changed = self._gap_follows and self._cross_gap(Gap(now - elapsed, now), values)
@@ -257,7 +270,7 @@ class StandingMonitor:
             due.sort()
         return due
 
-    def _cross_gap(self, gap: Gap, values: Values) -> bool:
+    def _cross_gap(self, gap: Gap, values: Callable[[], Values]) -> bool:
         """Continue with the halves after a gap; return True if a failure has begun."""
         self._gap_follows = False
         self._symbols = (-1,) * len(self._starts)
@@ -265,7 +278,10 @@ class StandingMonitor:
         return self._apply(decided, gap.before, values)
 
     def _apply(
-        self, decided: Iterable[tuple[OpenStarts, DecidedStarts]], now: int, values: Values
+        self,
+        decided: Iterable[tuple[OpenStarts, DecidedStarts]],
+        now: int,
+        values: Callable[[], Values],
     ) -> bool:
         changed = False
         for starts, found in decided:
@@ -277,7 +293,9 @@ class StandingMonitor:
                 changed |= self._fail(starts, found, now, values)
         return changed
 
-    def _fail(self, starts: OpenStarts, found: DecidedStarts, now: int, values: Values) -> bool:
+    def _fail(
+        self, starts: OpenStarts, found: DecidedStarts, now: int, values: Callable[[], Values]
+    ) -> bool:
         """Record starts from which an instance is false; return True if a failure has begun."""
         began = False
         for run in found.runs:
@@ -285,7 +303,7 @@ class StandingMonitor:
                 continue
             single = found._replace(runs=(run,))
             verdict = starts.verdict(single)
-            began |= self._failures.add(Failure(run, verdict, now, values))
+            began |= self._failures.add(Failure(run, verdict, now, values()))
         return began
 
     def _record_failing(self, end: int) -> None:
@@ -379,8 +397,3 @@ class StandingMonitor:
         forgotten = list(takewhile(lambda each: each.run.last < oldest, past))
         self._forgotten_fails += count_states(each.run for each in forgotten)
         del self._failures.kept[: len(forgotten)]
-
-
-def _union_of(runs: Iterable[Sequence[Run]]) -> list[Run]:
-    """Return the states of all runs, each sequence of which is in order."""
-    return coalesced(merge(*runs))
