@@ -28,8 +28,10 @@ from dyknow_reasoning.execution.standing.runs import Run, StateTimes
 
 MAX_AGE: Final = 2048
 """The most states ago that an open start of a joint position may be."""
-_MAX_RUNS: Final = 24
+_MAX_RUNS: Final = 12
+"""The most runs of open starts; more of them hardly recur."""
 _MAX_ROWS: Final = 1 << 13
+"""The most joint positions."""
 
 JointPosition: TypeAlias = tuple[tuple[Location, Clocks, tuple[tuple[int, int], ...]], ...]
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Sequence
 from itertools import chain, takewhile
 from math import inf
-from typing import Final
+from typing import Final, TypeAlias
 
 from dyknow_reasoning.errors import ReasoningError
 from dyknow_reasoning.execution.automata.automaton import Location
@@ -45,6 +45,9 @@ KEPT_FAILURES: Final = 10
 
 _CLEANUP_STATES: Final = 4096
 """The period in which what is no longer needed is dropped."""
+
+_ValuesOf: TypeAlias = Callable[[], Values]
+"""Returns the values of a state, which few states need."""
 
 
 class StandingMonitor:
@@ -151,13 +154,13 @@ class StandingMonitor:
         """
         return self.take(self._read(values), now, lambda: values)
 
-    def take(self, symbols: tuple[int, ...], now: int, values: Callable[[], Values]) -> bool:
+    def take(self, symbols: tuple[int, ...], now: int, values: _ValuesOf) -> bool:
         """Progress over a state of which the atoms are known; return as `progress`.
 
         Args:
             symbols: the truth of the atoms of each instance, as bits.
             now: the valid time of the state, in nanoseconds, later than the latest one.
-            values: returns the values of its features.
+            values: of its features.
 
         Raises:
             ReasoningError: for too many undecided starts.
@@ -205,9 +208,7 @@ class StandingMonitor:
             found = union(found, joined)
         return found
 
-    def _step(
-        self, symbols: tuple[int, ...], now: int, elapsed: int, values: Callable[[], Values]
-    ) -> bool:
+    def _step(self, symbols: tuple[int, ...], now: int, elapsed: int, values: _ValuesOf) -> bool:
         number = len(self._times)
         self._record_failing(number)
         changed = self._gap_follows and self._cross_gap(Gap(now - elapsed, now), values)
@@ -270,7 +271,7 @@ class StandingMonitor:
             due.sort()
         return due
 
-    def _cross_gap(self, gap: Gap, values: Callable[[], Values]) -> bool:
+    def _cross_gap(self, gap: Gap, values: _ValuesOf) -> bool:
         """Continue with the halves after a gap; return True if a failure has begun."""
         self._gap_follows = False
         self._symbols = (-1,) * len(self._starts)
@@ -281,7 +282,7 @@ class StandingMonitor:
         self,
         decided: Iterable[tuple[OpenStarts, DecidedStarts]],
         now: int,
-        values: Callable[[], Values],
+        values: _ValuesOf,
     ) -> bool:
         changed = False
         for starts, found in decided:
@@ -293,9 +294,7 @@ class StandingMonitor:
                 changed |= self._fail(starts, found, now, values)
         return changed
 
-    def _fail(
-        self, starts: OpenStarts, found: DecidedStarts, now: int, values: Callable[[], Values]
-    ) -> bool:
+    def _fail(self, starts: OpenStarts, found: DecidedStarts, now: int, values: _ValuesOf) -> bool:
         """Record starts from which an instance is false; return True if a failure has begun."""
         began = False
         for run in found.runs:
