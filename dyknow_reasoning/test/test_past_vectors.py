@@ -154,3 +154,21 @@ def test_many_candidates_are_left_to_the_machines(monkeypatch: pytest.MonkeyPatc
     assert not group.progress(1000, values)
     [result] = group.progress(2100, values)
     assert result.verdict is Verdict.FALSE
+
+
+def test_times_that_no_vector_holds_are_left_to_the_machines() -> None:
+    names = [f'o{number}' for number in range(30)]
+    group = FormulaGroup()
+    group.add_formula('it', 'forall x in S: always (r[x] -> once[0, 9 s] p[x])')
+    group.begin({'S': names})
+    begin = -(1 << 70)
+    false = {f'{feature}[{name}]': False for name in names for feature in 'pr'}
+    true = dict.fromkeys(false, True)
+    for number in range(5):
+        assert not group.progress(begin + number, false)
+    assert not group.progress(begin + 5, true)
+    assert not group.progress(0, false)
+    assert not group.progress(1, true)
+    assert not group.progress(2, true | {'p[o3]': False})
+    [result] = group.progress(9_000_000_002, false | {'r[o3]': True})
+    assert result.verdict is Verdict.FALSE

@@ -125,6 +125,7 @@ def test_look_ups_have_no_effect_on_results(monkeypatch: pytest.MonkeyPatch) -> 
             patch.setattr(standing_monitor, '_CLEANUP_STATES', random.choice([7, 4096]))
             patch.setattr(tabulated_starts, '_LEARNED', random.choice([0, 5, 256]))
             patch.setattr(joint_table, '_MAX_ROWS', random.choice([3, 1000]))
+            patch.setattr(joint_table, '_MAX_STEPS', random.choice([9, 1000]))
             tabulated = told(text, states, calls)
             never(patch)
             one_by_one = told(text, states, calls)

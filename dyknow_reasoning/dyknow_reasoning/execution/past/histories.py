@@ -20,6 +20,7 @@ from dyknow_reasoning.execution.past.quick_step import QuickStep, quick_step
 from dyknow_reasoning.execution.past.registers import Register
 from dyknow_reasoning.execution.recording import Recording
 from dyknow_reasoning.execution.vectors.atom_vectors import SharedVectors
+from dyknow_reasoning.execution.vectors.instance_vectors import MAX_VECTOR_TIME
 from dyknow_reasoning.language.formula import (
     Atom,
     Formula,
@@ -196,13 +197,14 @@ class Histories:
     def _generate(self) -> None:
         """Take the next states quickly if the registers have been the same for some."""
         registers = self.registers.values()
-        if any(each.has_failed for each in registers) or (self._vectors and not self._uses_vectors):
+        uses_vectors = self._uses_vectors and abs(self._latest or 0) <= MAX_VECTOR_TIME
+        if any(each.has_failed for each in registers) or (self._vectors and not uses_vectors):
             self._change()
             return
         self._states += 1
         if self._states != _MIN_STATES:
             return
-        groups, others = split(registers) if self._uses_vectors else ([], list(registers))
+        groups, others = split(registers) if uses_vectors else ([], list(registers))
         if sum(each.size for each in others) > _MAX_ATOMS:
             return
         if groups:

@@ -32,6 +32,8 @@ _MAX_RUNS: Final = 12
 """The most runs of open starts; more of them hardly recur."""
 _MAX_ROWS: Final = 1 << 13
 """The most joint positions."""
+_MAX_STEPS: Final = 1 << 16
+"""The most steps between them."""
 
 JointPosition: TypeAlias = tuple[tuple[Location, Clocks, tuple[tuple[int, int], ...]], ...]
 
@@ -59,6 +61,12 @@ class JointTable:
         self._instance, self._template = starts.instance, starts.template
         self._period = period
         self._rows: dict[JointPosition, JointRow] = {}
+        self._steps = 0
+
+    @property
+    def is_full(self) -> bool:
+        """True if there are so many steps that it should be replaced."""
+        return len(self._rows) >= _MAX_ROWS or self._steps >= _MAX_STEPS
 
     def row(self, starts: OpenStarts, number: int, now: int) -> JointRow | None:
         """Return the row of some starts; None if there can be none.
@@ -86,7 +94,7 @@ class JointTable:
         if self._groups(position, number, now) != starts.groups:
             return None  # There was another step of time.
         found = self._rows.get(position)
-        if found is None and len(self._rows) < _MAX_ROWS:
+        if found is None:
             found = self._rows[position] = JointRow(position)
         return found
 
@@ -110,6 +118,7 @@ class JointTable:
         found = self.row(starts, number + 1, now)
         if found is not None:
             row[symbol] = found
+            self._steps += 1
         return found
 
     def _groups(self, position: JointPosition, number: int, now: int) -> dict[Group, list[Run]]:

@@ -82,6 +82,8 @@ class TabulatedStarts:
         """
         self.restore()
         self.is_active = False
+        if len(self._times) - self._since > self._wait:
+            self._wait = _FEWEST_STATES  # The attempt was worthwhile.
         self._since, self._events = len(self._times), 0
         self._next_attempt = self._since + (self._wait if is_expensive else 0)
 
@@ -115,7 +117,7 @@ class TabulatedStarts:
         first = max(min(each.oldest(own=True) for each in self._starts), number - MAX_AGE)
         if any(self._times[n] - self._times[n - 1] != period for n in range(first + 1, number)):
             return
-        if period != self._period:
+        if period != self._period or any(table.is_full for table in self._tables.values()):
             self._tables, self._period = {}, period
         rows: list[JointRow] = []
         for starts in self._starts:
@@ -141,7 +143,8 @@ class TabulatedStarts:
                 return False
             rows.append(after)
         states = len(self._times) - self._since
-        if (self._events - _LEARNED) * _NEW_COST > self._steps * states:
+        is_full = any(table.is_full for table in self._tables.values())
+        if is_full or (self._events - _LEARNED) * _NEW_COST > self._steps * states:
             self._wait = min(4 * self._wait, _MOST_STATES)
             return False
         if any(each.automaton.max_size > self._node_limit for each in self._tables.values()):
