@@ -33,6 +33,7 @@ PAST = {
 }
 GROWING = 'always (p -> eventually[0, 5 s] (q and always[0, 2 s] (r or eventually[0, 1 s] s)))'
 SAWTOOTH = [3.0] * 20 + [1.0] * 20
+PULSES = [190.0] * 6 + [140.0] * 3
 SURGES = [140.0] * 10 + [190.0] * 40 + [140.0] * 50
 STREAMS = {
     'best': [True],
@@ -139,12 +140,14 @@ def growing(*, regular: bool) -> list[float]:
     return costs
 
 
-def from_dicts(group: FormulaGroup, feature: str, objects: int, wave: Sequence[Any]) -> list[float]:
+def from_dicts(
+    group: FormulaGroup, feature: str, objects: int, wave: Sequence[Any], *, states: int = 1000
+) -> list[float]:
     """Return the microseconds for each state, a dict with a value for each object."""
     rng = np.random.default_rng(2)
     phases = rng.integers(0, len(wave), objects).tolist()
     distinct = len(wave)
-    states = [
+    cycle = [
         {
             f'{feature}[o{number}]': wave[(index + phase) % len(wave)]
             for number, phase in enumerate(phases)
@@ -152,15 +155,23 @@ def from_dicts(group: FormulaGroup, feature: str, objects: int, wave: Sequence[A
         for index in range(distinct)
     ]
     costs = []
-    for index in range(max(distinct, min(1000, 3_000_000 // objects))):
+    for index in range(max(distinct, min(states, 3_000_000 // objects))):
         begin = process_time()
-        results = group.progress(index * PERIOD_NS, states[index % distinct])
+        results = group.progress(index * PERIOD_NS, cycle[index % distinct])
         costs.append((process_time() - begin) * 1e6)
         assert not results
     return costs
 
 
-def recorded(text: str, feature: str, wave: Sequence[Any], objects: int, *, regular: bool) -> float:
+def recorded(
+    text: str,
+    feature: str,
+    wave: Sequence[Any],
+    objects: int,
+    *,
+    regular: bool,
+    every_state: bool = False,
+) -> float:
     """Return the nanoseconds for a state and an object in a recording of columns."""
     states = 2000
     phases = np.random.default_rng(3).integers(0, len(wave), objects).tolist()
@@ -170,7 +181,7 @@ def recorded(text: str, feature: str, wave: Sequence[Any], objects: int, *, regu
         for number, phase in enumerate(phases)
     }
     times = times_of(2 * states, regular=regular)
-    group = group_of(text, objects)
+    group = group_of(text, objects, every_state=every_state)
     assert not group.progress_many(times[:states], columns)
     begin = process_time()
     assert not group.progress_many(times[states:], columns)
@@ -273,8 +284,9 @@ def measurements() -> Iterator[tuple[str, str, float]]:
         yield f'figure 8, 20000 instances, {name}', 'ns each, irregular', cost
     cost = median(from_dicts(group_of(RESPONSE, 100), 'Alt', 100, SAWTOOTH))
     yield 'bounded response, 100 objects', 'us a state', cost
-    cost = median(from_dicts(group_of(PAST['once'], 100), 'Alt', 100, SAWTOOTH))
-    yield 'once, 100 objects', 'us a state', cost
+    for name, text in PAST.items():
+        cost = median(from_dicts(group_of(text, 100), 'Alt', 100, SAWTOOTH))
+        yield f'{name}, 100 objects', 'us a state', cost
     for regular in (True, False):
         cost = recorded(PAST['once'], 'Alt', SAWTOOTH, 1000, regular=regular)
         kind = 'regular' if regular else 'irregular'
@@ -288,18 +300,28 @@ def measurements() -> Iterator[tuple[str, str, float]]:
 
 def every_state() -> Iterator[tuple[str, str, float]]:
     """Yield the costs of formulas that are asked at every state, beside those of one evaluation."""
-    for what, body, single in (
-        ('response', RESPONSE.removeprefix('always '), RESPONSE),
-        ('invariant', 'Alt[x] > 0', 'always Alt[x] > 0'),
-        ('window of 5 s', 'always[0, 5 s] Alt[x] > 0', 'always Alt[x] > 0'),
-        ('late response', 'Alt[x] > 2 -> eventually[0, 500 s] Alt[x] < 0', 'always Alt[x] > 0'),
+    response, power = (text.removeprefix('always ') for text in (RESPONSE, POWER))
+    nested = 'always[0, 1 s] eventually[0, 0.5 s] Power[x] > 150'
+    positive = 'always Alt[x] > 0'
+    late = 'Alt[x] > 2 -> eventually[0, 500 s] Alt[x] < 0'
+    for what, body, single, feature, wave in (
+        ('response', response, RESPONSE, 'Alt', SAWTOOTH),
+        ('invariant', 'Alt[x] > 0', positive, 'Alt', SAWTOOTH),
+        ('window of 5 s', 'always[0, 5 s] Alt[x] > 0', positive, 'Alt', SAWTOOTH),
+        ('late response', late, positive, 'Alt', SAWTOOTH),
+        ('power', power, POWER, 'Power', SURGES),
+        ('nested windows', nested, f'always {nested}', 'Power', PULSES),
     ):
         for objects in (1, 100):
-            standing, once = group_of(body, objects, every_state=True), group_of(single, objects)
-            for name, group in (('every state', standing), ('once', once)):
-                costs = from_dicts(group, 'Alt', objects, SAWTOOTH)
-                cost = sum(costs) / len(costs)
-                yield f'{what}, {objects} objects, {name}', 'us a state', cost
+            for name, text in (('every state', body), ('once', single)):
+                group = group_of(text, objects, every_state=text is body)
+                costs = from_dicts(group, feature, objects, wave, states=2000)
+                for part, some in (('first', costs[:1000]), ('next', costs[1000:])):
+                    cost = sum(some) / len(some)
+                    yield f'{what}, {objects} objects, {name}, {part} 1000', 'us a state', cost
+    for name, text in (('every state', response), ('once', RESPONSE)):
+        cost = recorded(text, 'Alt', SAWTOOTH, 100, regular=True, every_state=text is response)
+        yield f'response, 100 instances in a recording, {name}', 'ns each', cost
 
 
 def growth() -> Iterator[tuple[str, str, float]]:

@@ -16,7 +16,7 @@ from dyknow_common import ExitCode, Margin, Symbol, Verdict
 from dyknow_reasoning.errors import ReasoningError
 from dyknow_reasoning.execution import InstanceMonitor, Outcomes, Recording
 from dyknow_reasoning.explanation.remainders import Remainders
-from dyknow_reasoning.group_results import GroupResults
+from dyknow_reasoning.group_results import GroupResults, merged
 from dyknow_reasoning.language.constants import NO_CONSTANTS, Constants
 from dyknow_reasoning.language.formula import Formula
 from dyknow_reasoning.language.parsing import parse_formula
@@ -259,14 +259,12 @@ class FormulaGroup:
         """
         monitor = self._begun()
         recording = Recording.read(valid_times, columns)
-        if self.standing.formulas:
-            states = ((recording.time(i), recording.values(i)) for i in range(len(recording)))
-            return [each for state in states for each in self.progress(*state)]
         usable = recording.increasing(monitor.latest)
         if monitor.histories.registers:
             usable = monitor.histories.extended_recording(usable)
         results = self._results.of_known() if len(usable) else []
-        for index, outcomes in monitor.progress_many(usable):
+        failures = self.standing.progress_many(usable)
+        for index, outcomes in merged(monitor.progress_many(usable), failures):
             self._margins.progress_many(usable.times, usable.columns, index + 1)
             results += self._results.of(outcomes, usable.time(index), usable.values(index))
         end = len(usable)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Iterator, Mapping
 
 from dyknow_common import SymbolKind, Verdict, round_time
 from dyknow_reasoning.errors import ReasoningError
@@ -115,3 +115,14 @@ def _reason(formula: Formula, verdict: Verdict) -> VerdictReasons:
     sorts = dict.fromkeys(each.name for each in symbols if each.kind is SymbolKind.SORT)
     objects = f' for the objects of {" and ".join(sorts)}' if sorts else ''
     return VerdictReasons(f'it is {verdict.name.lower()}{objects}, whatever the states are')
+
+
+def merged(
+    some: Iterable[tuple[int, Outcomes]], others: Mapping[int, Outcomes]
+) -> Iterator[tuple[int, Outcomes]]:
+    """Return outcomes in the order of the indices of their states."""
+    pending = dict(others)
+    for index, outcomes in some:
+        yield from ((each, pending.pop(each)) for each in sorted(pending) if each < index)
+        yield index, {**outcomes, **pending.pop(index, {})}
+    yield from sorted(pending.items())

@@ -12,9 +12,11 @@ from dyknow_reasoning.execution import (
     KEPT_FAILURES,
     Failure,
     InstanceState,
+    Recording,
     StandingMonitor,
     StartCounts,
     VerdictLog,
+    progress_recording,
 )
 from dyknow_reasoning.explanation.explanation import VerdictReasons, explain
 from dyknow_reasoning.explanation.remainders import text_of
@@ -134,6 +136,17 @@ class StandingFormula:
         if self.margins is not None and self.monitor.states > self._next_cleanup:
             self._clean_up(self.margins)
         return self.monitor.progress(valid_time, values)
+
+    def progress_many(self, recording: Recording) -> tuple[bool, tuple[int, ReasoningError] | None]:
+        """Progress over a recording.
+
+        Returns:
+            True if an episode has begun or ended, and the index of the state at which the formula
+            fails, with the error.
+        """
+        if self._error is not None:
+            return False, (0, self._error)
+        return progress_recording(self.monitor, recording)
 
     def gap(self) -> None:
         """Record that states may be missing before the next one."""
@@ -280,6 +293,18 @@ class StandingFormulas:
                     self._changed.add(formula_id)
             except ReasoningError as error:
                 failures[formula_id] = error
+        return failures
+
+    def progress_many(self, recording: Recording) -> dict[int, dict[int, ReasoningError]]:
+        """Progress all formulas over a recording; return those that fail, by indices of states."""
+        failures: dict[int, dict[int, ReasoningError]] = {}
+        for formula_id, each in self.formulas.items() if len(recording) else ():
+            has_changed, failure = each.progress_many(recording)
+            if has_changed:
+                self._changed.add(formula_id)
+            if failure:
+                index, error = failure
+                failures.setdefault(index, {})[formula_id] = error
         return failures
 
     def summary(self, formula_id: int) -> EpisodeSummary:

@@ -22,11 +22,9 @@ from dyknow_reasoning.execution.instance_monitor import InstanceMonitor
 from dyknow_reasoning.execution.past.histories import Histories
 from dyknow_reasoning.execution.recording import Recording
 from dyknow_reasoning.execution.standing.failures import Failure
-from dyknow_reasoning.execution.standing.standing_monitor import (
-    KEPT_FAILURES,
-    StandingMonitor,
-    StartCounts,
-)
+from dyknow_reasoning.execution.standing.recorded_states import progress_recording
+from dyknow_reasoning.execution.standing.standing_monitor import KEPT_FAILURES, StandingMonitor
+from dyknow_reasoning.execution.standing.start_counts import StartCounts
 from dyknow_reasoning.execution.standing.verdict_log import VerdictLog
 
 __all__ = [
@@ -43,4 +41,5 @@ __all__ = [
     'StandingMonitor',
     'StartCounts',
     'VerdictLog',
+    'progress_recording',
 ]

@@ -23,7 +23,11 @@ from dyknow_reasoning.execution.instance_pool import InstancePool, Symbols
 from dyknow_reasoning.execution.past.histories import Histories
 from dyknow_reasoning.execution.recorded_symbols import RecordedSymbols
 from dyknow_reasoning.execution.recording import Recording
-from dyknow_reasoning.execution.vectors.atom_vectors import Array, UnreadableError
+from dyknow_reasoning.execution.vectors.atom_vectors import (
+    Array,
+    SharedVectors,
+    UnreadableError,
+)
 from dyknow_reasoning.execution.vectors.batch_keys import batch_key
 from dyknow_reasoning.execution.vectors.instance_vectors import MAX_VECTOR_TIME
 from dyknow_reasoning.language.type_checking import Kinds
@@ -50,7 +54,8 @@ class InstanceMonitor:
 
     def __init__(self, node_limit: int) -> None:
         self._node_limit = node_limit
-        self.histories = Histories()
+        self._shared_vectors = SharedVectors()
+        self.histories = Histories(self._shared_vectors)
         self._latest: int | None = None
         self._gap_follows = False
         self._sampling = SamplingRegularity()
@@ -58,7 +63,7 @@ class InstanceMonitor:
         self._templates: dict[Node, Template] = {}
         # The instances that begin with the next state.
         self._new: list[InstanceState] = []
-        self._pool = InstancePool()
+        self._pool = InstancePool(self._shared_vectors)
         self._fast_path = FastPath()
         # Progresses all instances over a state like `progress`, and returns True. It returns False,
         # and has no effect, if that needs more than a table look-up for each instance.
@@ -295,7 +300,7 @@ class InstanceMonitor:
         if remaining == before:
             return _NO_OUTCOMES
         outcomes, _ = self._aggregation.apply(verdicts)
-        self._pool = InstancePool()
+        self._pool = InstancePool(self._shared_vectors)
         self._place([each for each in remaining if each.instance in self._aggregation], gap.after)
         return _by_id(outcomes)
 

@@ -12,7 +12,12 @@ from dyknow_reasoning.execution.automata.automaton import Location
 from dyknow_reasoning.execution.automata.instance_states import FormulaInstance, InstanceState
 from dyknow_reasoning.execution.automata.templates import Template
 from dyknow_reasoning.execution.single_instance import SingleInstance
-from dyknow_reasoning.execution.vectors.atom_vectors import Array, FieldVectors, UnreadableError
+from dyknow_reasoning.execution.vectors.atom_vectors import (
+    Array,
+    FieldVectors,
+    SharedVectors,
+    UnreadableError,
+)
 from dyknow_reasoning.execution.vectors.batch import Batch
 from dyknow_reasoning.execution.vectors.instance_vectors import MAX_VECTOR_TIME
 from dyknow_reasoning.progression.atoms import Values
@@ -29,12 +34,16 @@ class InstancePool:
 
     The lists `singles` and `batches` are replaced, not changed, if instances come or go. `latest`
     is the valid time of the latest state, in nanoseconds.
+
+    Args:
+        shared: the vectors that others read, too.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, shared: SharedVectors) -> None:
+        self._shared = shared
         self.singles: list[SingleInstance] = []
         self.batches: list[Batch] = []
-        self.fields = FieldVectors()
+        self.fields = FieldVectors(self._shared)
 
     @property
     def templates(self) -> list[Template]:
@@ -134,7 +143,7 @@ class InstancePool:
         return locations
 
     def _attach(self) -> None:
-        self.fields = FieldVectors()
+        self.fields = FieldVectors(self._shared)
         for batch in self.batches:
             batch.attach(self.fields)
 

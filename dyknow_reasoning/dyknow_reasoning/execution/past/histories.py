@@ -15,9 +15,12 @@ from itertools import count
 
 from dyknow_common import shortened
 from dyknow_reasoning.errors import ReasoningError
+from dyknow_reasoning.execution.past.quick_registers import QuickRegisters, split
 from dyknow_reasoning.execution.past.quick_step import QuickStep, quick_step
 from dyknow_reasoning.execution.past.registers import Register
 from dyknow_reasoning.execution.recording import Recording
+from dyknow_reasoning.execution.vectors.atom_vectors import SharedVectors
+from dyknow_reasoning.execution.vectors.instance_vectors import MAX_VECTOR_TIME
 from dyknow_reasoning.language.formula import (
     Atom,
     Formula,
@@ -42,15 +45,22 @@ _History = dict[_Key, Register]
 
 
 class Histories:
-    """The registers of a group."""
+    """The registers of a group.
 
-    def __init__(self) -> None:
+    Args:
+        shared: the vectors that its formulas read, too.
+    """
+
+    def __init__(self, shared: SharedVectors) -> None:
+        self._shared = shared
         self._store = NodeStore(Chronology())
         self._numbers = count(1)
         # By their fields; inner operators precede outer ones.
         self.registers: dict[str, Register] = {}
         # Takes a state, as long as nothing but the states changes.
         self._quick_step: QuickStep | None = None
+        self._vectors: QuickRegisters | None = None
+        self._uses_vectors = True
         self._states = 0
         # The history of the formulas that begin with the next state.
         self._next: _History = {}
@@ -129,6 +139,9 @@ class Histories:
         if self._quick_step and (quick := self._quick_step(time, values)):
             self._latest = time
             return quick
+        if self._vectors:
+            self._uses_vectors = not self._vectors.is_large
+            self._vectors.put_back()
         self._begin(time)
         found = dict(values)
         for register in self.registers.values():
@@ -141,12 +154,12 @@ class Histories:
         """Return the states of a recording, whose times increase, with the fields of registers."""
         if not len(recording):
             return recording
+        self._change()
         self._begin(recording.time(0))
         found = Recording(recording.times, dict(recording.columns))
         for register in self.registers.values():
             found = Recording(found.times, {**found.columns, **register.columns(found)})
         self._latest = recording.time(-1)
-        self._change()
         return found
 
     def register(
@@ -175,18 +188,30 @@ class Histories:
         return self.register(atom.formula, history, kinds, used)
 
     def _change(self) -> None:
-        """Stop using the generated code, as registers come or go."""
-        self._quick_step, self._states = None, 0
+        """Stop taking states quickly, as registers come or go."""
+        if self._vectors:
+            self._vectors.put_back()
+        self._quick_step = self._vectors = None
+        self._states = 0
 
     def _generate(self) -> None:
-        """Generate code for the next states if the registers have been the same for some."""
+        """Take the next states quickly if the registers have been the same for some."""
         registers = self.registers.values()
-        if any(each.has_failed for each in registers):
+        uses_vectors = self._uses_vectors and abs(self._latest or 0) <= MAX_VECTOR_TIME
+        if any(each.has_failed for each in registers) or (self._vectors and not uses_vectors):
             self._change()
             return
         self._states += 1
-        if self._states == _MIN_STATES and sum(each.size for each in registers) <= _MAX_ATOMS:
-            self._quick_step = quick_step(registers)
+        if self._states != _MIN_STATES:
+            return
+        groups, others = split(registers) if uses_vectors else ([], list(registers))
+        if sum(each.size for each in others) > _MAX_ATOMS:
+            return
+        if groups:
+            self._vectors = QuickRegisters(groups, others, self._shared)
+            self._quick_step = self._vectors.step
+        else:
+            self._quick_step = quick_step(others)
 
     def _begin(self, time: int) -> None:
         """Take the gap before a state."""

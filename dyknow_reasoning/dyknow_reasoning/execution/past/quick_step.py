@@ -19,8 +19,13 @@ QuickStep: TypeAlias = Callable[[int, Values], Values | None]
 """Returns the values of a state with those of the registers; None if it had no effect."""
 
 
-def quick_step(registers: Iterable[Register]) -> QuickStep:
-    """Return the code for some registers; inner ones precede outer ones."""
+def quick_step(registers: Iterable[Register], *, in_place: bool = False) -> QuickStep:
+    """Return the code for some registers; inner ones precede outer ones.
+
+    Args:
+        registers: the registers.
+        in_place: True to add their fields to the values that the code is given.
+    """
     source = ReaderCode()
     lines = [line for register in registers for line in _lines(register, source)]
     steps = '\n        '.join(lines)
@@ -33,7 +38,7 @@ def make():
         try: {source.reads}
         except KeyError: return None
         if {source.unusual}: return None
-        found = dict(values)
+        found = {'values' if in_place else 'dict(values)'}
         {steps}
         return found
     return step

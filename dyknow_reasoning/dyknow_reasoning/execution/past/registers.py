@@ -78,7 +78,8 @@ class Register:
         self.is_negated = isinstance(atom.formula, Historically)
         self.kinds = kinds
         self._store = store
-        self._inner = inner
+        self.inner = inner
+        """The registers that its operands depend on."""
         self.operands = operands
         self._sides = SideReader(operands.atoms, (operands.left, operands.right), kinds)
         self._bounded_sides: tuple[SideReader, SideReader] = (self._sides, self._sides)
@@ -95,13 +96,18 @@ class Register:
     @property
     def size(self) -> int:
         """The number of atoms of the operands, and 1."""
-        return 1 + self._sides.mask.bit_count()
+        return 1 + self.mask.bit_count()
+
+    @property
+    def mask(self) -> int:
+        """The slots of the atoms of the operands, as bits."""
+        return self._sides.mask
 
     @property
     def machine(self) -> Machine | None:
         """The memory, unless a gap or an error has an effect; operands must be features then."""
         is_plain = self.has_begun and not self.is_bounded and self._error is None
-        atoms = (self.operands.atoms[slot] for slot in slots(self._sides.mask))
+        atoms = (self.operands.atoms[slot] for slot in slots(self.mask))
         if not is_plain or any(isinstance(atom, PastAtom) for atom in atoms):
             return None
         return self._machines[0]
@@ -127,7 +133,7 @@ class Register:
         if self._error is None and not self.is_bounded:
             symbols = RecordedSymbols(recording, range(len(recording)))
             operands = self.operands
-            sequence = symbols.of_atoms(operands.atoms, self._sides.mask, self.kinds)
+            sequence = symbols.of_atoms(operands.atoms, self.mask, self.kinds)
             if len(symbols.states) == len(recording):
                 sides = [node_truths(n, sequence.symbols) for n in (operands.left, operands.right)]
                 (machine,) = self._machines
@@ -151,7 +157,7 @@ class Register:
     def _read_bounds(self) -> tuple[SideReader, SideReader]:
         """Return readers of the operands for the least and the most favourable states."""
         operands = self.operands
-        past = whole_past_atoms(operands.atoms, self._sides.mask)
+        past = whole_past_atoms(operands.atoms, self.mask)
         count = len(operands.atoms)
         left, right = (
             apart(side, past, count, self._store) for side in (operands.left, operands.right)
@@ -184,7 +190,7 @@ class Register:
             values[self.field] = unknowable(self.gap)
         first, last = self._machines
         # The operands are known from now on, and the memory is the same whatever was missing.
-        if all(each.gap is None for each in self._inner) and first.is_like(last):  # type: ignore[arg-type]
+        if all(each.gap is None for each in self.inner) and first.is_like(last):  # type: ignore[arg-type]
             self.gap = None
 
     def _columns_one_by_one(self, recording: Recording) -> dict[str, Array]:

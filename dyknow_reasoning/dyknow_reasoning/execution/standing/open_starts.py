@@ -81,7 +81,8 @@ class OpenStarts:
         self.fades_at: float = inf
         """The time at which the formula becomes true from a start in this way, in nanoseconds."""
         self._times = times
-        self._groups: dict[Group, list[Run]] = {}
+        self.groups: dict[Group, list[Run]] = {}
+        """The starts; call `join` before."""
         # How long the groups stay the same, while the truth of the atoms does.
         self._idle: dict[Group, Validity] = {}
         self._initial = Group(template.automaton.initial, ())
@@ -107,15 +108,15 @@ class OpenStarts:
     @property
     def locations(self) -> list[Location]:
         """The locations in use."""
-        return [self._fresh.location, *(group.location for group in self._groups)]
+        return [self._fresh.location, *(group.location for group in self.groups)]
 
     def runs(self, half: Half) -> Iterator[list[Run]]:
         """Yield the undecided start states of the groups of a half; call `join` before."""
-        return (runs for group, runs in self._groups.items() if group.half is half)
+        return (runs for group, runs in self.groups.items() if group.half is half)
 
     def run_count(self) -> int:
         """Return the number of runs that are kept."""
-        return sum(map(len, self._groups.values()))
+        return sum(map(len, self.groups.values()))
 
     def oldest(self, *, own: bool) -> int:
         """Return the number of the first undecided start, or of the next state.
@@ -123,7 +124,7 @@ class OpenStarts:
         Args:
             own: True if starts count only if a clock counts from them.
         """
-        groups = self._groups.items()
+        groups = self.groups.items()
         firsts = (runs[0].first for group, runs in groups if not own or OWN in group.clocks)
         return min(firsts, default=self._joined)
 
@@ -138,13 +139,13 @@ class OpenStarts:
             return self._fresh.location.verdict is None
         return any(
             number_in(runs, number)
-            for group, runs in self._groups.items()
+            for group, runs in self.groups.items()
             if pessimistic or group.half is not Half.PESSIMISTIC
         )
 
     def states(self, number: int) -> Iterator[InstanceState]:
         """Yield what remains of the formula from an undecided state on; call `join` before."""
-        for group, runs in self._groups.items():
+        for group, runs in self.groups.items():
             if number_in(runs, number):
                 yield self._state(group, self._times_of(group, runs, number))
 
@@ -165,13 +166,13 @@ class OpenStarts:
             return
         if self._fresh.location.verdict is None:
             run = Run(first, end - 1, self._times[first], self._times[end - 1])
-            add_latest(self._groups.setdefault(self._fresh, []), run)
+            add_latest(self.groups.setdefault(self._fresh, []), run)
         latest = self._times[end - 1]
         if latest >= self.fades_at:
             for group, validity in list(self._idle.items()):
-                runs = self._groups[group] = self._unfaded(self._groups[group], validity, latest)
+                runs = self.groups[group] = self._unfaded(self.groups[group], validity, latest)
                 if not runs:
-                    del self._groups[group], self._idle[group]
+                    del self.groups[group], self._idle[group]
             self.fades_at = self._next_fade()
 
     def _unfaded(self, runs: list[Run], validity: Validity, now: int) -> list[Run]:
@@ -183,7 +184,7 @@ class OpenStarts:
     def _next_fade(self) -> float:
         groups = self._idle.items()
         return min(
-            (self._groups[group][0].begin + validity.fades for group, validity in groups),
+            (self.groups[group][0].begin + validity.fades for group, validity in groups),
             default=inf,
         )
 
@@ -206,12 +207,19 @@ class OpenStarts:
         now = self._times[number]
         return DecidedStarts(self._initial, False, [Run(number, number, now, now)], self._symbol)
 
+    def resume(self, groups: dict[Group, list[Run]]) -> None:
+        """Set the starts that are undecided after the latest state."""
+        self.groups = groups
+        self._joined = len(self._times)
+        self._idle, self._symbol = {}, -1
+        self.joins_until, self.fades_at = -inf, inf
+        self._fresh = self._initial
+
     def cross_gap(self, gap: Gap) -> list[DecidedStarts]:
         """Continue after a gap that follows the latest state; return the halves that it decides."""
         self.join(len(self._times))
-        self._idle, self._symbol, self.joins_until = {}, -1, -inf
-        self._fresh = self._initial
-        before, self._groups = self._groups, {}
+        before = self.groups
+        self.resume({})
         decided: list[DecidedStarts] = []
         for group, runs in before.items():
             for part in self._alike(group, runs, gap):
@@ -258,7 +266,7 @@ class OpenStarts:
         now = self._times[number]
         is_same = symbol == self._symbol
         self._symbol = symbol
-        before, self._groups = self._groups, {}
+        before, self.groups = self.groups, {}
         idle, self._idle = self._idle, {}
         decided: list[DecidedStarts] = []
         for group, runs in before.items():
@@ -295,7 +303,7 @@ class OpenStarts:
         self.fades_at = self.joins_until = inf
         self.join(number + 1)
         idle = self._idle
-        for group, runs in self._groups.items():
+        for group, runs in self.groups.items():
             validity = idle.get(group) or self._validity(group, runs, now + 1)
             if validity is None:
                 self.joins_until = -inf
@@ -342,15 +350,15 @@ class OpenStarts:
         return Validity(min(ends))
 
     def _keep_idle(self, group: Group, runs: list[Run], part: Validity) -> None:
-        if group in self._groups:  # Others have moved here: how long they stay is unknown.
-            self._groups[group] = union(self._groups[group], runs)
+        if group in self.groups:  # Others have moved here: how long they stay is unknown.
+            self.groups[group] = union(self.groups[group], runs)
         else:
-            self._groups[group] = runs
+            self.groups[group] = runs
             self._idle[group] = part
 
     def _keep(self, group: Group, runs: list[Run]) -> None:
-        found = self._groups.get(group)
-        self._groups[group] = union(found, runs) if found else runs
+        found = self.groups.get(group)
+        self.groups[group] = union(found, runs) if found else runs
         self._idle.pop(group, None)
 
     def _parts(self, group: Group, runs: list[Run], now: int) -> list[Part]:

@@ -42,6 +42,11 @@ def union(some: Sequence[Run], others: Sequence[Run]) -> list[Run]:
     return coalesced(merge(some, others))
 
 
+def union_of(runs: Iterable[Sequence[Run]]) -> list[Run]:
+    """Return the states of all runs, each sequence of which is in order."""
+    return coalesced(merge(*runs))
+
+
 def add_latest(runs: list[Run], run: Run) -> None:
     """Add states that come after all others, in place."""
     if runs and runs[-1].last + 1 == run.first:

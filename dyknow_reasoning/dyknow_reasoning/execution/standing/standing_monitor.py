@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
-from heapq import merge
+from collections.abc import Callable, Iterable, Sequence
 from itertools import chain, takewhile
 from math import inf
-from typing import Final
+from typing import Final, TypeAlias
 
 from dyknow_reasoning.errors import ReasoningError
 from dyknow_reasoning.execution.automata.automaton import Location
@@ -23,13 +21,15 @@ from dyknow_reasoning.execution.standing.open_starts import OpenStarts
 from dyknow_reasoning.execution.standing.runs import (
     Run,
     StateTimes,
-    coalesced,
     count_outside,
     count_states,
     difference,
     number_in,
     union,
+    union_of,
 )
+from dyknow_reasoning.execution.standing.start_counts import StartCounts
+from dyknow_reasoning.execution.standing.tabulated_starts import TabulatedStarts
 from dyknow_reasoning.execution.standing.verdict_log import VerdictLog
 from dyknow_reasoning.language.type_checking import Kinds
 from dyknow_reasoning.progression.atoms import Values
@@ -46,22 +46,8 @@ KEPT_FAILURES: Final = 10
 _CLEANUP_STATES: Final = 4096
 """The period in which what is no longer needed is dropped."""
 
-
-@dataclass(frozen=True, slots=True)
-class StartCounts:
-    """The numbers of start states, by their verdicts.
-
-    Args:
-        holds: from which the formula is true.
-        fails: from which it is false.
-        undecided: from which it is undecided yet.
-        unknown: from which its verdict depends on states that are missing in a gap.
-    """
-
-    holds: int = 0
-    fails: int = 0
-    undecided: int = 0
-    unknown: int = 0
+_ValuesOf: TypeAlias = Callable[[], Values]
+"""Returns the values of a state, which few states need."""
 
 
 class StandingMonitor:
@@ -83,21 +69,22 @@ class StandingMonitor:
         """The valid time of the latest state, in nanoseconds."""
         self._failures = Failures()
         self._times = StateTimes()
-        self._instances = [
+        self.instances = [
             FormulaInstance(
                 each.binding, each.atoms, each.node, formula_id, order, kinds, batch_key=None
             )
             for order, each in enumerate(instances)
             if each.node is not TRUE
         ]
-        templates = {node: Template(node) for node in {each.node for each in self._instances}}
+        templates = {node: Template(node) for node in {each.node for each in self.instances}}
         self._templates = list(templates.values())
         self._starts = [
-            OpenStarts(each, templates[each.node], self._times) for each in self._instances
+            OpenStarts(each, templates[each.node], self._times) for each in self.instances
         ]
-        self._read = joint_reader(self._instances)
+        self._read = joint_reader(self.instances)
         self._symbols: tuple[int, ...] = (-1,) * len(self._starts)
         self._node_limit = node_limit
+        self._tabulated = TabulatedStarts(self._starts, self._times, node_limit)
         self._keeps_failures = False
         # Of each instance, as of `OpenStarts`.
         self._ends: list[float] = [-inf] * len(self._starts)
@@ -165,7 +152,25 @@ class StandingMonitor:
         Raises:
             ReasoningError: for values that cannot be used, or too many undecided starts.
         """
-        symbols = self._read(values)
+        return self.take(self._read(values), now, lambda: values)
+
+    def take(self, symbols: tuple[int, ...], now: int, values: _ValuesOf) -> bool:
+        """Progress over a state of which the atoms are known; return as `progress`.
+
+        Args:
+            symbols: the truth of the atoms of each instance, as bits.
+            now: the valid time of the state, in nanoseconds, later than the latest one.
+            values: of its features.
+
+        Raises:
+            ReasoningError: for too many undecided starts.
+        """
+        if self._tabulated.is_active:
+            is_clean = len(self._times) < self._next_cleanup
+            if is_clean and self._tabulated.step(now, symbols):
+                self.latest = now
+                return False
+            self._leave_tabulated(is_expensive=is_clean)
         latest = now if self.latest is None else self.latest
         if symbols == self._symbols and now < self._joins_until:
             self._times.append(now)
@@ -175,6 +180,8 @@ class StandingMonitor:
 
     def gap(self) -> None:
         """Record that states may be missing before the next one."""
+        if self._tabulated.is_active:
+            self._leave_tabulated()
         self._joins_until = -inf
         self._gap_follows = self.latest is not None
 
@@ -195,20 +202,21 @@ class StandingMonitor:
         found: list[Run] = []
         for half in Half:
             runs = chain.from_iterable(each.runs(half) for each in self._starts)
-            joined = _union_of(runs)
+            joined = union_of(runs)
             if half is Half.PESSIMISTIC:
                 joined = difference(joined, self._unprovable)
             found = union(found, joined)
         return found
 
-    def _step(self, symbols: tuple[int, ...], now: int, elapsed: int, values: Values) -> bool:
+    def _step(self, symbols: tuple[int, ...], now: int, elapsed: int, values: _ValuesOf) -> bool:
         number = len(self._times)
         self._record_failing(number)
         changed = self._gap_follows and self._cross_gap(Gap(now - elapsed, now), values)
         self._times.append(now)
         self.latest = now
         decided: list[tuple[OpenStarts, DecidedStarts]] = []
-        for index in self._due(symbols, now):
+        due = self._due(symbols, now)
+        for index in due:
             starts = self._starts[index]
             decided += [(starts, found) for found in starts.step(symbols[index])]
             self._ends[index] = starts.joins_until
@@ -234,7 +242,15 @@ class StandingMonitor:
         self._joins_until = min(self._ends, default=inf)
         if self._failures.waiting:
             self._joins_until = min([self._joins_until, *self._fading])
+        elif not self._fails_at_once and not self._log:
+            self._tabulated.stepped(len(due))
         return changed
+
+    def _leave_tabulated(self, *, is_expensive: bool = True) -> None:
+        """Let the starts take the next states."""
+        self._tabulated.leave(is_expensive=is_expensive)
+        self._symbols = (-1,) * len(self._starts)
+        self._joins_until = -inf
 
     def _due(self, symbols: tuple[int, ...], now: int) -> Sequence[int]:
         """Return the indices of the instances that must be progressed over a state."""
@@ -255,7 +271,7 @@ class StandingMonitor:
             due.sort()
         return due
 
-    def _cross_gap(self, gap: Gap, values: Values) -> bool:
+    def _cross_gap(self, gap: Gap, values: _ValuesOf) -> bool:
         """Continue with the halves after a gap; return True if a failure has begun."""
         self._gap_follows = False
         self._symbols = (-1,) * len(self._starts)
@@ -263,7 +279,10 @@ class StandingMonitor:
         return self._apply(decided, gap.before, values)
 
     def _apply(
-        self, decided: Iterable[tuple[OpenStarts, DecidedStarts]], now: int, values: Values
+        self,
+        decided: Iterable[tuple[OpenStarts, DecidedStarts]],
+        now: int,
+        values: _ValuesOf,
     ) -> bool:
         changed = False
         for starts, found in decided:
@@ -275,7 +294,7 @@ class StandingMonitor:
                 changed |= self._fail(starts, found, now, values)
         return changed
 
-    def _fail(self, starts: OpenStarts, found: DecidedStarts, now: int, values: Values) -> bool:
+    def _fail(self, starts: OpenStarts, found: DecidedStarts, now: int, values: _ValuesOf) -> bool:
         """Record starts from which an instance is false; return True if a failure has begun."""
         began = False
         for run in found.runs:
@@ -283,7 +302,7 @@ class StandingMonitor:
                 continue
             single = found._replace(runs=(run,))
             verdict = starts.verdict(single)
-            began |= self._failures.add(Failure(run, verdict, now, values))
+            began |= self._failures.add(Failure(run, verdict, now, values()))
         return began
 
     def _record_failing(self, end: int) -> None:
@@ -323,6 +342,7 @@ class StandingMonitor:
         return False
 
     def _settle(self, end: int) -> None:
+        self._tabulated.restore()
         self._record_failing(end)
         for each in self._starts:
             each.join(end)
@@ -339,6 +359,7 @@ class StandingMonitor:
                 locations = {each for starts in used for each in starts.locations}
                 self._check_sizes(locations)
                 if automaton.is_full:
+                    self._tabulated.forget()
                     automaton.forget(locations)
                     for starts in used:
                         starts.forget()
@@ -375,8 +396,3 @@ class StandingMonitor:
         forgotten = list(takewhile(lambda each: each.run.last < oldest, past))
         self._forgotten_fails += count_states(each.run for each in forgotten)
         del self._failures.kept[: len(forgotten)]
-
-
-def _union_of(runs: Iterable[Sequence[Run]]) -> list[Run]:
-    """Return the states of all runs, each sequence of which is in order."""
-    return coalesced(merge(*runs))

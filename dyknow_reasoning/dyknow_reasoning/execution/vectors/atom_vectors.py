@@ -11,6 +11,7 @@ import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from operator import itemgetter
 from typing import Any, TypeAlias
+from weakref import WeakValueDictionary
 
 import numpy as np
 
@@ -47,10 +48,39 @@ Columns: TypeAlias = Mapping[str, Array]
 
 _WIDE: Mapping[str, type] = {'i': int, 'f': float}
 _MAX_INT = (1 << 63) - 1
+# Faster operands than numbers of Python.
+_SLOTS = [np.array(slot, np.uint8) for slot in range(8)]
 
 
 class UnreadableError(Exception):
     """The values do not fit into vectors."""
+
+
+VectorKey: TypeAlias = tuple[tuple[str, ...], Kind | None]
+"""The names of fields, and the kind of their values."""
+
+
+class VectorState(dict[str, Any]):
+    """The values of a state by the names of their fields; they do not change.
+
+    Fields whose values were computed as a vector are added when one of them is looked up.
+    """
+
+    def __init__(self, values: Values) -> None:
+        super().__init__(values)
+        self._computed: list[tuple[Sequence[str], Array]] = []
+
+    def add(self, fields: Sequence[str], vector: Array) -> None:
+        """Add fields whose values are those of a vector."""
+        self._computed.append((fields, vector))
+
+    def __missing__(self, name: str) -> Any:
+        computed, self._computed = self._computed, []
+        for names, vector in computed:
+            self.update(zip(names, vector.tolist(), strict=True))
+        if name in self:
+            return self[name]
+        raise KeyError(name)
 
 
 class FieldVector:
@@ -61,22 +91,34 @@ class FieldVector:
         kind: the kind of the values; None if only the values show it.
     """
 
-    def __init__(self, fields: Sequence[str], kind: Kind | None) -> None:
+    def __init__(self, fields: tuple[str, ...], kind: Kind | None) -> None:
         self.values: Array = np.empty(0)
         self._fields = fields
         self._kind = kind
         self._items: Callable[[Values], Any] = itemgetter(*fields)
+        self._state: VectorState | None = None
 
     def load(self, values: Values) -> None:
         """Load the values of a state; raise UnreadableError if they do not fit."""
+        if values is self._state:
+            return
+        self._state = None
         try:
             items = self._items(values)
         except KeyError:
             raise UnreadableError from None
         self.values = _array(items if len(self._fields) > 1 else (items,), self._kind)
+        if isinstance(values, VectorState):
+            self._state = values
+
+    def compute(self, values: Array, state: VectorState) -> None:
+        """Set the values at a state, and add the fields to it."""
+        self.values, self._state = values, state
+        state.add(self._fields, values)
 
     def select(self, recording: Columns, states: slice) -> None:
         """Load states of a recording, as rows; raise UnreadableError if they do not fit."""
+        self._state = None
         try:
             arrays = [recording[name][states] for name in self._fields]
         except KeyError:
@@ -86,11 +128,20 @@ class FieldVector:
         self.values = checked(np.ascontiguousarray(np.stack(arrays).T), self._kind)
 
 
-class FieldVectors:
-    """The vectors that instances read, each loaded once for all of them."""
+SharedVectors: TypeAlias = WeakValueDictionary[VectorKey, FieldVector]
+"""The vectors in use, each of which is loaded once for all that need it."""
 
-    def __init__(self) -> None:
-        self._found: dict[tuple[tuple[str, ...], Kind | None], FieldVector] = {}
+
+class FieldVectors:
+    """The vectors that instances read, each loaded once for all of them.
+
+    Args:
+        shared: those that others read, too.
+    """
+
+    def __init__(self, shared: SharedVectors | None = None) -> None:
+        self._found: dict[VectorKey, FieldVector] = {}
+        self._shared = SharedVectors() if shared is None else shared
 
     def truths(self, atoms: Sequence[Atom], kinds: Kinds) -> Truths:
         """Return the truth of atoms of one form, one for each instance."""
@@ -105,6 +156,13 @@ class FieldVectors:
             return lambda: _compare_same_kind(compare, left(), right())
         return lambda: compare(left(), right())
 
+    def vector(self, fields: tuple[str, ...], kind: Kind | None) -> FieldVector:
+        """Return the vector of some fields."""
+        key = fields, kind
+        if key not in self._found:
+            self._found[key] = self._shared.setdefault(key, FieldVector(fields, kind))
+        return self._found[key]
+
     def load(self, values: Values) -> None:
         """Load the values of a state; raise UnreadableError if they do not fit."""
         for field in self._found.values():
@@ -116,8 +174,7 @@ class FieldVectors:
             field.select(recording, states)
 
     def _field(self, terms: Iterable[Term | Atom], kind: Kind | None) -> FieldVector:
-        fields = tuple(map(field_name, terms))
-        return self._found.setdefault((fields, kind), FieldVector(fields, kind))
+        return self.vector(tuple(map(field_name, terms)), kind)
 
     def _terms(self, terms: Sequence[Term], kinds: Kinds) -> Callable[[], Any]:
         match terms[0]:
@@ -152,7 +209,7 @@ def bits(truths: Sequence[tuple[int, Truths]]) -> Array:
         bit = holds().view(np.uint8)
         if integer is not np.uint8:
             bit = bit.astype(integer)
-        shifted = bit << slot if slot else bit
+        shifted = np.left_shift(bit, _SLOTS[slot] if slot < len(_SLOTS) else slot) if slot else bit
         found = shifted if found is None else found | shifted
     assert found is not None  # noqa: S101 - there is an atom
     return found
@@ -244,7 +301,8 @@ def _checked_objects(found: Array, kind: Kind | None) -> Array:
 
 def _constant(values: Sequence[Any]) -> Any:
     if len(set(values)) == 1:
-        return values[0]
+        # Of numbers, arrays are faster operands.
+        return np.array(values[0]) if type(values[0]) in {int, float} else values[0]
     if isinstance(values[0], str):
         return _object_vector(values)
     return np.array(values)

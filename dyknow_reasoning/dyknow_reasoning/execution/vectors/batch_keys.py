@@ -23,14 +23,15 @@ from dyknow_reasoning.progression.instances import Instance
 EXACT: Final = 1 << 53
 """The smallest absolute value from which on some integers are not floats."""
 
-_MAX_BATCH_SLOTS = 6
+MAX_BATCH_SLOTS: Final = 6
+"""The most atoms of instances in a batch, for which there are 2 ** 6 symbols."""
 
 
 def batch_key(instance: Instance, kinds: Kinds) -> Hashable:
     """Return the template and the forms of the atoms; None if no batch can hold the instance."""
     forms = tuple(atom_form(atom, kinds) for atom in instance.atoms)
     slots = instance.node.mask.bit_length()
-    return (instance.node, forms) if 0 < slots <= _MAX_BATCH_SLOTS and None not in forms else None
+    return (instance.node, forms) if 0 < slots <= MAX_BATCH_SLOTS and None not in forms else None
 
 
 def atom_form(atom: Atom, kinds: Kinds) -> Any:

@@ -71,6 +71,7 @@ class TabulatedVectors:
         self.numbers = numbers
         self._configurations = configurations
         self._width = width
+        self._factor = np.array(width)
         # For each step of time, by number * width + symbol: the number n of the next configuration,
         # or -2 - n if that is decided.
         self._tables: dict[int, Array] = {}
@@ -91,7 +92,7 @@ class TabulatedVectors:
     def step(self, symbols: Array, now: int, elapsed: int) -> list[Decided]:
         """Progress all instances over a state; return those that it decides."""
         before = self.numbers
-        codes = before * self._width + symbols
+        codes = before * self._factor + symbols
         table = self._table(elapsed)
         after = table.take(codes)
         if np.minimum.reduce(after) < 0:

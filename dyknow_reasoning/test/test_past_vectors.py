@@ -1,0 +1,174 @@
+"""Past operators of many objects, whose registers take states as vectors."""
+
+from __future__ import annotations
+
+import os
+from itertools import accumulate
+from math import inf, nan
+from random import Random
+from typing import Any
+
+import numpy as np
+import pytest
+
+from dyknow_common import Verdict
+from dyknow_reasoning import FormulaGroup
+from dyknow_reasoning.execution.past import histories, register_vectors
+from dyknow_reasoning.execution.past.machines import PreviousMachine, SinceMachine
+from dyknow_reasoning.execution.past.register_vectors import PreviousVectors, SinceVectors
+
+CASES = 100_000 if os.environ.get('DYKNOW_LONG_TESTS') else 300
+NAMES = [f'o{number}' for number in range(6)]
+PAST = [
+    'once[a, b] p[x]',
+    'historically[a, b] v[x] > 1',
+    'p[x] since[a, b] v[x] < 2',
+    'not p[x] since[a, b] (v[x] >= w[x] or q)',
+    'previous p[x]',
+    'previous (q and not p[x])',
+    'once[a, b] p[x] or not once[a, b] v[x] = 2',
+    'once[a, b] (p[x] and previous v[x] > 0)',
+    'once[a, b] v[x] / w[x] > 1',
+]
+
+
+@pytest.mark.parametrize('seed', range(4))
+def test_vectors_remember_what_machines_do(seed: int) -> None:
+    random = Random(seed)  # noqa: S311 - no secret
+    for _ in range(CASES):
+        start = random.choice([0, 0, 1, 3, 5])
+        end = random.choice([None, start, start + 1, start + 6])
+        has_left = random.random() < 0.7
+        kind = random.choice([PreviousMachine, SinceMachine, SinceMachine])
+        both: list[list[Any]] = [
+            [kind() if kind is PreviousMachine else SinceMachine(start, end) for _ in range(5)]
+            for _ in range(2)
+        ]
+        plain, stored = both
+        vectors: SinceVectors | PreviousVectors | None = None
+        offset = random.choice([0, -3, 1 << 62, -(1 << 62)])
+        for time in accumulate(random.choice([1, 1, 2, 7]) for _ in range(30)):
+            now = time + offset - (40 * 7 if offset == 1 << 62 else 0)
+            left = np.array([not has_left or random.random() < 0.8 for _ in range(5)])
+            right = np.array([random.random() < 0.3 for _ in range(5)])
+            if vectors is None:
+                vectors = (SinceVectors if kind is SinceMachine else PreviousVectors)(stored)
+            sides = list(zip(left.tolist(), right.tolist(), strict=True))
+            expected = [each.step(now, *side) for each, side in zip(plain, sides, strict=True)]
+            assert vectors.step(now, left if has_left else None, right).tolist() == expected
+            if random.random() < 0.2:
+                vectors.put_back()
+                vectors = None
+
+
+def outcomes(group: FormulaGroup, states: list[tuple[int, dict[str, Any]]], gaps: set[int]) -> Any:
+    found = []
+    for index, (time, values) in enumerate(states):
+        if index in gaps:
+            group.gap()
+        found += group.progress(time, values)
+    told = [(each.name, each.verdict, each.decided_at, each.explanation) for each in found]
+    return told, [str(each.error) for each in found], group.standing.summary(1)
+
+
+def random_states(random: Random) -> list[tuple[int, dict[str, Any]]]:
+    most, bias = random.choice([1, 2, 6]), random.random()
+    odd = random.choice([0, 0, 0, 0.002])
+    time = random.choice([0, 0, -(1 << 62) - 20, (1 << 62) - 20])
+    states = []
+    for _ in range(random.randint(1, 25)):
+        time += random.randint(1, most)
+        values: dict[str, Any] = {'q': random.random() < bias}
+        for name in NAMES:
+            values[f'p[{name}]'] = random.random() < bias
+            values[f'v[{name}]'] = random.choice([0.0, 1.0, 2.0, 3.0])
+            values[f'w[{name}]'] = random.choice([1.0, 2.0])
+        for name in list(values):
+            if random.random() < odd:
+                values[name] = random.choice([nan, inf, 1, True, 'text', 1 << 54, 0.0])
+            if random.random() < odd / 4:
+                del values[name]
+        states.append((time, values))
+    return states
+
+
+def random_formulas(random: Random) -> list[tuple[str, str]]:
+    past = random.choice(PAST)
+    a = random.choice([0, 0, 1, 4])
+    end = random.choice(['inf', f'{a} ns', f'{a + 1} ns', f'{a + 5} ns'])
+    past = past.replace('[a, b]', f'[{a} ns, {end}]')
+    text = random.choice(
+        [
+            f'always (({past}) or not ({past}))',
+            f'always (p[x] -> eventually[0, 2 ns] ({past}))',
+            f'eventually ({past})',
+            f'{past}',
+            f'always ({past})',
+        ]
+    )
+    if random.random() < 0.5:
+        return [('all', f'forall x in S: {text}')]
+    return [(name, text.replace('[x]', f'[{name}]')) for name in NAMES]
+
+
+@pytest.mark.timeout(7200)
+def test_vectors_have_no_effect_on_results(monkeypatch: pytest.MonkeyPatch) -> None:
+    """With unusable values, gaps, formulas that come and go, and formulas at every state."""
+    monkeypatch.setattr(histories, '_MIN_STATES', 1)
+    monkeypatch.setattr('dyknow_reasoning.execution.instance_pool._MIN_BATCH_SIZE', 2)
+    random = Random(1)  # noqa: S311 - no secret
+    used = 0
+    for _ in range(CASES):
+        texts, states = random_formulas(random), random_states(random)
+        gaps = {random.randrange(len(states))} if random.random() < 0.2 else set()
+        every_state = random.random() < 0.3
+        found = []
+        for least in (2, 1000):
+            monkeypatch.setattr(register_vectors, 'MIN_REGISTERS', least)
+            group = FormulaGroup()
+            for name, text in texts:
+                group.add_formula(name, text, every_state=every_state)
+            group.begin({'S': NAMES})
+            found.append(outcomes(group, states, gaps))
+            assert group._monitor is not None
+            used += least == 2 and group._monitor.histories._vectors is not None
+        assert found[0] == found[1], (texts, states)
+    assert used > CASES // 20
+
+
+def test_many_candidates_are_left_to_the_machines(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(register_vectors, '_MAX_YOUNGER', 1000)
+    names = [f'o{number}' for number in range(30)]
+    group = FormulaGroup()
+    group.add_formula('it', 'forall x in S: always (not r[x] or once[1 us, 2 us] p[x])')
+    group.begin({'S': names})
+    assert group._monitor is not None
+    values = {f'{feature}[{name}]': feature == 'p' for name in names for feature in 'pr'}
+    uses_vectors = []
+    for time in range(100):
+        assert not group.progress(time, values)
+        uses_vectors.append(group._monitor.histories._vectors is not None)
+    assert uses_vectors[10]
+    assert not uses_vectors[-1]
+    values |= {'p[o7]': False, 'r[o7]': True}
+    assert not group.progress(1000, values)
+    [result] = group.progress(2100, values)
+    assert result.verdict is Verdict.FALSE
+
+
+def test_times_that_no_vector_holds_are_left_to_the_machines() -> None:
+    names = [f'o{number}' for number in range(30)]
+    group = FormulaGroup()
+    group.add_formula('it', 'forall x in S: always (r[x] -> once[0, 9 s] p[x])')
+    group.begin({'S': names})
+    begin = -(1 << 70)
+    false = {f'{feature}[{name}]': False for name in names for feature in 'pr'}
+    true = dict.fromkeys(false, True)
+    for number in range(5):
+        assert not group.progress(begin + number, false)
+    assert not group.progress(begin + 5, true)
+    assert not group.progress(0, false)
+    assert not group.progress(1, true)
+    assert not group.progress(2, true | {'p[o3]': False})
+    [result] = group.progress(9_000_000_002, false | {'r[o3]': True})
+    assert result.verdict is Verdict.FALSE
