@@ -54,7 +54,12 @@ def read_robot(path: Path) -> RobotConfiguration:
     Raises:
         ConfigurationError: naming the file, the place and the correction.
     """
-    values = read_yaml(path).mapping(KEYS)
+    return robot_of(read_yaml(path))
+
+
+def robot_of(document: YamlValue) -> RobotConfiguration:
+    """Return what the whole of a robot.yaml describes; raises the errors of `read_robot`."""
+    values, path = document.mapping(KEYS), document.document.path
     vocabulary = read_vocabulary(values)
     stream_values = values['streams'].one_or_more() if 'streams' in values else []
     own_streams = [each for each in stream_values if is_stream_text(each)]

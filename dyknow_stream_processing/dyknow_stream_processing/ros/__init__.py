@@ -17,6 +17,7 @@ from dyknow_stream_processing.ros.messages.sample_messages import (
     sample_to_message,
 )
 from dyknow_stream_processing.ros.stream_proxy import StreamProxy
+from dyknow_stream_processing.ros.topics.node_topics import NodeTopics
 from dyknow_stream_processing.ros.topics.process_pauses import PAUSES
 from dyknow_stream_processing.ros.topics.publications import publishers_of
 from dyknow_stream_processing.ros.topics.sequence_gaps import SequenceGaps
@@ -25,6 +26,7 @@ from dyknow_stream_processing.ros.topics.topic_sources import source_type
 __all__ = [
     'PAUSES',
     'FieldReader',
+    'NodeTopics',
     'SampleWriter',
     'SequenceGaps',
     'StreamProxy',
