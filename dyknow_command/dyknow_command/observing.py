@@ -1,4 +1,4 @@
-"""Topics of recordings and of the running robot, as proposals and checks of a robot.yaml need them."""
+"""Topics of recordings and of the running robot, for proposals and checks of a robot.yaml."""
 
 from __future__ import annotations
 
@@ -101,9 +101,7 @@ def observe(duration: int, fields: ReadFields, topic: str = '') -> tuple[Observe
     try:
         # Observing a recording needs no ROS.
         from dyknow_command.ros.listening import observe_running  # noqa: PLC0415
-        from dyknow_common.ros import ros_errors  # noqa: PLC0415
     except ImportError as error:
         text = f'listening to a running robot needs ROS: {error}; {SOURCE_ENVIRONMENT}'
         raise DyKnowError(text, ExitCode.UNAVAILABLE) from None
-    with ros_errors():
-        return observe_running(duration, fields, topic)
+    return observe_running(duration, fields, topic)

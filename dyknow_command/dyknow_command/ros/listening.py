@@ -1,4 +1,4 @@
-"""Topics of the running robot, as proposals and checks of a robot.yaml need them."""
+"""Topics of the running robot, for proposals and checks of a robot.yaml."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from dyknow_common import NANOSECONDS, ValueType
-from dyknow_common.ros import CommandNode, run_with_node
+from dyknow_common.ros import CommandNode, ros_errors, run_with_node
 from dyknow_configuration import (
     MAX_MESSAGES,
     ObservedTopic,
@@ -101,7 +101,8 @@ def observe_running(
     def observe(command: CommandNode) -> None:
         found.extend(_observe(command, duration, read_fields, topic))
 
-    run_with_node('observe', observe)
+    with ros_errors():
+        run_with_node('observe', observe)
     return tuple(found)
 
 

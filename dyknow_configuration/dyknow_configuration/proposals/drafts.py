@@ -210,7 +210,7 @@ def _formula(proposal: FeatureProposal, seen: SeenValues) -> str:
     return proposal.formula.replace('{magnitude}', magnitude).replace('{least}', least)
 
 
-def _bound(number: float, direction: Callable[[float], int]) -> str:
+def _bound(number: float, direction: Callable[[Decimal], int]) -> str:
     """Return a positive number with two digits, rounded up or down; empty if that is impossible."""
     if not _LEAST_BOUND <= number <= _GREATEST_BOUND:
         return ''

@@ -63,8 +63,8 @@ def _head(origin: str, path: Path, recording: str) -> Iterator[str]:
         yield f'#   dyknow check {_comment(recording)} --config {path.name}'
     yield f'#   dyknow up {path.name}    and then    dyknow monitor {path.name}'
     yield '#'
-    yield '# Each topic keeps the timing below, with a margin of half of what was measured. Each'
-    yield '# formula holds for all values that were seen: replace its bounds by those that you need.'
+    yield '# Each topic keeps the timing below, with a margin of half of what was measured.'
+    yield '# Each formula holds for all values that were seen: replace its bounds by your own.'
 
 
 def _topics(draft: RobotDraft) -> Iterator[str]:

@@ -70,12 +70,13 @@ class TopicTimes:
     @property
     def intervals(self) -> NDArray[np.int64]:
         """The distances of consecutive valid times."""
-        return np.diff(np.sort(self.valid_times))
+        ordered = np.sort(self.valid_times)
+        return ordered[1:] - ordered[:-1]
 
     @property
     def disorders(self) -> int:
         """The number of messages with an earlier valid time than one before."""
-        latest = np.maximum.accumulate(self.valid_times) if len(self.valid_times) else []
+        latest = np.maximum.accumulate(self.valid_times)
         return int(np.count_nonzero(self.valid_times < latest))
 
     @property
@@ -197,7 +198,7 @@ def rounded_up(duration: int) -> int:
     """Return the next rounded number of nanoseconds, such as 15 ms for 12.3 ms."""
     if duration <= _STEPS[0]:
         return max(duration, 0)
-    power = 10 ** (len(str(duration)) - 3)
+    power: int = 10 ** (len(str(duration)) - 3)
     return next(step * power for step in _STEPS if step * power >= duration)
 
 
