@@ -1,6 +1,8 @@
 """The file that describes a robot and what is monitored: robot.yaml."""
 
+from dyknow_configuration.documents.yaml_values import YamlValue, read_yaml
 from dyknow_configuration.errors import ConfigurationError
+from dyknow_configuration.faults import RobotFaults, find_faults
 from dyknow_configuration.formulas import read_formulas
 from dyknow_configuration.nodes import PACKAGES
 from dyknow_configuration.proposals.observations import (
@@ -15,6 +17,7 @@ from dyknow_configuration.proposals.timing import (
     ProposedTiming,
     TopicTimes,
     TopicTiming,
+    broken_constraints,
     proposed_timing,
     timing_of,
 )
@@ -38,16 +41,21 @@ __all__ = [
     'ReadFields',
     'RequestedFormula',
     'RobotConfiguration',
+    'RobotFaults',
     'SeenValues',
     'Severity',
     'TextSource',
     'TopicTimes',
     'TopicTiming',
+    'YamlValue',
+    'broken_constraints',
     'export',
     'fields_of_interest',
+    'find_faults',
     'proposed_timing',
     'read_formulas',
     'read_robot',
+    'read_yaml',
     'robot_text',
     'timing_of',
     'write_texts',

@@ -14,7 +14,7 @@ So the topic keeps, and is expected to keep:
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from math import ceil
 from typing import Final
@@ -22,7 +22,14 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from dyknow_common import CONSTRAINT_KINDS, NANOSECONDS, SECOND_NS, StreamConstraints
+from dyknow_common import (
+    CONSTRAINT_KINDS,
+    NANOSECONDS,
+    SECOND_NS,
+    StreamConstraints,
+    format_duration,
+    round_duration,
+)
 
 LEAST_BOUND_NS: Final = 10 * NANOSECONDS['ms']
 """The shortest delay or lead that is proposed: a busy computer delays messages as much."""
@@ -206,3 +213,34 @@ def rounded(duration: int) -> int:
     """Return a duration with three significant digits."""
     power: int = 10 ** max(0, len(str(duration)) - 3)
     return (duration + power // 2) // power * power
+
+
+def broken_constraints(times: TopicTimes, stated: StreamConstraints) -> Iterator[str]:
+    """Yield a sentence with the mend for each stated constraint that a topic did not keep."""
+    proposed = proposed_timing([times]).constraints
+    delays, intervals = times.delays, times.intervals
+    for name, sign in (('max_delay', 1), ('max_lead', -1)):
+        bound, own = getattr(stated, name), sign * delays
+        if bound is not None and times.is_stamped and (late := int((own > bound).sum())):
+            kind = 'delay' if sign > 0 else 'lead'
+            text = f'{late} of {len(own)} messages break {name} = {format_duration(bound)}, with a '
+            yield (
+                text + f'{kind} of up to {round_duration(int(own.max()))}; {_mend(name, proposed)}'
+            )
+    shortest, longest = stated.shortest_period, stated.longest_period
+    if shortest is not None and longest is not None and len(intervals):
+        broken = int(((intervals < shortest) | (intervals > longest)).sum())
+        if broken:
+            extremes = (round_duration(int(each)) for each in (intervals.min(), intervals.max()))
+            yield (
+                f'{broken} of {len(intervals)} intervals are not between {format_duration(shortest)} '
+                f'and {format_duration(longest)}, but {" to ".join(extremes)}; '
+                f'{_mend("sample_period", proposed)}'
+            )
+
+
+def _mend(name: str, proposed: StreamConstraints) -> str:
+    given = {each: value for each, value in proposed.given().items() if each.startswith(name)}
+    if not given:
+        return f'remove {name}: the topic does not keep any'
+    return 'write ' + ', '.join(f'{each} = {format_duration(v)}' for each, v in given.items())
