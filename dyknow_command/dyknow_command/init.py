@@ -6,8 +6,8 @@ import argparse
 import sys
 from pathlib import Path
 
-from dyknow_command.observing import observe, observe_recording
-from dyknow_common import DyKnowError, ExitCode, duration_option, replace_text, round_duration
+from dyknow_command.observing import add_duration_option, observe, observe_recording
+from dyknow_common import DyKnowError, ExitCode, replace_text, round_duration
 from dyknow_common.executables import SUCCESS, describe
 from dyknow_configuration import (
     ConfigurationError,
@@ -71,17 +71,6 @@ def add_init_options(parser: argparse.ArgumentParser) -> None:
     add_duration_option(parser)
     parser.add_argument(
         '--export', type=Path, metavar='FOLDER', help='write the files of a robot.yaml to a folder'
-    )
-
-
-def add_duration_option(parser: argparse.ArgumentParser) -> None:
-    """Add the time for which the running robot is observed."""
-    parser.add_argument(
-        '--duration',
-        type=duration_option,
-        default='5 s',
-        metavar='TIME',
-        help='how long to listen to the running robot (default: 5 s)',
     )
 
 

@@ -8,10 +8,9 @@ import sys
 from collections.abc import Iterator
 from pathlib import Path
 
-from dyknow_command.init import add_duration_option
 from dyknow_command.linting.findings import Finding, in_order
 from dyknow_command.linting.inputs import LintInputs, read_inputs
-from dyknow_command.observing import observe, observe_recording
+from dyknow_command.observing import add_duration_option, observe, observe_recording
 from dyknow_common import round_duration
 from dyknow_common.executables import SUCCESS, describe
 from dyknow_configuration import ObservedTopic

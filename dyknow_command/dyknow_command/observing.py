@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import argparse
 from contextlib import closing
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -9,7 +10,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from dyknow_common import DyKnowError, ExitCode
+from dyknow_common import DyKnowError, ExitCode, duration_option
 from dyknow_common.executables import SOURCE_ENVIRONMENT
 from dyknow_configuration import (
     MAX_MESSAGES,
@@ -105,3 +106,14 @@ def observe(duration: int, fields: ReadFields, topic: str = '') -> tuple[Observe
         text = f'listening to a running robot needs ROS: {error}; {SOURCE_ENVIRONMENT}'
         raise DyKnowError(text, ExitCode.UNAVAILABLE) from None
     return observe_running(duration, fields, topic)
+
+
+def add_duration_option(parser: argparse.ArgumentParser) -> None:
+    """Add the time for which the running robot is observed."""
+    parser.add_argument(
+        '--duration',
+        type=duration_option,
+        default='5 s',
+        metavar='TIME',
+        help='how long to listen to the running robot (default: 5 s)',
+    )

@@ -8,8 +8,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from dyknow_command.init import add_duration_option
-from dyknow_command.observing import observe, observe_recording
+from dyknow_command.observing import add_duration_option, observe, observe_recording
 from dyknow_common import DyKnowError, ExitCode, format_duration, round_duration
 from dyknow_common.executables import SUCCESS, describe
 from dyknow_configuration import (

@@ -1,7 +1,7 @@
 """All faults of a robot.yaml, where reading it ends at the first.
 
-After a fault, the smallest part of the document that can be missing is removed, and the rest is read
-again:
+After a fault, the smallest part of the document that can be missing is removed, and the rest is
+read again:
 
     features:
       Speed: {of: {r: Rovr}, unit: m/s}      # unknown sort 'Rovr': the feature is removed
@@ -18,7 +18,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
 import yaml
 
@@ -89,27 +89,31 @@ def _remove(found: RobotFaults, error: ConfigurationError) -> bool:
 
     A reference to another file is removed for all faults of that file.
     """
-    document = found.document
-    root = document.node
-    if error.path is None or error.position == NOWHERE or not isinstance(root, yaml.MappingNode):
+    root, place = found.document.node, _place_of(found.document, error)
+    if place is None or not isinstance(root, yaml.MappingNode):
         return False
-    place = (error.position.line - 1, error.position.column - 1)
-    in_file = error.path == document.document.path
     for index, (key, value) in enumerate(root.value):
-        if not (
-            _is_in(key, place) or _is_in(value, place)
-            if in_file
-            else _names(document, value, error.path)
-        ):
-            continue
-        is_whole = not in_file or _is_in(key, place)
-        names = None if is_whole else _remove_within(key.value, value, place)
-        if names is None:
-            del root.value[index]
-        found.removed |= names or set()
-        found.lacks_texts |= key.value in _TEXTS
-        return True
+        if _is_in(key, place) or _is_in(value, place):
+            names = None if _is_in(key, place) else _remove_within(key.value, value, place)
+            if names is None:
+                del root.value[index]
+            found.removed |= names or set()
+            found.lacks_texts |= key.value in _TEXTS
+            return True
     return False
+
+
+def _place_of(document: YamlValue, error: ConfigurationError) -> tuple[int, int] | None:
+    """Return line and column of an error, or of the name of the file that it is in, from 0."""
+    if error.path is None or error.position == NOWHERE:
+        return None
+    if error.path == document.document.path:
+        return error.position.line - 1, error.position.column - 1
+    folder = document.document.path.parent
+    for node in _scalars(document.node):
+        if folder / node.value.strip() == error.path:
+            return node.start_mark.line, node.start_mark.column
+    return None
 
 
 def _remove_within(section: str, value: yaml.Node, place: tuple[int, int]) -> set[str] | None:
@@ -129,9 +133,9 @@ def _remove_within(section: str, value: yaml.Node, place: tuple[int, int]) -> se
                 at_fault = [each for each in entry.value if _is_in(each, place)]
                 entry.value = [each for each in entry.value if each not in at_fault]
                 if at_fault:
-                    return {name for each in at_fault for name in _scalars(each)}
+                    return _names(*at_fault)
             del value.value[index]
-            names = {key.value, *_scalars(entry)} if section == 'objects' else {key.value}
+            names = _names(key, entry) if section == 'objects' else {key.value}
             return names if section in _DECLARATIONS else set()
     return None
 
@@ -153,6 +157,10 @@ def _remove_source(feature: yaml.Node, place: tuple[int, int]) -> bool:
     return False
 
 
+def _names(*nodes: yaml.Node) -> set[str]:
+    return {each.value for node in nodes for each in _scalars(node)}
+
+
 def _is_in(node: yaml.Node, place: tuple[int, int]) -> bool:
     start, end = node.start_mark, node.end_mark
     if isinstance(node, yaml.CollectionNode) and node.flow_style is False:
@@ -161,22 +169,17 @@ def _is_in(node: yaml.Node, place: tuple[int, int]) -> bool:
     return (start.line, start.column) <= place <= (end.line, end.column)
 
 
-def _names(document: YamlValue, value: yaml.Node, path: Path) -> bool:
-    """Return True if a text within a value names a file."""
-    folder = document.document.path.parent
-    return any(folder / text.strip() == path for text in _scalars(value))
-
-
-def _scalars(node: Any) -> Iterator[str]:
-    """Yield the texts in a node, those in anchors once."""
-    pending, seen = [node], set()
+def _scalars(node: yaml.Node) -> Iterator[yaml.ScalarNode]:
+    """Yield the scalars in a node, those in anchors once."""
+    pending: list[yaml.Node] = [node]
+    seen: set[int] = set()
     while pending:
         each = pending.pop()
         if id(each) in seen:
             continue
         seen.add(id(each))
         if isinstance(each, yaml.ScalarNode):
-            yield str(each.value)
+            yield each
         elif isinstance(each, yaml.SequenceNode):
             pending += each.value
         elif isinstance(each, yaml.MappingNode):

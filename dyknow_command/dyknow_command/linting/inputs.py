@@ -6,9 +6,7 @@ import re
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Final
-
-import yaml
+from typing import Any, Final
 
 from dyknow_command.linting.findings import FilePlace, Finding, error_at, robot_error
 from dyknow_command.linting.statements import syntax_findings
@@ -119,7 +117,7 @@ def read_inputs(paths: Iterable[Path]) -> LintInputs:
 def _read_yaml_file(inputs: LintInputs, path: Path) -> None:
     document = read_yaml(path)
     inputs.texts[str(path)] = document.document.text
-    if isinstance(document.node, yaml.SequenceNode):
+    if document.is_list:
         try:
             formulas = read_formulas(path)
         except ConfigurationError as error:
@@ -212,8 +210,8 @@ def _read_statements(
     inputs.findings += found
     inputs.is_complete &= not found
     if is_added:
-        known = getattr(inputs.files, kind)
-        inputs.files = replace(inputs.files, **{kind: (*known, path)})
+        changed: dict[str, Any] = {kind: (*getattr(inputs.files, kind), path)}
+        inputs.files = replace(inputs.files, **changed)
 
 
 def _read_lines(inputs: LintInputs, path: Path) -> None:
@@ -229,9 +227,8 @@ def _read_lines(inputs: LintInputs, path: Path) -> None:
         except (LanguageError, DyKnowError) as error:
             inputs.findings.append(error_at(place, error))
             continue
-        inputs.formulas.append(
-            PlacedFormula(
-                RequestedFormula(formula),
-                lambda index, place=place: place.moved(TextPosition(1, index + 1)),
-            )
-        )
+        inputs.formulas.append(PlacedFormula(RequestedFormula(formula), _place_after(place)))
+
+
+def _place_after(place: FilePlace) -> Callable[[int], FilePlace]:
+    return lambda index: place.moved(TextPosition(1, index + 1))

@@ -64,7 +64,7 @@ def topic_findings(
     for use in _uses(inputs):
         topic = topics.get(use.topic)
         if topic is None or topic.publishers == 0:
-            near = nearest_topics(use.topic, list(topics))
+            near = nearest_topics(use.topic, list(topics))[:2]
             hint = f'did you mean {" or ".join(near)}?' if near else 'is its publisher missing?'
             yield error_at(use.place, f'there is no topic {use.topic} {where}; {hint}')
         elif not topic.count:

@@ -48,6 +48,8 @@ from dyknow_stream_processing import (
 
 _QUOTED = re.compile(r"'([A-Za-z_][\w:]*)|\b([A-Za-z_]\w*)\[")
 
+_IN_CONCEPT = re.compile(r'concept:\d+:\d+: (?P<reason>.*)')
+
 Contents = Mapping[str, TopicContent]
 
 
@@ -62,6 +64,7 @@ class VocabularyChecks:
     def __init__(self, inputs: LintInputs, contents: Contents) -> None:
         self._inputs = inputs
         self._contents = contents
+        self._unfit: set[str] = set()
 
     def findings(self) -> Iterator[Finding]:
         """Yield what is wrong or unused."""
@@ -98,6 +101,7 @@ class VocabularyChecks:
                 if annotation.is_topic and content is not None and content.fields is not None:
                     check_fields(annotation, knowledge, content.message_type, content.fields)
             except LanguageError as error:
+                self._unfit |= {each.feature.name for each in annotation.contents}
                 place = self._inputs.place_of(source)
                 if isinstance(source, InlineText):
                     yield error_at(place, error.reason)
@@ -112,8 +116,9 @@ class VocabularyChecks:
             try:
                 grounder.ground(requested.text, constants=requested.constants)
             except DyKnowError as error:
-                reason = error.reason if isinstance(error, LanguageError) else error.message
-                if not self._inputs.is_consequence(reason):
+                reason = _reason(error)
+                is_unfit = any(f'no stream carries {each}' in reason for each in self._unfit)
+                if not is_unfit and not self._inputs.is_consequence(reason):
                     yield error_at(formula.place(_mentioned(reason, requested.text)), reason)
         yield from self._reference_findings()
 
@@ -214,9 +219,8 @@ def stream_findings(inputs: LintInputs, contents: Contents) -> Iterator[Finding]
         if len(waiting) == count:
             break
     for name, (source, _) in waiting.items():
-        error = faults[name]
-        reason = error.reason if isinstance(error, LanguageError) else error.message
-        yield error_at(_stream_place(inputs, source, name), f"stream '{name}': {reason}")
+        text = f"stream '{name}': {_reason(faults[name])}"
+        yield error_at(_stream_place(inputs, source, name), text)
 
 
 def _stream_place(inputs: LintInputs, source: TextSource, name: str) -> FilePlace:
@@ -239,6 +243,17 @@ def _ontology_findings(inputs: LintInputs) -> Iterator[Finding]:
                     ontology.load(source)
             except DyKnowError as error:
                 yield error_at(FilePlace(str(source)), error)
+
+
+def _reason(error: DyKnowError) -> str:
+    """Return an error in a line, without the text that matching was asked for."""
+    if isinstance(error, LanguageError):
+        return error.reason
+    first, *others = error.message.split('\n')
+    found = _IN_CONCEPT.match(others[0]) if others else None
+    if found is None:
+        return '; '.join([first, *others[:1]])
+    return found['reason'].rpartition(' and no object: ')[2]
 
 
 def _mentioned(message: str, text: str) -> int:

@@ -110,6 +110,11 @@ class YamlValue:
         """True if this is a mapping."""
         return isinstance(self.node, yaml.MappingNode)
 
+    @property
+    def is_list(self) -> bool:
+        """True if this is a list."""
+        return isinstance(self.node, yaml.SequenceNode)
+
     def expected(self, description: str, hint: str = '') -> ConfigurationError:
         """Return the error that this value is something else than what is expected."""
         kind = self.node.tag.removeprefix(_TAG)

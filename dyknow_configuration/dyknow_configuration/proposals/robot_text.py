@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Iterable, Iterator
-from itertools import chain
+from itertools import chain, pairwise
 from pathlib import Path
 from typing import Final
 
@@ -128,7 +128,20 @@ def _formulas(used: Iterable[FeatureDraft]) -> Iterator[str]:
         yield f'    formula: {_scalar(each.ground_formula)}'
         yield '    severity: warning'
     if not features:
-        yield '#  - {name: alive, formula: \'always "/topic".field > 0\'}'
+        yield "  # - {name: alive, formula: 'always \"/topic\".field > 0'}"
+    for first, second in pairwise(features):
+        if first.domains == second.domains:
+            yield '  # An example of what must follow within a time:'
+            yield f'  # - name: {_words(second.name)} after {_words(first.name)}'
+            yield f'  #   formula: {_scalar(_response(first, second))}'
+            return
+
+
+def _response(cause: FeatureDraft, effect: FeatureDraft) -> str:
+    """Return a formula: the one of the effect holds soon after the one of the cause does not."""
+    beginning, _, expected = cause.ground_formula.partition('always ')
+    result = effect.ground_formula.partition('always ')[2]
+    return f'{beginning}always (not ({expected}) -> eventually[0 s, 5 s] {result})'
 
 
 def _values(seen: SeenValues) -> str:

@@ -228,15 +228,17 @@ def broken_constraints(times: TopicTimes, stated: StreamConstraints) -> Iterator
                 text + f'{kind} of up to {round_duration(int(own.max()))}; {_mend(name, proposed)}'
             )
     shortest, longest = stated.shortest_period, stated.longest_period
-    if shortest is not None and longest is not None and len(intervals):
-        broken = int(((intervals < shortest) | (intervals > longest)).sum())
-        if broken:
-            extremes = (round_duration(int(each)) for each in (intervals.min(), intervals.max()))
-            yield (
-                f'{broken} of {len(intervals)} intervals are not between {format_duration(shortest)} '
-                f'and {format_duration(longest)}, but {" to ".join(extremes)}; '
-                f'{_mend("sample_period", proposed)}'
-            )
+    if shortest is None or longest is None or not len(intervals):
+        return
+    if broken := int(((intervals < shortest) | (intervals > longest)).sum()):
+        allowed = f'{format_duration(shortest)} and {format_duration(longest)}'
+        measured = (
+            f'{round_duration(int(intervals.min()))} to {round_duration(int(intervals.max()))}'
+        )
+        yield (
+            f'{broken} of {len(intervals)} intervals are not between {allowed}, but {measured}; '
+            f'{_mend("sample_period", proposed)}'
+        )
 
 
 def _mend(name: str, proposed: StreamConstraints) -> str:
