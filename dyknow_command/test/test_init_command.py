@@ -58,7 +58,8 @@ ARM = {
     '/arm/joint_states': ('sensor_msgs/msg/JointState', joints),
     '/diagnostics': ('diagnostic_msgs/msg/DiagnosticArray', diagnostics),
     '/front/scan': ('sensor_msgs/msg/LaserScan', scan),
-    '/odd topic\'s: #"{name}': ('std_msgs/msg/Bool', boolean),
+    '/odd topic\'s: #"': ('std_msgs/msg/Bool', boolean),
+    '/odder/{name}': ('std_msgs/msg/Bool', boolean),
     '/on': ('std_msgs/msg/Bool', boolean),
     '/scan': ('sensor_msgs/msg/LaserScan', scan),
 }

@@ -85,7 +85,8 @@ class RobotDraft:
 def draft_robot(topics: Iterable[ObservedTopic]) -> RobotDraft:
     """Return what is proposed for observed topics."""
     ordered = tuple(sorted(topics, key=lambda each: each.name))
-    observed = [each for each in ordered if each.count]
+    # In a robot.yaml, a brace begins the name of a variable.
+    observed = [each for each in ordered if each.count and '{' not in each.name]
     maker = _Maker(robots_of(observed), observed)
     features = tuple(maker.features())
     return RobotDraft(maker.objects, features, ordered)

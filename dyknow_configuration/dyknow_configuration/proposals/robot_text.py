@@ -14,8 +14,8 @@ from dyknow_configuration.proposals.drafts import FeatureDraft, RobotDraft, draf
 from dyknow_configuration.proposals.observations import ObservedTopic, SeenValues
 from dyknow_configuration.proposals.timing import TopicTiming, timing_of
 
-_PLAIN: Final = re.compile(r'[A-Za-z_/][A-Za-z0-9_/.]*', re.ASCII)
-_WORDS_OF_YAML: Final = {'true', 'false', 'yes', 'no', 'on', 'off', 'null', 'y', 'n'}
+_PLAIN: Final = re.compile(r'[A-Za-z_/][A-Za-z0-9_/.]*( [A-Za-z0-9_/.]+)*', re.ASCII)
+_WORDS_OF_YAML: Final = {'true', 'false', 'yes', 'no', 'on', 'off', 'null'}
 _WORD: Final = re.compile(r'(?<=[a-z0-9])(?=[A-Z])')
 
 
@@ -96,7 +96,7 @@ def _features(used: Iterable[FeatureDraft], others: Iterable[FeatureDraft]) -> I
 
 def _feature(feature: FeatureDraft) -> Iterator[str]:
     proposal = feature.proposal
-    yield f'{feature.name}:'
+    yield f'{_scalar(feature.name)}:'
     if proposal.description:
         yield f'  description: {_scalar(proposal.description)}'
     if feature.domains:
@@ -124,7 +124,7 @@ def _formulas(used: Iterable[FeatureDraft]) -> Iterator[str]:
     features = list(used)
     yield 'formulas:'
     for each in features:
-        yield f'  - name: {_words(each.name)}'
+        yield f'  - name: {_scalar(_words(each.name))}'
         yield f'    formula: {_scalar(each.ground_formula)}'
         yield '    severity: warning'
     if not features:
