@@ -128,7 +128,7 @@ def _formulas(used: Iterable[FeatureDraft]) -> Iterator[str]:
         yield f'    formula: {_scalar(each.ground_formula)}'
         yield '    severity: warning'
     if not features:
-        yield "  # - {name: alive, formula: 'always \"/topic\".field > 0'}"
+        yield '  # - {name: alive, formula: \'always "/topic".field > 0\'}'
     for first, second in pairwise(features):
         if first.domains == second.domains:
             yield '  # An example of what must follow within a time:'
