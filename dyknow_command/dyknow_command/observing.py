@@ -73,7 +73,8 @@ def observe_recording(path: Path, fields: ReadFields, topic: str = '') -> tuple[
         }
         if topic and topic not in wanted:
             recording.fields(topic)  # Raises the error.
-        found = {name: _RecordedTimes() for name in wanted}
+        # Those whose type is not defined cannot be read.
+        found = {name: _RecordedTimes() for name in contents if topic in {'', name}}
         for part in recording.columns(wanted):
             found[part.topic].add(part)
         end = recording.end_time

@@ -67,6 +67,9 @@ def topic_findings(
             near = nearest_topics(use.topic, list(topics))[:2]
             hint = f'did you mean {" or ".join(near)}?' if near else 'is its publisher missing?'
             yield error_at(use.place, f'there is no topic {use.topic} {where}; {hint}')
+        elif topic.fields is None:
+            text = f'{use.topic}: its message type {topic.message_type} is not defined'
+            yield error_at(use.place, f'{text}; install its package, or record its definition')
         elif not topic.count:
             text = f'no message of {use.topic} came {where}; its timing was not checked'
             yield warning_at(use.place, text)

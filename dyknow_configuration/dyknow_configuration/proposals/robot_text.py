@@ -73,7 +73,8 @@ def _topics(draft: RobotDraft) -> Iterator[str]:
         yield f'#   {_comment(each.name)} ({_comment(each.message_type)})'
         messages = f'{each.count} message{"s" * (each.count != 1)}'
         timing = f', {timing_text(timing_of(each.times))}' if each.count else ''
-        yield f'#       {messages}{timing}'
+        unknown = 'its message type is not defined here: it was not read'
+        yield f'#       {unknown if each.fields is None else messages + timing}'
     if not draft.topics:
         yield '#   none'
 
