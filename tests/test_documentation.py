@@ -12,6 +12,7 @@ from pathlib import Path
 
 import pytest
 
+import dyknow_command
 from dyknow_common import NO_CONSTRAINTS, InlineText, LanguageError, SymbolKind
 from dyknow_configuration import ConfigurationError, read_robot
 from dyknow_reasoning import check_types, parse_formula, symbols_of
@@ -293,3 +294,28 @@ def _constant(name: str, source: str) -> str:
             case ast.Assign([ast.Name(assigned)], ast.Constant(str(value))) if assigned == name:
                 return value
     raise AssertionError(name)
+
+
+def printed(verb: str) -> str:
+    """What the page on configuration shows for a verb, after the command line."""
+    text = (ROOT / CONFIGURATION).read_text(encoding='utf-8')
+    (found,) = re.findall(rf'^\$ dyknow {verb} .*\n((?:.*\n)*?)```$', text, re.MULTILINE)
+    return str(found)
+
+
+def test_the_suggestion_of_the_manual(capsys: pytest.CaptureFixture[str]) -> None:
+    recording = ROOT / 'dyknow_bringup' / 'recordings' / 'nominal'
+    assert dyknow_command.main(['suggest', '/uav1/battery', str(recording)]) == 0
+    assert capsys.readouterr().out == printed('suggest')
+
+
+def test_the_findings_of_the_manual() -> None:
+    shown = (ROOT / 'dyknow_command/test/linted/robot.expected').read_text(encoding='utf-8')
+    assert printed('lint') in shown
+
+
+def test_the_proposal_of_the_manual() -> None:
+    (text,) = (each for each in blocks(CONFIGURATION, 'yaml') if '# Seen:' in each)
+    proposed = ROOT / 'dyknow_command/test/proposed/nominal.yaml'
+    lines = proposed.read_text(encoding='utf-8').splitlines()
+    assert set(text.splitlines()) - {'  Uav: [uav1, uav2]'} <= {*lines}

@@ -41,7 +41,13 @@ VERBS: Final[Mapping[str, Verb]] = {
     'check': Verb(
         'dyknow_recordings.check', 'check formulas over recordings, without ROS', needs_ros=False
     ),
-    'init': Verb('dyknow_configuration.init', 'write the files of a robot.yaml', needs_ros=False),
+    'init': Verb(
+        'dyknow_command.init', 'propose a robot.yaml for a robot or a recording', needs_ros=False
+    ),
+    'suggest': Verb(
+        'dyknow_command.suggest', 'measure the timing that a topic keeps', needs_ros=False
+    ),
+    'lint': Verb('dyknow_command.lint', 'check files without running them', needs_ros=False),
     'replay': Verb('dyknow_bringup.ros.replay', 'publish a recording on its topics'),
     'parse': Verb(
         'dyknow_command.parse', 'check a text, and print its canonical form', needs_ros=False

@@ -1,8 +1,26 @@
 """The file that describes a robot and what is monitored: robot.yaml."""
 
+from dyknow_configuration.documents.yaml_values import YamlValue, read_yaml
 from dyknow_configuration.errors import ConfigurationError
+from dyknow_configuration.faults import RobotFaults, find_faults
 from dyknow_configuration.formulas import read_formulas
 from dyknow_configuration.nodes import PACKAGES
+from dyknow_configuration.proposals.observations import (
+    MAX_MESSAGES,
+    ObservedTopic,
+    ReadFields,
+    SeenValues,
+    fields_of_interest,
+)
+from dyknow_configuration.proposals.robot_text import robot_text
+from dyknow_configuration.proposals.timing import (
+    ProposedTiming,
+    TopicTimes,
+    TopicTiming,
+    broken_constraints,
+    proposed_timing,
+    timing_of,
+)
 from dyknow_configuration.reading import read_robot
 from dyknow_configuration.robot import (
     ParameterValue,
@@ -14,15 +32,31 @@ from dyknow_configuration.robot import (
 from dyknow_configuration.writing import export, write_texts
 
 __all__ = [
+    'MAX_MESSAGES',
     'PACKAGES',
     'ConfigurationError',
+    'ObservedTopic',
     'ParameterValue',
+    'ProposedTiming',
+    'ReadFields',
     'RequestedFormula',
     'RobotConfiguration',
+    'RobotFaults',
+    'SeenValues',
     'Severity',
     'TextSource',
+    'TopicTimes',
+    'TopicTiming',
+    'YamlValue',
+    'broken_constraints',
     'export',
+    'fields_of_interest',
+    'find_faults',
+    'proposed_timing',
     'read_formulas',
     'read_robot',
+    'read_yaml',
+    'robot_text',
+    'timing_of',
     'write_texts',
 ]

@@ -60,7 +60,14 @@ def read_robot(
     Raises:
         ConfigurationError: naming the file, the place and the correction.
     """
-    values = read_yaml(path).mapping(KEYS)
+    return robot_of(read_yaml(path), objects)
+
+
+def robot_of(
+    document: YamlValue, objects: Mapping[str, Sequence[str]] | None = None
+) -> RobotConfiguration:
+    """Return what the whole of a robot.yaml describes; as `read_robot`."""
+    values, path = document.mapping(KEYS), document.document.path
     vocabulary = read_vocabulary(values).with_objects(objects or {})
     stream_values = values['streams'].one_or_more() if 'streams' in values else []
     own_streams = [each for each in stream_values if is_stream_text(each)]

@@ -73,7 +73,7 @@ class _FeatureSource:
     def annotations(self) -> Iterator[InlineText]:
         """Yield an annotation for each choice of objects."""
         for objects in choices(self._objects):
-            yield InlineText(self._value.place, self._annotation(objects))
+            yield InlineText(self._stated['field'].place, self._annotation(objects))
 
     def _annotation(self, objects: Mapping[str, str]) -> str:
         stream = str(ComposedText().add_template(self._stream, objects)).strip()

@@ -27,6 +27,11 @@ _RESERVED: Final = FORMULA_WORDS | SSL_WORDS | FUNCTIONS
 _UPPER: Final = {'Object', 'Feature', 'NullaryFeature', 'Thing', 'Nothing'}
 
 
+def is_free_name(name: str) -> bool:
+    """Return True if a text can be the name of a sort, an object or a feature."""
+    return bool(_NAME.fullmatch(name)) and name not in _RESERVED and name not in _UPPER
+
+
 def read_vocabulary(values: Mapping[str, YamlValue]) -> RobotVocabulary:
     """Return the sorts and features of a robot.yaml.
 

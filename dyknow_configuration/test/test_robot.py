@@ -114,8 +114,8 @@ def test_the_annotations(tmp_path: Path) -> None:
         'stream "/weather" contains Wind = speed;',
     ]
     assert {each.name for each in configuration.annotations if isinstance(each, InlineText)} >= {
-        f'{tmp_path}/robot.yaml:17',
-        f'{tmp_path}/robot.yaml:18',
+        f'{tmp_path}/robot.yaml:17:37',
+        f'{tmp_path}/robot.yaml:18:33',
     }
 
 

@@ -4,6 +4,8 @@ from dyknow_configuration import RequestedFormula
 from dyknow_recordings.errors import RecordingError
 from dyknow_recordings.evaluation.episodes import EpisodeStart, Every
 from dyknow_recordings.evaluation.evaluation import evaluate_recording
+from dyknow_recordings.evaluation.grounding import FormulaGrounder, GroundedFormula
+from dyknow_recordings.evaluation.loading import load_vocabulary
 from dyknow_recordings.evaluation.results import (
     Episode,
     FormulaReport,
@@ -11,7 +13,8 @@ from dyknow_recordings.evaluation.results import (
     RecordingReport,
     StateGap,
 )
-from dyknow_recordings.evaluation.vocabulary import MonitoringFiles
+from dyknow_recordings.evaluation.streams import RecordedStreams
+from dyknow_recordings.evaluation.vocabulary import MonitoringFiles, Vocabulary
 from dyknow_recordings.reading.bags.bag import Bag, RecordedMessage
 from dyknow_recordings.reading.columns import MessageColumns
 from dyknow_recordings.reading.contents import TopicContent
@@ -32,7 +35,9 @@ __all__ = [
     'Episode',
     'EpisodeStart',
     'Every',
+    'FormulaGrounder',
     'FormulaReport',
+    'GroundedFormula',
     'Judgement',
     'MessageColumns',
     'MonitoringFiles',
@@ -41,6 +46,7 @@ __all__ = [
     'QualityOfService',
     'RecordedFields',
     'RecordedMessage',
+    'RecordedStreams',
     'RecordedTopic',
     'RecordingError',
     'RecordingFault',
@@ -49,7 +55,9 @@ __all__ = [
     'RequestedFormula',
     'StateGap',
     'TopicContent',
+    'Vocabulary',
     'evaluate_recording',
     'in_order',
+    'load_vocabulary',
     'open_recording',
 ]

@@ -3,6 +3,7 @@
 from dyknow_common.ros.commands import (
     CommandNode,
     command_main,
+    ros_errors,
     run_ros_main,
     run_with_node,
 )
@@ -98,6 +99,7 @@ __all__ = [
     'only_from',
     'only_owner',
     'only_publishers_of',
+    'ros_errors',
     'run',
     'run_ros_main',
     'run_with_node',

@@ -5,8 +5,8 @@ from __future__ import annotations
 import argparse
 import os
 import sys
-from collections.abc import Callable
-from contextlib import closing
+from collections.abc import Callable, Iterator
+from contextlib import closing, contextmanager
 
 import rclpy
 from rclpy.clock import Clock, ClockType
@@ -17,6 +17,7 @@ from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 from rclpy.utilities import remove_ros_args
 
+from dyknow_common.durations import SECOND_NS
 from dyknow_common.errors import DyKnowError, one_line
 from dyknow_common.executables import SUCCESS, interruptible, run_main
 from dyknow_common.ros.topics.names import RCLError
@@ -69,6 +70,12 @@ class CommandNode:
                 raise error()
             self._executor.spin_once(timeout_sec=TICK_PERIOD_S)
 
+    def spin_for(self, duration: int) -> None:
+        """Run callbacks for a time, in nanoseconds."""
+        end = self.deadline(duration)
+        while (left := end - self._clock.now().nanoseconds) > 0:
+            self._executor.spin_once(timeout_sec=min(left / SECOND_NS, TICK_PERIOD_S))
+
 
 def command_main(name: str, add_options: Callable[[argparse.ArgumentParser], None]) -> int:
     """Run an executable that is one command, and return its exit code.
@@ -108,11 +115,18 @@ def run_ros_main(command: str, work: Callable[[], int]) -> int:
     """Do the work of a command that uses ROS; arguments and result are those of `run_main`."""
 
     def work_of_command() -> int:
-        try:
+        with ros_errors():
             return work()
-        except ExternalShutdownException:
-            raise KeyboardInterrupt from None
-        except ROS_ERRORS as error:
-            raise DyKnowError(one_line(error)) from None
 
     return run_main(command, work_of_command)
+
+
+@contextmanager
+def ros_errors() -> Iterator[None]:
+    """Raise errors of ROS in a block as what `run_main` expects."""
+    try:
+        yield
+    except ExternalShutdownException:
+        raise KeyboardInterrupt from None
+    except ROS_ERRORS as error:
+        raise DyKnowError(one_line(error)) from None

@@ -20,7 +20,6 @@ import yaml
 from dyknow_common import (
     MAX_CHARACTERS,
     DyKnowError,
-    LanguageError,
     TextPosition,
     listed,
     parse_duration,
@@ -61,9 +60,7 @@ class YamlDocument:
 
     def error(self, message: str, position: TextPosition) -> ConfigurationError:
         """Return an error at a position of the text."""
-        return ConfigurationError(
-            LanguageError(message, str(self.path), self.text, position).message
-        )
+        return ConfigurationError.at(message, self.path, self.text, position)
 
 
 @dataclass(frozen=True, slots=True)
@@ -95,8 +92,8 @@ class YamlValue:
 
     @property
     def place(self) -> str:
-        """The file with the line."""
-        return f'{self.document.path}:{self.node.start_mark.line + 1}'
+        """The file with the line and the column."""
+        return f'{self.document.path}:{self.position(0)}'
 
     @property
     def is_text(self) -> bool:
@@ -112,6 +109,11 @@ class YamlValue:
     def is_mapping(self) -> bool:
         """True if this is a mapping."""
         return isinstance(self.node, yaml.MappingNode)
+
+    @property
+    def is_list(self) -> bool:
+        """True if this is a list."""
+        return isinstance(self.node, yaml.SequenceNode)
 
     def expected(self, description: str, hint: str = '') -> ConfigurationError:
         """Return the error that this value is something else than what is expected."""

@@ -11,6 +11,7 @@ from dyknow_recordings.reading.contents import TopicContent
 from dyknow_semantics import (
     ALL_TRIPLES,
     Annotation,
+    Knowledge,
     Matcher,
     Ontology,
     Origin,
@@ -64,6 +65,7 @@ class SemanticVocabulary:
             if (content := _topic_of(each, topics)) is not None and content.fields is not None
         }
         checks = check_annotations(annotations, fields, known.stated, origins)
+        self.knowledge: Knowledge | None = known.stated
         self.notes: Sequence[str] = (*known.faults, *checks.messages)
         self._matcher = Matcher(known.known, known.stated)
         self._matcher.set_annotations(annotations, checks.field_faults)

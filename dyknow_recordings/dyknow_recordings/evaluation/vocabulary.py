@@ -4,11 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Final, Protocol
+from typing import TYPE_CHECKING, Final, Protocol
 
 from dyknow_common import ExitCode
 from dyknow_configuration import TextSource
 from dyknow_recordings.errors import RecordingError
+
+if TYPE_CHECKING:
+    from dyknow_semantics import Knowledge
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,6 +40,10 @@ class Vocabulary(Protocol):
     """The answers of the semantic nodes. All methods but `close` raise DyKnowError."""
 
     @property
+    def knowledge(self) -> Knowledge | None:
+        """The ontologies without bridges; None if there are none."""
+
+    @property
     def notes(self) -> Sequence[str]:
         """Annotations and bridges that are not used, with the reasons."""
 
@@ -60,6 +67,7 @@ class NoVocabulary:
         domains: the objects of each sort.
     """
 
+    knowledge: Knowledge | None = None
     notes: Sequence[str] = ()
 
     def __init__(self, domains: Mapping[str, tuple[str, ...]]) -> None:

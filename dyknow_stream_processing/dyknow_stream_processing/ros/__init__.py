@@ -18,6 +18,7 @@ from dyknow_stream_processing.ros.messages.sample_messages import (
     sample_valid_time,
 )
 from dyknow_stream_processing.ros.stream_proxy import StreamProxy
+from dyknow_stream_processing.ros.topics.node_topics import NodeTopics
 from dyknow_stream_processing.ros.topics.process_pauses import PAUSES
 from dyknow_stream_processing.ros.topics.publications import publishers_of
 from dyknow_stream_processing.ros.topics.sequence_gaps import SequenceGaps
@@ -26,6 +27,7 @@ from dyknow_stream_processing.ros.topics.topic_sources import source_type
 __all__ = [
     'PAUSES',
     'FieldReader',
+    'NodeTopics',
     'SampleWriter',
     'SequenceGaps',
     'StreamProxy',

@@ -1,0 +1,93 @@
+"""The verb `lint`: check files by themselves, and against a robot or a recording."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+from dyknow_command.linting.findings import Finding, in_order
+from dyknow_command.linting.inputs import LintInputs, read_inputs
+from dyknow_command.observing import add_duration_option, observe, observe_recording
+from dyknow_common import round_duration
+from dyknow_common.executables import SUCCESS, describe
+from dyknow_configuration import ObservedTopic
+
+FINDINGS = 1
+"""The exit code if something was found."""
+
+
+def lint(options: argparse.Namespace) -> int:
+    """Check files, print the findings, and return the exit code."""
+    inputs = read_inputs(options.file)
+    topics = _observed(options) if inputs.is_complete else None
+    findings = in_order([*inputs.findings, *_findings(inputs, topics, _where(options))])
+    for each in findings:
+        print(json.dumps(each.document) if options.json else each)  # noqa: T201 - a command
+    names = ', '.join(map(str, options.file))
+    if not inputs.is_complete:
+        sys.stderr.write('dyknow lint: names and topics are checked when these are mended\n')
+    elif not findings and not options.json:
+        print(f'{names}: nothing found')  # noqa: T201
+    return FINDINGS if findings else SUCCESS
+
+
+def add_lint_options(parser: argparse.ArgumentParser) -> None:
+    """Add the options of the verb."""
+    parser.set_defaults(command=lint)
+    describe(
+        parser,
+        'Check files: a robot.yaml, or ontologies (.owl, .ttl), annotations (.ssl), streams '
+        '(.streams), bridges (.bridges) and formulas (.yaml, or one a line) that belong together. '
+        'Shows all errors, names that mean nothing, and what is not used. With --live or '
+        '--recording, also the fields, types, publishers and timing of topics.',
+        (
+            'dyknow lint robot.yaml',
+            'dyknow lint robot.yaml --live --duration 10',
+            'dyknow lint robot.yaml --recording flight.mcap',
+            'dyknow lint rover.owl rover.ssl rover.streams',
+        ),
+        '0 if nothing was found, 1 if something was, 2 if a file cannot be checked',
+    )
+    parser.add_argument('file', nargs='+', type=Path, help='files that are used together')
+    source = parser.add_mutually_exclusive_group()
+    source.add_argument(
+        '--live', action='store_true', help='check the topics of the running robot, too'
+    )
+    source.add_argument(
+        '--recording', type=Path, metavar='FILE', help='check the topics of a recording, too'
+    )
+    add_duration_option(parser)
+    parser.add_argument('--json', action='store_true', help='print a line of JSON for each finding')
+
+
+def _findings(
+    inputs: LintInputs, topics: tuple[ObservedTopic, ...] | None, where: str
+) -> Iterator[Finding]:
+    if not inputs.is_complete:
+        return
+    # The libraries for ontologies take a second to load.
+    from dyknow_command.linting.topic_checks import (  # noqa: PLC0415
+        contents_of,
+        topic_findings,
+    )
+    from dyknow_command.linting.vocabulary_checks import VocabularyChecks  # noqa: PLC0415
+
+    observed = {each.name: each for each in topics or ()}
+    yield from VocabularyChecks(inputs, contents_of(observed)).findings()
+    if topics is not None:
+        yield from topic_findings(inputs, observed, where)
+
+
+def _observed(options: argparse.Namespace) -> tuple[ObservedTopic, ...] | None:
+    if options.recording is not None:
+        return observe_recording(options.recording, lambda *_: ())
+    return observe(options.duration, lambda *_: ()) if options.live else None
+
+
+def _where(options: argparse.Namespace) -> str:
+    if options.recording is not None:
+        return f'in {options.recording}'
+    return f'within {round_duration(options.duration)}'

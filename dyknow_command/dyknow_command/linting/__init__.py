@@ -1,0 +1,1 @@
+"""Checks of files: what is wrong in them, and what means nothing."""

@@ -1,0 +1,234 @@
+"""The files of a check: their texts, formulas and places, and the faults in each by itself."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any, Final
+
+from dyknow_command.linting.findings import FilePlace, Finding, error_at, robot_error
+from dyknow_command.linting.statements import syntax_findings
+from dyknow_common import (
+    DyKnowError,
+    InlineText,
+    LanguageError,
+    TextPosition,
+    read_text,
+)
+from dyknow_configuration import (
+    ConfigurationError,
+    RequestedFormula,
+    RobotFaults,
+    TextSource,
+    YamlValue,
+    find_faults,
+    read_formulas,
+    read_yaml,
+)
+from dyknow_reasoning import check_types, parse_formula
+from dyknow_recordings import MonitoringFiles
+from dyknow_stream_processing import parse_specification
+
+ONTOLOGY_ENDINGS: Final = ('.owl', '.ttl', '.rdf', '.xml', '.nt')
+_SECTIONS: Final = ('sorts', 'objects', 'features', 'constants')
+_PLACE: Final = re.compile(r'(?P<path>.*):(?P<line>\d+):(?P<column>\d+)', re.DOTALL)
+
+
+@dataclass(frozen=True, slots=True)
+class PlacedFormula:
+    """A formula, and the place of each of its characters.
+
+    Args:
+        requested: the formula.
+        place: returns the place of a character, given its index.
+    """
+
+    requested: RequestedFormula
+    place: Callable[[int], FilePlace]
+
+
+@dataclass(slots=True)
+class LintInputs:
+    """The content of all files.
+
+    Args:
+        files: their texts in the languages.
+        formulas: with their places.
+        findings: the faults of single files.
+        places: of what a robot.yaml declares, by section and name.
+        consequences: return True for a message that is a consequence of another fault.
+        is_complete: False if a text is at fault, so what it declares is not known.
+        texts: of the files, by their paths.
+        has_robot: True if there is a robot.yaml.
+    """
+
+    files: MonitoringFiles = field(default_factory=MonitoringFiles)
+    formulas: list[PlacedFormula] = field(default_factory=list)
+    findings: list[Finding] = field(default_factory=list)
+    places: dict[tuple[str, str], FilePlace] = field(default_factory=dict)
+    consequences: list[Callable[[str], bool]] = field(default_factory=list)
+    is_complete: bool = True
+    texts: dict[str, str] = field(default_factory=dict)
+    has_robot: bool = False
+
+    def is_consequence(self, message: str) -> bool:
+        """Return True if a message is due to a fault that is among the findings."""
+        return any(each(message) for each in self.consequences)
+
+    def place_of(self, source: TextSource) -> FilePlace:
+        """Return where a text begins."""
+        found = _PLACE.fullmatch(str(source)) if isinstance(source, InlineText) else None
+        if found is None:
+            return FilePlace(str(source), self.texts.get(str(source), ''), TextPosition(1, 1))
+        position = TextPosition(int(found['line']), int(found['column']))
+        return FilePlace(found['path'], self.texts.get(found['path'], ''), position)
+
+
+def read_inputs(paths: Iterable[Path]) -> LintInputs:
+    """Return the content of files: robot.yaml, texts in the languages, formulas.
+
+    Raises:
+        DyKnowError: for a file that cannot be read.
+    """
+    from dyknow_semantics import parse_annotations, parse_bridges  # noqa: PLC0415 - takes a second
+
+    inputs = LintInputs()
+    for path in paths:
+        ending = path.suffix.lower()
+        if ending in {'.yaml', '.yml'}:
+            _read_yaml_file(inputs, path)
+        elif ending in ONTOLOGY_ENDINGS:
+            if not path.is_file():
+                read_text(path, 'ontology', ConfigurationError)  # Raises the error.
+            inputs.files = replace(inputs.files, ontologies=(*inputs.files.ontologies, path))
+        elif ending == '.ssl':
+            _read_statements(inputs, path, 'annotations', parse_annotations)
+        elif ending == '.streams':
+            _read_statements(inputs, path, 'streams', parse_specification)
+        elif ending == '.bridges':
+            _read_statements(inputs, path, 'bridges', parse_bridges)
+        else:
+            _read_lines(inputs, path)
+    return inputs
+
+
+def _read_yaml_file(inputs: LintInputs, path: Path) -> None:
+    document = read_yaml(path)
+    inputs.texts[str(path)] = document.document.text
+    if document.is_list:
+        try:
+            formulas = read_formulas(path)
+        except ConfigurationError as error:
+            inputs.findings.append(robot_error(error, document.document.text, str(path)))
+            return
+        inputs.formulas += _placed(formulas, document)
+        return
+    found = find_faults(path)
+    inputs.has_robot = True
+    inputs.findings += [
+        robot_error(each, document.document.text, str(path)) for each in found.faults
+    ]
+    inputs.consequences.append(found.is_consequence)
+    inputs.is_complete &= found.robot is not None and not found.lacks_texts
+    _add_robot(inputs, found)
+
+
+def _add_robot(inputs: LintInputs, found: RobotFaults) -> None:
+    robot, files = found.robot, inputs.files
+    if robot is None:
+        return
+    for kind, parse in _parsers().items():
+        for source in getattr(robot, kind):
+            if isinstance(source, Path):
+                _read_statements(inputs, source, kind, parse, is_added=False)
+    inputs.files = MonitoringFiles(
+        (*files.ontologies, *robot.ontologies),
+        (*files.annotations, *robot.annotations),
+        (*files.streams, *robot.streams),
+        (*files.bridges, *robot.bridges),
+        {**files.domains, **robot.domains},
+    )
+    inputs.formulas += _placed(robot.formulas, found.document)
+    for section, key, _ in _entries(found.document):
+        place = FilePlace(str(key.document.path), key.document.text, key.position(0))
+        inputs.places[section, key.text()] = place
+
+
+def _parsers() -> Mapping[str, Callable[[str], object]]:
+    from dyknow_semantics import parse_annotations, parse_bridges  # noqa: PLC0415 - takes a second
+
+    return {
+        'annotations': parse_annotations,
+        'streams': parse_specification,
+        'bridges': parse_bridges,
+    }
+
+
+def _entries(document: YamlValue) -> Iterator[tuple[str, YamlValue, YamlValue]]:
+    for section, value in document.entries('a robot.yaml'):
+        if section.text() in _SECTIONS and value.is_mapping:
+            for key, entry in value.entries('a mapping'):
+                yield section.text(), key, entry
+
+
+def _placed(formulas: Iterable[RequestedFormula], document: YamlValue) -> Iterator[PlacedFormula]:
+    """Yield formulas with their places in a document, or the document for those of other files."""
+    values = dict(_formula_values(document))
+    for each in formulas:
+        yield PlacedFormula(each, _place_in(values.get(each.name, document)))
+
+
+def _place_in(value: YamlValue) -> Callable[[int], FilePlace]:
+    document = value.document
+    return lambda index: FilePlace(str(document.path), document.text, value.position(index))
+
+
+def _formula_values(document: YamlValue) -> Iterator[tuple[str, YamlValue]]:
+    lists = [document]
+    if document.is_mapping:
+        lists = [value for key, value in document.entries('') if key.text() == 'formulas']
+    for each in (element for value in lists for element in value.one_or_more()):
+        if each.is_mapping:
+            stated = {key.text(): value for key, value in each.entries('')}
+            if 'name' in stated and 'formula' in stated:
+                yield stated['name'].line(), stated['formula']
+
+
+def _read_statements(
+    inputs: LintInputs,
+    path: Path,
+    kind: str,
+    parse: Callable[[str], object],
+    *,
+    is_added: bool = True,
+) -> None:
+    text = read_text(path, kind, ConfigurationError)
+    inputs.texts[str(path)] = text
+    found = list(syntax_findings(parse, text, FilePlace(str(path), text, TextPosition(1, 1))))
+    inputs.findings += found
+    inputs.is_complete &= not found
+    if is_added:
+        changed: dict[str, Any] = {kind: (*getattr(inputs.files, kind), path)}
+        inputs.files = replace(inputs.files, **changed)
+
+
+def _read_lines(inputs: LintInputs, path: Path) -> None:
+    """Read a file with a formula in each line."""
+    text = read_text(path, 'formulas', ConfigurationError)
+    for number, line in enumerate(text.split('\n'), start=1):
+        formula = line.strip()
+        if not formula or formula.startswith('#'):
+            continue
+        place = FilePlace(str(path), text, TextPosition(number, line.index(formula) + 1))
+        try:
+            check_types(parse_formula(formula), formula)
+        except (LanguageError, DyKnowError) as error:
+            inputs.findings.append(error_at(place, error))
+            continue
+        inputs.formulas.append(PlacedFormula(RequestedFormula(formula), _place_after(place)))
+
+
+def _place_after(place: FilePlace) -> Callable[[int], FilePlace]:
+    return lambda index: place.moved(TextPosition(1, index + 1))

@@ -1,0 +1,123 @@
+"""Checks against observed topics: are they published, once, with messages, and in time."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+
+from dyknow_command.linting.findings import FilePlace, Finding, error_at, warning_at
+from dyknow_command.linting.inputs import LintInputs
+from dyknow_command.linting.vocabulary_checks import annotations_of, references_of
+from dyknow_common import NO_CONSTRAINTS, InlineText, StreamConstraints, read_text
+from dyknow_configuration import (
+    ConfigurationError,
+    ObservedTopic,
+    TextSource,
+    broken_constraints,
+)
+from dyknow_recordings import TopicContent
+from dyknow_stream_processing import (
+    Select,
+    StreamDeclaration,
+    StreamReference,
+    nearest_topics,
+    parse_specification,
+    subterms,
+)
+
+
+@dataclass(frozen=True, slots=True)
+class TopicUse:
+    """A topic that a file names.
+
+    Args:
+        topic: its absolute name.
+        place: where it is named.
+        constraints: that it must keep.
+        is_shared: True if several publishers are expected.
+    """
+
+    topic: str
+    place: FilePlace
+    constraints: StreamConstraints = NO_CONSTRAINTS
+    is_shared: bool = False
+
+
+def contents_of(topics: Mapping[str, ObservedTopic]) -> Mapping[str, TopicContent]:
+    """Return what the messages of observed topics hold."""
+    return {
+        name: TopicContent(each.message_type, each.fields, each.times.is_stamped, each.count)
+        for name, each in topics.items()
+    }
+
+
+def topic_findings(
+    inputs: LintInputs, topics: Mapping[str, ObservedTopic], where: str
+) -> Iterator[Finding]:
+    """Yield the topics that are missing, silent, or do not keep their constraints.
+
+    Args:
+        inputs: the files.
+        topics: that were observed, by absolute name.
+        where: they were observed, such as `in flight.mcap`.
+    """
+    for use in _uses(inputs):
+        topic = topics.get(use.topic)
+        if topic is None or topic.publishers == 0:
+            near = nearest_topics(use.topic, list(topics))[:2]
+            hint = f'did you mean {" or ".join(near)}?' if near else 'is its publisher missing?'
+            yield error_at(use.place, f'there is no topic {use.topic} {where}; {hint}')
+        elif topic.fields is None:
+            text = f'{use.topic}: its message type {topic.message_type} is not defined'
+            yield error_at(use.place, f'{text}; install its package, or record its definition')
+        elif not topic.count:
+            text = f'no message of {use.topic} came {where}; its timing was not checked'
+            yield warning_at(use.place, text)
+        else:
+            yield from _observed_findings(use, topic)
+
+
+def _observed_findings(use: TopicUse, topic: ObservedTopic) -> Iterator[Finding]:
+    if (topic.publishers or 0) > 1 and not use.is_shared:
+        text = (
+            f'{use.topic} has {topic.publishers} publishers, whose samples are mixed; stop all but '
+            'one, or give them topics of their own'
+        )
+        yield warning_at(use.place, text)
+    for text in broken_constraints(topic.times, use.constraints):
+        yield error_at(use.place, f'{use.topic}: {text}')
+
+
+def _uses(inputs: LintInputs) -> Iterator[TopicUse]:
+    for source, annotation in annotations_of(inputs):
+        if annotation.is_topic:
+            place = inputs.place_of(source)
+            is_shared = bool(annotation.keys) or annotation.elements is not None
+            # The samples of one object, among those of several, have a timing of their own.
+            stated = NO_CONSTRAINTS if is_shared else annotation.constraints
+            yield TopicUse(_absolute(annotation.stream), place, stated, is_shared)
+    for source in inputs.files.streams:
+        yield from _stream_uses(inputs, source)
+    for formula in inputs.formulas:
+        for topic, _ in references_of(formula):
+            index = max(0, formula.requested.text.find(topic))
+            yield TopicUse(topic, formula.place(index))
+
+
+def _stream_uses(inputs: LintInputs, source: TextSource) -> Iterator[TopicUse]:
+    """Yield the topics of which streams are made, with the constraints on all of their samples."""
+    text = read_text(source, 'streams', ConfigurationError)
+    begin = inputs.place_of(source)
+    for declaration in parse_specification(text).declared(StreamDeclaration):
+        place = begin if isinstance(source, InlineText) else begin.moved(declaration.position)
+        for term in subterms(declaration.stream):
+            if isinstance(term, StreamReference) and term.is_topic:
+                yield TopicUse(_absolute(term.name), place, term.constraints)
+            elif isinstance(term, Select) and not (term.conditions or term.elements):
+                for each in term.inputs:
+                    if isinstance(each, StreamReference) and each.is_topic:
+                        yield TopicUse(_absolute(each.name), place, term.constraints)
+
+
+def _absolute(topic: str) -> str:
+    return f'/{topic.lstrip("/")}'

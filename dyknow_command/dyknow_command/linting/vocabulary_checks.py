@@ -1,0 +1,270 @@
+"""Checks of all files together: do their names mean something, and is everything used."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Mapping
+from contextlib import closing, suppress
+from dataclasses import replace
+
+from dyknow_command.linting.findings import FilePlace, Finding, error_at, warning_at
+from dyknow_command.linting.inputs import LintInputs, PlacedFormula
+from dyknow_common import (
+    NO_CONSTRAINTS,
+    DyKnowError,
+    InlineText,
+    LanguageError,
+    Symbol,
+    SymbolKind,
+    absence,
+    listed_as,
+    position_at,
+    read_text,
+)
+from dyknow_configuration import ConfigurationError, TextSource
+from dyknow_reasoning import FormulaGroup
+from dyknow_recordings import (
+    FormulaGrounder,
+    RecordedStreams,
+    TopicContent,
+    Vocabulary,
+    load_vocabulary,
+)
+from dyknow_semantics import (
+    Annotation,
+    Knowledge,
+    Ontology,
+    check_annotation,
+    check_fields,
+    parse_annotations,
+)
+from dyknow_stream_processing import (
+    Dataflow,
+    SourceType,
+    load_units,
+    parse_specification,
+    read_streams,
+)
+
+_QUOTED = re.compile(r"'([A-Za-z_][\w:]*)|\b([A-Za-z_]\w*)\[")
+
+_IN_CONCEPT = re.compile(r'concept:\d+:\d+: (?P<reason>.*)')
+
+Contents = Mapping[str, TopicContent]
+
+
+class VocabularyChecks:
+    """Checks of files that are correct by themselves.
+
+    Args:
+        inputs: the files.
+        contents: what the messages of topics hold, as far as it is known.
+    """
+
+    def __init__(self, inputs: LintInputs, contents: Contents) -> None:
+        self._inputs = inputs
+        self._contents = contents
+        self._unfit: set[str] = set()
+
+    def findings(self) -> Iterator[Finding]:
+        """Yield what is wrong or unused."""
+        inputs = self._inputs
+        found = [
+            *_ontology_findings(inputs),
+            *stream_findings(inputs, self._contents),
+        ]
+        yield from found
+        if found:
+            return
+        try:
+            vocabulary = load_vocabulary(inputs.files, self._contents)
+        except DyKnowError as error:
+            yield error_at(FilePlace('files'), error)
+            return
+        with closing(vocabulary):
+            if vocabulary.knowledge is not None:
+                yield from self._annotation_findings(vocabulary.knowledge)
+            if inputs.has_robot or inputs.files.ontologies:
+                yield from self._formula_findings(vocabulary)
+            else:
+                yield from self._reference_findings()
+            if vocabulary.knowledge is not None:
+                yield from self._unused(vocabulary.knowledge, vocabulary)
+
+    def _annotation_findings(self, knowledge: Knowledge) -> Iterator[Finding]:
+        if not self._inputs.files.ontologies:
+            return  # Their words are those of an ontology that was not given.
+        for source, annotation in annotations_of(self._inputs):
+            try:
+                check_annotation(annotation, knowledge)
+                content = self._contents.get(annotation.stream)
+                if annotation.is_topic and content is not None and content.fields is not None:
+                    check_fields(annotation, knowledge, content.message_type, content.fields)
+            except LanguageError as error:
+                self._unfit |= {each.feature.name for each in annotation.contents}
+                place = self._inputs.place_of(source)
+                if isinstance(source, InlineText):
+                    yield error_at(place, error.reason)
+                else:
+                    yield error_at(place, error)
+
+    def _formula_findings(self, vocabulary: Vocabulary) -> Iterator[Finding]:
+        streams = RecordedStreams(self._contents, self._inputs.files.streams)
+        grounder = FormulaGrounder(vocabulary, streams)
+        for formula in self._inputs.formulas:
+            requested = formula.requested
+            try:
+                grounder.ground(requested.text, constants=requested.constants)
+            except DyKnowError as error:
+                reason = _reason(error)
+                is_unfit = any(f'no stream carries {each}' in reason for each in self._unfit)
+                if not is_unfit and not self._inputs.is_consequence(reason):
+                    yield error_at(formula.place(_mentioned(reason, requested.text)), reason)
+        yield from self._reference_findings()
+
+    def _reference_findings(self) -> Iterator[Finding]:
+        """Yield the fields of topics that formulas name, and that messages lack."""
+        for formula in self._inputs.formulas:
+            for topic, field in references_of(formula):
+                content = self._contents.get(topic)
+                if content is None or content.fields is None or listed_as(content.fields, field):
+                    continue
+                lack = absence(content.message_type, content.fields, field)
+                index = max(0, formula.requested.text.find(field))
+                yield error_at(formula.place(index), f'{topic}: {lack}')
+
+    def _unused(self, knowledge: Knowledge, vocabulary: Vocabulary) -> Iterator[Finding]:
+        """Yield features and sorts that mean nothing."""
+        inputs, used = self._inputs, self._used_concepts(knowledge)
+        arguments = {sort for each in knowledge.features for sort in each.argument_sorts}
+        for sort in sorted(arguments):
+            if not vocabulary.instances(sort) and not inputs.is_consequence(f"'{sort}'"):
+                text = f"the sort '{sort}' has no objects: formulas over it say nothing; add some"
+                yield warning_at(self._place('objects', sort), text)
+        for feature in knowledge.features if inputs.formulas else ():
+            near = {*knowledge.superconcepts(feature.name), *knowledge.subconcepts(feature.name)}
+            if not near & used and not inputs.is_consequence(f"'{feature.name}'"):
+                text = f"no formula uses the feature '{feature.name}'; add one, or remove it"
+                yield warning_at(self._place('features', feature.name), text)
+        texts = ' '.join(each.requested.text for each in inputs.formulas)
+        for section, name in inputs.places:
+            if section == 'constants' and not re.search(rf'\b{re.escape(name)}\b', texts):
+                text = f"no formula uses the constant '{name}'; remove it"
+                yield warning_at(inputs.places[section, name], text)
+
+    def _used_concepts(self, knowledge: Knowledge) -> set[str]:
+        symbols = (each for formula in self._inputs.formulas for each in symbols_of(formula))
+        used: set[str] = set()
+        for each in symbols:
+            if each.kind is SymbolKind.FEATURE and not each.is_reference:
+                with suppress(DyKnowError):  # Unknown names are reported elsewhere.
+                    used.add(knowledge.feature(each.name).name)
+        return used
+
+    def _place(self, section: str, name: str) -> FilePlace:
+        places = self._inputs.places
+        first = next(iter(self._inputs.files.ontologies), 'ontology')
+        return places.get((section, name), places.get(('sorts', name), FilePlace(str(first))))
+
+
+def annotations_of(inputs: LintInputs) -> Iterator[tuple[TextSource, Annotation]]:
+    """Yield the annotations with the texts that they are in."""
+    for source in inputs.files.annotations:
+        for each in parse_annotations(read_text(source, 'annotations', ConfigurationError)):
+            yield source, each
+
+
+def symbols_of(formula: PlacedFormula) -> tuple[Symbol, ...]:
+    """Return the symbols of a formula."""
+    requested, group = formula.requested, FormulaGroup()
+    group.add_formula('formula', requested.text, requested.constants)
+    return tuple(group.symbols())
+
+
+def references_of(formula: PlacedFormula) -> Iterator[tuple[str, str]]:
+    """Yield the topics that a formula names, with their fields."""
+    for each in symbols_of(formula):
+        if each.is_reference and each.reference[0].startswith('"'):
+            stream, field = each.reference
+            yield f'/{stream[1:-1].lstrip("/")}', field
+
+
+def stream_findings(inputs: LintInputs, contents: Contents) -> Iterator[Finding]:
+    """Yield the streams that cannot be made; one may be made of another that comes later."""
+
+    def source_type(topic: str) -> SourceType | None:
+        content = contents.get(f'/{topic.lstrip("/")}')
+        return None if content is None else SourceType(content.fields, not content.has_stamp)
+
+    flow = Dataflow(load_units(), source_type)
+    try:
+        waiting = {
+            each.name: (source, parse_specification(each.specification))
+            for source in inputs.files.streams
+            for each in read_streams([source])
+        }
+        list(read_streams(inputs.files.streams))  # Raises an error for two of one name.
+    except DyKnowError as error:
+        yield error_at(FilePlace('streams'), error)
+        return
+    faults: dict[str, DyKnowError] = {}
+    while True:
+        count = len(waiting)
+        for name, (_, specification) in list(waiting.items()):
+            try:
+                flow.create(name, specification, NO_CONSTRAINTS, _ignore, _ignore)
+                del waiting[name]
+            except DyKnowError as error:
+                faults[name] = error
+        if len(waiting) == count:
+            break
+    for name, (source, _) in waiting.items():
+        text = f"stream '{name}': {_reason(faults[name])}"
+        yield error_at(_stream_place(inputs, source, name), text)
+
+
+def _stream_place(inputs: LintInputs, source: TextSource, name: str) -> FilePlace:
+    """Return where a text defines a stream, or where it begins."""
+    place = inputs.place_of(source)
+    found = re.search(rf'\b(stream|sink)\s+{re.escape(name)}\b', place.text)
+    return (
+        place if found is None else replace(place, position=position_at(place.text, found.start()))
+    )
+
+
+def _ontology_findings(inputs: LintInputs) -> Iterator[Finding]:
+    """Yield the ontologies that cannot be loaded."""
+    with Ontology() as ontology:
+        for source in inputs.files.ontologies:
+            try:
+                if isinstance(source, InlineText):
+                    ontology.load_text(source.text)
+                else:
+                    ontology.load(source)
+            except DyKnowError as error:
+                yield error_at(FilePlace(str(source)), error)
+
+
+def _reason(error: DyKnowError) -> str:
+    """Return an error in a line, without the text that matching was asked for."""
+    if isinstance(error, LanguageError):
+        return error.reason
+    first, *others = error.message.split('\n')
+    found = _IN_CONCEPT.match(others[0]) if others else None
+    if found is None:
+        return '; '.join([first, *others[:1]])
+    return found['reason'].rpartition(' and no object: ')[2]
+
+
+def _mentioned(message: str, text: str) -> int:
+    """Return where a formula has a name that a message is about; 0 if it has none."""
+    for found in _QUOTED.finditer(message.partition('\n')[0]):
+        name = found[1] or found[2]
+        place = re.search(rf'\b{re.escape(name)}\b', text)
+        if place is not None:
+            return place.start()
+    return 0
+
+
+def _ignore(_: object) -> None:
+    """Ignore a sample or a violation."""

@@ -1,0 +1,128 @@
+"""Topics of the running robot, for proposals and checks of a robot.yaml."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from dyknow_common import NANOSECONDS, ValueType
+from dyknow_common.ros import CommandNode, ros_errors, run_with_node
+from dyknow_configuration import (
+    MAX_MESSAGES,
+    ObservedTopic,
+    ReadFields,
+    SeenValues,
+    TopicTimes,
+)
+from dyknow_stream_processing.ros import (
+    NodeTopics,
+    extractor,
+    publishers_of,
+    scalar_fields,
+    valid_time_reader,
+)
+
+SEARCH_PERIOD_NS = 500 * NANOSECONDS['ms']
+"""The period in which new topics are looked for."""
+
+_INTERNAL = ('/clock', '/parameter_events', '/rosout')
+_OWN_PACKAGE = 'dyknow_interfaces/'
+
+
+class _Listener:
+    """Receives the messages of a topic, and keeps their times and the range of their values."""
+
+    def __init__(self, name: str, message_type: str, read_fields: ReadFields) -> None:
+        self.name = name
+        self.message_type = message_type
+        self._read_fields = read_fields
+        self._fields: Mapping[str, ValueType] | None = None
+        self._extract: Callable[[Any], Mapping[str, Any]] | None = None
+        self._stamp: Callable[[Any], int] | None = None
+        self._stamps: list[int] = []
+        self._receipts: list[int] = []
+        self._values: dict[str, SeenValues] = {}
+
+    def on_type(self, class_: Any) -> None:
+        """Prepare for messages of a type."""
+        if self._fields is None:
+            self._fields = scalar_fields(class_)
+            wanted = self._read_fields(self.message_type, self._fields)
+            self._extract = extractor(class_, wanted) if wanted else None
+            self._stamp = valid_time_reader(class_)
+
+    def valid_time(self, message: Any) -> int | None:
+        """Return the stamp of a message in nanoseconds; None if it has none."""
+        return None if self._stamp is None else self._stamp(message)
+
+    def on_message(self, message: Any, now: int) -> None:
+        """Keep the times and values of a message."""
+        if len(self._receipts) >= MAX_MESSAGES:
+            return
+        self._receipts.append(now)
+        if self._stamp is not None:
+            self._stamps.append(self._stamp(message))
+        for path, value in self._extract(message).items() if self._extract else ():
+            self._values.setdefault(path, SeenValues()).add([value])
+
+    def on_watermark(self, watermark: int, now: int) -> None:
+        """Ignore what engines promise about their streams."""
+
+    def on_dropped(self, reason: str, count: int) -> None:
+        """Ignore lost messages: the intervals show them."""
+
+    def on_violation(self, violation: Any) -> None:
+        """Ignore violations of streams."""
+
+    def observed(self, end: int, publishers: int) -> ObservedTopic:
+        """Return the topic as it was observed until a time."""
+        receipts = np.array(self._receipts, np.int64)
+        stamps = None if self._stamp is None else np.array(self._stamps, np.int64)
+        times = TopicTimes.of(stamps, receipts, end)
+        return ObservedTopic(
+            self.name, self.message_type, self._fields, times, self._values, publishers
+        )
+
+
+def observe_running(
+    duration: int, read_fields: ReadFields, topic: str = ''
+) -> tuple[ObservedTopic, ...]:
+    """Return the topics that are published, without those of ROS and DyKnow themselves.
+
+    Args:
+        duration: the time for which they are observed, in nanoseconds.
+        read_fields: returns the fields of a topic whose values are wanted.
+        topic: the only topic to observe; empty for all.
+    """
+    found: list[ObservedTopic] = []
+
+    def observe(command: CommandNode) -> None:
+        found.extend(_observe(command, duration, read_fields, topic))
+
+    with ros_errors():
+        run_with_node('observe', observe)
+    return tuple(found)
+
+
+def _observe(
+    command: CommandNode, duration: int, read_fields: ReadFields, topic: str
+) -> list[ObservedTopic]:
+    listeners: dict[str, _Listener] = {}
+    topics, end = NodeTopics.of(command.node), command.deadline(duration)
+    while (now := command.deadline(0)) < end:
+        for name, types in command.node.get_topic_names_and_types():
+            if name not in listeners and (name == topic or (not topic and _is_wanted(name, types))):
+                listeners[name] = _Listener(name, types[0], read_fields)
+                topics.listen(name, listeners[name])
+        topics.refresh()
+        command.spin_for(min(end - now, SEARCH_PERIOD_NS))
+    moment = command.node.get_clock().now().nanoseconds
+    counts = {name: len(publishers_of(command.node, name)) for name in listeners}
+    return [each.observed(moment, counts[name]) for name, each in listeners.items()]
+
+
+def _is_wanted(name: str, types: Sequence[str]) -> bool:
+    hidden = any(part.startswith('_') for part in name.split('/'))
+    return not (hidden or name in _INTERNAL or types[0].startswith(_OWN_PACKAGE))

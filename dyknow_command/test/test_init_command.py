@@ -1,0 +1,174 @@
+"""The verbs `init` and `suggest` over recordings: what they write passes lint and check."""
+
+from __future__ import annotations
+
+import json
+import re
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from rosbags.rosbag2 import StoragePlugin, Writer
+from rosbags.typesys import Stores, get_typestore
+
+import dyknow_command
+from dyknow_configuration import read_robot
+
+ROOT = Path(__file__).parent.parent.parent
+RECORDINGS = ROOT / 'dyknow_bringup' / 'recordings'
+EXPECTED = Path(__file__).parent / 'proposed'
+START = 1_700_000_000_000_000_000
+STORE = get_typestore(Stores.ROS2_JAZZY)
+
+
+def run(*arguments: object) -> int:
+    return dyknow_command.main([*map(str, arguments)])
+
+
+def header(time: int) -> Any:
+    types = STORE.types
+    stamp = types['builtin_interfaces/msg/Time'](*divmod(time, 10**9))
+    return types['std_msgs/msg/Header'](stamp, '')
+
+
+def joints(time: int) -> Any:
+    names = ['elbow', 'wrist']
+    angles = np.array([0.5, -1.0])
+    return STORE.types['sensor_msgs/msg/JointState'](header(time), names, angles, angles, angles)
+
+
+def scan(time: int) -> Any:
+    ranges = np.array([2.0, 3.0], np.float32)
+    floats = (0.0, 1.0, 0.5, 0.0, 0.1, 0.1, 30.0)
+    return STORE.types['sensor_msgs/msg/LaserScan'](header(time), *floats, ranges, ranges)
+
+
+def diagnostics(time: int) -> Any:
+    types = STORE.types
+    status = types['diagnostic_msgs/msg/DiagnosticStatus'](0, 'lidar', '', '', [])
+    return types['diagnostic_msgs/msg/DiagnosticArray'](header(time), [status])
+
+
+def boolean(_: int) -> Any:
+    return STORE.types['std_msgs/msg/Bool'](data=True)
+
+
+ARM = {
+    '/arm/joint_states': ('sensor_msgs/msg/JointState', joints),
+    '/diagnostics': ('diagnostic_msgs/msg/DiagnosticArray', diagnostics),
+    '/front/scan': ('sensor_msgs/msg/LaserScan', scan),
+    '/odd topic\'s: #"': ('std_msgs/msg/Bool', boolean),
+    '/odder/{name}': ('std_msgs/msg/Bool', boolean),
+    '/on': ('std_msgs/msg/Bool', boolean),
+    '/scan': ('sensor_msgs/msg/LaserScan', scan),
+}
+
+
+@pytest.fixture(scope='module')
+def arm(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Record an arm, with a delay of 2 ms."""
+    path = tmp_path_factory.mktemp('recordings') / 'arm'
+    with Writer(path, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
+        connections = {
+            topic: writer.add_connection(topic, name, typestore=STORE)
+            for topic, (name, _) in ARM.items()
+        }
+        for number in range(50):
+            time = START + number * 100_000_000
+            for topic, (name, make) in ARM.items():
+                data = STORE.serialize_cdr(make(time), name)
+                writer.write(connections[topic], time + 2_000_000, bytes(data))
+    return path
+
+
+def outcomes(
+    recording: Path, robot: Path, capsys: pytest.CaptureFixture[str]
+) -> tuple[dict[str, str], list[str]]:
+    """The outcome of each formula in a check, and the notes."""
+    capsys.readouterr()
+    assert run('check', recording, '--config', robot, '--json') == 0
+    document = json.loads(capsys.readouterr().out)
+    found = {each['name']: each['outcome'] for each in document['formulas']}
+    assert all(not each['violations'] for each in document['formulas'])
+    return found, document['notes']
+
+
+@pytest.mark.parametrize('name', ['nominal', 'power_surge', 'arm'])
+def test_a_proposal_is_correct(
+    name: str,
+    arm: Path,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    recording = arm if name == 'arm' else RECORDINGS / name
+    assert run('init', recording) == 0
+    robot = Path('robot.yaml')
+    proposed = robot.read_text(encoding='utf-8').replace(str(recording), f'recordings/{name}')
+    assert proposed == (EXPECTED / f'{name}.yaml').read_text(encoding='utf-8')
+    assert run('lint', robot, '--recording', recording) == 0
+    found, notes = outcomes(recording, robot, capsys)
+    assert len(found) >= 3
+    assert set(found.values()) == {'undecided'}  # Nothing broke what is always to hold.
+    assert notes == []
+
+
+def test_what_is_not_used_can_be_used(tmp_path: Path) -> None:
+    """The commented features are correct, too."""
+    path = tmp_path / 'robot.yaml'
+    assert run('init', RECORDINGS / 'nominal', '--output', path) == 0
+    text = path.read_text(encoding='utf-8')
+    head, _, features = text.partition('features:\n')
+    lines = [
+        line if re.match('  # (Not|An) ', line) else re.sub('^  # ', '  ', line)
+        for line in features.splitlines()
+    ]
+    path.write_text('\n'.join([head, 'features:', *lines]), encoding='utf-8')
+    robot = read_robot(path)
+    assert 'Height' in ''.join(str(getattr(each, 'text', '')) for each in robot.annotations)
+    assert len(robot.formulas) == 5
+
+
+def test_several_recordings_of_one_robot(tmp_path: Path) -> None:
+    path = tmp_path / 'robot.yaml'
+    names = RECORDINGS / 'nominal', RECORDINGS / 'power_surge'
+    assert run('init', *names, '--output', path) == 0
+    assert run('lint', path) == 0
+    for each in names:
+        assert run('lint', path, '--recording', each) == 0
+
+
+def test_a_file_is_never_replaced_unless_asked(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / 'robot.yaml'
+    path.write_text('mine', encoding='utf-8')
+    assert run('init', RECORDINGS / 'nominal', '--output', path) == 2
+    assert f'{path} exists; choose another name by --output' in capsys.readouterr().err
+    assert path.read_text(encoding='utf-8') == 'mine'
+    assert run('init', RECORDINGS / 'nominal', '--output', path, '--force') == 0
+    assert path.read_text(encoding='utf-8') != 'mine'
+
+
+def test_export_needs_one_file(capsys: pytest.CaptureFixture[str]) -> None:
+    assert run('init', '--export', 'files') == 2
+    assert capsys.readouterr().err == 'dyknow: --export needs one robot.yaml\n'
+
+
+def test_suggestions(capsys: pytest.CaptureFixture[str]) -> None:
+    assert run('suggest', '/uav1/battery', RECORDINGS / 'nominal') == 0
+    shown = capsys.readouterr().out
+    assert shown.startswith('/uav1/battery (sensor_msgs/msg/BatteryState): 100 messages\n')
+    assert '  interval  median 200 ms, least 200 ms, greatest 200 ms, jitter 0 ns\n' in shown
+    assert '    max_delay: 80 ms\n    sample_period: 200 ms\n' in shown
+    assert run('suggest', 'uav1/battery', RECORDINGS / 'nominal', '--json') == 0
+    document = json.loads(capsys.readouterr().out)
+    assert document['messages'] == 100
+    assert document['constraints_ns']['max_delay'] == 80_000_000
+
+
+def test_a_topic_that_was_not_recorded(capsys: pytest.CaptureFixture[str]) -> None:
+    assert run('suggest', '/uav9/battery', RECORDINGS / 'nominal') == 2
+    assert "no topic '/uav9/battery' (it has: /uav1/battery" in capsys.readouterr().err

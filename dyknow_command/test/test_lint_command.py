@@ -1,0 +1,121 @@
+"""The verb `lint`: all findings of files, each at its place, with the correction."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+import dyknow_command
+from dyknow_command.linting.findings import FilePlace
+from dyknow_command.linting.statements import syntax_findings
+from dyknow_common import TextPosition
+from dyknow_semantics import parse_annotations
+
+LINTED = Path(__file__).parent / 'linted'
+ROOT = Path(__file__).parent.parent.parent
+ROVER = ROOT / 'docs' / 'examples'
+
+
+def lint(capsys: pytest.CaptureFixture[str], *arguments: object) -> tuple[int, str]:
+    code = dyknow_command.main(['lint', *map(str, arguments)])
+    return code, capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ('name', 'files'),
+    [
+        ('robot', ['robot.yaml']),
+        ('broken_annotations', ['broken.ssl']),
+        ('unfitting_annotations', ['unfitting.ssl', ROVER / 'rover.owl']),
+        ('broken_streams', ['broken.streams']),
+        ('formulas', ['formulas.txt']),
+    ],
+)
+def test_findings(
+    name: str,
+    files: list[str | Path],
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.chdir(LINTED)
+    code, shown = lint(capsys, *files)
+    assert code == 1
+    assert shown == (LINTED / f'{name}.expected').read_text(encoding='utf-8')
+
+
+@pytest.mark.parametrize(
+    'files',
+    [
+        [ROVER / 'rover.yaml'],
+        [ROVER / 'rover.owl', ROVER / 'rover.ssl', ROVER / 'rover.streams'],
+        [ROVER / 'rover.ssl'],
+    ],
+)
+def test_correct_files(files: list[Path], capsys: pytest.CaptureFixture[str]) -> None:
+    code, shown = lint(capsys, *files)
+    assert (code, shown) == (0, f'{", ".join(map(str, files))}: nothing found\n')
+
+
+def test_json(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(LINTED)
+    code, shown = lint(capsys, 'formulas.txt', '--json')
+    first = json.loads(shown.splitlines()[0])
+    assert code == 1
+    assert (first['file'], first['line'], first['column']) == ('formulas.txt', 3, 9)
+    assert first['level'] == 'error'
+
+
+@pytest.mark.parametrize('name', ['missing.yaml', 'missing.ssl', 'missing.owl', 'missing.txt'])
+def test_a_missing_file(name: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert dyknow_command.main(['lint', name]) == 2
+    assert f'in {name}: No such file' in capsys.readouterr().err
+
+
+def test_topics_of_a_recording(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = tmp_path / 'robot.yaml'
+    path.write_text(
+        """\
+objects: {Uav: [uav1]}
+features:
+  Speed:
+    of: {u: Uav}
+    from:
+      topic: /{u}/odometry
+      field: twist.twist.linear.q
+  Charge:
+    of: {u: Uav}
+    from:
+      topic: /{u}/battry
+      field: percentage
+  Voltage:
+    of: {u: Uav}
+    from:
+      topic: /{u}/battery
+      field: voltage
+      max_delay: 45 ms
+      sample_period: 100 ms
+formulas:
+  - {name: a, formula: 'forall u in Uav: always Speed[u] < 9'}
+  - {name: b, formula: 'forall u in Uav: always Charge[u] + Voltage[u] > 0'}
+  - {name: c, formula: 'always "/uav1/odometry".twist.twist.linear.w < 9'}
+"""
+    )
+    recording = ROOT / 'dyknow_bringup' / 'recordings' / 'nominal'
+    code, shown = lint(capsys, path, '--recording', recording)
+    assert code == 1
+    lines = [
+        line.removeprefix(f'{path}:').replace(str(recording), 'BAG')
+        for line in shown.splitlines()
+        if line.startswith(str(path))
+    ]
+    expected = (LINTED / 'recording.expected').read_text(encoding='utf-8')
+    assert '\n'.join(lines) + '\n' == expected
+
+
+def test_an_open_text_ends_the_statements() -> None:
+    """What follows a quotation mark without its partner is one statement."""
+    text = 'stream a contains = x; stream "b; c; d;'
+    found = list(syntax_findings(parse_annotations, text, FilePlace('f', text, TextPosition(1, 1))))
+    assert [each.place.position for each in found] == [TextPosition(1, 19), TextPosition(1, 31)]

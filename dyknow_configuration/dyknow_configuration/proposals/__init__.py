@@ -1,0 +1,1 @@
+"""Proposals for a robot.yaml, from what topics were observed to publish."""

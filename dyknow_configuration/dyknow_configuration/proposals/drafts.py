@@ -1,0 +1,229 @@
+"""Features and formulas that are proposed for observed topics.
+
+The topics `/uav1/odom` and `/uav2/odom` of the type Odometry are one group, whose features have
+the topic `/{u}/odom` for the robots uav1 and uav2. The timing of a group is kept by all of its
+topics, and the bounds in its formulas hold for all values that were seen.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from decimal import Decimal
+from typing import Final
+
+from dyknow_common import ValueType
+from dyknow_configuration.proposals.message_types import (
+    FeatureProposal,
+    camel_case,
+    proposals_of,
+)
+from dyknow_configuration.proposals.observations import ObservedTopic, SeenValues
+from dyknow_configuration.proposals.robots import RobotNames, robots_of
+from dyknow_configuration.proposals.timing import ProposedTiming, proposed_timing
+from dyknow_configuration.vocabulary import is_free_name
+
+_STEADY: Final = ('always not {feature}', 'always {feature}')
+_LEAST_BOUND: Final = 1e-6
+_GREATEST_BOUND: Final = 1e12
+
+
+@dataclass(frozen=True, slots=True)
+class FeatureDraft:
+    """A feature with the topics that carry it.
+
+    Args:
+        name: of the feature.
+        proposal: of its type.
+        topics: that carry it.
+        topic: their name, with a variable for the robot.
+        field: with a variable for the element, if there is one.
+        domains: the sort of each variable.
+        robots: those that have the topic, if other robots have it not; else empty.
+        timing: that all topics keep.
+        seen: the values in all topics.
+        formula: that all topics keep, without quantifiers; empty if there is none.
+        reason: why it is not used; empty if it is.
+    """
+
+    name: str
+    proposal: FeatureProposal
+    topics: tuple[ObservedTopic, ...]
+    topic: str
+    field: str
+    domains: Mapping[str, str]
+    robots: tuple[str, ...]
+    timing: ProposedTiming
+    seen: SeenValues
+    formula: str
+    reason: str
+
+    @property
+    def ground_formula(self) -> str:
+        """The formula of the feature, for all objects."""
+        ranges = ''.join(f'forall {each} in {sort}: ' for each, sort in self.domains.items())
+        arguments = f'[{", ".join(self.domains)}]' if self.domains else ''
+        return ranges + self.formula.replace('{feature}', self.name + arguments)
+
+
+@dataclass(frozen=True, slots=True)
+class RobotDraft:
+    """What is proposed for observed topics.
+
+    Args:
+        objects: of each sort.
+        features: in the order of their topics.
+        topics: all that were observed.
+    """
+
+    objects: Mapping[str, tuple[str, ...]]
+    features: tuple[FeatureDraft, ...]
+    topics: tuple[ObservedTopic, ...]
+
+
+def draft_robot(topics: Iterable[ObservedTopic]) -> RobotDraft:
+    """Return what is proposed for observed topics."""
+    ordered = tuple(sorted(topics, key=lambda each: each.name))
+    # In a robot.yaml, a brace begins the name of a variable.
+    observed = [each for each in ordered if each.count and '{' not in each.name]
+    maker = _Maker(robots_of(observed), observed)
+    features = tuple(maker.features())
+    return RobotDraft(maker.objects, features, ordered)
+
+
+class _Maker:
+    """Makes the features of groups of topics, with names of their own."""
+
+    def __init__(self, robots: RobotNames, topics: Sequence[ObservedTopic]) -> None:
+        self._robots = robots
+        self._groups: dict[tuple[str, str], list[ObservedTopic]] = {}
+        for each in topics:
+            self._groups.setdefault((self._shape(each.name), each.message_type), []).append(each)
+        self.objects: dict[str, tuple[str, ...]] = {}
+        if robots.objects:
+            self.objects[robots.sort] = robots.objects
+        self._names = {robots.sort, 'Joint', *robots.objects}
+
+    def features(self) -> Iterator[FeatureDraft]:
+        """Yield the features; topics with short names first, which have names without prefix."""
+        for shape, kind in sorted(self._groups, key=lambda key: (key[0].count('/'), key)):
+            topics = self._groups[shape, kind]
+            common = [set(proposals_of(kind, each.fields)) for each in topics]
+            for proposal in proposals_of(kind, topics[0].fields):
+                if all(proposal in each for each in common):
+                    yield self._feature(proposal, shape, topics)
+
+    def _shape(self, topic: str) -> str:
+        """Return the name of a topic with a variable for its robot."""
+        robot = self._robots.robot_of(topic)
+        return topic.replace(robot, f'{{{self._robots.variable}}}', 1) if robot else topic
+
+    def _feature(
+        self, proposal: FeatureProposal, shape: str, topics: Sequence[ObservedTopic]
+    ) -> FeatureDraft:
+        domains, owners = {}, tuple(self._robots.robot_of(each.name) for each in topics)
+        if owners[0]:
+            domains[self._robots.variable] = self._robots.sort
+        field, seen = proposal.field, SeenValues()
+        for each in topics:
+            for path in proposal.read_fields:
+                if path in each.values and path.split('[')[0] != proposal.elements:
+                    _merge(seen, each.values[path])
+        reason = ''
+        if proposal.elements:
+            variable = 'j' if self._robots.variable != 'j' else 'joint'
+            domains[variable] = proposal.element_sort
+            field = field.format(f'{{{variable}}}')
+            reason = self._add_elements(proposal, topics)
+        formula = _formula(proposal, seen)
+        return FeatureDraft(
+            self._name(proposal, shape),
+            proposal,
+            tuple(topics),
+            shape,
+            field,
+            domains,
+            owners if owners[0] and set(owners) != set(self._robots.objects) else (),
+            proposed_timing([each.times for each in topics]),
+            seen,
+            formula,
+            reason or _reason(seen, formula),
+        )
+
+    def _add_elements(self, proposal: FeatureProposal, topics: Sequence[ObservedTopic]) -> str:
+        """Add the objects of elements, which all topics have; return why there are none."""
+        names = [
+            {
+                text
+                for path, seen in each.values.items()
+                if path.startswith(f'{proposal.elements}[')
+                for text in seen.texts
+            }
+            for each in topics
+        ]
+        found = sorted(set.intersection(*names))
+        taken = {*self._robots.objects, self._robots.sort}
+        if not found or any(not is_free_name(each) or each in taken for each in found):
+            return 'its elements have no names, or names that no object can have'
+        if self.objects.setdefault(proposal.element_sort, tuple(found)) != tuple(found):
+            return 'its elements are others than those of the other topics'
+        self._names.update(found)
+        return ''
+
+    def _name(self, proposal: FeatureProposal, shape: str) -> str:
+        """Return a name that no other feature has."""
+        words = [each for each in shape.split('/') if each and '{' not in each]
+        last = camel_case(words[-1]) if words else ''
+        candidates = [
+            proposal.name or last,
+            camel_case('_'.join(words)) + proposal.name,
+            f'{last or "Topic"}{proposal.name}Value',
+        ]
+        fallback = (f'{proposal.name or "Value"}{number}' for number in range(2, 10**6))
+        for name in (*candidates, *fallback):
+            if is_free_name(name) and name not in self._names:
+                self._names.add(name)
+                return name
+        raise AssertionError('the names of features are exhausted')
+
+
+def _merge(seen: SeenValues, other: SeenValues) -> None:
+    seen.add(other.texts)
+    seen.add(each for each in (other.least, other.greatest) if each is not None)
+    seen.has_nan |= other.has_nan
+
+
+def _formula(proposal: FeatureProposal, seen: SeenValues) -> str:
+    """Return what can be expected, as all values that were seen keep it; empty if nothing."""
+    if seen.least is None or seen.greatest is None or seen.has_nan:
+        return ''
+    if proposal.value_type is ValueType.BOOLEAN and not proposal.formula:
+        # What never changed in this time is proposed to stay as it was.
+        return _STEADY[bool(seen.least)] if seen.least == seen.greatest else ''
+    greatest = max(abs(seen.least), abs(seen.greatest))
+    magnitude = _bound(greatest * 1.5, math.ceil) if greatest else '1'
+    least = _bound(seen.least / 1.5, math.floor)
+    if ('{magnitude}' in proposal.formula and not magnitude) or (
+        '{least}' in proposal.formula and not least
+    ):
+        return ''
+    return proposal.formula.replace('{magnitude}', magnitude).replace('{least}', least)
+
+
+def _bound(number: float, direction: Callable[[Decimal], int]) -> str:
+    """Return a positive number with two digits, rounded up or down; empty if that is impossible."""
+    if not _LEAST_BOUND <= number <= _GREATEST_BOUND:
+        return ''
+    unit = Decimal(10) ** (math.floor(math.log10(number)) - 1)
+    return f'{direction(Decimal(number) / unit) * unit:f}'
+
+
+def _reason(seen: SeenValues, formula: str) -> str:
+    if formula:
+        return ''
+    if seen.has_nan:
+        return 'some of its values were NaN'
+    if seen.least is None and not seen.texts:
+        return 'no value of it was seen'
+    return 'no formula uses it yet'
