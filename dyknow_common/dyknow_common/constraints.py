@@ -38,6 +38,7 @@ class StreamConstraints:
         sample_period: the valid times of two consecutive samples are this far apart, ...
         sample_period_deviation: ... give or take this much; exactly, if it is left out.
         max_lead: no sample becomes available earlier than this before its valid time.
+        max_gap: the valid times of two consecutive samples are at most this far apart.
     """
 
     start_time: int | None = _constraint(ConstraintKind.TIME, stricter=max)
@@ -46,6 +47,7 @@ class StreamConstraints:
     sample_period: int | None = _constraint(ConstraintKind.DURATION)
     sample_period_deviation: int | None = _constraint(ConstraintKind.DURATION)
     max_lead: int | None = _constraint(ConstraintKind.DURATION)
+    max_gap: int | None = _constraint(ConstraintKind.DURATION)
 
     @property
     def is_empty(self) -> bool:
@@ -65,6 +67,12 @@ class StreamConstraints:
         if self.sample_period is None:
             return None
         return self.sample_period + (self.sample_period_deviation or 0)
+
+    @property
+    def longest_distance(self) -> int | None:
+        """The greatest distance that both `sample_period` and `max_gap` allow."""
+        given = [each for each in (self.longest_period, self.max_gap) if each is not None]
+        return min(given, default=None)
 
     def given(self) -> dict[str, int]:
         """Return the values that are not `None`, by the names of their constraints."""
@@ -92,8 +100,8 @@ class StreamConstraints:
         """Check that a stream can keep these constraints.
 
         Raises:
-            DyKnowError: if the stream ends before it starts, a duration is negative, or a deviation
-                has no period or is greater than it.
+            DyKnowError: if the stream ends before it starts, a duration is negative, a deviation
+                has no period or is greater than it, or each period is a gap that is too long.
         """
         given = self.given()
         text = {name: format_duration(value) for name, value in given.items()}
@@ -101,8 +109,9 @@ class StreamConstraints:
             raise DyKnowError(
                 f'end_time ({text["end_time"]}) is before start_time ({text["start_time"]})'
             )
-        if given.get('sample_period', 1) <= 0:
-            raise DyKnowError(f'sample_period is {text["sample_period"]}; it must be more than 0')
+        for name in ('sample_period', 'max_gap'):
+            if given.get(name, 1) <= 0:
+                raise DyKnowError(f'{name} is {text[name]}; it must be more than 0')
         for name, value in given.items():
             if CONSTRAINT_KINDS[name] is ConstraintKind.DURATION and value < 0:
                 raise DyKnowError(f'{name} is {text[name]}; it must not be negative')
@@ -114,6 +123,11 @@ class StreamConstraints:
                     f'sample_period_deviation ({text["sample_period_deviation"]}) is more than '
                     f'sample_period ({text["sample_period"]})'
                 )
+        if self.max_gap is not None and self.max_gap < (self.shortest_period or 0):
+            raise DyKnowError(
+                f'max_gap ({text["max_gap"]}) is less than the shortest distance that '
+                f'sample_period allows ({format_duration(self.shortest_period or 0)})'
+            )
 
     def __str__(self) -> str:
         """The canonical text, `max_delay = 100 ms, sample_period = 200 ms`."""

@@ -41,6 +41,12 @@ stream watched = select v from "/b" where v < 3
 sink watched;
 stream timely = select v from "/c" with sample_period = 1 s, sample_period_deviation = 1 s;
 sink timely;
+stream lively = select v from "/b" where v < 3 with max_delay = 60 ms, max_gap = 1200 ms;
+sink lively;
+stream brisk = select v from "/c" with max_gap = 1 s; sink brisk;
+stream dense = select v from "/a" with sample_period = 1 s, sample_period_deviation = 999 ms,
+    max_gap = 400 ms;
+sink dense;
 stream ahead = select v from "/b" with max_lead = 20 ms; sink ahead;
 stream forecast = select v from "/a" with max_lead = 2 s; sink forecast;
 stream used = electrical_power(select v as voltage, w as current from "/a"); sink used;
@@ -79,6 +85,9 @@ STREAM_FORMULAS = (
     'always steady.v + steady.w < 9',
     'always (watched.v < 2 or "/a".v < 4)',
     'always (timely.v < 4 and "/a".v < 6)',
+    'always (lively.v < 2 or "/a".v < 4)',
+    'always (brisk.v < 4 and "/a".v < 6)',
+    'always (dense.v < 4 or "/b".v < 5)',
     'always ahead.v + forecast.v < 9',
     'always used.power < 9',
     'always (feet.v < 10 or low.v < 1)',
@@ -366,6 +375,7 @@ def test_streams_with_a_memory_are_not_made_as_columns(files: MonitoringFiles) -
         ('select v as "%w%" from "/a"', 'always s."1" < 9'),
         ('sync(select v from "/a", select w from "/b") with max_delay = 1 s', 'always s.v < 9'),
         ('sync(select v from "/a") with max_lead = 1 s', 'always s.v < 9'),
+        ('sync(select v from "/a") with max_gap = 1 s', 'always s.v < 9'),
     ],
 )
 def test_streams_without_a_counterpart(tmp_path: Path, text: str, formula: str) -> None:

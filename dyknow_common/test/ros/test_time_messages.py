@@ -35,6 +35,6 @@ def test_the_message_has_all_constraints() -> None:
 @given(st.integers(1, 10**12), st.integers(1, 10**12))
 def test_constraints_come_back(period: int, delay: int) -> None:
     constraints = StreamConstraints(
-        sample_period=period, max_delay=delay, start_time=delay, max_lead=delay
+        sample_period=period, max_delay=delay, start_time=delay, max_lead=delay, max_gap=period
     )
     assert constraints_from_message(constraints_to_message(constraints)) == constraints

@@ -21,11 +21,14 @@ emitted. Without one, the gap is a violation as soon as no sample valid at 12 ca
     stamped                       when a sample valid after 12 arrives, whatever its delay
     stamped, max_delay = 3 ms     then, or when the clock has passed 15
     valid at the time of receipt  when the clock has passed 12
+
+The check of `max_gap = 12 ms` is the same, but no sample comes too early.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from heapq import heappop, heappush
 from itertools import count
 from typing import Final
@@ -258,23 +261,55 @@ class BoundsOperator(Operator):
         self.promise(port, watermark, now)
 
 
-class PeriodOperator(Operator):
-    """Check that samples follow each other at the sample period.
+@dataclass(frozen=True, slots=True)
+class Distances:
+    """The distances of consecutive valid times that a constraint allows, in nanoseconds.
+
+    Args:
+        constraint: the kind of its violations.
+        shortest: the least distance.
+        longest: the greatest distance.
+        end: the time after which no sample is missed; `None` without one.
+        demand: the constraint in words.
+    """
+
+    constraint: ViolationKind
+    shortest: int
+    longest: int
+    end: int | None
+    demand: str
+
+    @classmethod
+    def of_period(cls, constraints: StreamConstraints) -> Distances:
+        """Return those of `sample_period`, which must be given."""
+        demand = (
+            f'sample_period is {format_duration(constraints.sample_period or 0)}, '
+            f'give or take {format_duration(constraints.sample_period_deviation or 0)}'
+        )
+        shortest, longest = constraints.shortest_period or 0, constraints.longest_period or 0
+        kind = ViolationKind.SAMPLE_PERIOD
+        return cls(kind, shortest, longest, constraints.end_time, demand)
+
+    @classmethod
+    def of_gap(cls, constraints: StreamConstraints) -> Distances:
+        """Return those of `max_gap`, which must be given."""
+        longest = constraints.max_gap or 0
+        demand = f'max_gap is {format_duration(longest)}'
+        return cls(ViolationKind.MAX_GAP, 0, longest, constraints.end_time, demand)
+
+
+class DistanceOperator(Operator):
+    """Check that samples follow each other at the distances that a constraint allows.
 
     A sample that follows too early is dropped. A gap is reported once, when it is certain: by the
     sample that ends it, by a promise, or by the clock if the delay of the next sample has a bound.
     Otherwise silence alone is no violation, because the next sample may be late, not missing.
     """
 
-    def __init__(self, wiring: Wiring, constraints: StreamConstraints) -> None:
+    def __init__(self, wiring: Wiring, allowed: Distances) -> None:
         super().__init__(wiring)
-        self._shortest = constraints.shortest_period or 0
-        self._longest = constraints.longest_period or 0
-        self._end = constraints.end_time
-        self._demand = (
-            f'sample_period is {format_duration(constraints.sample_period or 0)}, '
-            f'give or take {format_duration(constraints.sample_period_deviation or 0)}'
-        )
+        self._kind, self._demand = allowed.constraint, allowed.demand
+        self._shortest, self._longest, self._end = allowed.shortest, allowed.longest, allowed.end
         self._last: int | None = None
         self._latest: int | None = None
         """The latest valid time at which the next sample is in time; None: no gap to report."""
@@ -325,15 +360,14 @@ class PeriodOperator(Operator):
         self._latest = None
         last = latest - self._longest
         message = f'no sample after the one valid at {round_time(last)}; {self._demand}'
-        fault = Fault(ViolationKind.SAMPLE_PERIOD, latest, message, until - last, self._longest)
-        self._violate(fault)
+        self._violate(Fault(self._kind, latest, message, until - last, self._longest))
 
     def _fault(self, valid_time: int, observed: int, allowed: int) -> Fault:
         message = (
             f'the sample valid at {round_time(valid_time)} comes {round_duration(observed)} '
             f'after its predecessor; {self._demand}'
         )
-        return Fault(ViolationKind.SAMPLE_PERIOD, valid_time, message, observed, allowed)
+        return Fault(self._kind, valid_time, message, observed, allowed)
 
 
 def _source_of(operator: Operator) -> SourceOperator:

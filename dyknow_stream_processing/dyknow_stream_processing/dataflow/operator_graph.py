@@ -15,9 +15,10 @@ from dyknow_stream_processing.dataflow.built_in.frames import (
 from dyknow_stream_processing.dataflow.computational_units import UnitOperator
 from dyknow_stream_processing.dataflow.constraint_checks import (
     BoundsOperator,
+    DistanceOperator,
+    Distances,
     LeadOperator,
     OrderOperator,
-    PeriodOperator,
     ReorderOperator,
 )
 from dyknow_stream_processing.dataflow.operators import (
@@ -121,7 +122,7 @@ class OperatorGraph:
         leads are checked when samples arrive.
         """
         label, demands = _label(term), term.constraints
-        is_delayed, is_regular = demands.max_delay is not None, demands.sample_period is not None
+        is_delayed, is_regular = demands.max_delay is not None, demands.longest_distance is not None
         max_lead = min(
             (each for each in (demands.max_lead, max_lead) if each is not None), default=None
         )
@@ -143,7 +144,11 @@ class OperatorGraph:
         # A sync keeps its period by itself, unless a `max_delay` makes it drop late ticks.
         is_periodic = isinstance(term, Sync) and demands.max_delay is None
         if demands.sample_period is not None and not is_periodic:
-            operator = self._operator(PeriodOperator, label, [operator], demands)
+            allowed = Distances.of_period(demands)
+            operator = self._operator(DistanceOperator, label, [operator], allowed)
+        if demands.max_gap is not None:
+            allowed = Distances.of_gap(demands)
+            operator = self._operator(DistanceOperator, label, [operator], allowed)
         return operator
 
     def _bare(self, term: Term, *, may_be_late: bool, max_lead: int | None) -> Operator:
