@@ -6,7 +6,7 @@ canonical texts, merging and the conversion of messages follow from them.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, fields
 from enum import Enum, auto
 from typing import Any, Final
@@ -20,6 +20,7 @@ class ConstraintKind(Enum):
 
     TIME = auto()
     DURATION = auto()
+    SWITCH = auto()
 
 
 def _constraint(kind: ConstraintKind, stricter: Callable[[int, int], int] = min) -> Any:
@@ -29,7 +30,7 @@ def _constraint(kind: ConstraintKind, stricter: Callable[[int, int], int] = min)
 
 @dataclass(frozen=True, slots=True)
 class StreamConstraints:
-    """Constraints on a stream; all are in nanoseconds, and `None` constrains nothing.
+    """Constraints on a stream; times are in nanoseconds, and `None` constrains nothing.
 
     Args:
         start_time: no sample is valid before it; time since the epoch.
@@ -39,6 +40,8 @@ class StreamConstraints:
         sample_period_deviation: ... give or take this much; exactly, if it is left out.
         max_lead: no sample becomes available earlier than this before its valid time.
         max_gap: the valid times of two consecutive samples are at most this far apart.
+        reorder: True if samples are put in order within `max_delay`, False if they come in order;
+            `None`: in order from a topic with one publisher.
     """
 
     start_time: int | None = _constraint(ConstraintKind.TIME, stricter=max)
@@ -48,6 +51,7 @@ class StreamConstraints:
     sample_period_deviation: int | None = _constraint(ConstraintKind.DURATION)
     max_lead: int | None = _constraint(ConstraintKind.DURATION)
     max_gap: int | None = _constraint(ConstraintKind.DURATION)
+    reorder: bool | None = _constraint(ConstraintKind.SWITCH, stricter=max)
 
     @property
     def is_empty(self) -> bool:
@@ -89,7 +93,7 @@ class StreamConstraints:
         if len(periods) > 1:
             first, second = (format_duration(each.sample_period or 0) for each in (self, other))
             raise DyKnowError(f'sample_period cannot be both {first} and {second}')
-        values = self.given()
+        values: dict[str, Any] = self.given()
         for name, value in other.given().items():
             values[name] = _STRICTER[name](values.get(name, value), value)
         result = StreamConstraints(**values)
@@ -101,10 +105,11 @@ class StreamConstraints:
 
         Raises:
             DyKnowError: if the stream ends before it starts, a duration is negative, a deviation
-                has no period or is greater than it, or each period is a gap that is too long.
+                has no period or is greater than it, each period is a gap that is too long, or
+                samples are put in order without a bound of their delay.
         """
         given = self.given()
-        text = {name: format_duration(value) for name, value in given.items()}
+        text = {name: _text(name, value) for name, value in given.items()}
         if {'start_time', 'end_time'} <= given.keys() and given['end_time'] < given['start_time']:
             raise DyKnowError(
                 f'end_time ({text["end_time"]}) is before start_time ({text["start_time"]})'
@@ -115,6 +120,11 @@ class StreamConstraints:
         for name, value in given.items():
             if CONSTRAINT_KINDS[name] is ConstraintKind.DURATION and value < 0:
                 raise DyKnowError(f'{name} is {text[name]}; it must not be negative')
+        if self.reorder and self.max_delay is None:
+            raise DyKnowError('reorder needs a max_delay beside it')
+        self._check_distances(given, text)
+
+    def _check_distances(self, given: Mapping[str, int], text: Mapping[str, str]) -> None:
         if 'sample_period_deviation' in given:
             if 'sample_period' not in given:
                 raise DyKnowError('sample_period_deviation needs a sample_period beside it')
@@ -123,17 +133,22 @@ class StreamConstraints:
                     f'sample_period_deviation ({text["sample_period_deviation"]}) is more than '
                     f'sample_period ({text["sample_period"]})'
                 )
-        if self.max_gap is not None and self.max_gap < (self.shortest_period or 0):
+        shortest = self.shortest_period or 0
+        if self.max_gap is not None and self.max_gap < shortest:
             raise DyKnowError(
                 f'max_gap ({text["max_gap"]}) is less than the shortest distance that '
-                f'sample_period allows ({format_duration(self.shortest_period or 0)})'
+                f'sample_period allows ({format_duration(shortest)})'
             )
 
     def __str__(self) -> str:
         """The canonical text, `max_delay = 100 ms, sample_period = 200 ms`."""
-        return ', '.join(
-            f'{name} = {format_duration(value)}' for name, value in self.given().items()
-        )
+        return ', '.join(f'{name} = {_text(name, value)}' for name, value in self.given().items())
+
+
+def _text(name: str, value: int) -> str:
+    if CONSTRAINT_KINDS[name] is ConstraintKind.SWITCH:
+        return 'true' if value else 'false'
+    return format_duration(value)
 
 
 CONSTRAINT_KINDS: Final = {each.name: each.metadata['kind'] for each in fields(StreamConstraints)}

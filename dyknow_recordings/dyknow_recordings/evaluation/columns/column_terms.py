@@ -154,6 +154,7 @@ def _checked(limits: StreamConstraints) -> StreamConstraints:
         sample_period=limits.sample_period,
         sample_period_deviation=limits.sample_period_deviation,
         max_gap=limits.max_gap,
+        reorder=limits.reorder,
     )
 
 
