@@ -1,6 +1,7 @@
 """The file that describes a robot and what is monitored: robot.yaml."""
 
 from dyknow_configuration.errors import ConfigurationError
+from dyknow_configuration.formula_notes import warn_of_notes
 from dyknow_configuration.formulas import read_formulas
 from dyknow_configuration.nodes import PACKAGES
 from dyknow_configuration.reading import read_robot
@@ -24,5 +25,6 @@ __all__ = [
     'export',
     'read_formulas',
     'read_robot',
+    'warn_of_notes',
     'write_texts',
 ]
