@@ -28,8 +28,7 @@ def test_samples_of_one_publisher_pass_at_once(flow: Flow) -> None:
     assert flow.drops == {'valid_time_order': 1}
     (violation,) = flow.violations
     assert violation.message == (
-        'stream \'select x from "a"\': the sample valid at 0.006 s came after the one valid at '
-        '0.007 s; '
+        "stream 's': the sample valid at 0.006 s came after the one valid at 0.007 s; "
         'with reorder = true, samples that come within max_delay are put in order'
     )
 

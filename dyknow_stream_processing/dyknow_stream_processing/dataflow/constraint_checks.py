@@ -111,10 +111,10 @@ class OrderOperator(LeadOperator):
 
 
 class ArrivalOperator(LeadOperator):
-    """Filter of samples that a consumer puts in order; their order is checked where it is known.
+    """Filter of samples that a consumer puts in order, with promises where they come in order.
 
-    Without `reorder`, a sample promises that no earlier one follows; one that does is dropped. The
-    watermarks of another engine are its own promises, and its samples may come in any order.
+    Without `reorder`, a sample promises that no earlier one follows; the consumer drops one that
+    does. The watermarks of another engine are its own promises, and its samples may come in any order.
 
     Args:
         max_lead: the lead in nanoseconds up to which a sample is passed on.
@@ -138,18 +138,14 @@ class ArrivalOperator(LeadOperator):
     def receive(
         self, port: int, valid_time: int, fields: Mapping[str, Value], watermark: int, now: int
     ) -> None:
-        """Pass a sample on unless it is too far ahead, or breaks the order."""
+        """Pass a sample on unless it is too far ahead, with its promise."""
         if valid_time - now > self._max_lead and self._reject_ahead(valid_time, now):
             self.promise(port, watermark, now)
         elif not self._is_ordered():
             self._emit(valid_time, fields, watermark, now)
-        elif valid_time < self._latest:
-            mend = 'with reorder = true, samples that come within max_delay are put in order'
-            self._reject(_out_of_order(valid_time, self._latest, mend))
-            self.promise(port, watermark, now)
         else:
-            self._latest = valid_time
-            self._emit(valid_time, fields, max(watermark, valid_time), now)
+            self._latest = max(self._latest, valid_time)
+            self._emit(valid_time, fields, max(watermark, self._latest), now)
 
     def _is_ordered(self) -> bool:
         if self.vouched:
@@ -189,7 +185,8 @@ class ReorderOperator(Operator):
         self, port: int, valid_time: int, fields: Mapping[str, Value], watermark: int, now: int
     ) -> None:
         """Hold a sample, unless it is too late."""
-        if watermark > self._promised:
+        promised = self._promised
+        if watermark > promised:
             self._promised = watermark
         if self._max_delay is not None and now - valid_time > self._max_delay:
             delay = now - valid_time
@@ -199,6 +196,9 @@ class ReorderOperator(Operator):
             )
             kind = ViolationKind.MAX_DELAY
             self._reject(Fault(kind, valid_time, message, delay, self._max_delay))
+        elif valid_time < promised:
+            mend = 'with reorder = true, samples that come within max_delay are put in order'
+            self._reject(_out_of_order(valid_time, promised, mend))
         elif valid_time < self._released:
             mend = 'that one has been passed on, as no earlier one was expected'
             self._reject(_out_of_order(valid_time, self._released, mend))
