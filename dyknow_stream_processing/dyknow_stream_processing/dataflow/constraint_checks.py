@@ -114,7 +114,7 @@ class ArrivalOperator(LeadOperator):
     """Filter of samples that a consumer puts in order, with promises where they come in order.
 
     Without `reorder`, a sample promises that no earlier one follows; the consumer drops one that
-    does. The watermarks of another engine are its own promises, and its samples may come in any order.
+    does. Samples of another engine come in any order, with the watermarks of that engine.
 
     Args:
         max_lead: the lead in nanoseconds up to which a sample is passed on.
