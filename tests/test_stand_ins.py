@@ -6,6 +6,7 @@ from collections.abc import Iterator
 
 import pytest
 from dyknow_interfaces.msg import ExitStatus, FormulaResult
+from dyknow_interfaces.srv import EvaluateFormula
 from std_msgs.msg import Float64
 
 from evaluations import Evaluations, Spares
@@ -184,11 +185,19 @@ def test_a_sample_that_should_not_be(
 
 
 def test_samples_that_overtake_each_other_within_the_delay(
-    system: System, batteries: Batteries, evaluations: Evaluations
+    system: System, batteries: Batteries, evaluations: Evaluations, spares: Spares
 ) -> None:
-    """A surge that comes in the wrong order is seen where it belongs."""
+    """A surge that comes in the wrong order is seen where it belongs, where that is asked for."""
+    spares.make(
+        'mixed',
+        'select current from "/uav1/battery" with max_delay = 1 s, sample_period = 200 ms, '
+        'sample_period_deviation = 50 ms, reorder = true',
+    )
+    surge = 'mixed.current < -15'
     future = system.ask(
-        'always (Power[uav1] > 150 -> eventually[100 ms, 300 ms] Power[uav1] > 150)', timeout=6.0
+        f'always ({surge} -> eventually[100 ms, 300 ms] {surge})',
+        timeout=6.0,
+        grounding=EvaluateFormula.Request.SYNTACTIC,
     )
     evaluations.wait_for_state()
     batteries.silent.add('uav1')

@@ -206,15 +206,18 @@ def test_publishers_that_come_back_with_another_type(client: Client) -> None:
         client.spin_until(lambda: recording.values()[-1] == 0.5, 'samples of the other type')
 
 
-def test_samples_are_put_in_order_and_late_ones_dropped(client: Client) -> None:
-    publisher = client.node.create_publisher(Odometry, '/a', RELIABLE)
+@pytest.mark.parametrize('count', [1, 2])
+def test_samples_are_put_in_order_and_late_ones_dropped(client: Client, count: int) -> None:
+    """One publisher must be asked for it; the samples of several are put in order anyway."""
+    publishers = [client.node.create_publisher(Odometry, '/a', RELIABLE) for _ in range(count)]
+    publisher = publishers[0]
     recording = Recording(
         client,
         'select pose.pose.position.x as x from "/a"',
-        constraints=StreamConstraints(max_delay=SECOND),
+        constraints=StreamConstraints(max_delay=SECOND, reorder=True if count == 1 else None),
     )
-    now = client.node.get_clock().now().nanoseconds
     client.spin_until(lambda: publisher.get_subscription_count() == 1, 'the match')
+    now = client.node.get_clock().now().nanoseconds
     for x in (3, 1, 2):
         publisher.publish(odometry(now + x, float(x)))
     publisher.publish(odometry(now - 2 * SECOND))
@@ -225,6 +228,50 @@ def test_samples_are_put_in_order_and_late_ones_dropped(client: Client) -> None:
     assert recording.proxy.drops == {'max_delay': 1}
     assert recording.broken() == ['max_delay']
     assert recording.proxy.statistics.samples == 3
+
+
+def test_samples_of_one_publisher_pass_at_once(client: Client) -> None:
+    publisher = client.node.create_publisher(Odometry, '/a', RELIABLE)
+    recording = Recording(
+        client,
+        'select pose.pose.position.x as x from "/a"',
+        constraints=StreamConstraints(max_delay=100 * SECOND),
+    )
+    client.spin_until(lambda: publisher.get_subscription_count() == 1, 'the match')
+    now = client.node.get_clock().now().nanoseconds
+    for x in (1, 3, 2, 4):
+        publisher.publish(odometry(now + x, float(x)))
+    client.spin_until(lambda: len(recording.samples) == 3, 'samples')
+    assert recording.values('x') == [1.0, 3.0, 4.0]
+    assert recording.proxy.drops == {'valid_time_order': 1}
+    assert recording.broken() == ['valid_time_order']
+
+
+def test_a_second_publisher_has_samples_put_in_order(client: Client) -> None:
+    """Publishers come and go; what is held is released when one is left."""
+    publisher = client.node.create_publisher(Odometry, '/a', RELIABLE)
+    recording = Recording(
+        client,
+        'select pose.pose.position.x as x from "/a"',
+        constraints=StreamConstraints(max_delay=100 * SECOND),
+    )
+    client.spin_until(lambda: publisher.get_subscription_count() == 1, 'the match')
+    now, numbers = client.node.get_clock().now().nanoseconds, itertools.count(1)
+
+    def held() -> int:
+        number = next(numbers)
+        publisher.publish(odometry(now + number, float(number)))
+        return number - len(recording.samples)
+
+    assert held() == 1
+    client.spin_until(lambda: len(recording.samples) == 1, 'the sample of one publisher')
+    second = client.node.create_publisher(Odometry, '/a', RELIABLE)
+    client.spin_until(lambda: held() > 20, 'samples that are held', pause=0.05)
+    client.node.destroy_publisher(second)
+    client.spin_until(lambda: held() < 5, 'the samples that were held', pause=0.05)
+    values = recording.values('x')
+    assert values == [float(number + 1) for number in range(len(values))]
+    assert recording.violations == []
 
 
 def test_a_busy_process_breaks_no_period(client: Client) -> None:

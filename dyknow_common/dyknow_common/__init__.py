@@ -11,6 +11,7 @@ from dyknow_common.builders.field_builder import (
 from dyknow_common.constraints import (
     CONSTRAINT_KINDS,
     NO_CONSTRAINTS,
+    ConstraintKind,
     StreamConstraints,
 )
 from dyknow_common.durations import (
@@ -117,6 +118,7 @@ __all__ = [
     'ArraySlice',
     'ComputedField',
     'ConstraintBuilder',
+    'ConstraintKind',
     'DyKnowError',
     'ElementCondition',
     'ElementKey',

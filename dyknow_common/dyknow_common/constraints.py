@@ -6,7 +6,7 @@ canonical texts, merging and the conversion of messages follow from them.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, fields
 from enum import Enum, auto
 from typing import Any, Final
@@ -20,6 +20,7 @@ class ConstraintKind(Enum):
 
     TIME = auto()
     DURATION = auto()
+    SWITCH = auto()
 
 
 def _constraint(kind: ConstraintKind, stricter: Callable[[int, int], int] = min) -> Any:
@@ -29,7 +30,7 @@ def _constraint(kind: ConstraintKind, stricter: Callable[[int, int], int] = min)
 
 @dataclass(frozen=True, slots=True)
 class StreamConstraints:
-    """Constraints on a stream; all are in nanoseconds, and `None` constrains nothing.
+    """Constraints on a stream; times are in nanoseconds, and `None` constrains nothing.
 
     Args:
         start_time: no sample is valid before it; time since the epoch.
@@ -38,6 +39,9 @@ class StreamConstraints:
         sample_period: the valid times of two consecutive samples are this far apart, ...
         sample_period_deviation: ... give or take this much; exactly, if it is left out.
         max_lead: no sample becomes available earlier than this before its valid time.
+        max_gap: the valid times of two consecutive samples are at most this far apart.
+        reorder: True if samples are put in order within `max_delay`, False if they come in order;
+            `None`: in order from a topic with one publisher.
     """
 
     start_time: int | None = _constraint(ConstraintKind.TIME, stricter=max)
@@ -46,6 +50,8 @@ class StreamConstraints:
     sample_period: int | None = _constraint(ConstraintKind.DURATION)
     sample_period_deviation: int | None = _constraint(ConstraintKind.DURATION)
     max_lead: int | None = _constraint(ConstraintKind.DURATION)
+    max_gap: int | None = _constraint(ConstraintKind.DURATION)
+    reorder: bool | None = _constraint(ConstraintKind.SWITCH, stricter=max)
 
     @property
     def is_empty(self) -> bool:
@@ -66,6 +72,12 @@ class StreamConstraints:
             return None
         return self.sample_period + (self.sample_period_deviation or 0)
 
+    @property
+    def longest_distance(self) -> int | None:
+        """The greatest distance that both `sample_period` and `max_gap` allow."""
+        given = [each for each in (self.longest_period, self.max_gap) if each is not None]
+        return min(given, default=None)
+
     def given(self) -> dict[str, int]:
         """Return the values that are not `None`, by the names of their constraints."""
         values = {name: getattr(self, name) for name in CONSTRAINT_KINDS}
@@ -81,7 +93,7 @@ class StreamConstraints:
         if len(periods) > 1:
             first, second = (format_duration(each.sample_period or 0) for each in (self, other))
             raise DyKnowError(f'sample_period cannot be both {first} and {second}')
-        values = self.given()
+        values: dict[str, Any] = self.given()
         for name, value in other.given().items():
             values[name] = _STRICTER[name](values.get(name, value), value)
         result = StreamConstraints(**values)
@@ -92,20 +104,27 @@ class StreamConstraints:
         """Check that a stream can keep these constraints.
 
         Raises:
-            DyKnowError: if the stream ends before it starts, a duration is negative, or a deviation
-                has no period or is greater than it.
+            DyKnowError: if the stream ends before it starts, a duration is negative, a deviation
+                has no period or is greater than it, each period is a gap that is too long, or
+                samples are put in order without a bound of their delay.
         """
         given = self.given()
-        text = {name: format_duration(value) for name, value in given.items()}
+        text = {name: _text(name, value) for name, value in given.items()}
         if {'start_time', 'end_time'} <= given.keys() and given['end_time'] < given['start_time']:
             raise DyKnowError(
                 f'end_time ({text["end_time"]}) is before start_time ({text["start_time"]})'
             )
-        if given.get('sample_period', 1) <= 0:
-            raise DyKnowError(f'sample_period is {text["sample_period"]}; it must be more than 0')
+        for name in ('sample_period', 'max_gap'):
+            if given.get(name, 1) <= 0:
+                raise DyKnowError(f'{name} is {text[name]}; it must be more than 0')
         for name, value in given.items():
             if CONSTRAINT_KINDS[name] is ConstraintKind.DURATION and value < 0:
                 raise DyKnowError(f'{name} is {text[name]}; it must not be negative')
+        if self.reorder and self.max_delay is None:
+            raise DyKnowError('reorder needs a max_delay beside it')
+        self._check_distances(given, text)
+
+    def _check_distances(self, given: Mapping[str, int], text: Mapping[str, str]) -> None:
         if 'sample_period_deviation' in given:
             if 'sample_period' not in given:
                 raise DyKnowError('sample_period_deviation needs a sample_period beside it')
@@ -114,12 +133,22 @@ class StreamConstraints:
                     f'sample_period_deviation ({text["sample_period_deviation"]}) is more than '
                     f'sample_period ({text["sample_period"]})'
                 )
+        shortest = self.shortest_period or 0
+        if self.max_gap is not None and self.max_gap < shortest:
+            raise DyKnowError(
+                f'max_gap ({text["max_gap"]}) is less than the shortest distance that '
+                f'sample_period allows ({format_duration(shortest)})'
+            )
 
     def __str__(self) -> str:
         """The canonical text, `max_delay = 100 ms, sample_period = 200 ms`."""
-        return ', '.join(
-            f'{name} = {format_duration(value)}' for name, value in self.given().items()
-        )
+        return ', '.join(f'{name} = {_text(name, value)}' for name, value in self.given().items())
+
+
+def _text(name: str, value: int) -> str:
+    if CONSTRAINT_KINDS[name] is ConstraintKind.SWITCH:
+        return 'true' if value else 'false'
+    return format_duration(value)
 
 
 CONSTRAINT_KINDS: Final = {each.name: each.metadata['kind'] for each in fields(StreamConstraints)}

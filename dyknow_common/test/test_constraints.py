@@ -17,6 +17,7 @@ some_constraints = st.builds(
     st.none() | st.integers(1, 2),
     optional,
     optional,
+    st.none() | st.integers(1, 5),
 )
 
 
@@ -41,9 +42,9 @@ def test_merging_again_changes_nothing(one: StreamConstraints, other: StreamCons
 
 
 def test_the_stricter_one_holds() -> None:
-    one = StreamConstraints(1, 9, 5, 10, 4, 7)
-    other = StreamConstraints(2, 8, 6, 10, 3, 8)
-    assert one.merged(other) == StreamConstraints(2, 8, 5, 10, 3, 7)
+    one = StreamConstraints(1, 9, 5, 10, 4, 7, 30)
+    other = StreamConstraints(2, 8, 6, 10, 3, 8, 20)
+    assert one.merged(other) == StreamConstraints(2, 8, 5, 10, 3, 7, 20)
 
 
 def test_nothing_is_empty() -> None:
@@ -66,6 +67,9 @@ def test_text() -> None:
         StreamConstraints(start_time=2, end_time=1),
         StreamConstraints(max_delay=-1),
         StreamConstraints(max_lead=-1),
+        StreamConstraints(max_gap=0),
+        StreamConstraints(sample_period=5, max_gap=4),
+        StreamConstraints(sample_period=5, sample_period_deviation=1, max_gap=3),
         StreamConstraints(sample_period=0),
         StreamConstraints(sample_period_deviation=1),
         StreamConstraints(sample_period=1, sample_period_deviation=2),

@@ -22,13 +22,15 @@ CONSTRAINT = Language('constraint', 'dyknow_common', 'common.lark', {}, 'constra
 
 
 def test_the_grammar_has_all_constraints() -> None:
-    names = re.findall('[a-z_]+', CONSTRAINT.pattern('CONSTRAINT'))
-    assert set(names) == CONSTRAINT_KINDS.keys()
+    patterns = CONSTRAINT.pattern('CONSTRAINT') + CONSTRAINT.pattern('SWITCH')
+    assert set(re.findall('[a-z_]+', patterns)) == CONSTRAINT_KINDS.keys()
 
 
 def test_a_constraint() -> None:
     builder = ConstraintBuilder[tuple[str, int]]()
     assert CONSTRAINT.parse('max_delay=1.5 s', builder) == ('max_delay', 1_500_000_000)
+    assert CONSTRAINT.parse('reorder=true', builder) == ('reorder', True)
+    assert CONSTRAINT.parse('reorder=false', builder) == ('reorder', False)
 
 
 @pytest.mark.parametrize(
@@ -38,6 +40,8 @@ def test_a_constraint() -> None:
         ('max_delay5 s', "1:10: unexpected '5 s', expected '='"),
         ('max_delay=', '1:11: unexpected end of the constraint, expected a duration'),
         ('delay=5 s', "1:1: unexpected character 'd', expected a constraint (start_time, "),
+        ('max_delay=true', "1:11: unexpected 'true', expected a duration"),
+        ('reorder=1 s', "1:9: unexpected '1 s', expected true or false"),
         ('max_delay=5 s=', "1:14: unexpected '=', expected the end of the constraint"),
     ],
 )

@@ -3,6 +3,7 @@
 from dyknow_configuration.documents.yaml_values import YamlValue, read_yaml
 from dyknow_configuration.errors import ConfigurationError
 from dyknow_configuration.faults import RobotFaults, find_faults
+from dyknow_configuration.formula_notes import warn_of_notes
 from dyknow_configuration.formulas import read_formulas
 from dyknow_configuration.nodes import PACKAGES
 from dyknow_configuration.proposals.observations import (
@@ -58,5 +59,6 @@ __all__ = [
     'read_yaml',
     'robot_text',
     'timing_of',
+    'warn_of_notes',
     'write_texts',
 ]

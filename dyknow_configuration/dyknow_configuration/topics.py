@@ -20,6 +20,7 @@ from typing import TYPE_CHECKING, Final
 
 from dyknow_common import (
     CONSTRAINT_KINDS,
+    ConstraintKind,
     DyKnowError,
     InlineText,
     check_unit,
@@ -149,9 +150,7 @@ class _FeatureSource:
 
     def _read_constraints(self) -> dict[str, str]:
         given = {name: value for name, value in self._stated.items() if name in CONSTRAINT_KINDS}
-        for value in given.values():
-            value.duration()
-        return {name: value.line() for name, value in given.items()}
+        return {name: _constraint_text(name, value) for name, value in given.items()}
 
     def _read_objects(self, vocabulary: RobotVocabulary) -> dict[str, tuple[str, ...]]:
         """Return the objects of each variable that the message does not name."""
@@ -190,3 +189,11 @@ class _FeatureSource:
 
     def _variable(self, value: YamlValue) -> str:
         return value.choice('variable', tuple(self._feature.arguments))
+
+
+def _constraint_text(name: str, value: YamlValue) -> str:
+    """Return the value of a constraint in SSL."""
+    if CONSTRAINT_KINDS[name] is ConstraintKind.SWITCH:
+        return 'true' if value.truth() else 'false'
+    value.duration()
+    return value.line()

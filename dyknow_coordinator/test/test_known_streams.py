@@ -136,6 +136,10 @@ PERIODIC = 'with sample_period = 2 s, sample_period_deviation = 1 s'
         ('select z from merged', {'/a': 4, '/b': 4}, True),
         ('sync("/a", "/b") with sample_period = 1 s', {'/a': 9, '/b': 9}, False),
         ('select z from ticks', {'/a': 9, '/b': 9}, False),
+        ('select z from "/a" with max_gap = 3 s', {'/a': 4}, True),
+        ('select z from "/a" with max_gap = 3 s', {'/a': 3}, False),
+        ('sync("/a", "/b") with max_gap = 1 s', {'/a': 9, '/b': 9}, True),
+        ('sync("/a", "/b") with max_gap = 2 s, sample_period = 1 s', {'/a': 9, '/b': 9}, False),
     ],
 )
 def test_a_source_with_a_period_is_overdue_after_it(

@@ -31,6 +31,7 @@ from dyknow_reasoning.language.terms import (
     Term,
 )
 from dyknow_reasoning.language.type_checking import Kind, check_types
+from dyknow_reasoning.notes import FormulaNote, notes_on
 from dyknow_reasoning.progression.atoms import CALCULATE
 from dyknow_reasoning.progression.functions import call_function_on_vectors
 from dyknow_reasoning.progression.instances import ground_atoms
@@ -57,6 +58,7 @@ __all__ = [
     'Formula',
     'FormulaGroup',
     'FormulaLimits',
+    'FormulaNote',
     'FormulaResult',
     'Function',
     'Historically',
@@ -75,6 +77,7 @@ __all__ = [
     'check_trace',
     'check_types',
     'ground_atoms',
+    'notes_on',
     'objects_text',
     'parse_constants',
     'parse_formula',

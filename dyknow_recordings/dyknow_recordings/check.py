@@ -24,6 +24,7 @@ from dyknow_configuration import (
     RobotConfiguration,
     read_formulas,
     read_robot,
+    warn_of_notes,
 )
 from dyknow_reasoning import add_domain_option, read_domains
 from dyknow_recordings.errors import RecordingError
@@ -325,6 +326,7 @@ def _configuration(
     formulas = (*robot.formulas, *read, *map(RequestedFormula, options.formula))
     if not formulas:
         raise RecordingError('there is no formula to check; give --formula, --formulas or --config')
+    warn_of_notes(each.text for each in formulas)
     return files, formulas
 
 

@@ -43,7 +43,12 @@ class ListedSamples(RecordingReader):
 
     contents: dict[str, TopicContent] = {}  # noqa: RUF012 - in place of a property
 
-    def __init__(self, messages: Sequence[RecordedSample], batch: int = 1 << 14) -> None:
+    def __init__(
+        self,
+        messages: Sequence[RecordedSample],
+        batch: int = 1 << 14,
+        publishers: int | None = None,
+    ) -> None:
         super().__init__(Path('listed'))
         self.messages = messages
         self.batch = batch
@@ -55,7 +60,9 @@ class ListedSamples(RecordingReader):
             first = found[0]
             fields = {name: kind for each in reversed(found) for name, kind in _types(each.fields)}
             has_stamp = first.stamp is not None
-            self.contents[topic] = TopicContent(first.message_type, fields, has_stamp, len(found))
+            self.contents[topic] = TopicContent(
+                first.message_type, fields, has_stamp, len(found), publishers
+            )
 
     @property
     def topics(self) -> tuple[RecordedTopic, ...]:
@@ -106,9 +113,11 @@ def _column(values: Sequence[Value | None]) -> np.ndarray[Any, Any]:
     return np.array([0 if value is None else value for value in values], dtype)
 
 
-def recording(messages: Iterable[RecordedSample], batch: int = 1 << 14) -> ListedSamples:
+def recording(
+    messages: Iterable[RecordedSample], batch: int = 1 << 14, publishers: int | None = None
+) -> ListedSamples:
     """A recording of some messages, in the order of their log times."""
-    return ListedSamples(sorted(messages, key=lambda each: each.log_time), batch)
+    return ListedSamples(sorted(messages, key=lambda each: each.log_time), batch, publishers)
 
 
 def _types(fields: Mapping[str, Value | None]) -> Iterator[tuple[str, ValueType]]:

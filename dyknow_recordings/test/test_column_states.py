@@ -33,6 +33,7 @@ compunit mean: float mean(value: float);
 stream low = select v from "/a" where v < 2; sink low;
 stream both = select w as z from (select v as w from "/a"); sink both;
 stream late = select v from "/a" with max_delay = 60 ms; sink late;
+stream mixed = select v from "/a" with max_delay = 60 ms, reorder = true; sink mixed;
 stream rare = select v as value from "/b" where v > 1 and w != 3 with max_delay = 40 ms; sink rare;
 stream steady = select v, w from "/a" with sample_period = 1 s, sample_period_deviation = 999 ms;
 sink steady;
@@ -41,6 +42,12 @@ stream watched = select v from "/b" where v < 3
 sink watched;
 stream timely = select v from "/c" with sample_period = 1 s, sample_period_deviation = 1 s;
 sink timely;
+stream lively = select v from "/b" where v < 3 with max_delay = 60 ms, max_gap = 1200 ms;
+sink lively;
+stream brisk = select v from "/c" with max_gap = 1 s; sink brisk;
+stream dense = select v from "/a" with sample_period = 1 s, sample_period_deviation = 999 ms,
+    max_gap = 400 ms;
+sink dense;
 stream ahead = select v from "/b" with max_lead = 20 ms; sink ahead;
 stream forecast = select v from "/a" with max_lead = 2 s; sink forecast;
 stream used = electrical_power(select v as voltage, w as current from "/a"); sink used;
@@ -76,9 +83,13 @@ STREAM_FORMULAS = (
     'always late.v < 4',
     'always (late.v < 4 or "/b".v < 3)',
     'eventually[0 s, 1 s] rare.value + "/a".v > 6',
+    'always (mixed.v < 4 or "/b".v < 3)',
     'always steady.v + steady.w < 9',
     'always (watched.v < 2 or "/a".v < 4)',
     'always (timely.v < 4 and "/a".v < 6)',
+    'always (lively.v < 2 or "/a".v < 4)',
+    'always (brisk.v < 4 and "/a".v < 6)',
+    'always (dense.v < 4 or "/b".v < 5)',
     'always ahead.v + forecast.v < 9',
     'always used.power < 9',
     'always (feet.v < 10 or low.v < 1)',
@@ -163,9 +174,10 @@ def compare(
     formulas: Sequence[str],
     start: EpisodeStart = FROM_FIRST_STATE,
     files: MonitoringFiles = NO_FILES,
+    publishers: int | None = None,
 ) -> int:
     """Compare both ways; return the number of batches that were progressed as columns."""
-    source = recording(messages, batch)
+    source = recording(messages, batch, publishers)
     found, taken = evaluated(source, formulas, files, start)
     with mock.patch.object(ColumnStates, 'progress', return_value=False):
         requested = [RequestedFormula(each) for each in formulas]
@@ -204,19 +216,25 @@ def files() -> Iterator[MonitoringFiles]:
 
 
 BATCHES = st.sampled_from([1, 2, 5, 17, 1000])
+PUBLISHERS = st.sampled_from([None, 1, 2])
 SOME = st.lists(st.sampled_from(FORMULAS + STREAM_FORMULAS), min_size=1, max_size=6, unique=True)
 
 
 @settings(max_examples=50, deadline=None)
-@given(MESSAGES, BATCHES, SOME, st.sampled_from(STARTS))
+@given(MESSAGES, BATCHES, SOME, st.sampled_from(STARTS), PUBLISHERS)
 def test_plain_recordings(
-    files: MonitoringFiles, drawn: Drawn, batch: int, formulas: list[str], start: EpisodeStart
+    files: MonitoringFiles,
+    drawn: Drawn,
+    batch: int,
+    formulas: list[str],
+    start: EpisodeStart,
+    publishers: int | None,
 ) -> None:
-    compare(made(drawn), batch, formulas, start, files)
+    compare(made(drawn), batch, formulas, start, files, publishers)
 
 
 @settings(max_examples=80, deadline=None)
-@given(MESSAGES, st.data(), BATCHES, SOME, st.sampled_from(STARTS))
+@given(MESSAGES, st.data(), BATCHES, SOME, st.sampled_from(STARTS), PUBLISHERS)
 def test_recordings_with_faults(
     files: MonitoringFiles,
     drawn: Drawn,
@@ -224,11 +242,12 @@ def test_recordings_with_faults(
     batch: int,
     formulas: list[str],
     start: EpisodeStart,
+    publishers: int | None,
 ) -> None:
     for _ in range(data.draw(st.integers(1, 3))):
         row = data.draw(st.integers(0, len(drawn) - 1))
         drawn[row] = (*drawn[row][:4], data.draw(st.sampled_from(ODD)))
-    compare(made(drawn), batch, formulas, start, files)
+    compare(made(drawn), batch, formulas, start, files, publishers)
 
 
 class TwoStreams(NoVocabulary):
@@ -366,6 +385,7 @@ def test_streams_with_a_memory_are_not_made_as_columns(files: MonitoringFiles) -
         ('select v as "%w%" from "/a"', 'always s."1" < 9'),
         ('sync(select v from "/a", select w from "/b") with max_delay = 1 s', 'always s.v < 9'),
         ('sync(select v from "/a") with max_lead = 1 s', 'always s.v < 9'),
+        ('sync(select v from "/a") with max_gap = 1 s', 'always s.v < 9'),
     ],
 )
 def test_streams_without_a_counterpart(tmp_path: Path, text: str, formula: str) -> None:

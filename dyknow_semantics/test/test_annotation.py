@@ -140,6 +140,7 @@ def annotations(draw: st.DrawFn) -> Annotation:
             sample_period=period,
             sample_period_deviation=deviation,
             max_lead=draw(DURATIONS),
+            max_gap=draw(st.none() | st.integers(period or 1, 10**13)),
         )
         if draw(st.booleans())
         else NO_CONSTRAINTS,

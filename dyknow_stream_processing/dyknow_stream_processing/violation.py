@@ -11,6 +11,7 @@ class ViolationKind(StrEnum):
 
     MAX_DELAY = 'max_delay'
     SAMPLE_PERIOD = 'sample_period'
+    MAX_GAP = 'max_gap'
     FUTURE = 'future'  # a sample is stamped further ahead of the clock than max_lead
     VALID_TIME_ORDER = 'valid_time_order'  # a sample is older than its predecessor
     FIELDS = 'fields'  # a sample lacks a needed field, or its fields do not fit

@@ -28,6 +28,7 @@ class Flow:
         remark: Callable[[Iterable[str]], str] = lambda _: '',
     ) -> None:
         self.receipt_topics: set[str] = set()
+        self.ordered_topics: set[str] = set()
         self.types: dict[str, Mapping[str, ValueType]] = {}
         units = load_units() if units is None else units
         self.dataflow = Dataflow(units, self._source_type, _ns(max_lead), remark)
@@ -94,10 +95,10 @@ class Flow:
         return taken
 
     def _source_type(self, topic: str) -> SourceType | None:
-        receipt_time = topic in self.receipt_topics
-        if topic not in self.types and not receipt_time:
+        receipt_time, is_ordered = topic in self.receipt_topics, topic in self.ordered_topics
+        if topic not in self.types and not receipt_time and not is_ordered:
             return None
-        return SourceType(self.types.get(topic), receipt_time)
+        return SourceType(self.types.get(topic), receipt_time, is_ordered)
 
 
 def _ns(milliseconds: float) -> int:

@@ -85,6 +85,7 @@ def constraints(draw: st.DrawFn) -> StreamConstraints:
         sample_period=period,
         sample_period_deviation=draw(st.none() | st.integers(0, period)) if period else None,
         max_lead=draw(st.none() | durations),
+        max_gap=draw(st.none() | st.integers(period or 1, 10**13)),
     )
 
 

@@ -25,7 +25,9 @@ class NaiveInput:
     receipt_time: bool = False
     modulus: int = 1
     max_lead: int | None = None
+    is_ordered: bool = False
     seen: list[tuple[int, int]] = field(default_factory=list)
+    newest: int = -1000
 
     def term(self, port: int) -> str:
         limits = {'max_delay': self.max_delay, 'max_lead': self.max_lead}
@@ -36,6 +38,10 @@ class NaiveInput:
     def take(self, valid_time: int, number: int, now: int) -> None:
         if self.max_lead is not None and valid_time - now > self.max_lead:
             return
+        if self.is_ordered and self.max_delay is not None and number % self.modulus == 0:
+            if valid_time < self.newest:
+                return
+            self.newest = valid_time
         too_late = self.max_delay is not None and now - valid_time > self.max_delay
         newest = max((time for time, _ in self.seen), default=valid_time)
         if not too_late and (self.max_delay is not None or valid_time >= newest):
@@ -46,8 +52,9 @@ class NaiveInput:
         held = self.max_delay or 0
         if self.receipt_time:
             held = 0
+        passes = self.max_delay is None or self.is_ordered
         return sorted(
-            (each for each in self.seen if self.max_delay is None or each[0] + held <= now),
+            (each for each in self.seen if passes or each[0] + held <= now),
             key=lambda each: each[0],
         )
 
@@ -102,7 +109,12 @@ def run(
 ) -> list[Output]:
     outputs: list[Output] = []
     clock = 0
-    dataflow = Dataflow({}, lambda topic: SourceType(None, inputs[int(topic)].receipt_time))
+
+    def source_type(topic: str) -> SourceType:
+        source = inputs[int(topic)]
+        return SourceType(None, source.receipt_time, source.is_ordered)
+
+    dataflow = Dataflow({}, source_type)
 
     def on_sample(sample: Sample) -> None:
         numbers = tuple(int(sample.fields[f'n{port}']) for port in range(len(inputs)))
@@ -133,6 +145,7 @@ def situations(
             receipt_time=draw(st.booleans()),
             modulus=draw(st.sampled_from([1, 1, 2, 3])),
             max_lead=draw(st.none() | st.integers(0, 4)),
+            is_ordered=draw(st.booleans()),
         )
         for _ in range(draw(st.integers(1, 3)))
     ]

@@ -16,6 +16,7 @@ from rclpy.signals import SignalHandlerOptions
 from dyknow_bringup.errors import BringupError
 from dyknow_common import SECOND_NS, ExitCode, Verdict, duration_option, round_time
 from dyknow_common.executables import ERROR, FALSE, SUCCESS, describe, interruptible
+from dyknow_configuration import warn_of_notes
 from dyknow_coordinator import Answer, Grounding, Progress, StandingVerdicts
 from dyknow_coordinator.ros import FormulaClient
 from dyknow_reasoning import check_types, parse_formula
@@ -30,6 +31,7 @@ def evaluate(chosen: argparse.Namespace) -> int:
     """Evaluate one formula; the exit code is 0 for true, 1 for false and 2 for no verdict."""
     # What is wrong with the text alone is said at once, also if no system runs.
     check_types(parse_formula(chosen.formula), chosen.formula)
+    warn_of_notes([chosen.formula])
     answer = _ask(chosen)
     if chosen.json:
         _print(json.dumps(_as_json(answer)))

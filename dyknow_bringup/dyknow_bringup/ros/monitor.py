@@ -26,7 +26,7 @@ from dyknow_common import SECOND_NS, duration_option
 from dyknow_common.executables import ERROR, FALSE, SUCCESS, describe, interruptible
 from dyknow_common.ros import TICK_PERIOD_S
 from dyknow_common.tables import Terminal
-from dyknow_configuration import RequestedFormula, read_robot
+from dyknow_configuration import RequestedFormula, read_robot, warn_of_notes
 
 COORDINATOR_TIMEOUT_S = 10.0
 """Time to wait for the coordinator, which may just have been started."""
@@ -46,6 +46,7 @@ def monitor(options: argparse.Namespace) -> int:
     formulas = read_robot(options.robot).formulas
     if not formulas:
         raise BringupError(f"{options.robot}: there is no formula; add one under 'formulas'")
+    warn_of_notes(each.text for each in formulas)
     console = Terminal()
     is_live = console.is_terminal and not options.json
     with _watching(options, formulas, is_live=is_live) as watch:

@@ -31,6 +31,8 @@ class ReplayNode(DyKnowNode):
         self._known_faults: tuple[RecordingFault, ...] = ()
         self._report_faults()
         messages = self._bag.messages(options.topics)
+        counts = {topic: each.publishers or 1 for topic, each in self._bag.contents.items()}
+        several = {topic for topic, count in counts.items() if count > 1}
         self._outputs = {
             (topic.name, topic.message_type): self.create_publisher(
                 message_class(topic.message_type), topic.name, _qos(topic.quality_of_service)
@@ -38,6 +40,12 @@ class ReplayNode(DyKnowNode):
             for topic in self._bag.topics
             if not options.topics or topic.name in options.topics
         }
+        # Readers put the messages of several publishers in order, so there are several here, too.
+        self._others = [
+            self.create_publisher(publisher.msg_type, publisher.topic_name, publisher.qos_profile)
+            for (topic, _), publisher in self._outputs.items()
+            if topic in several
+        ]
         self._clock_publisher = (
             self.create_publisher(ClockMessage, '/clock', 10) if options.clock else None
         )

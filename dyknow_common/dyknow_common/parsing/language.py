@@ -33,6 +33,8 @@ _FORBIDDEN: Final = re.compile('[\x00-\x08\x0b\x0e-\x1f\ud800-\udfff]')
 _ENDS: Final = ('$END', '<END-OF-FILE>')
 """The names of the end of a text in lark's parser and in its lexer."""
 
+_CONSTRAINT: Final = f'a constraint ({", ".join(CONSTRAINT_KINDS)})'
+
 _SPELLINGS: Final = {
     'NAME': 'a name',
     'FIELD': 'a field',
@@ -40,7 +42,9 @@ _SPELLINGS: Final = {
     'NUMBER': 'a number',
     'DURATION': 'a duration',
     'FUNCTION': 'a function of a field',
-    'CONSTRAINT': f'a constraint ({", ".join(CONSTRAINT_KINDS)})',
+    'TRUTH': 'true or false',
+    'CONSTRAINT': _CONSTRAINT,
+    'SWITCH': _CONSTRAINT,
 }
 """The names in messages of terminals that several languages have."""
 

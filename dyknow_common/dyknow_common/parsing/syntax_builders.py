@@ -40,6 +40,6 @@ class SyntaxBuilder(Transformer_NonRecursive[Token, Syntax]):
 class ConstraintBuilder(SyntaxBuilder[Syntax]):
     """A builder for the rule `constraint` of `common.lark`."""
 
-    def constraint(self, name: Token, duration: Token) -> tuple[Token, int]:
-        """Return the name of a constraint and its value in nanoseconds."""
-        return name, duration_value(duration)
+    def constraint(self, name: Token, value: Token) -> tuple[Token, int]:
+        """Return the name of a constraint, and its value: nanoseconds, or true or false."""
+        return name, value == 'true' if name.type == 'SWITCH' else duration_value(value)

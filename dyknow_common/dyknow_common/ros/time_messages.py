@@ -10,6 +10,7 @@ from dyknow_interfaces.msg import StreamConstraints as StreamConstraintsMessage
 
 from dyknow_common.constraints import CONSTRAINT_KINDS, ConstraintKind, StreamConstraints
 from dyknow_common.durations import SECOND_NS
+from dyknow_common.errors import DyKnowError
 from dyknow_common.verdict import Margin
 
 _NO_MARGIN = MarginMessage()
@@ -36,17 +37,23 @@ def nanoseconds_to_duration(nanoseconds: int) -> Any:
 
 def constraints_from_message(message: Any) -> StreamConstraints:
     """Return the constraints of a message."""
-    return StreamConstraints(
-        **{
-            name: time_to_nanoseconds(value)
-            for name in CONSTRAINT_KINDS
-            for value in getattr(message, name)
-        }
-    )
+    values: dict[str, Any] = {
+        name: time_to_nanoseconds(value)
+        for name, kind in CONSTRAINT_KINDS.items()
+        if kind is not ConstraintKind.SWITCH
+        for value in getattr(message, name)
+    }
+    return StreamConstraints(**values)
 
 
 def constraints_to_message(constraints: StreamConstraints) -> Any:
-    """Return a StreamConstraints message."""
+    """Return a StreamConstraints message.
+
+    Raises:
+        DyKnowError: for `reorder`, which no message has.
+    """
+    if constraints.reorder is not None:
+        raise DyKnowError('no message has reorder; give it in the text of the specification')
     convert = {
         ConstraintKind.TIME: nanoseconds_to_time,
         ConstraintKind.DURATION: nanoseconds_to_duration,

@@ -193,6 +193,13 @@ class YamlValue:
             raise self.expected('a duration with a unit, such as 500 ms,')
         return self.read(parse_duration, self.text())
 
+    def truth(self) -> bool:
+        """Return true or false."""
+        found = self.plain()
+        if not isinstance(found, bool):
+            raise self.expected('true or false')
+        return found
+
     def choice(self, kind: str, known: Collection[str]) -> str:
         """Return one of some texts of a kind."""
         text = self.text(f'a {kind}').strip()

@@ -95,8 +95,8 @@ class KnownStreams:
     def is_overdue(self, source: FeatureSource, silences: Mapping[str, int]) -> bool:
         """Return True if a stream that a source is made from should have had a sample by now.
 
-        This is a stream with a `sample_period` if all topics that it is made from have been silent
-        for longer than that.
+        This is a stream with a `sample_period` or a `max_gap` if all topics that it is made from
+        have been silent for longer than that.
 
         Args:
             source: the source.
@@ -108,9 +108,9 @@ class KnownStreams:
             _periods(_source_text(source), NO_CONSTRAINTS),
             *(_periods(each.specification, each.constraints) for each in origins),
         )
-        for longest_period, names in periods:
+        for longest, names in periods:
             topics = self._origins(names) & silences.keys()
-            if topics and all(silences[topic] > longest_period for topic in topics):
+            if topics and all(silences[topic] > longest for topic in topics):
                 return True
         return False
 
@@ -193,9 +193,9 @@ def _declared_names(specification: str) -> frozenset[str]:
 
 @cached_by_text
 def _periods(specification: str, added: StreamConstraints) -> tuple[tuple[int, FreeNames], ...]:
-    """Return the longest period of each stream that gives a `sample_period`, and its origins.
+    """Return the longest distance of the samples of each stream that bounds it, and its origins.
 
-    The ticks of a `sync` are left out: they go on while an input is silent.
+    A `sync` with a period is left out: its ticks go on while an input is silent.
     """
     if not specification:
         return ()
@@ -205,10 +205,15 @@ def _periods(specification: str, added: StreamConstraints) -> tuple[tuple[int, F
     terms = [(each.constraints, each) for term in stated for each in subterms(term)]
     terms.append((added, made(parsed)))
     return tuple(
-        (constraints.longest_period, _names_of(term, declared))
+        (constraints.longest_distance, _names_of(term, declared))
         for constraints, term in terms
-        if constraints.longest_period is not None and not isinstance(term, Sync)
+        if constraints.longest_distance is not None and not _is_periodic_sync(term, constraints)
     )
+
+
+def _is_periodic_sync(term: Term, added: StreamConstraints) -> bool:
+    period = term.constraints.sample_period or added.sample_period
+    return isinstance(term, Sync) and period is not None
 
 
 def _names_of(term: Term, declared: Mapping[str, Term]) -> FreeNames:

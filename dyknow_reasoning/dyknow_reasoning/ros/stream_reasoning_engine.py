@@ -20,6 +20,7 @@ from dyknow_common import SECOND_NS, ExitCode, listed, shortened
 from dyknow_common.ros import LATCHED_HISTORY, REPORTS, Background, DyKnowNode, run
 from dyknow_reasoning.errors import ReasoningError
 from dyknow_reasoning.formula_group import FormulaGroup
+from dyknow_reasoning.notes import notes_on
 from dyknow_reasoning.ros.engine_limits import EngineLimits, check_name
 from dyknow_reasoning.ros.group_evaluation import GroupEvaluation
 
@@ -115,6 +116,8 @@ class StreamReasoningEngine(DyKnowNode):
             every_state=request.every_state,
         )
         response.canonical_formula = str(evaluation.group.formulas[response.formula_id])
+        for note in notes_on(request.formula):
+            self.get_logger().warning(f"formula '{request.formula_name}': {note}")
 
     async def _remove_formula(self, request: Any, _response: Any) -> None:
         await self._find(request.formula_group_id).remove_formula(request.formula_id)

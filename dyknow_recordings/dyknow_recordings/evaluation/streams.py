@@ -18,6 +18,7 @@ from dyknow_recordings.reading.contents import TopicContent
 from dyknow_recordings.reading.recording import RecordedFields
 from dyknow_stream_processing import (
     ALL,
+    SAMPLE_TYPE,
     WHOLE,
     Dataflow,
     PartialFields,
@@ -258,7 +259,9 @@ class RecordedStreams:
         content = self._topics.get(self.absolute(topic))
         if content is None:
             return None
-        return SourceType(content.fields, receipt_time=not content.has_stamp)
+        # A topic of samples may be a stream of an engine, such as a merge.
+        is_ordered = content.publishers == 1 and content.message_type != SAMPLE_TYPE
+        return SourceType(content.fields, not content.has_stamp, is_ordered)
 
     def _make(self, names: Sequence[str]) -> None:
         """Make requested streams; one may be made of another that comes later."""

@@ -18,9 +18,11 @@ class TopicContent:
             None if they cannot be read.
         has_stamp: True if the messages have a stamp, False if they are valid when received.
         count: the number of messages, of all types.
+        publishers: their number when the recording began; None if it is unknown.
     """
 
     message_type: str
     fields: Mapping[str, ValueType] | None
     has_stamp: bool
     count: int
+    publishers: int | None = None

@@ -35,11 +35,13 @@ class QualityOfService:
         reliable: True if lost messages were sent again.
         transient_local: True if late subscribers got the latest messages.
         depth: the number of messages that were kept; 0 for all or unknown.
+        publishers: the number of publishers when the recording began.
     """
 
     reliable: bool
     transient_local: bool
     depth: int
+    publishers: int = 1
 
 
 @dataclass(frozen=True, slots=True)

@@ -24,7 +24,6 @@ _SPELLINGS: Final = {
     '_IN': "'in'",
     'UNIT': 'a unit such as [m]',
     'PATH': 'a field',
-    'TRUTH': 'true or false',
     'COMPARISON': 'a comparison (= != < <= > >=)',
     'DURATION': 'a duration such as 100 ms',
 }

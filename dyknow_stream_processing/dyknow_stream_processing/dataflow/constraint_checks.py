@@ -1,7 +1,7 @@
 """Operators that check the constraints of streams.
 
-Example of the reorder buffer: `"a" with max_delay = 10 ms`. A sample waits until its `max_delay`
-has passed, because an earlier one may still arrive until then (times in milliseconds):
+Example of the reorder buffer: `"a" with max_delay = 10 ms, reorder = true`. A sample waits until
+its `max_delay` has passed, because an earlier one may still arrive (times in milliseconds):
 
     time    event                          emitted
     5       receive the sample valid at 5  -
@@ -10,17 +10,13 @@ has passed, because an earlier one may still arrive until then (times in millise
     14      receive the sample valid at 2  - (dropped, violation: 12 ms late)
     15      max_delay of 5 has passed      the sample valid at 5
 
+If the stamps of "a" are in order, as those of one publisher are, no sample waits (the same ones):
+
+    5       receive the sample valid at 5  the sample valid at 5
+    6       receive the sample valid at 3  - (dropped, violation: out of order)
+
 Example of the check of leads: `"a" with max_lead = 5 ms`. At 20, a sample valid at 25 is passed on,
 and one valid at 26 is dropped with a violation. A topic without `max_lead` has that of the engine.
-
-Example of the period check: `"a" with sample_period = 10 ms, sample_period_deviation = 2 ms`, after
-a sample valid at 0. A sample valid at 7 is dropped with a violation; one valid at 8 to 12 is
-emitted. Without one, the gap is a violation as soon as no sample valid at 12 can arrive any more:
-
-    "a" is                        the gap is certain
-    stamped                       when a sample valid after 12 arrives, whatever its delay
-    stamped, max_delay = 3 ms     then, or when the clock has passed 15
-    valid at the time of receipt  when the clock has passed 12
 """
 
 from __future__ import annotations
@@ -31,7 +27,6 @@ from itertools import count
 from typing import Final
 
 from dyknow_common import (
-    StreamConstraints,
     Value,
     format_duration,
     format_time,
@@ -59,7 +54,7 @@ class LeadOperator(Operator):
 
     def __init__(self, wiring: Wiring, max_lead: int, is_default: bool) -> None:  # noqa: FBT001
         super().__init__(wiring)
-        self.limit = (max_lead, is_default)
+        self.limit: tuple[int | bool | None, ...] = (max_lead, is_default)
         """The arguments, for an equal check."""
         self._max_lead = max_lead
         self._source = _source_of(self.inputs[0]) if is_default else None
@@ -108,10 +103,54 @@ class OrderOperator(LeadOperator):
         if valid_time - now > self._max_lead and self._reject_ahead(valid_time, now):
             return
         if valid_time < self._latest:
-            self._reject(_out_of_order(valid_time, self._latest))
+            mend = 'with a max_delay and reorder = true, samples are put in order'
+            self._reject(_out_of_order(valid_time, self._latest, mend))
         else:
             self._latest = valid_time
             self._emit(valid_time, fields, watermark if self.vouched else valid_time, now)
+
+
+class ArrivalOperator(LeadOperator):
+    """Filter of samples that a consumer puts in order, with promises where they come in order.
+
+    Without `reorder`, a sample promises that no earlier one follows; the consumer drops one that
+    does. Samples of another engine come in any order, with the watermarks of that engine.
+
+    Args:
+        max_lead: the lead in nanoseconds up to which a sample is passed on.
+        is_default: see `LeadOperator`.
+        reorder: True if samples come in any order, False if in order; `None`: as the source says.
+    """
+
+    def __init__(
+        self,
+        wiring: Wiring,
+        max_lead: int,
+        is_default: bool,  # noqa: FBT001
+        reorder: bool | None,  # noqa: FBT001
+    ) -> None:
+        super().__init__(wiring, max_lead, is_default)
+        self.limit = (max_lead, is_default, reorder)
+        self._reorder = reorder
+        self._topic = _source_of(self.inputs[0])
+        self._latest = BEGINNING
+
+    def receive(
+        self, port: int, valid_time: int, fields: Mapping[str, Value], watermark: int, now: int
+    ) -> None:
+        """Pass a sample on unless it is too far ahead, with its promise."""
+        if valid_time - now > self._max_lead and self._reject_ahead(valid_time, now):
+            self.promise(port, watermark, now)
+        elif not self._is_ordered():
+            self._emit(valid_time, fields, watermark, now)
+        else:
+            self._latest = max(self._latest, valid_time)
+            self._emit(valid_time, fields, max(watermark, self._latest), now)
+
+    def _is_ordered(self) -> bool:
+        if self.vouched:
+            return False
+        return self._topic.has_ordered_stamps if self._reorder is None else not self._reorder
 
 
 MAX_HELD: Final = 10_000
@@ -146,6 +185,9 @@ class ReorderOperator(Operator):
         self, port: int, valid_time: int, fields: Mapping[str, Value], watermark: int, now: int
     ) -> None:
         """Hold a sample, unless it is too late."""
+        promised = self._promised
+        if watermark > promised:
+            self._promised = watermark
         if self._max_delay is not None and now - valid_time > self._max_delay:
             delay = now - valid_time
             message = (
@@ -154,8 +196,12 @@ class ReorderOperator(Operator):
             )
             kind = ViolationKind.MAX_DELAY
             self._reject(Fault(kind, valid_time, message, delay, self._max_delay))
+        elif valid_time < promised:
+            mend = 'with reorder = true, samples that come within max_delay are put in order'
+            self._reject(_out_of_order(valid_time, promised, mend))
         elif valid_time < self._released:
-            self._reject(_out_of_order(valid_time, self._released))
+            mend = 'that one has been passed on, as no earlier one was expected'
+            self._reject(_out_of_order(valid_time, self._released, mend))
         elif len(self._held) >= MAX_HELD:
             message = (
                 f'{MAX_HELD} samples of {self.inputs[0].label} wait to be put in order, and the '
@@ -258,84 +304,6 @@ class BoundsOperator(Operator):
         self.promise(port, watermark, now)
 
 
-class PeriodOperator(Operator):
-    """Check that samples follow each other at the sample period.
-
-    A sample that follows too early is dropped. A gap is reported once, when it is certain: by the
-    sample that ends it, by a promise, or by the clock if the delay of the next sample has a bound.
-    Otherwise silence alone is no violation, because the next sample may be late, not missing.
-    """
-
-    def __init__(self, wiring: Wiring, constraints: StreamConstraints) -> None:
-        super().__init__(wiring)
-        self._shortest = constraints.shortest_period or 0
-        self._longest = constraints.longest_period or 0
-        self._end = constraints.end_time
-        self._demand = (
-            f'sample_period is {format_duration(constraints.sample_period or 0)}, '
-            f'give or take {format_duration(constraints.sample_period_deviation or 0)}'
-        )
-        self._last: int | None = None
-        self._latest: int | None = None
-        """The latest valid time at which the next sample is in time; None: no gap to report."""
-
-    def receive(
-        self, port: int, valid_time: int, fields: Mapping[str, Value], watermark: int, now: int
-    ) -> None:
-        """Pass a sample on unless it is too early."""
-        if self._last is not None:
-            distance = valid_time - self._last
-            if distance < self._shortest:
-                self._reject(self._fault(valid_time, distance, self._shortest))
-                self.promise(port, watermark, now)
-                return
-            if distance > self._longest and self._latest is not None:
-                self._violate(self._fault(valid_time, distance, self._longest))
-        self._last = valid_time
-        latest = valid_time + self._longest
-        self._latest = latest if self._end is None or latest <= self._end else None
-        self._plan()
-        self._emit(valid_time, fields, watermark, now)
-
-    def promise(self, port: int, watermark: int, now: int) -> None:  # noqa: ARG002
-        """Report the gap if no sample can be in time any more."""
-        if self._latest is not None and watermark > self._latest:
-            self._report_gap(self._latest, watermark)
-        self._promise(watermark, now)
-        self._plan()
-
-    def wake(self, now: int) -> None:
-        """Report the gap once the clock makes it certain that the next sample is not in time."""
-        if self._latest is None:
-            return
-        certain = self.certain_at(self._latest)
-        if certain is not None and certain <= now:
-            self._report_gap(self._latest, now)
-        else:
-            self._plan()
-
-    def _plan(self) -> None:
-        """Wake when the clock makes a gap certain, if it can."""
-        if self.timed and self._latest is not None:
-            certain = self.certain_at(self._latest)
-            if certain is not None:
-                self._scheduler.wake_at(self, certain)
-
-    def _report_gap(self, latest: int, until: int) -> None:
-        self._latest = None
-        last = latest - self._longest
-        message = f'no sample after the one valid at {round_time(last)}; {self._demand}'
-        fault = Fault(ViolationKind.SAMPLE_PERIOD, latest, message, until - last, self._longest)
-        self._violate(fault)
-
-    def _fault(self, valid_time: int, observed: int, allowed: int) -> Fault:
-        message = (
-            f'the sample valid at {round_time(valid_time)} comes {round_duration(observed)} '
-            f'after its predecessor; {self._demand}'
-        )
-        return Fault(ViolationKind.SAMPLE_PERIOD, valid_time, message, observed, allowed)
-
-
 def _source_of(operator: Operator) -> SourceOperator:
     """Return the source of an operator that selects from a single one."""
     while not isinstance(operator, SourceOperator):
@@ -343,9 +311,9 @@ def _source_of(operator: Operator) -> SourceOperator:
     return operator
 
 
-def _out_of_order(valid_time: int, predecessor: int) -> Fault:
+def _out_of_order(valid_time: int, predecessor: int, mend: str) -> Fault:
     message = (
         f'the sample valid at {format_time(valid_time)} came after the one valid at '
-        f'{format_time(predecessor)}; give the stream a max_delay to have samples put in order'
+        f'{format_time(predecessor)}; {mend}'
     )
     return Fault(ViolationKind.VALID_TIME_ORDER, valid_time, message, predecessor - valid_time)

@@ -35,10 +35,12 @@ class SourceType:
     Args:
         fields: the fields with their types; `None` if they are unknown before samples arrive.
         receipt_time: True if the valid time of a sample is the time of its receipt.
+        has_ordered_stamps: True if its messages are stamped in order, as one publisher does.
     """
 
     fields: Mapping[str, ValueType] | None
     receipt_time: bool
+    has_ordered_stamps: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,7 +85,7 @@ class Dataflow:
     def _reset(self) -> None:
         self._scheduler = Scheduler()
         self._graph = OperatorGraph(
-            self._scheduler, self._units, self._has_receipt_time, self.max_lead
+            self._scheduler, self._units, self._source_details, self.max_lead
         )
 
     def create(
@@ -178,9 +180,10 @@ class Dataflow:
         return total_demand(each.resolved.term for each in self._streams.values())
 
     def set_source_type(self, topic: str, source_type: SourceType) -> None:
-        """Set the type of a topic that was unknown when streams were created from it."""
+        """Set the type of a topic that was unknown or has changed since streams were created."""
         for source in self._graph.sources.get(topic, ()):
             source.set_receipt_time(receipt_time=source_type.receipt_time)
+            source.has_ordered_stamps = source_type.has_ordered_stamps
 
     def push(self, topic: str, sample: Sample, *, is_checked: bool = False) -> None:
         """Process a sample of a topic.
@@ -279,9 +282,9 @@ class Dataflow:
         source = self._source_type(topic)
         return None if source is None else source.fields
 
-    def _has_receipt_time(self, topic: str) -> bool:
+    def _source_details(self, topic: str) -> tuple[bool, bool]:
         source = self._source_type(topic)
-        return source is not None and source.receipt_time
+        return (source.receipt_time, source.has_ordered_stamps) if source else (False, False)
 
 
 @dataclass(eq=False)

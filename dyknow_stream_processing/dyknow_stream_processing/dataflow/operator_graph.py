@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Final
 
-from dyknow_common import NO_CONSTRAINTS
+from dyknow_common import NO_CONSTRAINTS, StreamConstraints
 from dyknow_stream_processing.dataflow.built_in.action_status import ActionStatusOperator
 from dyknow_stream_processing.dataflow.built_in.frames import (
     FramesOperator,
@@ -14,12 +14,13 @@ from dyknow_stream_processing.dataflow.built_in.frames import (
 )
 from dyknow_stream_processing.dataflow.computational_units import UnitOperator
 from dyknow_stream_processing.dataflow.constraint_checks import (
+    ArrivalOperator,
     BoundsOperator,
     LeadOperator,
     OrderOperator,
-    PeriodOperator,
     ReorderOperator,
 )
+from dyknow_stream_processing.dataflow.distances import DistanceOperator, Distances
 from dyknow_stream_processing.dataflow.operators import (
     MergeOperator,
     Operator,
@@ -48,13 +49,33 @@ from dyknow_stream_processing.language.specification import (
 from dyknow_stream_processing.language.type_rules import Unit
 
 
+@dataclass(frozen=True, slots=True)
+class _ArrivalChecks:
+    """The checks of samples when they arrive: a select or a merge passes them on to its topics.
+
+    Args:
+        max_lead: the least one, in nanoseconds.
+        reorder: that of the innermost stream that states it.
+    """
+
+    max_lead: int | None = None
+    reorder: bool | None = None
+
+    def within(self, constraints: StreamConstraints) -> _ArrivalChecks:
+        """Return the checks for the inputs of a stream with these constraints."""
+        leads = [each for each in (constraints.max_lead, self.max_lead) if each is not None]
+        reorder = self.reorder if constraints.reorder is None else constraints.reorder
+        return _ArrivalChecks(min(leads, default=None), reorder)
+
+
 class OperatorGraph:
     """The running operators; each is kept as long as an operator or a stream uses its samples.
 
     Args:
         scheduler: wakes the operators.
         units: the computational units by name.
-        has_receipt_time: returns true if the valid times of a topic are the times of receipt.
+        source_type: returns if the valid times of a topic are the times of receipt, and if its
+            stamps are in order.
         max_lead: of topics for which a stream gives none, in nanoseconds.
     """
 
@@ -62,12 +83,12 @@ class OperatorGraph:
         self,
         scheduler: Scheduler,
         units: Mapping[str, Unit],
-        has_receipt_time: Callable[[str], bool],
+        source_type: Callable[[str], tuple[bool, bool]],
         max_lead: int,
     ) -> None:
         self._scheduler = scheduler
         self._units = units
-        self._has_receipt_time = has_receipt_time
+        self._source_type = source_type
         self._max_lead = max_lead
         self._operators: dict[Hashable, Operator] = {}
         self.sources: Mapping[str, tuple[SourceOperator, ...]] = {}
@@ -111,27 +132,20 @@ class OperatorGraph:
         return [each for each in self._operators.values() if isinstance(each, SyncOperator)]
 
     def _constrained(
-        self, term: Term, *, may_be_late: bool, max_lead: int | None = None
+        self, term: Term, *, may_be_late: bool, arrival: _ArrivalChecks = _ArrivalChecks()
     ) -> Operator:
         """Return the operator of a term with its constraints.
 
         With `may_be_late`, it may emit samples out of order, as a consumer reorders them. Otherwise
-        samples of a topic that are older than their predecessors are dropped. A select or a merge
-        passes the least `max_lead`, its own or that of its consumer, on to the topics, because
-        leads are checked when samples arrive.
+        samples of a topic that are older than their predecessors are dropped.
         """
         label, demands = _label(term), term.constraints
-        is_delayed, is_regular = demands.max_delay is not None, demands.sample_period is not None
-        max_lead = min(
-            (each for each in (demands.max_lead, max_lead) if each is not None), default=None
-        )
-        operator = self._bare(
-            term,
-            may_be_late=is_delayed or (may_be_late and not is_regular),
-            max_lead=max_lead,
-        )
-        if isinstance(term, Sync | Call) and max_lead is not None:
-            operator = self._operator(LeadOperator, label, [operator], max_lead, False)
+        is_delayed, is_regular = demands.max_delay is not None, demands.longest_distance is not None
+        arrival = arrival.within(demands)
+        is_sorted = is_delayed or (may_be_late and not is_regular)
+        operator = self._bare(term, may_be_late=is_sorted, arrival=arrival)
+        if isinstance(term, Sync | Call) and arrival.max_lead is not None:
+            operator = self._operator(LeadOperator, label, [operator], arrival.max_lead, False)
         if is_delayed:
             limits = (demands.max_delay, demands.shortest_period)
             operator = self._operator(ReorderOperator, label, [operator], *limits)
@@ -143,28 +157,28 @@ class OperatorGraph:
         # A sync keeps its period by itself, unless a `max_delay` makes it drop late ticks.
         is_periodic = isinstance(term, Sync) and demands.max_delay is None
         if demands.sample_period is not None and not is_periodic:
-            operator = self._operator(PeriodOperator, label, [operator], demands)
+            allowed = Distances.of_period(demands)
+            operator = self._operator(DistanceOperator, label, [operator], allowed)
+        if demands.max_gap is not None:
+            allowed = Distances.of_gap(demands)
+            operator = self._operator(DistanceOperator, label, [operator], allowed)
         return operator
 
-    def _bare(self, term: Term, *, may_be_late: bool, max_lead: int | None) -> Operator:
+    def _bare(self, term: Term, *, may_be_late: bool, arrival: _ArrivalChecks) -> Operator:
         label = _label(replace(term, constraints=NO_CONSTRAINTS))
         match term:
             case StreamReference():
-                has_receipt_time = self._has_receipt_time(term.name)
-                source = self._operator(SourceOperator, label, [], has_receipt_time)
-                check = LeadOperator if may_be_late else OrderOperator
-                limit = (self._max_lead, True) if max_lead is None else (max_lead, False)
-                return self._operator(check, label, [source], *limit)
+                return self._topic(term.name, label, may_be_late=may_be_late, arrival=arrival)
             case BuiltInSource():
-                return self._built_in(term, label, max_lead)
+                return self._built_in(term, label, arrival)
             case Select():
-                source = self._constrained(term.source, may_be_late=may_be_late, max_lead=max_lead)
+                source = self._constrained(term.source, may_be_late=may_be_late, arrival=arrival)
                 if term.elements is not None:
                     source = self._operator(ElementsOperator, source.label, [source], *term.demand)
                 return self._selected(source, label, (term.selections, term.conditions))
             case Merge():
                 inputs = [
-                    self._constrained(each, may_be_late=may_be_late, max_lead=max_lead)
+                    self._constrained(each, may_be_late=may_be_late, arrival=arrival)
                     for each in term.inputs
                 ]
                 return self._operator(MergeOperator, label, inputs)
@@ -177,24 +191,34 @@ class OperatorGraph:
                 details = (self._units[term.unit], term.declaration, term.arguments)
                 return self._operator(UnitOperator, label, inputs, *details)
 
-    def _built_in(self, term: BuiltInSource, label: str, max_lead: int | None) -> Operator:
+    def _topic(
+        self, name: str, label: str, *, may_be_late: bool, arrival: _ArrivalChecks
+    ) -> Operator:
+        source = self._operator(SourceOperator, label, [], *self._source_type(name))
+        max_lead = arrival.max_lead
+        limit = (self._max_lead, True) if max_lead is None else (max_lead, False)
+        if may_be_late:
+            return self._operator(ArrivalOperator, label, [source], *limit, arrival.reorder)
+        return self._operator(OrderOperator, label, [source], *limit)
+
+    def _built_in(self, term: BuiltInSource, label: str, arrival: _ArrivalChecks) -> Operator:
         topic = term.inputs[0]
         if term.kind is BuiltIn.ACTION:
-            source = self._bare(topic, may_be_late=False, max_lead=max_lead)
+            source = self._bare(topic, may_be_late=False, arrival=arrival)
             return self._operator(ActionStatusOperator, label, [source])
         topics = (_label(topic), TF_STATIC)
         # Their valid times are not used, so there is one tree, whether the type is known or not.
-        sources = [self._operator(SourceOperator, each, [], True) for each in topics]
+        sources = [self._operator(SourceOperator, each, [], True, False) for each in topics]
         tree = self._operator(TransformTreeOperator, topics[0], sources)
         frames = self._operator(FramesOperator, label, [tree], *term.arguments)
-        limit = self._max_lead if max_lead is None else max_lead
+        limit = self._max_lead if arrival.max_lead is None else arrival.max_lead
         return self._operator(LeadOperator, label, [frames], limit, False)
 
     def _selected(self, source: Operator, label: str, details: tuple[object, ...]) -> Operator:
         if isinstance(source, LeadOperator) and not isinstance(source, OrderOperator):
             # A stream is not at fault for samples that it does not select.
             selected = self._selected(source.inputs[0], label, details)
-            return self._operator(LeadOperator, label, [selected], *source.limit)
+            return self._operator(type(source), label, [selected], *source.limit)
         if not isinstance(source, MergeOperator):
             return self._operator(SelectOperator, label, [source], *details)
         # Selecting before merging is equivalent, and keeps the separate promises of the inputs.

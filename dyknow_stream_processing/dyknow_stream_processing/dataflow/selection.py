@@ -64,7 +64,8 @@ class SelectOperator(Operator):
             message = error.message
         else:
             self._emitted = valid_time
-            self._emit(valid_time, selected, watermark if self.in_order else watermark - 1, now)
+            is_covered = self.in_order or watermark == valid_time
+            self._emit(valid_time, selected, watermark if is_covered else watermark - 1, now)
             return
         self._reject(Fault(ViolationKind.FIELDS, valid_time, message))
         self.promise(port, watermark, now)
@@ -75,7 +76,7 @@ class SelectOperator(Operator):
         Many samples may share a valid time, such as one of each robot of a fleet. The next one may
         be the one that is selected, so consumers must wait for it.
         """
-        is_covered = self.in_order and watermark <= self._emitted
+        is_covered = watermark == self._emitted or (self.in_order and watermark < self._emitted)
         self._promise(watermark if is_covered else watermark - 1, now)
 
     def obstacle(self, name: Callable[[Operator], str]) -> str:

@@ -30,7 +30,6 @@ LANGUAGE: Final = Language(
     __package__,
     'stream.lark',
     {
-        'TRUTH': 'true or false',
         'COMPARISON': 'a comparison (= != < <= > >=)',
         'TYPE': f'a type ({", ".join(ValueType)})',
         'RENAMING': 'a new name',

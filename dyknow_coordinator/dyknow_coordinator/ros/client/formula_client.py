@@ -32,6 +32,7 @@ from dyknow_coordinator.grounding.feature_sources import Grounding
 from dyknow_coordinator.plans.plan import Plan, PlanOutcome, PlanVerdict
 from dyknow_coordinator.ros.answers import answer_from_message, progress_from_message
 from dyknow_coordinator.ros.client.action_call import GRACE_S, ActionCall, GoalTimeouts
+from dyknow_coordinator.ros.client.formula_attempts import FormulaAttempts, answer_of_goal
 from dyknow_coordinator.ros.client.plan_monitor import PlanMonitor
 from dyknow_coordinator.ros.plans.plan_messages import plan_to_goal, verdict_from_message
 from dyknow_coordinator.ros.reporting.evaluation_messages import error_from_status
@@ -54,7 +55,7 @@ class Monitor:
     def __init__(self) -> None:
         self.outcome: Future = Future()
         self.accepted: Future = Future()
-        self.call: ActionCall | None = None
+        self.call: FormulaAttempts | None = None
 
     def cancel(self) -> None:
         """End the evaluation: unless there is an answer already, it is then CANCELLED."""
@@ -99,6 +100,7 @@ class FormulaClient:
         self._coordinator = RemoteNode(self._adapter, coordinator)
         self._actions: dict[Any, ActionClient] = {}
         self._calls: set[ActionCall] = set()
+        self._attempts: set[FormulaAttempts] = set()
         self._is_closed = False
 
     def __enter__(self) -> Self:
@@ -114,6 +116,8 @@ class FormulaClient:
         self._is_closed = True
         for call in list(self._calls):
             call.fail(CoordinationError('the client was closed', ExitCode.CANCELLED))
+        for attempts in list(self._attempts):
+            attempts.cancel()
         self._coordinator.release()
         self._adapter.close()
         for action in self._actions.values():
@@ -133,7 +137,7 @@ class FormulaClient:
 
         The request cannot be cancelled; it ends after its timeout. See `monitor` for others.
         """
-        refusal = self._refusal(timeout)
+        refusal = self._refusal(timeout, constraints)
         if refusal is not None:
             return Answer(error=refusal)
         try:
@@ -193,6 +197,7 @@ class FormulaClient:
         *,
         on_verdict: Callable[[Answer], Any] = lambda _: None,
         on_feedback: Callable[[Progress], Any] = lambda _: None,
+        on_interruption: Callable[[Answer], Any] | None = None,
         name: str = '',
         restart_on_change: bool = False,
         every_state: bool = False,
@@ -205,27 +210,51 @@ class FormulaClient:
         """Evaluate a formula from now on, in the background.
 
         `on_verdict` (may be `async`) gets the answer or an error; `on_feedback`, reports meanwhile.
+        With `on_interruption`, which gets the error, a broken constraint or a missing node is not
+        the end: the formula is evaluated anew as soon as it can be, until the timeout.
         """
         monitor = Monitor()
-        to_answer = partial(answer_from_message, every_state=every_state)
-        to_progress = partial(progress_from_message, every_state=every_state)
-
-        def end(result: Any, error: DyKnowError | None) -> None:
-            answer = to_answer(result) if error is None else Answer(error=error)
-            monitor.outcome.set_result(answer)
-            _notify(self._node, on_verdict, answer)
-
-        if (refusal := self._refusal(timeout)) is not None:
+        if (refusal := self._refusal(timeout, constraints)) is not None:
             monitor.accepted.set_result(None)
-            end(None, refusal)
+            self._end(monitor, on_verdict, Answer(error=refusal))
             return monitor
         goal = _request(MonitorFormula.Goal, formula, timeout, grounding, constraints)
         goal.name, goal.restart_on_change = name, restart_on_change
         goal.margin, goal.every_state = margin, every_state
-        limits, report = GoalTimeouts(wait, timeout), (lambda each: on_feedback(to_progress(each)))
-        monitor.call = self._send(MonitorFormula, goal, limits, end, report)
-        monitor.call.accepted.add_done_callback(lambda _: monitor.accepted.set_result(None))
+        monitor.call = FormulaAttempts(
+            self._adapter,
+            timeout,
+            partial(self._send_formula, goal, wait, on_feedback),
+            partial(self._end, monitor, on_verdict),
+            on_interruption and partial(_notify, self._node, on_interruption),
+        )
+        self._attempts.add(monitor.call)
+        monitor.call.call.accepted.add_done_callback(lambda _: monitor.accepted.set_result(None))
         return monitor
+
+    def _send_formula(
+        self,
+        goal: Any,
+        wait: float,
+        on_feedback: Callable[[Progress], Any],
+        timeout: float,
+        on_end: Callable[[Answer], None],
+    ) -> ActionCall:
+        every_state = goal.every_state
+        goal.timeout = nanoseconds_to_duration(round(timeout * SECOND_NS))
+        return self._send(
+            MonitorFormula,
+            goal,
+            GoalTimeouts(wait, timeout),
+            lambda result, error: on_end(answer_of_goal(result, error, every_state=every_state)),
+            lambda each: on_feedback(progress_from_message(each, every_state=every_state)),
+        )
+
+    def _end(self, monitor: Monitor, on_verdict: Callable[[Answer], Any], answer: Answer) -> None:
+        if monitor.call is not None:
+            self._attempts.discard(monitor.call)
+        monitor.outcome.set_result(answer)
+        _notify(self._node, on_verdict, answer)
 
     def monitor_plan(
         self,
@@ -300,12 +329,16 @@ class FormulaClient:
             )
         return self._actions[action_type]
 
-    def _refusal(self, timeout_s: float) -> CoordinationError | None:
+    def _refusal(self, timeout_s: float, constraints: StreamConstraints) -> DyKnowError | None:
         """Return the reason why a request cannot be sent, if there is one."""
         if self._is_closed:
             return _closed()
         if timeout_s <= 0:
             return CoordinationError(f'the timeout of {timeout_s:g} s is not above 0; give it more')
+        try:
+            constraints_to_message(constraints)
+        except DyKnowError as error:
+            return error
         return None
 
 

@@ -1,7 +1,8 @@
 """The streams whose samples can be made as columns, from the terms that define them.
 
-These are selections from topics, with conditions, `max_delay`, `max_lead` and `sample_period`;
-computational units without a memory over these; and what `sync` and `merge` join of them.
+These are selections from topics, with conditions and with constraints other than `start_time` and
+`end_time`; computational units without a memory over these; and what `sync` and `merge` join of
+them.
 """
 
 from __future__ import annotations
@@ -152,6 +153,8 @@ def _checked(limits: StreamConstraints) -> StreamConstraints:
         max_lead=limits.max_lead,
         sample_period=limits.sample_period,
         sample_period_deviation=limits.sample_period_deviation,
+        max_gap=limits.max_gap,
+        reorder=limits.reorder,
     )
 
 

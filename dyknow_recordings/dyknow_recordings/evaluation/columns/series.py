@@ -158,7 +158,7 @@ class ColumnStream(ABC):
 
     @cached_property
     def is_periodic(self) -> bool:
-        """True if it, or a stream that it is made of, has a `sample_period`."""
+        """True if it, or a stream that it is made of, bounds the distance of samples."""
         return any(each.is_periodic for each in self.inputs)
 
     @cached_property

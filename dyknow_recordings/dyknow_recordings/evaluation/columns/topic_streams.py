@@ -110,7 +110,7 @@ class TopicStream(ColumnStream):
                 self.fields = tuple(step.fields)
         delays = (each.constraints.max_delay for each in steps)
         self.max_delay = next((each for each in delays if each is not None), None)
-        self.is_periodic = any(each.constraints.sample_period is not None for each in steps)
+        self.is_periodic = any(each.constraints.longest_distance is not None for each in steps)
         # After a message that is not selected, each `select` waits for another of the same time.
         self._caution = sum(isinstance(each, SelectionStep) for each in steps)
         self.topics = frozenset({topic})
@@ -204,8 +204,8 @@ def _keeps(
         return True
     if limits.max_delay is not None and (log_times - times).max() > limits.max_delay:
         return False
-    shortest, longest = limits.shortest_period, limits.longest_period
-    if shortest is None or longest is None:
+    shortest, longest = limits.shortest_period or 0, limits.longest_distance
+    if longest is None:
         return True
     distances = np.diff(times)
     if len(distances) and (distances.min() < shortest or distances.max() > longest):

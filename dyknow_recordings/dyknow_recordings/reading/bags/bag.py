@@ -158,7 +158,8 @@ class Bag(RecordingReader):
                 layout = _layout(self._readable(channel).definition)
             except RecordingError:
                 continue
-            return TopicContent(layout.name, layout.fields, bool(layout.stamp_fields), count)
+            has_stamp, publishers = bool(layout.stamp_fields), _publishers(channels)
+            return TopicContent(layout.name, layout.fields, has_stamp, count, publishers)
         return TopicContent(used[0].definition.name, None, has_stamp=False, count=count)
 
     def _readable(self, channel: StoredChannel) -> StoredChannel:
@@ -261,6 +262,14 @@ class _ChannelReader:
         name = self._channel.definition.name
         topic = self._channel.topic
         return MessageColumns(topic, name, log_times, stamps, values, positions, fields.absent)
+
+
+def _publishers(channels: Sequence[StoredChannel]) -> int | None:
+    """Return the number of publishers of a topic, given its channels; None if it is unknown."""
+    # The files of a bag repeat their channels, which are equal.
+    qualities = [each.quality_of_service for each in channels]
+    known = [each.publishers for each in qualities if each is not None]
+    return sum(known) if len(known) == len(qualities) else None
 
 
 def _topics(counts: Mapping[StoredChannel, int]) -> tuple[RecordedTopic, ...]:

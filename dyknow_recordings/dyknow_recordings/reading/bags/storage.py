@@ -98,6 +98,7 @@ def offered_quality(profiles: Any) -> QualityOfService | None:
             reliable=_is(first['reliability'], QosReliability.RELIABLE),
             transient_local=_is(first['durability'], QosDurability.TRANSIENT_LOCAL),
             depth=int(first['depth']),
+            publishers=len(found),
         )
     except (yaml.YAMLError, LookupError, TypeError, ValueError):
         return None

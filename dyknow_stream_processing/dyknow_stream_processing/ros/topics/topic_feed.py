@@ -117,7 +117,7 @@ class TopicFeed:
             self._set_fault(self.refusal)
         else:
             self._set_fault(incompatible_publisher(self.node, self.topic, requested))
-        self._inform(class_)
+        self._inform(class_, len(request.publishers))
         held, self.request = self.request, request
         try:
             if self.relay is not None:
@@ -197,10 +197,11 @@ class TopicFeed:
             self.node.get_logger().error(fault)
         self.fault = fault
 
-    def _inform(self, class_: Any) -> None:
+    def _inform(self, class_: Any, publishers: int) -> None:
         for listener in self.listeners:
             try:
                 listener.on_type(class_)
+                listener.on_publishers(publishers)
             except StreamError as error:
                 self.node.get_logger().error(f"topic '{self.topic}': {error}")
 

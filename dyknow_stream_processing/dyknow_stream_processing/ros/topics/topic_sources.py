@@ -53,17 +53,22 @@ def source_type(
         StreamError: if the publishers have several types, the type is not installed, or it lacks
             the field.
     """
+    publishers = 0
     if message_type is None:
         publication = find_publication(node, topic)
         if publication is None:
             return None
         message_type = message_class(publication.type_name)
-    return _type_of_class(message_type, valid_time)
+        publishers = len(publication.publishers)
+    return _type_of_class(message_type, valid_time, publishers)
 
 
-def _type_of_class(class_: Any, valid_time: str | None) -> SourceType:
+def _type_of_class(class_: Any, valid_time: str | None, publishers: int) -> SourceType:
     receipt_time = valid_time_reader(class_, valid_time) is None
-    return SourceType(None if is_sample(class_) else scalar_fields(class_), receipt_time)
+    if is_sample(class_):
+        # An engine publishes a merge as its samples come, and sends watermarks.
+        return SourceType(None, receipt_time)
+    return SourceType(scalar_fields(class_), receipt_time, has_ordered_stamps=publishers == 1)
 
 
 class TopicSources:
@@ -256,6 +261,7 @@ class _Source:
     """Why no message could be used so far."""
     zero_warning: Throttle = field(default_factory=lambda: Throttle(WARNING_PERIOD_S))
     class_: Any = None
+    type_: SourceType | None = None
     read_valid_time: Callable[[Any], int] | None = None
     extract: Callable[[Any], Mapping[str, Value]] | None = None
 
@@ -268,17 +274,22 @@ class _Source:
     def on_type(self, class_: Any) -> None:
         if class_ is self.class_:
             return
-        self.class_, self.extract = class_, None
+        self.class_, self.extract, self.type_ = class_, None, None
         self.is_sample = is_sample(class_)
         try:
-            type_ = _type_of_class(class_, self.valid_time_field)
+            self.type_ = _type_of_class(class_, self.valid_time_field, 0)
         except StreamError as error:
             self.fault = f'messages of {self.topic} cannot be used: {error}'
             raise
         self.fault = ''
         self.read_valid_time = valid_time_reader(class_, self.valid_time_field)
         self.extract = _extractor(class_, self.fields)
-        self.dataflow.set_source_type(self.topic, type_)
+        self.dataflow.set_source_type(self.topic, self.type_)
+
+    def on_publishers(self, count: int) -> None:
+        if self.type_ is not None and not self.is_sample:
+            type_ = replace(self.type_, has_ordered_stamps=count == 1)
+            self.dataflow.set_source_type(self.topic, type_)
 
     def valid_time(self, message: Any) -> int | None:
         return None if self.read_valid_time is None else self.read_valid_time(message) or None

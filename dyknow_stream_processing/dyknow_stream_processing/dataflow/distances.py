@@ -1,0 +1,137 @@
+"""Operator that checks the distances of consecutive samples: `sample_period` and `max_gap`.
+
+Example of the period check: `"a" with sample_period = 10 ms, sample_period_deviation = 2 ms`, after
+a sample valid at 0. A sample valid at 7 is dropped with a violation; one valid at 8 to 12 is
+emitted. Without one, the gap is a violation as soon as no sample valid at 12 can arrive any more:
+
+    "a" is                        the gap is certain
+    stamped                       when a sample valid after 12 arrives, whatever its delay
+    stamped, max_delay = 3 ms     then, or when the clock has passed 15
+    valid at the time of receipt  when the clock has passed 12
+
+The check of `max_gap = 12 ms` is the same, but no sample comes too early.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from dyknow_common import (
+    StreamConstraints,
+    Value,
+    format_duration,
+    round_duration,
+    round_time,
+)
+from dyknow_stream_processing.dataflow.operators import Operator, Wiring
+from dyknow_stream_processing.violation import Fault, ViolationKind
+
+
+@dataclass(frozen=True, slots=True)
+class Distances:
+    """The distances of consecutive valid times that a constraint allows, in nanoseconds.
+
+    Args:
+        constraint: the kind of its violations.
+        shortest: the least distance.
+        longest: the greatest distance.
+        end: the time after which no sample is missed; `None` without one.
+        demand: the constraint in words.
+    """
+
+    constraint: ViolationKind
+    shortest: int
+    longest: int
+    end: int | None
+    demand: str
+
+    @classmethod
+    def of_period(cls, constraints: StreamConstraints) -> Distances:
+        """Return those of `sample_period`, which must be given."""
+        demand = (
+            f'sample_period is {format_duration(constraints.sample_period or 0)}, '
+            f'give or take {format_duration(constraints.sample_period_deviation or 0)}'
+        )
+        shortest, longest = constraints.shortest_period or 0, constraints.longest_period or 0
+        kind = ViolationKind.SAMPLE_PERIOD
+        return cls(kind, shortest, longest, constraints.end_time, demand)
+
+    @classmethod
+    def of_gap(cls, constraints: StreamConstraints) -> Distances:
+        """Return those of `max_gap`, which must be given."""
+        longest = constraints.max_gap or 0
+        demand = f'max_gap is {format_duration(longest)}'
+        return cls(ViolationKind.MAX_GAP, 0, longest, constraints.end_time, demand)
+
+
+class DistanceOperator(Operator):
+    """Check that samples follow each other at the distances that a constraint allows.
+
+    A sample that follows too early is dropped. A gap is reported once, when it is certain: by the
+    sample that ends it, by a promise, or by the clock if the delay of the next sample has a bound.
+    Otherwise silence alone is no violation, because the next sample may be late, not missing.
+    """
+
+    def __init__(self, wiring: Wiring, allowed: Distances) -> None:
+        super().__init__(wiring)
+        self._kind, self._demand = allowed.constraint, allowed.demand
+        self._shortest, self._longest, self._end = allowed.shortest, allowed.longest, allowed.end
+        self._last: int | None = None
+        self._latest: int | None = None
+        """The latest valid time at which the next sample is in time; None: no gap to report."""
+
+    def receive(
+        self, port: int, valid_time: int, fields: Mapping[str, Value], watermark: int, now: int
+    ) -> None:
+        """Pass a sample on unless it is too early."""
+        if self._last is not None:
+            distance = valid_time - self._last
+            if distance < self._shortest:
+                self._reject(self._fault(valid_time, distance, self._shortest))
+                self.promise(port, watermark, now)
+                return
+            if distance > self._longest and self._latest is not None:
+                self._violate(self._fault(valid_time, distance, self._longest))
+        self._last = valid_time
+        latest = valid_time + self._longest
+        self._latest = latest if self._end is None or latest <= self._end else None
+        self._plan()
+        self._emit(valid_time, fields, watermark, now)
+
+    def promise(self, port: int, watermark: int, now: int) -> None:  # noqa: ARG002
+        """Report the gap if no sample can be in time any more."""
+        if self._latest is not None and watermark > self._latest:
+            self._report_gap(self._latest, watermark)
+        self._promise(watermark, now)
+        self._plan()
+
+    def wake(self, now: int) -> None:
+        """Report the gap once the clock makes it certain that the next sample is not in time."""
+        if self._latest is None:
+            return
+        certain = self.certain_at(self._latest)
+        if certain is not None and certain <= now:
+            self._report_gap(self._latest, now)
+        else:
+            self._plan()
+
+    def _plan(self) -> None:
+        """Wake when the clock makes a gap certain, if it can."""
+        if self.timed and self._latest is not None:
+            certain = self.certain_at(self._latest)
+            if certain is not None:
+                self._scheduler.wake_at(self, certain)
+
+    def _report_gap(self, latest: int, until: int) -> None:
+        self._latest = None
+        last = latest - self._longest
+        message = f'no sample after the one valid at {round_time(last)}; {self._demand}'
+        self._violate(Fault(self._kind, latest, message, until - last, self._longest))
+
+    def _fault(self, valid_time: int, observed: int, allowed: int) -> Fault:
+        message = (
+            f'the sample valid at {round_time(valid_time)} comes {round_duration(observed)} '
+            f'after its predecessor; {self._demand}'
+        )
+        return Fault(self._kind, valid_time, message, observed, allowed)
