@@ -28,6 +28,7 @@ SCHEDULE = (
         'test_evaluate_formula',
         'test_shared_states',
         'test_monitor_formula',
+        'test_cancel_evaluation',
         'test_margins',
         'test_monitor_plan',
         'test_plain_client',

@@ -42,7 +42,7 @@ SERVICES: Final = {
         'formula_group_extract_symbols',
         'formula_group_remove_formula',
     ),
-    COORDINATOR: ('evaluate_formula', 'report_plan_action'),
+    COORDINATOR: ('cancel_evaluation', 'evaluate_formula', 'report_plan_action'),
 }
 """The private services of the seven nodes."""
 
@@ -141,7 +141,8 @@ MONITOR: Final = Interfaces(
 """`FormulaClient.monitor`."""
 
 CLIENT: Final = MONITOR | Interfaces(
-    requests=_services(COORDINATOR, *SERVICES[COORDINATOR]), calls=_services(COORDINATOR, *ACTIONS)
+    requests=_services(COORDINATOR, 'evaluate_formula', 'report_plan_action'),
+    calls=_services(COORDINATOR, *ACTIONS),
 )
 """`FormulaClient`: asks for verdicts, and changes nothing."""
 

@@ -28,12 +28,15 @@ class ReportCommand:
         message_type: of the topic.
         document: makes the JSON document of a report, given the name; empty: of all of it.
         rendered: the same for a terminal. Both raise NOT_FOUND, if there is no part of that name.
+        is_fresh: True to wait for the second report, as the first one was latched at some time; the
+            node must publish each second while there is a subscriber.
     """
 
     name: str
     message_type: Any
     document: Callable[[Any, str], Any]
     rendered: Callable[[Any, str], RenderableType]
+    is_fresh: bool = False
 
     def __call__(self, options: argparse.Namespace) -> int:
         """Run the command and return its exit code."""
@@ -41,6 +44,8 @@ class ReportCommand:
 
     def _show(self, options: argparse.Namespace, command: CommandNode) -> None:
         reports = _Reports(command, f'{options.node}/{self.name}', self.message_type)
+        if self.is_fresh:
+            reports.next(options.timeout)
         console = Terminal()
         is_live = options.watch and console.is_terminal and not options.json
         with Live(console=console, auto_refresh=False) if is_live else nullcontext() as live:
