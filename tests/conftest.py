@@ -62,6 +62,7 @@ SCHEDULE = (
 
 OF_INDEPENDENT_TESTS = {
     'test_demonstration',
+    'test_launch_files',
     'test_many_engines',
     'test_replay_command',
     'test_stopping',

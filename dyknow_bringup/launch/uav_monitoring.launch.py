@@ -3,9 +3,6 @@
 ros2 launch dyknow_bringup uav_monitoring.launch.py scenario:=near_miss uavs:=5
 """
 
-import tempfile
-from pathlib import Path
-
 from dyknow_bringup.processes.launching import is_true, launch_description
 from dyknow_bringup.processes.processes import (
     dyknow_processes,
@@ -14,6 +11,7 @@ from dyknow_bringup.processes.processes import (
     uav_simulation,
     write_fleet_configuration,
 )
+from dyknow_bringup.processes.robot import temporary_folder
 from dyknow_bringup.resources import formulas_path, scenario_path, uav_ontology_path
 from dyknow_bringup.simulation.fleet import vehicle_names
 
@@ -27,13 +25,14 @@ ARGUMENTS = {
 def processes(values):
     """Return the nodes of DyKnow, the simulation, and the nodes that monitor it."""
     vehicles = int(values['uavs'])
-    folder = Path(tempfile.mkdtemp(prefix='uav_monitoring_'))
-    configuration = write_fleet_configuration(vehicle_names(vehicles), uav_ontology_path(), folder)
+    configuration = write_fleet_configuration(
+        vehicle_names(vehicles), uav_ontology_path(), temporary_folder()
+    )
     return (
         *dyknow_processes(configuration),
         uav_simulation(scenario_path(values['scenario']), vehicles),
         formula_monitor(formulas_path()),
-        *([formula_markers()] if is_true(values['markers']) else []),
+        *([formula_markers()] if is_true('markers', values['markers']) else []),
     )
 
 

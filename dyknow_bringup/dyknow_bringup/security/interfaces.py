@@ -225,7 +225,7 @@ def _coordinator(engines: Collection[str], streams: Collection[str]) -> Interfac
     of_streams = ('stream_create_from_spec', 'stream_destroy', 'stream_get_topic')
     others = SERVICES.keys() - {ENGINE, COORDINATOR}
     return Interfaces(
-        publishes=frozenset({'~/evaluations', '/diagnostics'}),
+        publishes=frozenset({'~/evaluations', '~/ready', '/diagnostics'}),
         subscribes=_watched(*others, *engines)
         | {f'{each}/violations' for each in streams}
         | {
