@@ -9,7 +9,7 @@ from rich.table import Table
 from rich.text import Text
 
 from dyknow_bringup.demonstration.expectations import MonitoredFormula
-from dyknow_common import Verdict, round_time
+from dyknow_common import round_time
 from dyknow_common.tables import Cell, figure, fixed, framed_table, wide
 from dyknow_coordinator import PlanOutcome, PlanPhase, PlanVerdict
 
@@ -81,15 +81,9 @@ def _formula_row(monitored: MonitoredFormula, start: int) -> list[Cell]:
 
 
 def _state(verdict: PlanVerdict) -> Text:
-    if verdict.verdict is not Verdict.UNDECIDED:
-        name = verdict.verdict.name.lower()
-        return Text(name, _STYLES[name])
-    return Text(verdict.phase.name.lower(), _FAILED if verdict.phase is PlanPhase.FAILED else 'dim')
+    style = _FAILED if verdict.phase is PlanPhase.FAILED else 'dim'
+    return Text(verdict.outcome, _STYLES.get(verdict.outcome, style))
 
 
 def _reason(verdict: PlanVerdict) -> str:
-    if verdict.error is not None:
-        return verdict.error.message
-    if verdict.phase is PlanPhase.WITHDRAWN and verdict.presumably_false:
-        return 'it would have been false then'
-    return verdict.explanation
+    return verdict.explanation if verdict.error is None else verdict.error.message
