@@ -116,7 +116,7 @@ def test_only_the_engine_publishes_streams_and_only_the_reasoning_engine_results
         }
 
     assert publishers('/dyknow/streams') == {'/stream_processing_engine'}
-    assert publishers(f'/{COORDINATOR}/results') == {'/stream_reasoning_engine'}
+    assert publishers(f'/{COORDINATOR}/_results') == {'/stream_reasoning_engine'}
     assert all(
         '*' not in name.removesuffix('*')
         for each in found.values()

@@ -201,7 +201,7 @@ def test_a_plan_that_makes_no_sense(plan: Plan, words: str) -> None:
     ],
 )
 def test_how_a_formula_stood_when_it_was_withdrawn(
-    states: int, presumably_false: bool, explanation: str, outcome: str
+    states: int, explanation: str, outcome: str, *, presumably_false: bool
 ) -> None:
     assert withdrawal(states, presumably_false=presumably_false) == explanation
     verdict = PlanVerdict(

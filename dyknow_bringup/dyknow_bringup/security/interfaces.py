@@ -210,7 +210,7 @@ def node_interfaces(engines: Collection[str]) -> dict[str, Interfaces]:
             requests=COMMANDS.requests,
         ),
         'stream_reasoning_engine': Interfaces(
-            publishes=frozenset({'~/episodes', '~/progress', f'{COORDINATOR}/results_*'}),
+            publishes=frozenset({'~/episodes', '~/progress', f'{COORDINATOR}/_results_*'}),
             subscribes=streams | frozenset(f'{each}/heartbeat' for each in engines),
         ),
         COORDINATOR: _coordinator(engines, streams),
@@ -229,7 +229,7 @@ def _coordinator(engines: Collection[str], streams: Collection[str]) -> Interfac
         subscribes=_watched(*others, *engines)
         | {f'{each}/violations' for each in streams}
         | {
-            '~/results_*',
+            '~/_results_*',
             'ontology_manager/version',
             'stream_semantics_manager/version',
             'stream_manager/streams',

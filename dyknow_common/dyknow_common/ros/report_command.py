@@ -26,16 +26,17 @@ class ReportCommand:
     Args:
         name: of the command and of the topic, which is latched.
         message_type: of the topic.
-        document: makes the JSON document of a report, given the name; empty: of all of it.
-        rendered: the same for a terminal. Both raise NOT_FOUND, if there is no part of that name.
+        document: makes the JSON document of a report, given the options of the command.
+        rendered: the same for a terminal. Both raise NOT_FOUND, if there is no part of the name in
+            the options.
         is_fresh: True to wait for the second report, as the first one was latched at some time; the
             node must publish each second while there is a subscriber.
     """
 
     name: str
     message_type: Any
-    document: Callable[[Any, str], Any]
-    rendered: Callable[[Any, str], RenderableType]
+    document: Callable[[Any, argparse.Namespace], Any]
+    rendered: Callable[[Any, argparse.Namespace], RenderableType]
     is_fresh: bool = False
 
     def __call__(self, options: argparse.Namespace) -> int:
@@ -52,11 +53,11 @@ class ReportCommand:
             while True:
                 report = reports.next(options.timeout)
                 if options.json:
-                    print(json.dumps(self.document(report, options.name)), flush=True)  # noqa: T201
+                    print(json.dumps(self.document(report, options)), flush=True)  # noqa: T201
                 elif live:
-                    live.update(self.rendered(report, options.name), refresh=True)
+                    live.update(self.rendered(report, options), refresh=True)
                 else:
-                    console.print(self.rendered(report, options.name))
+                    console.print(self.rendered(report, options))
                 if not options.watch:
                     return
 

@@ -30,23 +30,23 @@ from dyknow_coordinator.reporting.evaluation_table import (
 from dyknow_coordinator.ros.reporting.evaluation_messages import status_from_message
 
 
-def document(report: Any, name: str) -> dict[str, Any]:
+def document(report: Any, options: argparse.Namespace) -> dict[str, Any]:
     """Return a report as JSON; if a name is given, only the evaluations of that name.
 
     Raises:
         CoordinationError: NOT_FOUND, if there is none of that name.
     """
-    return {'evaluations': [as_json(status) for status in _statuses(report, name)]}
+    return {'evaluations': [as_json(status) for status in _statuses(report, options.name)]}
 
 
-def rendered(report: Any, name: str) -> RenderableType:
+def rendered(report: Any, options: argparse.Namespace) -> RenderableType:
     """Return a report for the terminal; if a name is given, the details of its evaluations.
 
     Raises:
         CoordinationError: NOT_FOUND, if there is none of that name.
     """
-    statuses = _statuses(report, name)
-    if name:
+    statuses = _statuses(report, options.name)
+    if options.name:
         return evaluation_details(statuses)
     return evaluation_table(statuses, time_to_nanoseconds(report.stamp))
 

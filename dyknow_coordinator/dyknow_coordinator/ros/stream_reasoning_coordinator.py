@@ -42,6 +42,9 @@ from dyknow_coordinator.ros.service_clients import ServiceClients
 from dyknow_coordinator.ros.streams_mirror import StreamsMirror
 from dyknow_stream_processing.ros import PAUSES
 
+_STATES: Final = '_states'
+"""The beginning of the names of state streams; tools such as `ros2 topic list` hide the topics."""
+
 _PROGRESS_FIELDS: Final = (
     'states_progressed',
     'latest_valid_time',
@@ -99,7 +102,7 @@ class StreamReasoningCoordinator(DyKnowNode):
         super().__init__('stream_reasoning_coordinator')
         PAUSES.start()
         self._settings = _Settings.declare(self)
-        self._prefix = f'states_{zlib.crc32(self.get_fully_qualified_name().encode()):08x}_'
+        self._prefix = f'{_STATES}_{zlib.crc32(self.get_fully_qualified_name().encode()):08x}_'
         limits, background = CoordinatorLimits.declare(self), Background(self)
         clients = ServiceClients(self, background)
         self._shared = CoordinatorContext(

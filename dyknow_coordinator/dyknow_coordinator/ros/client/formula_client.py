@@ -32,6 +32,7 @@ from dyknow_coordinator.grounding.feature_sources import Grounding
 from dyknow_coordinator.plans.plan import Plan, PlanOutcome, PlanVerdict
 from dyknow_coordinator.ros.answers import answer_from_message, progress_from_message
 from dyknow_coordinator.ros.client.action_call import GRACE_S, ActionCall, GoalTimeouts
+from dyknow_coordinator.ros.client.arguments import check_arguments, check_request
 from dyknow_coordinator.ros.client.plan_monitor import PlanMonitor
 from dyknow_coordinator.ros.plans.plan_messages import plan_to_goal, verdict_from_message
 from dyknow_coordinator.ros.reporting.evaluation_messages import error_from_status
@@ -71,6 +72,8 @@ class FormulaClient:
 
     Every wait ends: for the coordinator, after `wait`; for the verdict, after `timeout` and a grace
     period. If the coordinator dies meanwhile, the answer is UNAVAILABLE within seconds.
+
+    An argument of a wrong type is a fault of the caller: a TypeError names it.
 
     The client works in callbacks of any executor, single-threaded or multi-threaded, and may be
     created before the node is spun. All methods but `evaluate_blocking` return at once.
@@ -133,6 +136,7 @@ class FormulaClient:
 
         The request cannot be cancelled; it ends after its timeout. See `monitor` for others.
         """
+        check_request(formula, timeout, grounding, constraints, wait)
         refusal = self._refusal(timeout)
         if refusal is not None:
             return Answer(error=refusal)
@@ -158,15 +162,16 @@ class FormulaClient:
     ) -> Answer:
         """Evaluate a formula from now on, in a script or in a thread that does not spin the node.
 
-        The calling thread waits, whether the node is being spun or not.
+        The calling thread waits, whether the node is spun or not.
 
         Raises:
             RuntimeError: in a callback of a single-threaded executor, which would be blocked;
                 await `evaluate` there.
         """
+        check_request(formula, timeout, grounding, constraints, wait)
         _refuse_in_callback(self._node)
-        if self._is_closed:
-            return Answer(error=_closed())
+        if (refusal := self._refusal(timeout)) is not None:
+            return Answer(error=refusal)
         helper = _helper_node(self._node)
         executor = SingleThreadedExecutor(context=self._node.context)
         executor.add_node(helper)
@@ -206,6 +211,7 @@ class FormulaClient:
 
         `on_verdict` (may be `async`) gets the answer or an error; `on_feedback`, reports meanwhile.
         """
+        check_request(formula, timeout, grounding, constraints, wait, name)
         monitor = Monitor()
         to_answer = partial(answer_from_message, every_state=every_state)
         to_progress = partial(progress_from_message, every_state=every_state)
@@ -241,6 +247,7 @@ class FormulaClient:
         `on_verdict` is called for every change of the status of a formula. The other options are
         those of all formulas.
         """
+        check_arguments(plan=plan, grounding=grounding, constraints=constraints, wait=wait)
         monitor = PlanMonitor(plan.name, self._coordinator, on_verdict)
 
         def end(result: Any, error: DyKnowError | None) -> None:
