@@ -178,14 +178,13 @@ class FormulaClient:
         try:
             with FormulaClient(helper, self._name) as client:
                 task = executor.create_task(
-                    client.evaluate,
-                    formula,
+                    client.evaluate, formula,
                     timeout=timeout,
                     grounding=grounding,
                     constraints=constraints,
                     margin=margin,
                     wait=wait,
-                )
+                )  # fmt: skip
                 executor.spin_until_future_complete(task)
                 return task.result() or Answer(error=_closed())
         finally:
