@@ -28,6 +28,7 @@ SCHEDULE = (
         'test_evaluate_formula',
         'test_shared_states',
         'test_monitor_formula',
+        'test_cancel_evaluation',
         'test_margins',
         'test_monitor_plan',
         'test_plain_client',
@@ -65,6 +66,7 @@ SCHEDULE = (
 OF_INDEPENDENT_TESTS = {
     'test_demonstration',
     'test_examples',
+    'test_launch_files',
     'test_many_engines',
     'test_replay_command',
     'test_stopping',

@@ -7,10 +7,13 @@ import os
 import signal
 import subprocess
 from collections.abc import Iterator
+from dataclasses import replace
+from select import select
 
 import pytest
 
 from dyknow_bringup.resources import executable_path
+from dyknow_common import Verdict
 from dyknow_coordinator import EvaluationPhase, EvaluationStatus, Grounding, SymbolGrounding
 from reporter import COORDINATOR, Reporter
 from system import LIMIT
@@ -68,6 +71,27 @@ def test_a_line_for_each_evaluation(reporter: Reporter) -> None:
     assert 'grounding' in other
 
 
+def test_a_report_that_was_latched_some_time_ago_is_not_shown(reporter: Reporter) -> None:
+    """What has ended is reported to those who look on; the last change may be minutes old."""
+    before = reporter.statuses
+    ended = replace(before[0], phase=EvaluationPhase.ENDED, verdict=Verdict.TRUE)
+    reporter.tell(ended)
+    running = start(reporter)
+    # The latched report is published with the first name, and no change follows.
+    reporter.until(
+        lambda: (
+            len(reporter.client.node.get_subscriptions_info_by_topic(f'/{COORDINATOR}/evaluations'))
+            > 0
+        ),
+        'the command listens',
+    )
+    reporter.statuses = [replace(ended, name='now')]
+    reporter.until(lambda: running.poll() is not None, 'the command ends')
+    out, err = running.communicate(timeout=LIMIT)
+    reporter.statuses = before
+    assert 'now' in out, (out, err)
+
+
 def test_everything_about_an_evaluation(reporter: Reporter) -> None:
     shown = evaluations(reporter, 'power')
     assert shown.returncode == 0, shown.stderr
@@ -103,6 +127,7 @@ def test_a_coordinator_that_is_not_there(reporter: Reporter) -> None:
 def test_watching_until_one_has_seen_enough(reporter: Reporter) -> None:
     running = start(reporter, '--watch', '--json')
     assert running.stdout is not None
+    reporter.until(lambda: bool(select([running.stdout], [], [], 0)[0]), 'a report')
     first = running.stdout.readline()
     running.send_signal(signal.SIGINT)
     reporter.until(lambda: running.poll() is not None, 'the command ends')

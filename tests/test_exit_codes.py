@@ -11,6 +11,7 @@ from pathlib import Path
 import pytest
 
 from dyknow_bringup.resources import executable_path
+from dyknow_command.verbs import VERBS
 from dyknow_configuration import PACKAGES
 from system import LIMIT, Client, private_environment
 
@@ -56,6 +57,19 @@ def test_an_executable_outside_of_its_environment(name: str) -> None:
     assert done.returncode == (1 if name in NODES else 2)
     assert done.stderr.startswith(f'{name}: cannot start: ')
     assert 'run first: source env.sh, or the setup.bash of the workspace' in done.stderr
+
+
+@pytest.mark.parametrize('verb', VERBS)
+def test_each_verb(verb: str, environment: dict[str, str]) -> None:
+    shown = ended('dyknow', verb, '--help', environment=environment)
+    assert (shown.returncode, shown.stderr) == (0, '')
+    assert max(map(len, shown.stdout.splitlines())) <= 100
+    wrong = ended('dyknow', verb, '--no-such-option', environment=environment)
+    assert (wrong.returncode, wrong.stdout) == (2, '')
+    assert 'error: ' in wrong.stderr
+    outside = ended('dyknow', verb, environment={'PATH': os.defpath})
+    assert outside.returncode == 2
+    assert 'run first: source env.sh, or the setup.bash of the workspace' in outside.stderr
 
 
 @pytest.mark.parametrize('name', ['dyknow up', 'uav_demo', 'uav_plan', 'uav_simulation'])

@@ -92,7 +92,7 @@ class Drops:
 def results_topic(system: System) -> str:
     """The topic on which the coordinator receives results."""
     names = [name for name, _ in system.client.node.get_topic_names_and_types()]
-    return next(name for name in names if name.startswith(f'/{COORDINATOR}/results_'))
+    return next(name for name in names if name.startswith(f'/{COORDINATOR}/_results_'))
 
 
 def result(evaluation: Any, verdict: int = FormulaResult.FALSE, code: int = 0) -> FormulaResult:

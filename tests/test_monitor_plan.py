@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Iterator
 from typing import Any, Self
 
@@ -103,6 +104,10 @@ def test_formulas_run_when_it_is_their_time(asker: Asker) -> None:
     assert [verdict.position for verdict in outcome.verdicts] == list(plan.formulas_by_position)
     assert {verdict.phase for verdict in outcome.verdicts} == {WITHDRAWN}
     assert all(phases == [RUNNING, WITHDRAWN] for phases in asker.phases.values())
+    for verdict in outcome.verdicts:
+        has_held = re.fullmatch(r'held in \d+ states?', verdict.explanation)
+        assert has_held or verdict.explanation == 'no state had come'
+        assert verdict.outcome == ('withdrawn (held)' if has_held else 'withdrawn')
 
 
 def test_a_violated_formula_is_told_with_its_action(asker: Asker, batteries: Batteries) -> None:

@@ -11,6 +11,7 @@ from typing import Any
 import pytest
 from builtin_interfaces.msg import Time
 from dyknow_interfaces.msg import EvaluationStatus, EvaluationStatusArray
+from dyknow_interfaces.srv import CancelEvaluation
 from nav_msgs.msg import Odometry
 from rclpy.serialization import serialize_message
 from rosbags.rosbag2 import StoragePlugin, Writer
@@ -121,6 +122,28 @@ def test_a_violation_that_ends_is_not_the_end(
     outcomes = [json.loads(line)['outcome'] for line in output.splitlines() if line[0] == '{']
     # In between it is undecided, which is reported with the next progress.
     assert (outcomes[0], outcomes[-1]) == ('CONSTRAINT_VIOLATION', 'false')
+
+
+def test_a_formula_that_an_operator_ends(
+    rover: tuple[Rover, dict[str, str]], tmp_path: Path
+) -> None:
+    client = rover[0].client
+    service = 'stream_reasoning_coordinator/cancel_evaluation'
+    canceller = client.node.create_client(CancelEvaluation, service)
+
+    def cancel(report: EvaluationStatusArray) -> None:
+        if any(each.name == 'charged' and each.phase == RUNNING for each in report.evaluations):
+            canceller.call_async(CancelEvaluation.Request(name='charged'))
+
+    topic = 'stream_reasoning_coordinator/evaluations'
+    listener = client.node.create_subscription(EvaluationStatusArray, topic, cancel, LATCHED)
+    path = formulas(tmp_path, charged='forall r in Rover: always Charge[r] > 0.01')
+    code, changes, output = monitored(rover, path, '--retry')
+    client.node.destroy_subscription(listener)
+    client.node.destroy_client(canceller)
+    assert code == 2, output
+    assert changes['charged']['outcome'] == 'CANCELLED'
+    assert 'cancelled by an operator' in changes['charged']['explanation']
 
 
 def test_a_formula_that_cannot_be_evaluated(

@@ -8,13 +8,14 @@ import subprocess
 import threading
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from pathlib import Path
 
 import pytest
+from rcl_interfaces.srv import GetParameters
 
 from commands import command, output_of, running
-from system import LIMIT, private_environment
+from system import LIMIT, Client, private_environment
 from test_rover import EXAMPLES, Rover
 from test_stopping import members, wait_for
 
@@ -36,6 +37,10 @@ class Terminal:
     @property
     def text(self) -> str:
         return ''.join(self._lines)
+
+    def send_signal(self, number: signal.Signals) -> None:
+        """Signal the process."""
+        self._process.send_signal(number)
 
     def join(self) -> None:
         """Wait for the end of the output."""
@@ -155,6 +160,45 @@ def test_faults_of_the_configuration_are_shown(tmp_path: Path) -> None:
         assert terminal.text.count("no object: unknown instance 'rover7'") == 1, terminal.text
 
 
+@pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
+def test_no_temporary_folder_is_left(tmp_path: Path, number: signal.Signals) -> None:
+    environment = {**private_environment(), 'TMPDIR': str(tmp_path)}
+    with up(environment, str(EXAMPLES / 'rover.yaml')) as terminal:
+        terminal.wait_for(f'logs are in {tmp_path}/dyknow_')
+        assert list(tmp_path.iterdir())
+        terminal.send_signal(number)
+        terminal.join()
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_the_logs_of_an_error_are_left(tmp_path: Path) -> None:
+    environment = {**private_environment(), 'TMPDIR': str(tmp_path)}
+    done = output_of(command('dyknow', 'up', '--reasoner', 'guess'), environment)
+    assert done.returncode == 2
+    (logs,) = tmp_path.iterdir()
+    assert done.stderr.endswith(f'logs are in {logs}\n')
+    assert 'unknown reasoner' in (logs / 'ontology_manager.log').read_text(encoding='utf-8')
+
+
+def test_parameters_and_engines(tmp_path: Path) -> None:
+    """A file of parameters takes precedence over those of the robot."""
+    parameters, robot = tmp_path / 'parameters.yaml', tmp_path / 'robot.yaml'
+    parameters.write_text('/**:\n  ros__parameters: {hang_limit: 33.0, silence_limit: 7.0}\n')
+    robot.write_text('nodes:\n  stream_reasoning_coordinator: {silence_limit: 10.0}\n')
+    environment = private_environment()
+    options = [str(robot), '--params-file', str(parameters), '--engines', '2']
+    with up(environment, *options) as terminal, closing(Client(environment)) as client:
+        terminal.wait_for('DyKnow runs in /')
+
+        def value(node: str, name: str) -> float:
+            answer = client.call(GetParameters, f'{node}/get_parameters', names=[name])
+            return float(answer.values[0].double_value)
+
+        for node in ('stream_manager', 'stream_processing_engine', 'stream_processing_engine_2'):
+            assert value(node, 'hang_limit') == 33.0
+        assert value('stream_reasoning_coordinator', 'silence_limit') == 7.0
+
+
 def syntax_error(folder: Path) -> list[str]:
     return faulty(folder, 'ssl', 'stream "/rover1/x" contains;')
 
@@ -173,6 +217,11 @@ def syntax_error(folder: Path) -> list[str]:
             "dyknow_nodes cannot start:\nontology_manager: unknown reasoner 'guess'",
         ),
         (lambda _: ['--namespace', 'a b'], 'must not contain characters'),
+        (lambda _: ['--params-file', 'nope.yaml'], 'params_file: there is no file /'),
+        (
+            lambda _: ['--engines', '33'],
+            '33 is no number of stream processing engines; ',
+        ),
     ],
 )
 def test_a_wrong_configuration_ends_the_command(

@@ -28,7 +28,7 @@ def processes(values):
         *dyknow_processes(fleet_configuration(vehicle_names(vehicles))),
         uav_simulation(scenario_path(values['scenario']), vehicles),
         formula_monitor(formulas_path()),
-        *([formula_markers()] if is_true(values['markers']) else []),
+        *([formula_markers()] if is_true('markers', values['markers']) else []),
     )
 
 

@@ -91,6 +91,6 @@ def test_a_record_is_shown_once_in_a_period() -> None:
 
 def test_the_last_lines_are_what_a_node_printed_beside_its_records(log: Path) -> None:
     write(log, '[INFO] [1.5] [a]: started\nno such unit\n  ^\n')
-    assert last_lines(log) == 'no such unit\n  ^'
+    assert last_lines(log.read_text()) == 'no such unit\n  ^'
     write(log, '[INFO] [1.6] [a]: ended\n')
-    assert last_lines(log).endswith('[a]: ended')
+    assert last_lines(log.read_text()).endswith('[a]: ended')

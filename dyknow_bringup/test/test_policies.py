@@ -116,7 +116,7 @@ def test_only_the_engine_publishes_streams_and_only_the_reasoning_engine_results
         }
 
     assert publishers('/dyknow/streams') == {'/stream_processing_engine'}
-    assert publishers(f'/{COORDINATOR}/results') == {'/stream_reasoning_engine'}
+    assert publishers(f'/{COORDINATOR}/_results') == {'/stream_reasoning_engine'}
     assert all(
         '*' not in name.removesuffix('*')
         for each in found.values()
@@ -126,7 +126,9 @@ def test_only_the_engine_publishes_streams_and_only_the_reasoning_engine_results
 
 def test_clients_ask_the_coordinator_alone_and_change_nothing() -> None:
     own = enclaves(policy_text(SecuredSystem(clients=('/arm/pilot',)).enclaves(), ''))['/arm/pilot']
-    assert permitted(own, 'request') == {f'/{COORDINATOR}/{name}' for name in SERVICES[COORDINATOR]}
+    for_others = {f'/{COORDINATOR}/cancel_evaluation'}
+    services = {f'/{COORDINATOR}/{name}' for name in SERVICES[COORDINATOR]}
+    assert permitted(own, 'request') == services - for_others
     assert permitted(own, 'call') == {f'/{COORDINATOR}/{name}' for name in ACTIONS}
     assert permitted(own, 'publish') == {'/parameter_events', '/rosout'}
 

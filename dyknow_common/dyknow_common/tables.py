@@ -6,24 +6,60 @@ Cells are plain texts, not rich's markup: in markup, `Power[uav1]` would lose it
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable
-from dataclasses import asdict
+import os
+from collections.abc import Collection, Iterable, Sequence
+from dataclasses import asdict, replace
 from enum import Enum
 from typing import Any
 
-from rich.console import Console
+from rich.cells import cell_len
+from rich.console import Console, ConsoleOptions, RenderResult
+from rich.padding import Padding
 from rich.table import Column, Table
 from rich.text import Text
 
 Cell = str | Text
 
+_MIN_NAME = 8
+"""The least width of a column of names."""
+
+_MIN_TEXT = 24
+"""The least width of a column of long texts; where it is less, they are below the rows."""
+
+_GAP = 2
+"""The space between two columns."""
+
+
+PIPE_WIDTH = 10_000
+"""The columns of an output that is no terminal: nothing is folded for other programs."""
+
 
 class Terminal(Console):
-    """The standard output of a command."""
+    """The standard output of a command.
+
+    Args:
+        options: of rich's consoles.
+    """
+
+    def __init__(self, **options: Any) -> None:
+        super().__init__(**options)
+        if not self.is_terminal and 'COLUMNS' not in os.environ and 'width' not in options:
+            self.width = PIPE_WIDTH
+
+    def render(self, renderable: Any, options: Any = None) -> Iterable[Any]:
+        """Render something; only on a terminal, tables fill the width."""
+        if isinstance(renderable, Table):
+            renderable.expand = renderable.expand and self.is_terminal
+        return super().render(renderable, options)
 
     def on_broken_pipe(self) -> None:
         """Let the command end as `run_main` says; rich would end it with 1, which means false."""
         raise BrokenPipeError
+
+
+def named(header: str) -> Column:
+    """Return a column of names, which fold where the terminal is narrow."""
+    return Column(header, overflow='fold', min_width=_MIN_NAME)
 
 
 def fixed(header: str) -> Column:
@@ -67,6 +103,67 @@ def report_table(
 ) -> Table:
     """Return a table without lines, given the same as for a framed one."""
     return framed_table(columns, rows, box=None, pad_edge=False, **options)
+
+
+class ReportTable:
+    """A table without lines; where it is too narrow, long texts are below each row.
+
+    Example, on a terminal with 40 columns:
+
+        stream  state    samples
+        power   flowing      120
+        late    waiting
+          nobody publishes /rover1/odom
+
+    Args:
+        columns: the columns; the first one has names.
+        rows: a cell for each column.
+        texts: the number of columns at the end that have long texts.
+        caption: a line below the table.
+    """
+
+    def __init__(
+        self,
+        columns: Sequence[Column],
+        rows: Iterable[Sequence[Cell]],
+        *,
+        texts: int = 1,
+        caption: str = '',
+    ) -> None:
+        self._columns = columns
+        self._rows = list(rows)
+        self._texts = texts
+        self._caption = caption
+
+    def __rich_console__(self, _: Console, options: ConsoleOptions) -> RenderResult:
+        """Render the table for the width of a console."""
+        lines = [[each.header for each in self._columns], *self._rows]
+        widths = [max(map(_width, cells)) for cells in zip(*lines, strict=True)]
+        short = len(self._columns) - self._texts
+        needed = sum(widths[:short]) + sum(min(each, _MIN_TEXT) for each in widths[short:])
+        if needed + _GAP * (len(widths) - 1) <= options.max_width:
+            caption = self._caption or None
+            yield report_table(map(_copied, self._columns), self._rows, caption=caption)
+            return
+        others = sum(widths[1:short]) + _GAP * (short - 1)
+        widths[0] = max(_MIN_NAME, min(widths[0], options.max_width - others))
+        columns, widths = self._columns[:short], widths[:short]
+        yield report_table(map(_copied, columns, widths), [])
+        for row in self._rows:
+            yield report_table(map(_copied, columns, widths), [row[:short]], show_header=False)
+            for text in filter(_width, row[short:]):
+                yield Padding(Text(str(text), overflow='fold'), (0, 0, 0, _GAP))
+        if self._caption:
+            yield Text(self._caption)
+
+
+def _copied(column: Column, width: int | None = None) -> Column:
+    """Return a column for another table: rich keeps the cells of a table in its columns."""
+    return replace(column, _cells=[], width=width)
+
+
+def _width(cell: Any) -> int:
+    return cell.cell_len if isinstance(cell, Text) else cell_len(cell)
 
 
 def details_table(details: Iterable[tuple[str, Cell]]) -> Table:

@@ -40,6 +40,7 @@ from dyknow_coordinator.plans.plan import (
     PlanVerdict,
 )
 from dyknow_coordinator.reporting.evaluation_status import EvaluationStatus, Level, diagnose
+from dyknow_coordinator.reporting.node_status import has_loaded
 
 __all__ = [
     'TRANSIENT',
@@ -78,6 +79,7 @@ __all__ = [
     'feature_units',
     'field_names',
     'find_units',
+    'has_loaded',
     'has_units',
     'infer_sorts',
     'parse_sources',

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dyknow_common import ExitCode
+from dyknow_common import ExitCode, Verdict
 from dyknow_coordinator import (
     CoordinationError,
     Event,
@@ -17,8 +19,9 @@ from dyknow_coordinator import (
     PlanExecution,
     PlanFormula,
     PlanPhase,
+    PlanVerdict,
 )
-from dyknow_coordinator.plans.plan import Step
+from dyknow_coordinator.plans.plan import Step, withdrawal
 
 ACTIONS = ('take_off', 'fly_to', 'land')
 ORDERS = ([], [Event.STARTED], [Event.STARTED, Event.SUCCEEDED], [Event.STARTED, Event.FAILED],
@@ -186,3 +189,33 @@ def test_nothing_is_reported_of_a_plan_that_is_over() -> None:
 def test_a_plan_that_makes_no_sense(plan: Plan, words: str) -> None:
     with pytest.raises(CoordinationError, match=words):
         PlanExecution(plan)
+
+
+@pytest.mark.parametrize(
+    ('states', 'presumably_false', 'explanation', 'outcome'),
+    [
+        (0, False, 'no state had come', 'withdrawn'),
+        (1, False, 'held in 1 state', 'withdrawn (held)'),
+        (37, False, 'held in 37 states', 'withdrawn (held)'),
+        (37, True, 'not fulfilled after 37 states', 'withdrawn (not fulfilled)'),
+    ],
+)
+def test_how_a_formula_stood_when_it_was_withdrawn(
+    states: int, explanation: str, outcome: str, *, presumably_false: bool
+) -> None:
+    assert withdrawal(states, presumably_false=presumably_false) == explanation
+    verdict = PlanVerdict(
+        FormulaPosition('fly', 'calm'),
+        'always p',
+        PlanPhase.WITHDRAWN,
+        presumably_false=presumably_false,
+        explanation=explanation,
+    )
+    assert verdict.outcome == outcome
+
+
+def test_the_words_for_other_phases() -> None:
+    pending = PlanVerdict(FormulaPosition('fly', 'calm'), 'always p')
+    assert pending.outcome == 'pending'
+    assert replace(pending, phase=PlanPhase.FAILED).outcome == 'failed'
+    assert replace(pending, phase=PlanPhase.DECIDED, verdict=Verdict.FALSE).outcome == 'false'

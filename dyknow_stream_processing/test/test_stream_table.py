@@ -54,6 +54,32 @@ def test_a_line_for_each_stream() -> None:
     ]
 
 
+def test_no_number_is_cut_in_80_columns() -> None:
+    many = replace(
+        FLOWING,
+        name='rover1_battery_percentage',
+        samples=1_234_567,
+        violations=12_345,
+        drops={'max_delay': 123_456},
+        flow=Flow(1000.0, -5_010 * MS, 1_310 * MS),
+    )
+    late = replace(WAITING, message='nobody publishes /rover[1]/odom; ' * 3)
+    console = Console(file=io.StringIO(), width=80)
+    console.print(stream_table([many, late], ['/engine'], hidden=2))
+    assert isinstance(console.file, io.StringIO)
+    assert [line.rstrip() for line in console.file.getvalue().splitlines()] == [
+        'stream    state    samples       rate         delay     max  dropped  violations',
+        'rover1_b  flowing  1234567  1000.0 Hz  ahead 5.01 s  1.31 s   123456       12345',
+        'attery_p',
+        'ercentag',
+        'e',
+        'late      waiting',
+        '  nobody publishes /rover[1]/odom; nobody publishes /rover[1]/odom; nobody',
+        '  publishes /rover[1]/odom;',
+        "/engine; 2 of DyKnow's own streams not shown (--all shows them)",
+    ]
+
+
 def test_stamps_ahead_of_the_clock() -> None:
     """Of forecasts, and of a topic whose samples are all dropped."""
     forecasts = replace(FLOWING, flow=Flow(9.96, -5_010 * MS, 12 * MS))

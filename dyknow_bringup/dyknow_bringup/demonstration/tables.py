@@ -9,8 +9,8 @@ from rich.table import Table
 from rich.text import Text
 
 from dyknow_bringup.demonstration.expectations import MonitoredFormula
-from dyknow_common import Verdict, round_time
-from dyknow_common.tables import Cell, figure, fixed, framed_table, wide
+from dyknow_common import round_time
+from dyknow_common.tables import Cell, figure, fixed, framed_table, named, wide
 from dyknow_coordinator import PlanOutcome, PlanPhase, PlanVerdict
 
 _PLAN = '(the plan)'
@@ -26,7 +26,7 @@ def formula_table(monitored: Sequence[MonitoredFormula], start: int, elapsed: in
         start: of the scenario, in nanoseconds.
         elapsed: nanoseconds since then.
     """
-    columns = (*map(fixed, ('formula', 'verdict')), figure('since'), wide('why'))
+    columns = (named('formula'), fixed('verdict'), figure('since'), wide('why'))
     rows = (_formula_row(each, start) for each in monitored)
     return framed_table(columns, rows, title=round_time(elapsed), expand=True)
 
@@ -62,7 +62,7 @@ def verdict_line(verdict: PlanVerdict, start: int) -> Text:
 
 def plan_table(outcome: PlanOutcome) -> Table:
     """Return a table of the formulas of a plan with their outcomes."""
-    columns = (*map(fixed, ('action', 'formula', 'verdict')), wide('why'))
+    columns = (named('action'), named('formula'), fixed('verdict'), wide('why'))
     rows: list[list[Cell]] = [
         [each.position.action or _PLAN, each.position.formula, _state(each), _reason(each)]
         for each in outcome.verdicts
@@ -81,15 +81,9 @@ def _formula_row(monitored: MonitoredFormula, start: int) -> list[Cell]:
 
 
 def _state(verdict: PlanVerdict) -> Text:
-    if verdict.verdict is not Verdict.UNDECIDED:
-        name = verdict.verdict.name.lower()
-        return Text(name, _STYLES[name])
-    return Text(verdict.phase.name.lower(), _FAILED if verdict.phase is PlanPhase.FAILED else 'dim')
+    style = _FAILED if verdict.phase is PlanPhase.FAILED else 'dim'
+    return Text(verdict.outcome, _STYLES.get(verdict.outcome, style))
 
 
 def _reason(verdict: PlanVerdict) -> str:
-    if verdict.error is not None:
-        return verdict.error.message
-    if verdict.phase is PlanPhase.WITHDRAWN and verdict.presumably_false:
-        return 'it would have been false then'
-    return verdict.explanation
+    return verdict.explanation if verdict.error is None else verdict.error.message

@@ -18,6 +18,8 @@ CONFIGURATION: Final = {
     'bridges': ('', 'files of bridge rules between the ontologies, separated by commas'),
     'store': ('', 'a folder that keeps changes of the ontology and of the annotations'),
     'reasoner': ('', 'structural, hermit or pellet; the last two need Java'),
+    'params_file': ('', 'ROS file of parameters of the nodes; it takes precedence over the others'),
+    'engines': ('1', 'number of stream processing engines'),
 }
 """The arguments that configure one system, with their defaults and descriptions."""
 
@@ -26,8 +28,12 @@ ROBOT: Final = '<robot>'
 
 
 def configuration(values: Mapping[str, str]) -> SystemConfiguration:
-    """Return the configuration that the values of the arguments describe."""
-    store = values['store']
+    """Return the configuration that the values of the arguments describe.
+
+    Raises:
+        DyKnowError: if a file or a value is wrong.
+    """
+    store, params_file = values['store'], values['params_file']
     files = SystemConfiguration(
         ontologies=_files(values['ontology']),
         annotations=_files(values['annotations']),
@@ -35,6 +41,8 @@ def configuration(values: Mapping[str, str]) -> SystemConfiguration:
         bridges=_files(values['bridges']),
         store=Path(store).resolve() if store else None,
         reasoner=values['reasoner'],
+        params_file=Path(params_file).resolve() if params_file else None,
+        engines=_number('engines', values['engines']),
     )
     return with_robot(files, Path(values['config']).resolve()) if values['config'] else files
 
@@ -61,6 +69,13 @@ def robots(values: Mapping[str, str]) -> tuple[Process, ...]:
             f'as {values["store"]}/{ROBOT}'
         )
     return processes
+
+
+def _number(name: str, text: str) -> int:
+    try:
+        return int(text)
+    except ValueError:
+        raise BringupError(f"{name}: '{text}' is not a whole number") from None
 
 
 def _files(text: str) -> tuple[Path, ...]:

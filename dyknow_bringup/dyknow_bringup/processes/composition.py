@@ -56,7 +56,7 @@ def _in_one_process(processes: Iterable[Process]) -> Process:
         'dyknow_bringup',
         NODES,
         namespace=nodes[0].namespace,
-        parameter_files=(file,) if parameters else (),
+        parameter_files=(file, *nodes[0].parameter_files),
     )
 
 

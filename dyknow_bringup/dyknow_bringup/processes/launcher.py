@@ -112,7 +112,7 @@ class Launcher:
     def ended(self) -> tuple[EndedProcess, ...]:
         """Return the processes that have ended by themselves and were not started again."""
         return tuple(
-            EndedProcess(name, code, last_lines(self.log(name)))
+            EndedProcess(name, code, last_lines(self.log(name).read_text(errors='replace')))
             for name, running in self._running.items()
             if (code := running.poll()) is not None
         )

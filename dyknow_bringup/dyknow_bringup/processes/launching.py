@@ -6,14 +6,18 @@ import os
 from collections.abc import Callable, Iterable, Mapping
 from typing import Any
 
-from launch.actions import DeclareLaunchArgument, OpaqueFunction
+from launch.actions import DeclareLaunchArgument, OpaqueFunction, RegisterEventHandler
+from launch.event_handlers import OnProcessIO
 from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 
 from dyknow_bringup.processes.composition import composed
+from dyknow_bringup.errors import BringupError
+from dyknow_bringup.processes.logs import last_lines
 from dyknow_bringup.processes.processes import Process, enclave, join_namespaces
 from dyknow_bringup.processes.supervision import RESTART_DELAY_NS
-from dyknow_common import SECOND_NS
+from dyknow_common import SECOND_NS, ExitCode
+from dyknow_common.executables import CANNOT_START
 from launch import LaunchDescription
 
 MAX_RESTARTS = 10
@@ -26,6 +30,9 @@ COMMON_ARGUMENTS = {
     'composition': ('true', 'run the nodes of DyKnow in one process'),
     'use_respawn': ('false', 'start a process again that has died'),
 }
+
+_MAX_KEPT = 10_000
+"""The characters of the last output of a node that are kept."""
 
 
 def launch_description(
@@ -43,9 +50,9 @@ def launch_description(
     def nodes(context: Any) -> list[Any]:
         values = {name: LaunchConfiguration(name).perform(context) for name in all_arguments}
         started = processes(values)
-        if is_true(values['composition']):
+        if is_true('composition', values['composition']):
             started = composed(started, os.environ)
-        return [_node(process, values) for process in started]
+        return [action for each in started for action in _node_actions(each, values)]
 
     declared = [
         DeclareLaunchArgument(name, default_value=default, description=description)
@@ -54,28 +61,68 @@ def launch_description(
     return LaunchDescription([*declared, OpaqueFunction(function=nodes)])
 
 
-def is_true(value: str) -> bool:
-    """Return the value of a boolean launch argument."""
-    return value.lower() in {'true', '1'}
+def is_true(name: str, value: str) -> bool:
+    """Return the value of a boolean launch argument.
+
+    Raises:
+        BringupError: for another text than launch itself accepts.
+    """
+    text = value.lower()
+    if text not in {'true', '1', 'false', '0'}:
+        raise BringupError(f"{name}: '{value}' is neither true nor false")
+    return text in {'true', '1'}
 
 
-def _node(process: Process, values: Mapping[str, str]) -> Any:
-    return Node(
+class _StartWatch:
+    """Ends a launch with the message of a node that cannot start.
+
+    Args:
+        name: of the node.
+    """
+
+    def __init__(self, name: str) -> None:
+        self._name = name
+        self._output = ''
+
+    def keep(self, event: Any) -> None:
+        """Keep the end of the output of the node."""
+        self._output = (self._output + event.text.decode(errors='replace'))[-_MAX_KEPT:]
+
+    def check(self, event: Any, context: Any) -> None:
+        """Check the exit code of the node, unless the launch ends already.
+
+        Raises:
+            BringupError: UNAVAILABLE, which ends the launch with an error.
+        """
+        if event.returncode == CANNOT_START and not context.is_shutdown:
+            text = f'{self._name} cannot start:\n{last_lines(self._output)}'
+            raise BringupError(text, ExitCode.UNAVAILABLE)
+
+
+def _node_actions(process: Process, values: Mapping[str, str]) -> list[Any]:
+    watch = _StartWatch(process.name)
+    parameters = {
+        **process.parameters,
+        'use_sim_time': is_true('use_sim_time', values['use_sim_time']),
+    }
+    node = Node(
         package=process.package,
         executable=process.executable,
+        name=process.node or None,
         namespace=join_namespaces(values['namespace'], process.namespace),
         output='screen',
-        parameters=[
-            *map(str, process.parameter_files),
-            {**process.parameters, 'use_sim_time': is_true(values['use_sim_time'])},
-        ],
+        # The last of several values counts.
+        parameters=[parameters, *map(str, process.parameter_files)],
         ros_arguments=[
             '--log-level',
             values['log_level'],
             '--enclave',
             enclave(process, values['namespace']),
         ],
-        respawn=is_true(values['use_respawn']),
+        respawn=is_true('use_respawn', values['use_respawn']),
         respawn_delay=RESTART_DELAY_NS / SECOND_NS,
         respawn_max_retries=MAX_RESTARTS,
+        on_exit=watch.check,
     )
+    output = OnProcessIO(target_action=node, on_stdout=watch.keep, on_stderr=watch.keep)
+    return [RegisterEventHandler(output), node]

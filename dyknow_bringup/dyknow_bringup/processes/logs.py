@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 import re
+import shutil
+import tempfile
 from collections import Counter
 from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
-from dyknow_common import SECOND_NS
+from dyknow_bringup.errors import BringupError
+from dyknow_common import SECOND_NS, DyKnowError
 
 LOG_ENVIRONMENT: Final = {
     'RCUTILS_CONSOLE_OUTPUT_FORMAT': '[{severity}] [{time}] [{name}]: {message}',
@@ -129,8 +133,27 @@ class LogThrottle:
             self._left_out.clear()
 
 
-def last_lines(log: Path) -> str:
+@contextmanager
+def log_folder(chosen: Path | None) -> Iterator[Path]:
+    """Yield a folder for logs: the chosen one, or a temporary one, which an error alone leaves.
+
+    Raises:
+        BringupError: the error that ends the block, with the place of the logs.
+    """
+    if chosen is not None:
+        chosen.mkdir(parents=True, exist_ok=True)
+        yield chosen
+        return
+    folder = Path(tempfile.mkdtemp(prefix='dyknow_'))
+    try:
+        yield folder
+    except DyKnowError as error:
+        raise BringupError(f'{error}\nlogs are in {folder}', error.code) from None
+    shutil.rmtree(folder, ignore_errors=True)
+
+
+def last_lines(log: str) -> str:
     """Return the end of a log: what its node printed last beside its records, or the last lines."""
-    lines = log.read_text(errors='replace').strip().splitlines()[-_MAX_LAST_LINES:]
+    lines = log.strip().splitlines()[-_MAX_LAST_LINES:]
     logged = [number for number, line in enumerate(lines) if _RECORD.match(line)]
     return '\n'.join(lines[logged[-1] + 1 :] if logged and logged[-1] + 1 < len(lines) else lines)

@@ -6,10 +6,19 @@ import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Final
 
 from dyknow_bringup.errors import BringupError
 from dyknow_common import ExitCode
 from dyknow_configuration import PACKAGES, ParameterValue
+
+ENGINE: Final = 'stream_processing_engine'
+"""The executable of an engine, and the name of the first one."""
+
+MAX_ENGINES: Final = 32
+"""The most stream processing engines of a system."""
+
+_FILES: Final = ('ontologies', 'annotations', 'streams', 'bridges')
 
 
 @dataclass(frozen=True, slots=True)
@@ -18,22 +27,25 @@ class Process:
 
     Args:
         package: the package with its executable.
-        executable: the name of the executable and of the node.
+        executable: the name of the executable.
         parameters: values that differ from the defaults.
         namespace: of the node, relative to that of all nodes.
-        parameter_files: files with more parameters.
+        node: the name of the node; empty for that of the executable.
+        parameter_files: files of parameters for any nodes, as ROS has them. The last of several
+            values counts, and those of files before the others.
     """
 
     package: str
     executable: str
     parameters: Mapping[str, ParameterValue] = field(default_factory=dict)
     namespace: str = ''
+    node: str = ''
     parameter_files: tuple[Path, ...] = ()
 
     @property
     def name(self) -> str:
         """The name of the node with its namespace, `robot1/stream_manager`."""
-        return join_namespaces(self.namespace, self.executable).lstrip('/')
+        return join_namespaces(self.namespace, self.node or self.executable).lstrip('/')
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,9 +60,11 @@ class SystemConfiguration:
         store: a folder that keeps changes of the ontology and of the annotations; None: no store.
         reasoner: of the ontology; empty for the node's default.
         parameters: of nodes, by their names; the files and options above take precedence.
+        params_file: a file of parameters, as ROS has them, which takes precedence over all others.
+        engines: the number of stream processing engines.
 
     Raises:
-        BringupError: NOT_FOUND, with the path of a file that does not exist.
+        BringupError: NOT_FOUND, with the path of a file that does not exist; for a wrong number.
     """
 
     ontologies: tuple[Path, ...] = ()
@@ -60,17 +74,25 @@ class SystemConfiguration:
     store: Path | None = None
     reasoner: str = ''
     parameters: Mapping[str, Mapping[str, ParameterValue]] = field(default_factory=dict)
+    params_file: Path | None = None
+    engines: int = 1
 
     def __post_init__(self) -> None:
-        """Check the files."""
-        for kind in ('ontologies', 'annotations', 'streams', 'bridges'):
-            for path in getattr(self, kind):
+        """Check the files and the number of engines."""
+        files = {kind: getattr(self, kind) for kind in _FILES}
+        files['params_file'] = () if self.params_file is None else (self.params_file,)
+        for kind, paths in files.items():
+            for path in paths:
                 if not path.is_file():
                     raise BringupError(f'{kind}: there is no file {path}', ExitCode.NOT_FOUND)
+        if not 1 <= self.engines <= MAX_ENGINES:
+            raise BringupError(
+                f'{self.engines} is no number of stream processing engines; use 1 to {MAX_ENGINES}'
+            )
 
 
 def dyknow_processes(configuration: SystemConfiguration) -> tuple[Process, ...]:
-    """Return the seven nodes of DyKnow."""
+    """Return the nodes of DyKnow: seven, and the further stream processing engines."""
     store = configuration.store
     parameters = {
         'stream_manager': _parameters(streams=configuration.streams),
@@ -85,12 +107,19 @@ def dyknow_processes(configuration: SystemConfiguration) -> tuple[Process, ...]:
         'semantic_matching_engine': _parameters(bridges=configuration.bridges),
     }
     given = configuration.parameters
-    return tuple(
+    files = () if configuration.params_file is None else (configuration.params_file,)
+    nodes = [
         Process(
-            package, executable, {**given.get(executable, {}), **parameters.get(executable, {})}
+            package,
+            executable,
+            {**given.get(executable, {}), **parameters.get(executable, {})},
+            parameter_files=files,
         )
         for executable, package in PACKAGES.items()
-    )
+    ]
+    engine = next(each for each in nodes if each.executable == ENGINE)
+    numbers = range(2, configuration.engines + 1)
+    return (*nodes, *(replace(engine, node=f'{ENGINE}_{number}') for number in numbers))
 
 
 def robot_processes(
@@ -140,11 +169,13 @@ def ros_arguments(
     if node_namespace:
         arguments += ['-r', f'__ns:={node_namespace}']
     arguments += ['--enclave', enclave(process, namespace)]
-    for file in process.parameter_files:
-        arguments += ['--params-file', str(file)]
+    if process.node:
+        arguments += ['-r', f'__node:={process.node}']
     for name, value in parameters.items():
         # rclpy reads the values of parameters as YAML, and JSON is YAML.
         arguments += ['-p', f'{name}:={json.dumps(value)}']
+    for file in process.parameter_files:
+        arguments += ['--params-file', str(file)]
     return arguments
 
 

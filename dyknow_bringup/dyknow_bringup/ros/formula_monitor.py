@@ -59,6 +59,7 @@ class FormulaMonitor(DyKnowNode):
         self.formulas = [MonitoredFormula(formula) for formula in requested]
         self._wait = self._timeout if wait is None else wait
         self._retries = retries
+        self._is_cancelled = False
         self._restarting: set[int] = set()
         self._on_change = on_change or self.log
         self._client = FormulaClient(self, coordinator)
@@ -80,13 +81,14 @@ class FormulaMonitor(DyKnowNode):
 
     def cancel_all(self) -> None:
         """Cancel the monitoring of all formulas."""
-        self._retries, self._retry_until = False, 0
+        self._is_cancelled, self._retries, self._retry_until = True, False, 0
         self._restarting.clear()
         for monitor in self._monitors.values():
             monitor.cancel()
 
     def destroy_node(self) -> None:
         """Cancel the evaluations and destroy the node."""
+        self._is_cancelled = True
         self._client.close()
         super().destroy_node()
 
@@ -134,7 +136,7 @@ class FormulaMonitor(DyKnowNode):
         monitored, error = self.formulas[index], answer.error
         if error is None:
             self._set(monitored, answer.verdict.name.lower(), answer.explanation)
-        elif error.code is not ExitCode.CANCELLED:
+        elif error.code is not ExitCode.CANCELLED or not self._is_cancelled:
             is_starting = error.code in RETRIED and self.now() < (self._retry_until or 0)
             if not is_starting:
                 self._set(monitored, error.code.name, error.message)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Collection
 from functools import partial
 from typing import Any, Self
@@ -12,7 +13,11 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 
-from dyknow_common.ros import STATUS
+from dyknow_bringup.errors import BringupError
+from dyknow_common import SECOND_NS, ExitCode, round_duration
+from dyknow_common.executables import interruptible
+from dyknow_common.ros import STATUS, TICK_PERIOD_S
+from dyknow_coordinator import has_loaded
 
 _NAME = 'dyknow_up'
 
@@ -65,11 +70,7 @@ class SystemStart:
     @property
     def is_complete(self) -> bool:
         """True if all nodes run, and have checked everything that they have loaded."""
-        return (
-            not self.missing
-            and 'refused' in self._values['stream_semantics_manager']
-            and not self._values['stream_manager']['waiting']
-        )
+        return not self.missing and has_loaded(self._values)
 
     def __str__(self) -> str:
         if self.missing:
@@ -99,6 +100,27 @@ class SystemStart:
 
     def _on_status(self, name: str, status: Any) -> None:
         self._values[name] = {each.key: each.value for each in status.values}
+
+
+def wait_for_start(namespace: str, nodes: Collection[str], timeout: int) -> str:
+    """Wait until the nodes of a system are ready; return what they have loaded.
+
+    Args:
+        namespace: of the system, absolute.
+        nodes: the names of its nodes.
+        timeout: nanoseconds.
+
+    Raises:
+        BringupError: UNAVAILABLE, if they are not ready in time.
+    """
+    end = time.monotonic() + timeout / SECOND_NS
+    with interruptible(), SystemStart(namespace, nodes) as start:
+        while not start.is_complete:
+            if time.monotonic() > end:
+                text = f'{start}; it is not ready within {round_duration(timeout)}'
+                raise BringupError(text, ExitCode.UNAVAILABLE)
+            start.spin_once(TICK_PERIOD_S)
+        return str(start)
 
 
 def _counted(number: str, things: str) -> str:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import os
-import tempfile
 import threading
 import time
 from collections.abc import Callable, Iterable, Mapping
@@ -18,20 +17,17 @@ from rich.text import Text
 from dyknow_bringup.errors import BringupError
 from dyknow_bringup.processes.composition import composed, name_in, names_in
 from dyknow_bringup.processes.launcher import Launcher
-from dyknow_bringup.processes.logs import LogReader, LogThrottle
+from dyknow_bringup.processes.logs import LogReader, LogThrottle, log_folder
 from dyknow_bringup.processes.processes import Process, SystemConfiguration, dyknow_processes
 from dyknow_bringup.processes.robot import with_robot
 from dyknow_bringup.processes.supervision import Supervisor
-from dyknow_bringup.ros.system_start import SystemStart
-from dyknow_common import ExitCode
+from dyknow_bringup.ros.system_start import SystemStart, wait_for_start
+from dyknow_common import SECOND_NS, ExitCode, duration_option
 from dyknow_common.executables import SUCCESS, describe
 from dyknow_main import TERMINAL_SIGNALS, handle
 
 PERIOD_S = 0.2
 """The period in which ended nodes and new warnings are noticed."""
-
-START_LIMIT_S = 30.0
-"""The time after which the nodes that have not started are reported."""
 
 UNENFORCED = (
     'ROS security is enabled but not enforced: nodes without keys run unsecured; set '
@@ -72,19 +68,23 @@ class LogMonitor:
 
 
 def up(chosen: argparse.Namespace) -> int:
-    """Run the seven nodes until SIGINT, SIGTERM or SIGHUP, or until one of them cannot run."""
+    """Run the nodes until SIGINT, SIGTERM or SIGHUP, or until one of them cannot run."""
+    namespace = _absolute(chosen.namespace)
+    if chosen.wait:
+        return _wait(namespace, chosen)
     stop = threading.Event()
     handle(TERMINAL_SIGNALS, lambda *_: stop.set())
-    namespace = _absolute(chosen.namespace)
     nodes = dyknow_processes(_configuration(chosen))
     processes = nodes if chosen.processes else composed(nodes, os.environ)
-    logs = _log_folder(chosen.logs)
-    with Launcher(
-        logs,
-        namespace=namespace,
-        use_sim_time=chosen.use_sim_time,
-        log_level=chosen.log_level,
-    ) as launcher:
+    with (
+        log_folder(chosen.logs) as logs,
+        Launcher(
+            logs,
+            namespace=namespace,
+            use_sim_time=chosen.use_sim_time,
+            log_level=chosen.log_level,
+        ) as launcher,
+    ):
         monitor = LogMonitor(processes, launcher.log)
         supervisor = Supervisor(
             launcher,
@@ -92,7 +92,6 @@ def up(chosen: argparse.Namespace) -> int:
             lambda text: monitor.show('WARN', text),
             restarts=not chosen.no_respawn,
         )
-
         if is_unenforced(os.environ):
             monitor.show('WARN', UNENFORCED)
 
@@ -101,11 +100,8 @@ def up(chosen: argparse.Namespace) -> int:
             monitor.update(now)
             supervisor.update(now)
 
-        end = time.monotonic() + START_LIMIT_S
         with SystemStart(namespace, [each.name for each in nodes]) as start:
-            while not (stop.is_set() or start.is_complete or time.monotonic() > end):
-                start.spin_once(PERIOD_S)
-                update()
+            _await_start(start, chosen.timeout, stop, update)
         if not stop.is_set():
             print(f'{start}; logs are in {logs}; stop it with Ctrl-C', flush=True)  # noqa: T201
         while not stop.wait(PERIOD_S):
@@ -113,10 +109,26 @@ def up(chosen: argparse.Namespace) -> int:
     return SUCCESS
 
 
-def _log_folder(chosen: Path | None) -> Path:
-    logs = chosen or Path(tempfile.mkdtemp(prefix='dyknow_'))
-    logs.mkdir(parents=True, exist_ok=True)
-    return logs
+def _await_start(
+    start: SystemStart, timeout: int, stop: threading.Event, update: Callable[[], None]
+) -> None:
+    end = time.monotonic() + timeout / SECOND_NS
+    while not (stop.is_set() or start.is_complete or time.monotonic() > end):
+        start.spin_once(PERIOD_S)
+        update()
+
+
+def _wait(namespace: str, chosen: argparse.Namespace) -> int:
+    """Wait for a system that something else starts."""
+    configuration = _configuration(chosen)
+    if configuration != SystemConfiguration(engines=configuration.engines):
+        raise BringupError(
+            'with --wait, nothing is started: run "dyknow up" with the files in the background, '
+            'then "dyknow up --wait" without them'
+        )
+    names = [process.name for process in dyknow_processes(configuration)]
+    print(wait_for_start(namespace, names, chosen.timeout))  # noqa: T201 - this is a command
+    return SUCCESS
 
 
 def is_unenforced(environment: Mapping[str, str]) -> bool:
@@ -144,6 +156,8 @@ def _configuration(chosen: argparse.Namespace) -> SystemConfiguration:
         bridges=tuple(path.resolve() for path in chosen.bridges),
         store=chosen.store and chosen.store.resolve(),
         reasoner=chosen.reasoner,
+        params_file=chosen.params_file and chosen.params_file.resolve(),
+        engines=chosen.engines,
     )
     return files if chosen.robot is None else with_robot(files, chosen.robot)
 
@@ -159,10 +173,30 @@ def add_up_options(parser: argparse.ArgumentParser) -> None:
             'dyknow up robot.yaml',
             'dyknow up --ontology robot.owl --annotations robot.ssl --streams robot.streams',
             'dyknow up --namespace /robot1 --use-sim-time',
+            'dyknow up robot.yaml & dyknow up --wait && dyknow monitor robot.yaml',
         ),
-        '0 after a stop by a signal, 2 for an error',
+        '0 after a stop by a signal, or with --wait if all nodes are ready; 2 for an error',
     )
     _add_files(parser)
+    _add_settings(parser)
+    parser.add_argument(
+        '--no-respawn', action='store_true', help='end when a node dies (default: start it again)'
+    )
+    parser.add_argument(
+        '--logs', type=Path, help='folder for the logs (default: one that an error alone leaves)'
+    )
+    parser.add_argument(
+        '--wait', action='store_true', help='start nothing; wait until all nodes are ready'
+    )
+    parser.add_argument(
+        '--timeout',
+        type=duration_option,
+        default='30 s',
+        help='after which nodes are reported that are not ready (default: 30 s)',
+    )
+
+
+def _add_settings(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         '--store',
         type=Path,
@@ -178,14 +212,21 @@ def add_up_options(parser: argparse.ArgumentParser) -> None:
         '--processes',
         action='store_true',
         help='run each node in a process of its own (default: all in one)',
+        '--params-file',
+        type=Path,
+        metavar='FILE',
+        help='ROS file of parameters of the nodes; it takes precedence over the others',
+    )
+    parser.add_argument(
+        '--engines',
+        type=int,
+        default=1,
+        metavar='N',
+        help='number of stream processing engines (default: 1)',
     )
     parser.add_argument('--namespace', default='', help='of all nodes (default: none)')
     parser.add_argument('--use-sim-time', action='store_true', help='take time from /clock')
-    parser.add_argument(
-        '--no-respawn', action='store_true', help='end when a node dies (default: start it again)'
-    )
     parser.add_argument('--log-level', default='info', help='of all nodes (default: info)')
-    parser.add_argument('--logs', type=Path, help='folder for the logs')
 
 
 def _add_files(parser: argparse.ArgumentParser) -> None:

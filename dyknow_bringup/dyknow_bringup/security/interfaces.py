@@ -42,7 +42,7 @@ SERVICES: Final = {
         'formula_group_extract_symbols',
         'formula_group_remove_formula',
     ),
-    COORDINATOR: ('evaluate_formula', 'report_plan_action'),
+    COORDINATOR: ('cancel_evaluation', 'evaluate_formula', 'report_plan_action'),
 }
 """The private services of the seven nodes."""
 
@@ -141,7 +141,8 @@ MONITOR: Final = Interfaces(
 """`FormulaClient.monitor`."""
 
 CLIENT: Final = MONITOR | Interfaces(
-    requests=_services(COORDINATOR, *SERVICES[COORDINATOR]), calls=_services(COORDINATOR, *ACTIONS)
+    requests=_services(COORDINATOR, 'evaluate_formula', 'report_plan_action'),
+    calls=_services(COORDINATOR, *ACTIONS),
 )
 """`FormulaClient`: asks for verdicts, and changes nothing."""
 
@@ -209,7 +210,7 @@ def node_interfaces(engines: Collection[str]) -> dict[str, Interfaces]:
             requests=COMMANDS.requests,
         ),
         'stream_reasoning_engine': Interfaces(
-            publishes=frozenset({'~/episodes', '~/progress', f'{COORDINATOR}/results_*'}),
+            publishes=frozenset({'~/episodes', '~/progress', f'{COORDINATOR}/_results_*'}),
             subscribes=streams | frozenset(f'{each}/heartbeat' for each in engines),
         ),
         COORDINATOR: _coordinator(engines, streams),
@@ -224,11 +225,11 @@ def _coordinator(engines: Collection[str], streams: Collection[str]) -> Interfac
     of_streams = ('stream_create_from_spec', 'stream_destroy', 'stream_get_topic')
     others = SERVICES.keys() - {ENGINE, COORDINATOR}
     return Interfaces(
-        publishes=frozenset({'~/evaluations', '/diagnostics'}),
+        publishes=frozenset({'~/evaluations', '~/ready', '/diagnostics'}),
         subscribes=_watched(*others, *engines)
         | {f'{each}/violations' for each in streams}
         | {
-            '~/results_*',
+            '~/_results_*',
             'ontology_manager/version',
             'stream_semantics_manager/version',
             'stream_manager/streams',

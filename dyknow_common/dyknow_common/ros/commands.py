@@ -7,6 +7,8 @@ import os
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import closing, contextmanager
+from functools import partial
+from typing import Any
 
 import rclpy
 from rclpy.clock import Clock, ClockType
@@ -18,8 +20,10 @@ from rclpy.signals import SignalHandlerOptions
 from rclpy.utilities import remove_ros_args
 
 from dyknow_common.durations import SECOND_NS
-from dyknow_common.errors import DyKnowError, one_line
+from dyknow_common.errors import DyKnowError, ExitCode, one_line
 from dyknow_common.executables import SUCCESS, interruptible, run_main
+from dyknow_common.ros.node import snake_case
+from dyknow_common.ros.qos import SERVICE
 from dyknow_common.ros.topics.names import RCLError
 
 TICK_PERIOD_S = 0.1
@@ -75,6 +79,38 @@ class CommandNode:
         end = self.deadline(duration)
         while (left := end - self._clock.now().nanoseconds) > 0:
             self._executor.spin_once(timeout_sec=min(left / SECOND_NS, TICK_PERIOD_S))
+
+    def call(self, service_type: Any, node: str, timeout_ns: int, **fields: Any) -> Any:
+        """Return the response of a node's service.
+
+        Args:
+            service_type: of the service, whose name follows from it.
+            node: its name, relative to the namespace of the command or absolute.
+            timeout_ns: to wait for the response.
+            fields: of the request.
+
+        Raises:
+            DyKnowError: UNAVAILABLE, if there is no response in time; the error of a refusal.
+        """
+        client = self.node.create_client(
+            service_type, f'{node}/{snake_case(service_type.__name__)}', qos_profile=SERVICE
+        )
+        no_response = partial(self._no_response, node, timeout_ns)
+        end = self.deadline(timeout_ns)
+        self.spin_until(client.service_is_ready, end, no_response)
+        future = client.call_async(service_type.Request(**fields))
+        self.spin_until(future.done, end, no_response)
+        response = future.result()
+        if response.exit_status.code != ExitCode.SUCCESS:
+            raise DyKnowError(response.exit_status.message, ExitCode(response.exit_status.code))
+        return response
+
+    def _no_response(self, node: str, timeout_ns: int) -> DyKnowError:
+        return DyKnowError(
+            f'{self.node.resolve_service_name(node)} has not answered within '
+            f'{timeout_ns / SECOND_NS:g} s; is DyKnow running, in this namespace and ROS domain?',
+            ExitCode.UNAVAILABLE,
+        )
 
 
 def command_main(name: str, add_options: Callable[[argparse.ArgumentParser], None]) -> int:

@@ -204,6 +204,11 @@ class DyKnowNode(Node):
         )
         self._publish_status()
 
+    @property
+    def latest_status(self) -> Any:
+        """The last DiagnosticStatus that was set."""
+        return self._last_status
+
     def _publish_status(self) -> None:
         if self._status is not None:
             status, drops = self._last_status, self._dropped

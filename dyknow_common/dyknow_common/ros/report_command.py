@@ -26,14 +26,18 @@ class ReportCommand:
     Args:
         name: of the command and of the topic, which is latched.
         message_type: of the topic.
-        document: makes the JSON document of a report, given the name; empty: of all of it.
-        rendered: the same for a terminal. Both raise NOT_FOUND, if there is no part of that name.
+        document: makes the JSON document of a report, given the options of the command.
+        rendered: the same for a terminal. Both raise NOT_FOUND, if there is no part of the name in
+            the options.
+        is_fresh: True to wait for the second report, as the first one was latched at some time; the
+            node must publish each second while there is a subscriber.
     """
 
     name: str
     message_type: Any
-    document: Callable[[Any, str], Any]
-    rendered: Callable[[Any, str], RenderableType]
+    document: Callable[[Any, argparse.Namespace], Any]
+    rendered: Callable[[Any, argparse.Namespace], RenderableType]
+    is_fresh: bool = False
 
     def __call__(self, options: argparse.Namespace) -> int:
         """Run the command and return its exit code."""
@@ -41,17 +45,19 @@ class ReportCommand:
 
     def _show(self, options: argparse.Namespace, command: CommandNode) -> None:
         reports = _Reports(command, f'{options.node}/{self.name}', self.message_type)
+        if self.is_fresh:
+            reports.next(options.timeout)
         console = Terminal()
         is_live = options.watch and console.is_terminal and not options.json
         with Live(console=console, auto_refresh=False) if is_live else nullcontext() as live:
             while True:
                 report = reports.next(options.timeout)
                 if options.json:
-                    print(json.dumps(self.document(report, options.name)), flush=True)  # noqa: T201
+                    print(json.dumps(self.document(report, options)), flush=True)  # noqa: T201
                 elif live:
-                    live.update(self.rendered(report, options.name), refresh=True)
+                    live.update(self.rendered(report, options), refresh=True)
                 else:
-                    console.print(self.rendered(report, options.name))
+                    console.print(self.rendered(report, options))
                 if not options.watch:
                     return
 

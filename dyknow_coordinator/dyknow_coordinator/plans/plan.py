@@ -148,6 +148,23 @@ def _require_distinct(names: Iterable[str], kind: str) -> None:
         seen.add(name)
 
 
+NO_STATE: Final = 'no state had come'
+"""The explanation of a formula that was withdrawn before its first state."""
+
+
+def withdrawal(states: int, *, presumably_false: bool) -> str:
+    """Return how a formula stood when it was withdrawn, for people.
+
+    Args:
+        states: the number of states over which it was evaluated.
+        presumably_false: it would have been false without further states.
+    """
+    if not states:
+        return NO_STATE
+    counted = f'{states} state{"s" if states > 1 else ""}'
+    return f'not fulfilled after {counted}' if presumably_false else f'held in {counted}'
+
+
 @dataclass(frozen=True, slots=True)
 class PlanVerdict:
     """Status of a formula of a plan.
@@ -157,7 +174,7 @@ class PlanVerdict:
         presumably_false: True if the formula was withdrawn and would have been false then.
         decided_at: valid time of the deciding state in nanoseconds; None without a verdict, or
             if the verdict needs no state.
-        explanation: the reason for the verdict, for people.
+        explanation: the reason for the verdict, or how it stood when it was withdrawn, for people.
         error: why it cannot be evaluated.
     """
 
@@ -169,6 +186,17 @@ class PlanVerdict:
     decided_at: int | None = None
     explanation: str = ''
     error: DyKnowError | None = None
+
+    @property
+    def outcome(self) -> str:
+        """The verdict, or the phase, in a word: `true`, `pending`, `withdrawn (held)`."""
+        if self.verdict is not Verdict.UNDECIDED:
+            return self.verdict.name.lower()
+        if self.phase is PlanPhase.WITHDRAWN and self.presumably_false:
+            return 'withdrawn (not fulfilled)'
+        if self.phase is PlanPhase.WITHDRAWN and self.explanation not in {'', NO_STATE}:
+            return 'withdrawn (held)'
+        return self.phase.name.lower()
 
     @property
     def is_violation(self) -> bool:

@@ -11,12 +11,14 @@ from rich.text import Text
 
 from dyknow_common import ExitCode, Verdict, round_duration
 from dyknow_common.tables import (
+    Cell,
+    ReportTable,
     details_table,
     figure,
     fixed,
     folded,
     json_document,
-    report_table,
+    named,
 )
 from dyknow_coordinator.evaluation.evaluation import EvaluationPhase
 from dyknow_coordinator.reporting.evaluation_status import EvaluationStatus, details, outcome
@@ -24,9 +26,9 @@ from dyknow_coordinator.reporting.evaluation_status import EvaluationStatus, det
 _VERDICTS = {Verdict.TRUE: 'green', Verdict.FALSE: 'bold red', Verdict.UNDECIDED: 'dim'}
 
 
-def evaluation_table(statuses: Iterable[EvaluationStatus], now: int) -> Table:
+def evaluation_table(statuses: Iterable[EvaluationStatus], now: int) -> ReportTable:
     """Return a table with a line for each evaluation; `now` is in nanoseconds."""
-    rows = [
+    rows: list[tuple[Cell, ...]] = [
         (
             status.name,
             _outcome(status),
@@ -40,13 +42,14 @@ def evaluation_table(statuses: Iterable[EvaluationStatus], now: int) -> Table:
         for status in statuses
     ]
     columns = (
-        folded('evaluation'),
+        named('evaluation'),
         fixed('state'),
         *map(figure, ('states', 'streams', 'since')),
         folded('formula'),
         folded(),
     )
-    return report_table(columns, rows, caption=None if rows else 'nothing is being evaluated')
+    caption = '' if rows else 'nothing is being evaluated'
+    return ReportTable(columns, rows, texts=2, caption=caption)
 
 
 def evaluation_details(statuses: Iterable[EvaluationStatus]) -> RenderableType:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Final
 
@@ -27,6 +28,18 @@ class NodeState:
     level: Level = Level.OK
     message: str = ''
     absent: int = 0
+
+
+def has_loaded(statuses: Mapping[str, Mapping[str, str]]) -> bool:
+    """Return True if the nodes that load files have checked all of them.
+
+    Args:
+        statuses: the values of the status of each node, by the type of the node.
+    """
+    semantics = statuses.get('stream_semantics_manager', {})
+    streams = statuses.get('stream_manager', {})
+    # An annotation is checked against the ontology; a stream waits for an engine.
+    return 'refused' in semantics and streams.get('waiting') == ''
 
 
 def diagnose_node(state: NodeState) -> Diagnosis:

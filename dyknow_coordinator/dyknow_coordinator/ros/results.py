@@ -48,7 +48,7 @@ class Results:
         only_engine = only_from(progress_topic.removesuffix('/progress'))
         # Each run of the coordinator has its own topic: results of former runs are obsolete.
         run = f'{node.started_at:x}_{secrets.token_hex(8)}'
-        self.topic = f'{node.get_fully_qualified_name()}/results_{run}'
+        self.topic = f'{node.get_fully_qualified_name()}/_results_{run}'
         self._listeners: dict[tuple[int, int], ResultListener] = {}
         # A result may arrive before the response that contains the id of its formula.
         self._unclaimed: dict[tuple[int, int], Any] = {}

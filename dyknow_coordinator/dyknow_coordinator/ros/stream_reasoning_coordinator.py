@@ -10,10 +10,11 @@ from typing import Any, Final, Self
 
 from diagnostic_msgs.msg import DiagnosticStatus
 from dyknow_interfaces.action import MonitorFormula
-from dyknow_interfaces.srv import EvaluateFormula
+from dyknow_interfaces.srv import CancelEvaluation, EvaluateFormula
 
-from dyknow_common import SECOND_NS, DyKnowError, ExitCode
+from dyknow_common import SECOND_NS, DyKnowError, ExitCode, listed
 from dyknow_common.ros import RUNNING, Background, DyKnowNode, margin_to_message, run
+from dyknow_coordinator.errors import CoordinationError
 from dyknow_coordinator.evaluation.answer import Answer
 from dyknow_coordinator.evaluation.request import EvaluationRequest
 from dyknow_coordinator.reporting.evaluation_status import (
@@ -40,6 +41,9 @@ from dyknow_coordinator.ros.results import Results
 from dyknow_coordinator.ros.service_clients import ServiceClients
 from dyknow_coordinator.ros.streams_mirror import StreamsMirror
 from dyknow_stream_processing.ros import PAUSES
+
+_STATES: Final = '_states'
+"""The beginning of the names of state streams; tools such as `ros2 topic list` hide the topics."""
 
 _PROGRESS_FIELDS: Final = (
     'states_progressed',
@@ -98,7 +102,7 @@ class StreamReasoningCoordinator(DyKnowNode):
         super().__init__('stream_reasoning_coordinator')
         PAUSES.start()
         self._settings = _Settings.declare(self)
-        self._prefix = f'states_{zlib.crc32(self.get_fully_qualified_name().encode()):08x}_'
+        self._prefix = f'{_STATES}_{zlib.crc32(self.get_fully_qualified_name().encode()):08x}_'
         limits, background = CoordinatorLimits.declare(self), Background(self)
         clients = ServiceClients(self, background)
         self._shared = CoordinatorContext(
@@ -129,6 +133,7 @@ class StreamReasoningCoordinator(DyKnowNode):
         clients.stream_reasoning_engine.on_lost.append(self._on_reasoning_engine_lost)
         self._update_status()
         self.serve(EvaluateFormula, self._evaluate)
+        self.serve(CancelEvaluation, self._cancel)
         self._monitoring = CancellingActionServer(self, MonitorFormula, self._monitor)
         self._plan_monitoring = PlanMonitoring(self, self.start, limits)
         service = f'{self.get_fully_qualified_name()}/evaluate_formula'
@@ -210,6 +215,21 @@ class StreamReasoningCoordinator(DyKnowNode):
         fill_answer(result, answer)
         self._monitoring.finish(goal, answer.error)
         return result
+
+    def _cancel(self, request: Any, response: Any) -> None:
+        running = [each for each in self._evaluations if not each.has_ended]
+        named = [each for each in running if each.title == request.name]
+        if not named:
+            known = listed(each.title for each in running) or 'none'
+            raise CoordinationError(
+                f"nothing named '{request.name}' is being evaluated (there are: {known})",
+                ExitCode.NOT_FOUND,
+            )
+        service = f'{self.get_fully_qualified_name()}/cancel_evaluation'
+        for each in named:
+            self.get_logger().info(f'{each.title}: cancelled by an operator')
+            each.cancel(f'cancelled by an operator, who called {service}')
+        response.cancelled = len(named)
 
     def _read_request(self, message: Any) -> EvaluationRequest:
         return request_from_message(

@@ -5,13 +5,12 @@ from __future__ import annotations
 import argparse
 import json
 from dataclasses import asdict
-from typing import Any
 
 from dyknow_interfaces.srv import ListSemanticSpecifications, OntologyQuery
 
-from dyknow_common import SECOND_NS, ExitCode, duration_option
+from dyknow_common import duration_option
 from dyknow_common.executables import describe
-from dyknow_common.ros import SERVICE, CommandNode, command_main, run_with_node, snake_case
+from dyknow_common.ros import CommandNode, command_main, run_with_node
 from dyknow_common.tables import Terminal
 from dyknow_semantics.annotations.parsing import parse_concept
 from dyknow_semantics.errors import SemanticsError
@@ -92,44 +91,14 @@ def _fetch_matcher(options: argparse.Namespace, command: CommandNode) -> Matcher
     """Return a matcher with the ontologies and annotations of the nodes."""
     bridges = read_bridges(options.bridges)
     timeout_ns = options.timeout
-    ontology = _call(
-        command, timeout_ns, OntologyQuery, options.ontology_manager, sparql=ALL_TRIPLES
-    )
-    listed = _call(command, timeout_ns, ListSemanticSpecifications, options.semantics_manager)
+    ontology = command.call(OntologyQuery, options.ontology_manager, timeout_ns, sparql=ALL_TRIPLES)
+    listed = command.call(ListSemanticSpecifications, options.semantics_manager, timeout_ns)
     ontologies = bridged(triples_of(ontology), bridges)
     if ontologies.faults:
         raise SemanticsError('\n'.join(ontologies.faults))
     matcher = Matcher(ontologies.known, ontologies.stated)
     matcher.set_annotations(annotations_by_text(listed.ssl_statements), faults_of(listed))
     return matcher
-
-
-def _call(
-    command: CommandNode, timeout_ns: int, service_type: Any, node: str, **fields: Any
-) -> Any:
-    """Return the response of a service.
-
-    Raises:
-        SemanticsError: UNAVAILABLE, if there is none in time; the error of a refusal.
-    """
-
-    def no_answer() -> SemanticsError:
-        return SemanticsError(
-            f'{command.node.resolve_service_name(node)} has not answered within '
-            f'{timeout_ns / SECOND_NS:g} s; is DyKnow running, in this namespace and ROS domain?',
-            ExitCode.UNAVAILABLE,
-        )
-
-    name = f'{node}/{snake_case(service_type.__name__)}'
-    client = command.node.create_client(service_type, name, qos_profile=SERVICE)
-    end = command.deadline(timeout_ns)
-    command.spin_until(client.service_is_ready, end, no_answer)
-    future = client.call_async(service_type.Request(**fields))
-    command.spin_until(future.done, end, no_answer)
-    response = future.result()
-    if response.exit_status.code != ExitCode.SUCCESS:
-        raise SemanticsError(response.exit_status.message, ExitCode(response.exit_status.code))
-    return response
 
 
 def main() -> int:

@@ -6,18 +6,18 @@ from collections.abc import Iterable, Iterator, Sequence
 from typing import Any
 
 from rich.console import Group, RenderableType
-from rich.table import Table
 from rich.text import Text
 
 from dyknow_common import round_duration
 from dyknow_common.tables import (
     Cell,
+    ReportTable,
     details_table,
     figure,
     fixed,
     folded,
     json_document,
-    report_table,
+    named,
 )
 from dyknow_stream_processing.reporting.stream_report import (
     SourceReport,
@@ -35,17 +35,22 @@ _STYLES = {
 _FIGURES = ('samples', 'rate', 'delay', 'max', 'dropped', 'violations')
 
 
-def stream_table(reports: Iterable[StreamReport], engines: Sequence[str]) -> Table:
+def stream_table(
+    reports: Iterable[StreamReport], engines: Sequence[str], hidden: int = 0
+) -> ReportTable:
     """Return a table with a line for each stream.
 
     Args:
         reports: of the streams.
         engines: the stream processing engines that run.
+        hidden: the number of streams that are not shown.
     """
     rows = (_row(report, several_engines=len(engines) > 1) for report in reports)
-    columns = (*map(fixed, ('stream', 'state')), *map(figure, _FIGURES), folded())
+    columns = (named('stream'), fixed('state'), *map(figure, _FIGURES), folded())
     caption = ', '.join(engines) or 'no stream processing engine is running'
-    return report_table(columns, rows, caption=caption)
+    if hidden:
+        caption += f"; {hidden} of DyKnow's own streams not shown (--all shows them)"
+    return ReportTable(columns, rows, caption=caption)
 
 
 def stream_details(report: StreamReport, now: int) -> RenderableType:

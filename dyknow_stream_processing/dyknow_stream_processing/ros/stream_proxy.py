@@ -48,6 +48,7 @@ class StreamProxy:
     Raises:
         LanguageError: if the specification is invalid.
         StreamError: if constraints contradict each other, or a topic has no such field of time.
+        TypeError: names an argument of a wrong type.
     """
 
     def __init__(
@@ -62,6 +63,7 @@ class StreamProxy:
         message_type: Any = None,
         quality_of_service: QoSProfile | None = None,
     ) -> None:
+        _check_types(stream, constraints, on_sample, on_violation)
         text = json.dumps(stream) if _TOPIC.fullmatch(stream) else stream
         valid_times: Mapping[str, str] = {}
         message_types: Mapping[str, Any] = {}
@@ -99,6 +101,16 @@ class StreamProxy:
     def destroy(self) -> None:
         """Destroy all subscriptions; a second call does nothing."""
         self._sources.destroy()
+
+
+def _check_types(stream: object, constraints: object, *callbacks: object) -> None:
+    if not isinstance(stream, str):
+        raise TypeError(f'stream must be a topic or a specification as a text, not {stream!r}')
+    if not isinstance(constraints, StreamConstraints):
+        raise TypeError(f'constraints must be a StreamConstraints, not {constraints!r}')
+    for name, callback in zip(('on_sample', 'on_violation'), callbacks, strict=True):
+        if not callable(callback):
+            raise TypeError(f'{name} must be a function, not {callback!r}')
 
 
 def _by_topic(argument: str, value: Any, topics: Collection[str]) -> Mapping[str, Any]:

@@ -21,23 +21,31 @@ from dyknow_stream_processing.reporting.stream_table import as_json, stream_deta
 from dyknow_stream_processing.ros.messages.stream_report_messages import report_from_message
 
 
-def document(message: Any, name: str) -> dict[str, Any]:
-    """Return the reports of all streams, or of the named one, as JSON.
+def document(message: Any, options: argparse.Namespace) -> dict[str, Any]:
+    """Return the reports of the streams, or of the named one, as JSON.
 
     Raises:
         StreamError: NOT_FOUND, if there is no such stream.
     """
-    if name:
-        return as_json(_find(message, name))
-    reports = [as_json(report_from_message(status)) for status in message.streams]
-    return {'engines': list(message.engines), 'streams': reports}
+    if options.name:
+        return as_json(_find(message, options.name))
+    reports = map(as_json, _reports(message, options))
+    return {'engines': list(message.engines), 'streams': list(reports)}
 
 
-def rendered(message: Any, name: str) -> RenderableType:
+def rendered(message: Any, options: argparse.Namespace) -> RenderableType:
     """Return what `document` returns, for the terminal."""
-    if name:
-        return stream_details(_find(message, name), time_to_nanoseconds(message.stamp))
-    return stream_table(map(report_from_message, message.streams), list(message.engines))
+    if options.name:
+        return stream_details(_find(message, options.name), time_to_nanoseconds(message.stamp))
+    reports = _reports(message, options)
+    hidden = len(message.streams) - len(reports)
+    return stream_table(reports, list(message.engines), hidden)
+
+
+def _reports(message: Any, options: argparse.Namespace) -> list[StreamReport]:
+    """Return the reports of all streams, or of those that are not hidden, as ROS has it."""
+    shown = (each for each in message.streams if options.all or not each.name.startswith('_'))
+    return [report_from_message(each) for each in shown]
 
 
 def _find(message: Any, name: str) -> StreamReport:
@@ -57,11 +65,15 @@ def add_streams_options(parser: argparse.ArgumentParser) -> None:
             'dyknow streams',
             'dyknow streams uav1_power',
             'dyknow streams --watch',
+            'dyknow streams --all',
         ),
         '0 if the streams were shown, 2 if there is no such stream, or no report',
     )
     parser.add_argument(
         'name', nargs='?', default='', metavar='NAME', help='show the details of this stream'
+    )
+    parser.add_argument(
+        '--all', action='store_true', help="also show DyKnow's own streams, such as states"
     )
     add_report_options(parser, 'stream_manager', 'the stream manager, or the engine,')
 

@@ -32,6 +32,8 @@ from dyknow_coordinator.grounding.feature_sources import Grounding
 from dyknow_coordinator.plans.plan import Plan, PlanOutcome, PlanVerdict
 from dyknow_coordinator.ros.answers import answer_from_message, progress_from_message
 from dyknow_coordinator.ros.client.action_call import GRACE_S, ActionCall, GoalTimeouts
+from dyknow_coordinator.ros.client.arguments import check_arguments, check_request
+from dyknow_coordinator.ros.client.blocking import helper_node, refuse_in_callback
 from dyknow_coordinator.ros.client.formula_attempts import FormulaAttempts, answer_of_goal
 from dyknow_coordinator.ros.client.plan_monitor import PlanMonitor
 from dyknow_coordinator.ros.plans.plan_messages import plan_to_goal, verdict_from_message
@@ -72,6 +74,8 @@ class FormulaClient:
 
     Every wait ends: for the coordinator, after `wait`; for the verdict, after `timeout` and a grace
     period. If the coordinator dies meanwhile, the answer is UNAVAILABLE within seconds.
+
+    An argument of a wrong type is a fault of the caller: a TypeError names it.
 
     The client works in callbacks of any executor, single-threaded or multi-threaded, and may be
     created before the node is spun. All methods but `evaluate_blocking` return at once.
@@ -137,6 +141,7 @@ class FormulaClient:
 
         The request cannot be cancelled; it ends after its timeout. See `monitor` for others.
         """
+        check_request(formula, timeout, grounding, constraints, wait)
         refusal = self._refusal(timeout, constraints)
         if refusal is not None:
             return Answer(error=refusal)
@@ -162,29 +167,29 @@ class FormulaClient:
     ) -> Answer:
         """Evaluate a formula from now on, in a script or in a thread that does not spin the node.
 
-        The calling thread waits, whether the node is being spun or not.
+        The calling thread waits, whether the node is spun or not.
 
         Raises:
             RuntimeError: in a callback of a single-threaded executor, which would be blocked;
                 await `evaluate` there.
         """
-        _refuse_in_callback(self._node)
-        if self._is_closed:
-            return Answer(error=_closed())
-        helper = _helper_node(self._node)
+        check_request(formula, timeout, grounding, constraints, wait)
+        refuse_in_callback(self._node)
+        if (refusal := self._refusal(timeout, constraints)) is not None:
+            return Answer(error=refusal)
+        helper = helper_node(self._node)
         executor = SingleThreadedExecutor(context=self._node.context)
         executor.add_node(helper)
         try:
             with FormulaClient(helper, self._name) as client:
                 task = executor.create_task(
-                    client.evaluate,
-                    formula,
+                    client.evaluate, formula,
                     timeout=timeout,
                     grounding=grounding,
                     constraints=constraints,
                     margin=margin,
                     wait=wait,
-                )
+                )  # fmt: skip
                 executor.spin_until_future_complete(task)
                 return task.result() or Answer(error=_closed())
         finally:
@@ -213,6 +218,7 @@ class FormulaClient:
         With `on_interruption`, which gets the error, a broken constraint or a missing node is not
         the end: the formula is evaluated anew as soon as it can be, until the timeout.
         """
+        check_request(formula, timeout, grounding, constraints, wait, name)
         monitor = Monitor()
         if (refusal := self._refusal(timeout, constraints)) is not None:
             monitor.accepted.set_result(None)
@@ -270,6 +276,7 @@ class FormulaClient:
         `on_verdict` is called for every change of the status of a formula. The other options are
         those of all formulas.
         """
+        check_arguments(plan=plan, grounding=grounding, constraints=constraints, wait=wait)
         monitor = PlanMonitor(plan.name, self._coordinator, on_verdict)
 
         def end(result: Any, error: DyKnowError | None) -> None:
@@ -359,32 +366,6 @@ def _request(
         constraints=constraints_to_message(constraints),
         timeout=nanoseconds_to_duration(round(timeout_s * SECOND_NS)),
     )
-
-
-def _helper_node(node: Node) -> Node:
-    """Return a hidden node beside another one, for a thread that waits."""
-    return Node(
-        f'_{node.get_name()}_formula_client',
-        context=node.context,
-        namespace=node.get_namespace(),
-        use_global_arguments=False,
-        start_parameter_services=False,
-        enable_rosout=False,
-    )
-
-
-def _refuse_in_callback(node: Node) -> None:
-    """Raise an error if this thread is inside the executor of the node: both would wait."""
-    executor = node.executor
-    frame = inspect.currentframe()
-    while executor is not None and frame is not None:
-        # A multi-threaded executor spins in one thread and runs callbacks in others.
-        if frame.f_code.co_name.startswith('spin') and frame.f_locals.get('self') is executor:
-            raise RuntimeError(
-                'evaluate_blocking was called in a callback, and would block the executor; '
-                'await evaluate, or use monitor'
-            )
-        frame = frame.f_back
 
 
 def _notify(node: Node, listener: Callable[[Answer], Any], answer: Answer) -> None:

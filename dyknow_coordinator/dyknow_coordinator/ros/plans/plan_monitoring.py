@@ -17,6 +17,7 @@ from dyknow_coordinator.evaluation.answer import Answer
 from dyknow_coordinator.evaluation.request import EvaluationRequest
 from dyknow_coordinator.grounding.feature_sources import Grounding
 from dyknow_coordinator.plans.plan import (
+    NO_STATE,
     Event,
     FormulaPosition,
     Plan,
@@ -24,6 +25,7 @@ from dyknow_coordinator.plans.plan import (
     PlanPhase,
     PlanVerdict,
     Step,
+    withdrawal,
 )
 from dyknow_coordinator.ros.actions import CancellingActionServer
 from dyknow_coordinator.ros.answers import requested_grounding
@@ -100,15 +102,20 @@ class MonitoredPlan:
         for position in step.withdraw:
             evaluation = self._evaluations.pop(position, None)
             if evaluation is None:  # It was about to start.
-                self._update(position, phase=PlanPhase.WITHDRAWN)
+                self._update(position, phase=PlanPhase.WITHDRAWN, explanation=NO_STATE)
                 continue
+            progress = evaluation.progress
+            explanation = withdrawal(
+                progress.states_progressed, presumably_false=progress.presumably_false
+            )
             self._update(
                 position,
                 formula=evaluation.canonical_formula or self._verdicts[position].formula,
                 phase=PlanPhase.WITHDRAWN,
-                presumably_false=evaluation.progress.presumably_false,
+                presumably_false=progress.presumably_false,
+                explanation=explanation,
             )
-            evaluation.cancel()
+            evaluation.cancel(f"withdrawn by plan '{self._execution.plan.name}': {explanation}")
         for position in step.start:
             # A formula that cannot be started may end the plan before the next one.
             if self._execution.phase(position) is PlanPhase.RUNNING:

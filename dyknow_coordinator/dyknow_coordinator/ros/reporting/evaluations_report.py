@@ -11,7 +11,6 @@ from rclpy.qos import QoSProfile
 
 from dyknow_common import SECOND_NS
 from dyknow_common.ros import LATCHED, DyKnowNode
-from dyknow_coordinator.evaluation.evaluation import EvaluationPhase
 from dyknow_coordinator.reporting.evaluation_status import EvaluationStatus, details, diagnose
 from dyknow_coordinator.ros.reporting.evaluation_messages import status_to_message
 from dyknow_coordinator.ros.reporting.nodes_report import NO_HARDWARE
@@ -28,8 +27,8 @@ DIAGNOSTICS = QoSProfile(depth=1)
 class EvaluationsReport:
     """Publisher of the status of all evaluations.
 
-    `~/evaluations` is published soon after each change, and each second while an evaluation runs
-    and there is a subscriber; `/diagnostics` each second if there is a subscriber.
+    `~/evaluations` is published soon after each change, and each second while there is a
+    subscriber; `/diagnostics` each second while there is a subscriber.
 
     Args:
         statuses: returns the status of all evaluations, in the order of their requests.
@@ -66,7 +65,7 @@ class EvaluationsReport:
         watched = self._evaluations.get_subscription_count() > 0
         diagnosed = self._diagnostics.get_subscription_count() > 0
         statuses = list(self._statuses()) if watched or diagnosed else []
-        if watched and any(status.phase is not EvaluationPhase.ENDED for status in statuses):
+        if watched:
             self._publish_evaluations(statuses)
         if diagnosed:
             self._publish_diagnostics(statuses)

@@ -1,4 +1,4 @@
-"""The nodes that the coordinator depends on, as diagnostics and in the log."""
+"""The coordinator and the nodes that it depends on: diagnostics, log, the topic `~/ready`."""
 
 from __future__ import annotations
 
@@ -7,10 +7,11 @@ from functools import partial
 from typing import Any, Final
 
 from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
+from std_msgs.msg import Bool
 
-from dyknow_common.ros import DyKnowNode, RemoteNode
+from dyknow_common.ros import LATCHED, NODE_TYPE, DyKnowNode, RemoteNode
 from dyknow_coordinator.reporting.evaluation_status import Level
-from dyknow_coordinator.reporting.node_status import NodeState, diagnose_node
+from dyknow_coordinator.reporting.node_status import NodeState, diagnose_node, has_loaded
 
 PERIOD_S: Final = 1.0
 
@@ -24,7 +25,10 @@ NO_HARDWARE: Final = 'none'
 class NodesReport:
     """Diagnostics of nodes, and of each stream processing engine that was ever found.
 
+    The latched topic `~/ready` is true while the nodes and an engine run, and all files are loaded.
+
     Args:
+        node: the coordinator.
         remotes: the nodes.
         engines: returns the names of the engines that run.
     """
@@ -40,17 +44,34 @@ class NodesReport:
         self._started = self._wall_time()
         self._lost: dict[str, int] = {}
         self._remotes: dict[str, RemoteNode] = {}
-        for remote in remotes:
+        self._needed = tuple(remotes)
+        for remote in self._needed:
             self._watch(self._absolute(remote.name), remote)
         self._known_engines: set[str] = set()
-        node.create_timer(PERIOD_S, self._find_engines, clock=node.wall_clock)
+        self._is_ready: bool | None = None
+        self._ready = node.create_publisher(Bool, '~/ready', LATCHED)
+        node.create_timer(PERIOD_S, self._update, clock=node.wall_clock)
 
     def diagnostics(self) -> Iterator[DiagnosticStatus]:
-        """Yield the diagnostics of all nodes."""
+        """Yield the diagnostics of all nodes, the coordinator first."""
+        own = self._node.latest_status
+        yield self._status(own.name, own, alive=True)
         for name, remote in self._remotes.items():
             yield self._status(name, remote.latest, alive=remote.alive)
         if not self._known_engines:
             yield self._status(self._absolute(ENGINE), None, alive=False)
+
+    def _update(self) -> None:
+        self._find_engines()
+        statuses = {each.status.get(NODE_TYPE, ''): each.status for each in self._needed}
+        is_ready = (
+            any(self._engines())
+            and all(each.alive for each in self._needed)
+            and has_loaded(statuses)
+        )
+        if is_ready != self._is_ready:
+            self._is_ready = is_ready
+            self._ready.publish(Bool(data=is_ready))
 
     def _find_engines(self) -> None:
         for name in set(self._engines()) - self._known_engines:
