@@ -18,7 +18,6 @@ from dyknow_common.executables import (
     interruptible,
     run_main,
 )
-from dyknow_common.tables import Terminal
 from dyknow_configuration import (
     RequestedFormula,
     RobotConfiguration,
@@ -41,12 +40,10 @@ from dyknow_recordings.reporting.outputs import (
     ExitStatus,
     JsonLines,
     Messages,
-    Tables,
     print_document,
     print_notes,
 )
 from dyknow_recordings.reporting.pictures.files import PictureFiles
-from dyknow_recordings.reporting.table import topics_table
 
 
 def add_check_options(parser: argparse.ArgumentParser) -> None:
@@ -207,10 +204,15 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def _outputs(options: argparse.Namespace) -> Iterator[CheckOutput]:
     """Yield the outputs that were asked for."""
-    yield JsonLines(options.undecided) if options.json else Tables(options.undecided)
+    # Libraries that few checks need are imported by those alone.
+    if options.json:
+        yield JsonLines(options.undecided)
+    else:
+        from dyknow_recordings.reporting.table import Tables  # noqa: PLC0415
+
+        yield Tables(options.undecided)
     yield Messages('dyknow check', with_notes=not options.json)
     if options.junit is not None:
-        # Libraries that few checks need are imported by those alone.
         from dyknow_recordings.reporting.junit import JUnitReport  # noqa: PLC0415
 
         yield JUnitReport(options.junit, options.undecided)
@@ -304,7 +306,9 @@ def _list_topics(options: argparse.Namespace) -> int:
                 if options.json:
                     print_document(topics_document(recording))
                 else:
-                    Terminal(highlight=False).print(topics_table(recording))
+                    from dyknow_recordings.reporting.table import print_topics  # noqa: PLC0415
+
+                    print_topics(recording)
                     print_notes(str(path), recording.faults)
         except DyKnowError as error:
             code = ERROR
