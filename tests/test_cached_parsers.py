@@ -24,7 +24,7 @@ LANGUAGES: dict[str, tuple[Language, Callable[[str], object], Texts]] = {
         FORMULA,
         parse_formula,
         (
-            'forall u in UAV: always (Power[u] > 150 W -> eventually[0 s, 5 s) min("/a".b[1:]) < 2)',
+            'forall u in UAV: always (Power[u] > 9 W -> eventually[0 s, 5 s) min("/a".b[1:]) < 2)',
             'a.b until[0 s, 1 s] not "/x".y = "text" and ¬ c(d)',
             'always x.y >',
             'forall u UAV: P[u]',
