@@ -16,7 +16,7 @@ from queue import SimpleQueue
 from dyknow_common import ExitCode
 from dyknow_recordings.errors import RecordingError
 from dyknow_recordings.jobs.recording_job import JobResult, RecordingJob
-from dyknow_recordings.jobs.workers import FreshWorker, Worker, forked_workers
+from dyknow_recordings.jobs.workers import FreshWorker, JobWorker, forked_workers
 
 
 @contextmanager
@@ -78,7 +78,7 @@ class _JobProcess:
         worker: the process; None to start one with the first job.
     """
 
-    def __init__(self, worker: Worker | None = None) -> None:
+    def __init__(self, worker: JobWorker | None = None) -> None:
         self._worker = worker
         self._is_killed = False
 
@@ -108,13 +108,13 @@ class _JobProcess:
         if self._worker is not None:
             self._worker.end()
 
-    def _start(self) -> Worker:
+    def _start(self) -> JobWorker:
         self._worker = FreshWorker()
         if self._is_killed:
             self._worker.kill()
         return self._worker
 
-    def _failure(self, job: RecordingJob, worker: Worker) -> RecordingError:
+    def _failure(self, job: RecordingJob, worker: JobWorker) -> RecordingError:
         code = worker.end()
         self._worker = None
         ending = f'signal {signal.Signals(-code).name}' if code < 0 else f'code {code}'

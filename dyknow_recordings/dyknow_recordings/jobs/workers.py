@@ -27,7 +27,7 @@ CAN_FORK: Final = hasattr(os, 'fork') and sys.platform != 'darwin'
 """False on macOS too, whose system libraries have threads of their own."""
 
 
-class Worker(Protocol):
+class JobWorker(Protocol):
     """A process that runs one job after the other, and ends with this one."""
 
     @property
@@ -85,7 +85,7 @@ class ForkedWorker:
         OSError: if it cannot be started.
     """
 
-    def __init__(self, others: Iterable[Worker]) -> None:
+    def __init__(self, others: Iterable[JobWorker]) -> None:
         jobs, self.jobs = _pipe()
         self.results, results = _pipe()
         # With a copy of the pipes to a worker, another one would keep it alive.
