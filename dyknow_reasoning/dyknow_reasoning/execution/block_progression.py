@@ -114,18 +114,14 @@ class BlockProgression:
         states: tuple[int, int],
         skipped: float,
     ) -> tuple[int, float]:
-        """Take the known steps to other locations with the same atoms, while many states are skipped.
+        """Take known steps to locations with the same atoms, while many states are skipped between.
 
-        All other steps are those of `_progress`: they are several times slower.
+        All other steps are those of `_progress`, which are slower.
 
         Args:
-            single: the instance, at a location.
-            sequence: its symbols.
+            single: the instance, at a location; `sequence` has its symbols.
             states: the indices of the next state and of the end.
-            skipped: the average number of states that are skipped before a step.
-
-        Returns:
-            The index of the next state, and the average.
+            skipped: the number of states that are skipped on average; it is returned, too.
         """
         index, end = states
         times, values = self._times, sequence.values
