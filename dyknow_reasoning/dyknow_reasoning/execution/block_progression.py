@@ -119,12 +119,12 @@ class BlockProgression:
         All other steps are those of `_progress`, which are slower.
 
         Args:
-            single: the instance, at a location; `sequence` has its symbols.
+            single: the instance, at a location.
+            sequence: its symbols.
             states: the indices of the next state and of the end.
             skipped: the number of states that are skipped on average; it is returned, too.
         """
         index, end = states
-        times, values = self._times, sequence.values
         location, clocks, initial = (
             single.location,
             single.clocks,
@@ -136,8 +136,8 @@ class BlockProgression:
             skipped += (index - before - skipped) / 8
             if index == end:
                 break
-            now = (*clocks, times[index])
-            move = location.moves.get(values[index])
+            now = (*clocks, self._times[index])
+            move = location.moves.get(sequence.values[index])
             while type(move) is Guard:
                 answer = now[move.later] - now[move.earlier] > move.more_than
                 move = move.yes if answer else move.no
