@@ -177,8 +177,8 @@ def memory_of_checks(folder: Path, count: int) -> dict[str, Any]:
 def first_line(folder: Path, count: int) -> dict[str, Any]:
     """Measure the time from the start of `dyknow check` to its first line."""
     path = recording(folder, min(count, CHECKED_MESSAGES))
-    code = 'import sys; from dyknow_recordings.check import main; sys.exit(main(sys.argv[1:]))'
-    command = [sys.executable, '-c', code, str(path)]
+    code = 'import sys; from dyknow_command import main; sys.exit(main())'
+    command = [sys.executable, '-c', code, 'check', str(path)]
     return {
         'topics_s': _time_of_line([*command, '--topics']),
         'check_s': _time_of_line([*command, '--formula', TEMPLATES[0].format(n=50)]),

@@ -14,7 +14,7 @@ from recording_files import recording
 REPETITIONS = 3
 SPEEDUP_GOAL = 1.8
 RECORDINGS = 8
-CHECK = 'import sys; from dyknow_recordings.check import main; sys.exit(main(sys.argv[1:]))'
+CHECK = 'import sys; from dyknow_command import main; sys.exit(main())'
 FORMULAS = [
     formula
     for number in range(2)
@@ -39,7 +39,7 @@ def many(folder: Path, count: int) -> dict[str, Any]:
     processor time shows what the second process costs, on a busy machine as well.
     """
     path = recording(folder, count)
-    command = [sys.executable, '-c', CHECK, *[str(path)] * RECORDINGS, '--json']
+    command = [sys.executable, '-c', CHECK, 'check', *[str(path)] * RECORDINGS, '--json']
     command += [word for each in FORMULAS for word in ('--formula', each)]
     times: dict[str, list[float]] = {'1': [], '2': []}
     processor: dict[str, list[float]] = {'1': [], '2': []}

@@ -5,14 +5,15 @@
 from __future__ import annotations
 
 import argparse
+import gc
 import os
 import sys
-from collections.abc import Sequence
-from contextlib import suppress
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, suppress
 from importlib import import_module
+from typing import Any, NoReturn
 
 from dyknow_command.verbs import VERBS
-from dyknow_command.version import version_text
 from dyknow_common import DyKnowError, ExitCode
 from dyknow_common.executables import SOURCE_ENVIRONMENT, run_main
 
@@ -27,6 +28,29 @@ Exit code: 0 for true or done, 1 for a verdict of false, 2 for everything else.
 Durations are in seconds unless a unit is given, as in '500 ms'."""
 
 
+class _Version(argparse.Action):
+    """Prints the version, for which it looks up what is installed, and ends the command."""
+
+    def __init__(self, **options: Any) -> None:
+        super().__init__(nargs=0, **options)
+
+    def __call__(self, _: object, options: argparse.Namespace, *__: object) -> NoReturn:
+        from dyknow_command.version import print_version  # noqa: PLC0415
+
+        sys.exit(print_version(options))
+
+
+@contextmanager
+def _no_collections() -> Iterator[None]:
+    """Keep Python from looking for garbage in what is imported: that takes a tenth of the time."""
+    gc.disable()
+    try:
+        yield
+    finally:
+        gc.freeze()  # Later collections need not look at it either.
+        gc.enable()
+
+
 def options_parser(verb: str) -> argparse.ArgumentParser:
     """Return the parser of the command line; only the chosen verb has its options."""
     parser = argparse.ArgumentParser(
@@ -35,12 +59,14 @@ def options_parser(verb: str) -> argparse.ArgumentParser:
         epilog=_EPILOG,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    parser.add_argument('--version', action='version', version=version_text())
+    parser.add_argument('--version', action=_Version, help='print the version, and end')
     commands = parser.add_subparsers(required=True, metavar='VERB')
     for name, each in VERBS.items():
         command = commands.add_parser(name, help=each.description)
         if name == verb:
-            getattr(import_module(each.module), f'add_{name}_options')(command)
+            with _no_collections():
+                module = import_module(each.module)
+            getattr(module, f'add_{name}_options')(command)
     return parser
 
 

@@ -86,6 +86,7 @@ from dyknow_common.text_files import (
     open_text,
     read_file,
     read_text,
+    replace_file,
     replace_private,
     replace_text,
 )
@@ -174,6 +175,7 @@ __all__ = [
     'quoted',
     'read_file',
     'read_text',
+    'replace_file',
     'replace_private',
     'replace_text',
     'round_duration',

@@ -1,4 +1,4 @@
-"""Reading and replacing of text files; all errors name the file and the reason."""
+"""Reading of text files, and replacing of files; all errors name the file and the reason."""
 
 from __future__ import annotations
 
@@ -15,6 +15,9 @@ Content = TypeVar('Content')
 
 NO_WAIT: Final = getattr(os, 'O_NONBLOCK', 0)
 """Opens a pipe without a wait for its other end; Windows has no such files."""
+
+_CREATE: Final = os.O_WRONLY | os.O_CREAT | os.O_EXCL | getattr(os, 'O_BINARY', 0)
+"""Makes a new file; Windows alone would change the ends of its lines."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,14 +84,14 @@ def read_file(
         raise error_class(f'{path}: {error.message}', error.code) from None
 
 
-def replace_text(path: Path, text: str, rights: int = 0o666) -> None:
+def replace_file(path: Path, content: bytes, rights: int = 0o666) -> None:
     """Replace the content of a file.
 
     An interrupted replacement leaves the old content.
 
     Args:
         path: of the file.
-        text: the new content.
+        content: the new content.
         rights: of the file, from which the umask of the process takes some.
 
     Raises:
@@ -97,9 +100,9 @@ def replace_text(path: Path, text: str, rights: int = 0o666) -> None:
     draft = path.with_name(f'{path.name}.new')
     try:
         draft.unlink(missing_ok=True)  # It may be a link, or that of an interrupted replacement.
-        descriptor = os.open(draft, os.O_WRONLY | os.O_CREAT | os.O_EXCL, rights)
-        with open(descriptor, 'w', encoding='utf-8') as file:  # noqa: PTH123 - with its rights
-            file.write(text)
+        descriptor = os.open(draft, _CREATE, rights)
+        with open(descriptor, 'wb') as file:  # noqa: PTH123 - with its rights
+            file.write(content)
             file.flush()
             os.fsync(descriptor)
         draft.replace(path)
@@ -109,6 +112,11 @@ def replace_text(path: Path, text: str, rights: int = 0o666) -> None:
         raise
 
 
+def replace_text(path: Path, text: str) -> None:
+    """Replace the content of a file by a text in UTF-8; see `replace_file`."""
+    replace_file(path, text.encode())
+
+
 def replace_private(path: Path, text: str) -> None:
-    """Replace the content of a file, which its owner alone may read; see `replace_text`."""
-    replace_text(path, text, 0o600)
+    """Replace the content of a file, which its owner alone may read; see `replace_file`."""
+    replace_file(path, text.encode(), 0o600)

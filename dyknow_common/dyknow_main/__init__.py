@@ -14,7 +14,6 @@ import os
 import signal
 import sys
 from collections.abc import Callable, Iterable
-from importlib.metadata import distribution
 from types import FrameType
 
 INTERRUPTED = 130
@@ -42,6 +41,9 @@ def load(package: str, name: str, *, is_node: bool) -> Callable[[], int]:
     Raises:
         ImportError: if something that it needs is not installed, or not in this environment.
     """
+    # A command that has been installed without this function starts sooner.
+    from importlib.metadata import distribution  # noqa: PLC0415
+
     signals = STOP_SIGNALS if is_node else TERMINAL_SIGNALS
     is_clean = is_node or (name == 'dyknow' and sys.argv[1:2] == ['up'])
     handle(signals, lambda *_: os._exit(0 if is_clean else INTERRUPTED))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from xml.sax.saxutils import escape
+from html import escape
 
 from dyknow_configuration.robot import RobotFeature, RobotSort, RobotVocabulary
 
@@ -53,13 +53,13 @@ def _class(
     yield f'    <owl:Class rdf:about="#{concept.name}">'
     yield f'        <rdfs:subClassOf rdf:resource="{parent}"/>'
     if concept.description:
-        yield f'        <rdfs:comment>{escape(concept.description)}</rdfs:comment>'
+        yield f'        <rdfs:comment>{escape(concept.description, quote=False)}</rdfs:comment>'
     yield from (f'        {each}' for each in details)
     yield '    </owl:Class>'
 
 
 def _signature(feature: RobotFeature) -> tuple[str, ...]:
-    unit = escape(feature.unit)
+    unit = escape(feature.unit, quote=False)
     return (
         *(
             f'<dyknow:argument{number} rdf:resource="#{sort}"/>'

@@ -15,7 +15,12 @@ from dyknow_reasoning.errors import ReasoningError
 from dyknow_reasoning.language.parsing import parse_formula
 from dyknow_reasoning.language.terms import Feature, FieldReference
 
-_UNITS = {'time_ns': Decimal(1), 'time_s': Decimal(SECOND_NS)}
+_UNITS = {
+    'time_s': Decimal(SECOND_NS),
+    'time_ms': Decimal(10**6),
+    'time_us': Decimal(10**3),
+    'time_ns': Decimal(1),
+}
 _EXACT = Context(prec=60, traps=[Inexact, Overflow])
 _LATEST = 2**63
 _DECIMAL = re.compile(r'[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][+-]?[0-9]+)?')
@@ -47,9 +52,10 @@ class RecordedState:
 def read_trace(lines: Iterable[str]) -> Iterator[RecordedState]:
     """Return the states of a trace, one by one.
 
-    The first line names the columns: `time_ns` or `time_s`, and one column for each ground feature,
-    optionally with its type: `mode: string`. Without one, the first value of the column decides if
-    it holds booleans (`true`, `false`), numbers, or strings. Quotes around a value have no meaning.
+    The first line names the columns: `time_s` (or `_ms`, `_us`, `_ns`), and one column for each
+    ground feature, optionally with its type: `mode: string`. Without one, the first value of
+    the column decides if it holds booleans (`true`, `false`), numbers, or strings. Quotes around a
+    value have no meaning, and neither has a `#` at the beginning of the first line.
 
     Args:
         lines: the lines of a file of comma-separated values.
@@ -108,11 +114,15 @@ class _Column:
             raise ReasoningError(message) from None
 
     def _time(self, cell: str) -> int:
+        unit = _UNITS[self.name]
         try:
             if _DECIMAL.fullmatch(cell):
-                time = _EXACT.multiply(Decimal(cell), _UNITS[self.name])
-                if time == time.to_integral_value() and abs(time) < _LATEST:
-                    return int(time)
+                time = _EXACT.multiply(Decimal(cell), unit)
+                # 1.000000000000000056e-01 is how numpy.savetxt writes the float nearest to 0.1.
+                if abs(time) < _LATEST and (
+                    time == (whole := round(time)) or float(whole / unit) == float(cell)
+                ):
+                    return whole
         except ArithmeticError:
             pass
         raise ValueError(f'is not a whole number of nanoseconds within 64 bits, in {self.name}')
@@ -152,7 +162,9 @@ def _cells(rows: Any) -> Iterator[list[str]]:
 
 def _columns(header: Sequence[str]) -> list[_Column]:
     columns: list[_Column] = []
-    for text in header:
+    names = [*header]
+    names[:1] = [each.removeprefix('#').lstrip() for each in names[:1]]  # As numpy.savetxt has it.
+    for text in names:
         column = _Column(text)
         if column.name in {other.name for other in columns}:
             raise ReasoningError(
@@ -161,8 +173,8 @@ def _columns(header: Sequence[str]) -> list[_Column]:
         columns.append(column)
     if sum(column.name in _UNITS for column in columns) != 1:
         raise ReasoningError(
-            'line 1: a trace has one column of times, time_ns or time_s; '
-            f'this one has the columns: {shortened(", ".join(header)) or "none"}'
+            f'line 1: a trace has one column of times, named by their unit: {", ".join(_UNITS)}; '
+            f'rename it; this trace has the columns: {shortened(", ".join(names)) or "none"}'
         )
     return columns
 
@@ -178,7 +190,11 @@ def _canonical(name: str) -> str:
     except LanguageError:
         formula = None
     if not isinstance(formula, Feature | FieldReference):
-        raise ReasoningError(f"line 1: the column '{shortened(name)}' is not a ground feature")
+        separators = any(each in name for each in ';\t')
+        mend = 'separate columns by commas' if separators else 'name it as in x or Power[uav1]'
+        raise ReasoningError(
+            f"line 1: the column '{shortened(name)}' is not a ground feature; {mend}"
+        )
     return str(formula)
 
 

@@ -51,8 +51,8 @@ def test_times_are_exact_and_empty_cells_hold_no_value() -> None:
 @pytest.mark.parametrize(
     ('text', 'message'),
     [
-        ('', 'line 1: a trace has one column of times, time_ns or time_s; .* columns: none'),
-        ('p,q\ntrue,true', 'this one has the columns: p, q'),
+        ('', 'line 1: a trace has one column of times, .*: time_s, time_ms, .* columns: none'),
+        ('p,q\ntrue,true', 'this trace has the columns: p, q'),
         ('time_s,time_ns,p', 'one column of times'),
         ('time_s,p,p', "there are two columns 'p'"),
         ('time_s,D[a,b]', "the column 'D\\[a' is not a ground feature"),

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import io
 import json
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from dyknow_common import Value
@@ -74,6 +76,24 @@ def test_refused_values(header: str, cells: list[str], message: str | None) -> N
 
 
 @pytest.mark.parametrize(
+    ('unit', 'nanoseconds'), [('s', 10**9), ('ms', 10**6), ('us', 1000), ('ns', 1)]
+)
+def test_units_of_time(unit: str, nanoseconds: int) -> None:
+    states = list(read_trace([f'x,time_{unit}', '1,-3', '2,4']))
+    assert [each.valid_time for each in states] == [-3 * nanoseconds, 4 * nanoseconds]
+
+
+def test_a_header_that_numpy_has_written() -> None:
+    file = io.BytesIO()
+    np.savetxt(file, [[0.1, 5], [0.25, 6]], delimiter=',', header='time_s,x')
+    lines = file.getvalue().decode().splitlines()
+    assert lines[0] == '# time_s,x'
+    found = [(each.valid_time, each.values) for each in read_trace(lines)]
+    assert found == [(100_000_000, {'x': 5.0}), (250_000_000, {'x': 6.0})]
+    assert list(read_trace(['#time_s,x', '1,2'])) == list(read_trace(['time_s,x', '1,2']))
+
+
+@pytest.mark.parametrize(
     ('text', 'message'),
     [
         ('time_s,p,q\n0,true', "line 2: 2 values for 3 columns, none for 'q'"),
@@ -84,10 +104,16 @@ def test_refused_values(header: str, cells: list[str], message: str | None) -> N
         ('time_ns,p\n1_0,true', 'is not a whole number of nanoseconds within 64 bits'),
         ('time_s,p\n1e300,true', 'is not a whole number of nanoseconds within 64 bits'),
         ('time_s,p\n1e999999999999,true', 'is not a whole number of nanoseconds within 64 bits'),
-        ('time_s,p\n0.12345678900000000000000000001,true', 'is not a whole number'),
+        ('time_s,p\n0.12345678901,true', 'is not a whole number'),
+        ('time_s,p\n0.1000000000000001,true', 'is not a whole number'),
         (f'time_ns,p\n{"9" * 5000},true', 'is not a whole number'),
         ('time_s,p and q\n0,true', "line 1: the column 'p and q' is not a ground feature"),
         ('time_s,true\n0,true', "line 1: the column 'true' is not a ground feature"),
+        ('time_s,speed (m/s)\n0,1', r"'speed \(m/s\)' is not .*; name it as in x or Power\[uav1\]"),
+        ('time_s;p\n0;1', "the column 'time_s;p' is not .*; separate columns by commas"),
+        ('time_s\tp\n0\t1', 'separate columns by commas'),
+        ('x,# time_s\n0,1', "the column '# time_s' is not a ground feature"),
+        ('# x,time\n0,1', 'rename it; this trace has the columns: x, time'),
         ('time_s,p:\n0,true', "line 1: the column 'p:' is not a ground feature"),
         ('time_s,p: text\n0,true', "line 1: the column 'p: text' is not a ground feature"),
         ('time_s,p,p: int\n0,1,1', "line 1: there are two columns 'p'"),

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import argparse
 import sys
-from collections.abc import Generator, Iterator, Sequence
-from contextlib import closing
+from collections.abc import Iterator, Sequence
+from contextlib import AbstractContextManager, closing
 from pathlib import Path
 
 from dyknow_common import DyKnowError, duration_option
@@ -18,7 +18,6 @@ from dyknow_common.executables import (
     interruptible,
     run_main,
 )
-from dyknow_common.tables import Terminal
 from dyknow_configuration import (
     RequestedFormula,
     RobotConfiguration,
@@ -30,7 +29,6 @@ from dyknow_reasoning import add_domain_option, read_domains
 from dyknow_recordings.errors import RecordingError
 from dyknow_recordings.evaluation.episodes import Every
 from dyknow_recordings.evaluation.vocabulary import MonitoringFiles
-from dyknow_recordings.jobs.processes import run_in_processes
 from dyknow_recordings.jobs.progress import ProgressBar
 from dyknow_recordings.jobs.recording_job import JobResult, RecordingJob, run_here
 from dyknow_recordings.reading.opening import ENDINGS, open_recording
@@ -42,12 +40,10 @@ from dyknow_recordings.reporting.outputs import (
     ExitStatus,
     JsonLines,
     Messages,
-    Tables,
     print_document,
     print_notes,
 )
 from dyknow_recordings.reporting.pictures.files import PictureFiles
-from dyknow_recordings.reporting.table import topics_table
 
 
 def add_check_options(parser: argparse.ArgumentParser) -> None:
@@ -208,10 +204,15 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def _outputs(options: argparse.Namespace) -> Iterator[CheckOutput]:
     """Yield the outputs that were asked for."""
-    yield JsonLines(options.undecided) if options.json else Tables(options.undecided)
+    # Libraries that few checks need are imported by those alone.
+    if options.json:
+        yield JsonLines(options.undecided)
+    else:
+        from dyknow_recordings.reporting.table import Tables  # noqa: PLC0415
+
+        yield Tables(options.undecided)
     yield Messages('dyknow check', with_notes=not options.json)
     if options.junit is not None:
-        # Libraries that few checks need are imported by those alone.
         from dyknow_recordings.reporting.junit import JUnitReport  # noqa: PLC0415
 
         yield JUnitReport(options.junit, options.undecided)
@@ -248,15 +249,17 @@ def _jobs(options: argparse.Namespace) -> tuple[RecordingJob, ...]:
 
 def _results(
     jobs: Sequence[RecordingJob], options: argparse.Namespace
-) -> Generator[tuple[int, JobResult], None, None]:
-    """Return the indices and results of jobs, as they come."""
+) -> AbstractContextManager[Iterator[tuple[int, JobResult]]]:
+    """Return the indices and results of jobs, as they come; no job runs after the block."""
     if options.cluster is not None:
         from dyknow_recordings.jobs.cluster import run_on_cluster  # noqa: PLC0415
 
-        return run_on_cluster(jobs, options.cluster)
+        return closing(run_on_cluster(jobs, options.cluster))
     if min(options.jobs, len(jobs)) > 1:
+        from dyknow_recordings.jobs.processes import run_in_processes  # noqa: PLC0415
+
         return run_in_processes(jobs, options.jobs)
-    return run_here(jobs)
+    return closing(run_here(jobs))
 
 
 def _check(options: argparse.Namespace, outputs: CheckOutput, interruption: Interruption) -> None:
@@ -267,12 +270,12 @@ def _check(options: argparse.Namespace, outputs: CheckOutput, interruption: Inte
         try:
             jobs = _jobs(options)
             waiting.update(enumerate(jobs))
-            results = _results(jobs, options)
+            running = _results(jobs, options)
         except DyKnowError as error:
             waiting.clear()
             outputs.add_failure(None, error)
             return
-        with closing(results), ProgressBar(len(jobs)) as progress:
+        with running as results, ProgressBar(len(jobs)) as progress:
             for index, result in results:
                 progress.advance()
                 early[index] = result
@@ -301,7 +304,9 @@ def _list_topics(options: argparse.Namespace) -> int:
                 if options.json:
                     print_document(topics_document(recording))
                 else:
-                    Terminal(highlight=False).print(topics_table(recording))
+                    from dyknow_recordings.reporting.table import print_topics  # noqa: PLC0415
+
+                    print_topics(recording)
                     print_notes(str(path), recording.faults)
         except DyKnowError as error:
             code = ERROR

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import pty
 import signal
 import subprocess
 import sys
+import threading
 import time
 import xml.etree.ElementTree as ET
 from contextlib import suppress
@@ -30,6 +32,7 @@ from dyknow_common.executables import SIGNALLED
 from dyknow_recordings import MonitoringFiles, RequestedFormula
 from dyknow_recordings.jobs.processes import run_in_processes
 from dyknow_recordings.jobs.recording_job import RecordingJob, run_here
+from dyknow_recordings.jobs.workers import PROGRAM
 
 TERMINAL = {'TERM': 'xterm', 'COLUMNS': '80', 'LINES': '24'}
 
@@ -127,24 +130,26 @@ def test_processes_end_with_a_killed_command(endless: EndlessRecording, bags: li
         wait_for(lambda: not Path(f'/proc/{worker}/fd').exists(), 'end of the process')
 
 
-def test_a_closed_generator_leaves_no_process(bags: list[str], endless: EndlessRecording) -> None:
+def test_a_block_that_ends_leaves_no_process(bags: list[str], endless: EndlessRecording) -> None:
     paths = [endless.path, *map(Path, bags)]
-    results = run_in_processes([job(path) for path in paths], 2)
-    assert next(results)[0] == 1
-    results.close()
+    with run_in_processes([job(path) for path in paths], 2) as results:
+        assert next(results)[0] == 1
     assert workers_of(os.getpid()) == []
 
 
 def test_results_are_the_same_in_another_process(bags: list[str]) -> None:
     jobs = [job(Path(each), 'forall u in UAV: x[u] = 1', 'always (', *FORMULAS) for each in bags]
     here = dict(run_here(jobs))
-    elsewhere = dict(run_in_processes(jobs, 2))
+    with run_in_processes(jobs, 2) as results:
+        elsewhere = dict(results)
     assert [repr(here[index]) for index in here] == [repr(elsewhere[index]) for index in here]
 
 
 def test_processes_that_cannot_be_started(bags: list[str], monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(sys, 'executable', '/missing/python')
-    results = dict(run_in_processes([job(Path(each)) for each in bags], 2))
+    monkeypatch.setattr(os, 'fork', no_memory)
+    with run_in_processes([job(Path(each)) for each in bags], 2) as running:
+        results = dict(running)
     assert len(results) == len(bags)
     for result in results.values():
         assert isinstance(result, DyKnowError)
@@ -162,6 +167,46 @@ def test_faults_are_errors_of_their_recording(
     assert isinstance(result, DyKnowError)
     assert result.code is ExitCode.INTERNAL_ERROR
     assert result.message.startswith(f'{bags[0]}: internal error: MemoryError')
+
+
+def no_memory() -> int:
+    raise OSError(errno.EAGAIN, 'Resource temporarily unavailable')
+
+
+def test_a_fresh_process_takes_the_place_of_a_forked_one(
+    bags: list[str], endless: EndlessRecording
+) -> None:
+    paths = [str(endless.path), *bags]
+    with checking(*paths, '--json', '--jobs', '2') as process:
+        first = endless.reader()
+        assert command_of(first) == command_of(process.pid)
+        for worker in workers_of(process.pid):
+            os.kill(worker, signal.SIGKILL)
+        out, _ = process.communicate(timeout=LIMIT_S)
+    found = names(out)
+    assert [name for name, _ in found] == paths
+    assert found[0][1] == 'UNAVAILABLE'
+
+
+def test_a_process_with_threads_forks_none(bags: list[str]) -> None:
+    jobs = [job(Path(each)) for each in bags]
+    ended = threading.Event()
+    thread = threading.Thread(target=ended.wait)
+    thread.start()
+    try:
+        with run_in_processes(jobs, 2) as results:
+            next(results)
+            commands = {command_of(each) for each in workers_of(os.getpid())}
+    finally:
+        ended.set()
+        thread.join()
+    assert len(commands) == 1
+    assert PROGRAM in commands.pop()
+
+
+def command_of(process: int) -> str:
+    """The command line of a process: that of its parent if it was forked."""
+    return Path(f'/proc/{process}/cmdline').read_text().replace('\0', ' ')
 
 
 def job(path: Path, *formulas: str) -> RecordingJob:

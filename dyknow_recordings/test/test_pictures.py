@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import errno
 import json
+import os
 import re
 import sys
 from collections.abc import Iterator
@@ -30,7 +32,7 @@ from dyknow_recordings.evaluation.results import (
 from dyknow_recordings.evaluation.vocabulary import MonitoringFiles
 from dyknow_recordings.reporting.judgement import Judgement
 from dyknow_recordings.reporting.pictures.files import PictureFiles
-from dyknow_recordings.reporting.pictures.image import write_image
+from dyknow_recordings.reporting.pictures.image import report_image
 from dyknow_recordings.reporting.pictures.page import report_page
 from dyknow_recordings.reporting.pictures.panels import MAX_PANELS, Threshold, marks, panels
 from dyknow_recordings.reporting.pictures.timeline import (
@@ -332,7 +334,7 @@ def test_ticks(seconds: float, ticks: int, unit: str) -> None:
     assert all(0 <= each <= whole.end for each in whole.ticks)
 
 
-def test_an_image(tmp_path: Path) -> None:
+def test_an_image() -> None:
     (many,) = fleet(9)
     report = checked('always "/a".p < 5', 'always', values=[*range(9)], name='costs $5 or $6_x')
     every = checked(
@@ -340,11 +342,9 @@ def test_an_image(tmp_path: Path) -> None:
         values=[*range(9)],
         start=EpisodeStart(every=Every.STATE),
     )
-    path = tmp_path / 'image.png'
-    write_image(path, [many, report, every], Judgement.AUTO)
-    assert path.read_bytes()[:8] == b'\x89PNG\r\n\x1a\n'
-    write_image(path, [], Judgement.AUTO)
-    assert path.stat().st_size > 0
+    image = report_image([many, report, every], Judgement.AUTO)
+    assert image.startswith(b'\x89PNG\r\n\x1a\n')
+    assert report_image([], Judgement.AUTO)
 
 
 @pytest.fixture
@@ -373,6 +373,26 @@ def test_the_options_of_the_command(trace: Path, tmp_path: Path) -> None:
     (tmp_path / 'broken.mcap').write_text('no recording')
     assert main([str(tmp_path / 'broken.mcap'), *arguments]) == 2
     assert 'broken.mcap' in Outline(html.read_text()).text
+
+
+@pytest.mark.parametrize('option', ['--html', '--png', '--junit'])
+def test_a_full_disk_leaves_the_old_file(
+    option: str,
+    trace: Path,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    def fail(_: int) -> None:
+        raise OSError(errno.ENOSPC, 'No space left on device')
+
+    path = tmp_path / 'report'
+    path.write_text('old')
+    monkeypatch.setattr(os, 'fsync', fail)
+    assert main([str(trace), '--formula', 'always "/h".data < 5', option, str(path)]) == 2
+    assert f'{path}: cannot be written: No space left on device' in capsys.readouterr().err
+    assert path.read_text() == 'old'
+    assert list(tmp_path.glob('report*')) == [path]
 
 
 @pytest.mark.parametrize(('option', 'library'), [('--html', 'plotly'), ('--png', 'matplotlib')])

@@ -6,7 +6,6 @@ import re
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from functools import cached_property
-from importlib.resources import files
 from types import MappingProxyType
 from typing import Any, Final
 
@@ -17,6 +16,7 @@ from dyknow_common.constraints import CONSTRAINT_KINDS
 from dyknow_common.errors import DyKnowError, ExitCode, shortened
 from dyknow_common.limits import MAX_CHARACTERS, MAX_DEPTH, MAX_WORDS
 from dyknow_common.parsing.corrections import correction
+from dyknow_common.parsing.lalr_parsers import lalr_parser
 from dyknow_common.parsing.positions import (
     LanguageError,
     PositionedError,
@@ -81,13 +81,7 @@ class Language:
     @cached_property
     def _parser(self) -> Lark:
         # Made at the first use: a process that parses nothing starts sooner.
-        return Lark(
-            files(self._package).joinpath(self._grammar).read_text(encoding='utf-8'),
-            parser='lalr',
-            start=self._start,
-            propagate_positions=True,
-            import_paths=[str(files('dyknow_common'))],
-        )
+        return lalr_parser(self._package, self._grammar, self._start)
 
     def parse(self, text: str, builder: SyntaxBuilder[Syntax]) -> Syntax:
         """Return the abstract syntax of a text.

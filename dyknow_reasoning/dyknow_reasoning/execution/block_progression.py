@@ -81,8 +81,13 @@ class BlockProgression:
         while index < end:
             if single.mask != mask:
                 sequence, mask = self._symbols.of(single), single.mask
+            if single.configuration:
+                single.leave_configurations(self._times[index] - self._steps[index])
+            index, skipped = self._follow(single, sequence, (index, end), skipped)
+            if index == end:
+                break
             before = index
-            index = self._skip(single, sequence, (index, end))
+            index = self._skip(single.location, single.clocks, sequence, index, end)
             skipped += (index - before - skipped) / 8
             is_dense = skipped < _FEW_STATES
             uses_table = is_dense and self._is_regular and single.template.uses_configurations
@@ -102,17 +107,51 @@ class BlockProgression:
                 break
         return end
 
-    def _skip(
+    def _follow(
         self,
         single: SingleInstance,
         sequence: SymbolSequence,
         states: tuple[int, int],
+        skipped: float,
+    ) -> tuple[int, float]:
+        """Take known steps to locations with the same atoms, while many states are skipped between.
+
+        All other steps are those of `_progress`, which are slower.
+
+        Args:
+            single: the instance, at a location.
+            sequence: its symbols.
+            states: the indices of the next state and of the end.
+            skipped: the number of states that are skipped on average; it is returned, too.
+        """
+        index, end = states
+        location, clocks, initial = (
+            single.location,
+            single.clocks,
+            single.template.automaton.initial,
+        )
+        while index < end and skipped >= _FEW_STATES and location is not initial:
+            before = index
+            index = self._skip(location, clocks, sequence, index, end)
+            skipped += (index - before - skipped) / 8
+            if index == end:
+                break
+            now = (*clocks, self._times[index])
+            move = location.moves.get(sequence.values[index])
+            while type(move) is Guard:
+                answer = now[move.later] - now[move.earlier] > move.more_than
+                move = move.yes if answer else move.no
+            if type(move) is not Move or not _is_like(move.target, location):
+                break
+            location, clocks = move.target, move.select(now)
+            index += 1
+        single.location, single.clocks = location, clocks
+        return index, skipped
+
+    def _skip(
+        self, location: Location, clocks: Times, sequence: SymbolSequence, index: int, end: int
     ) -> int:
         """Return the index of the next of some states that changes the location or the clocks."""
-        index, end = states
-        if single.configuration:
-            single.leave_configurations(self._times[index] - self._steps[index])
-        location = single.location
         if not location.clocks:
             count, known = self._idle.get(location, (-1, _NONE))
             if count != len(location.moves):
@@ -120,7 +159,7 @@ class BlockProgression:
                 known = frozenset(symbol for symbol, move in moves if _is_idle(move, location))
                 self._idle[location] = len(location.moves), known
             return sequence.next_other(index, end, known) if known else index
-        times = (*single.clocks, self._times[index])
+        times = (*clocks, self._times[index])
         symbol = sequence.values[index]
         skip = self._skips.get(location)
         until = skip.until(times) if skip is not None and symbol in skip.symbols else None
@@ -178,6 +217,15 @@ class BlockProgression:
     @cached_property
     def _is_regular(self) -> bool:
         return 4 * len(self._irregular) < len(self._step_vector)
+
+
+def _is_like(target: Location, location: Location) -> bool:
+    """Return True for an undecided location with the atoms and the open windows of another one."""
+    return target is location or (
+        target.verdict is None
+        and target.node.mask == location.node.mask
+        and target.unbounded == location.unbounded
+    )
 
 
 def _is_idle(decision: Decision | None, location: Location) -> bool:

@@ -170,7 +170,10 @@ class SymbolSequence:
             at = bisect_right(others, index)
         else:
             return index
-        return min(others[at], end) if at < len(others) else end
+        if at == len(others):
+            return end
+        found = others[at]
+        return found if found < end else end  # Faster than min().
 
 
 def _indices(chosen: Array, first: int = 0) -> list[int]:

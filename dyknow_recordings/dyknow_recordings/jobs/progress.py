@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import Self
+from typing import TYPE_CHECKING, Self
 
-from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+if TYPE_CHECKING:
+    from rich.progress import Progress
 
 
 class ProgressBar:
@@ -18,35 +19,52 @@ class ProgressBar:
     """
 
     def __init__(self, total: int) -> None:
-        console = Console(stderr=True)
-        self._progress = Progress(
-            TextColumn('checking'),
-            BarColumn(),
-            MofNCompleteColumn(),
-            TimeRemainingColumn(),
-            console=console,
-            transient=True,
-            # It is removed while results are printed, perhaps to somewhere else.
-            redirect_stdout=False,
-            redirect_stderr=False,
-            disable=total == 1 or not console.is_terminal,
-        )
-        self._task = self._progress.add_task('', total=total)
+        is_shown = total > 1 and sys.stderr.isatty()
+        self._progress = _progress(total) if is_shown else None
 
     def __enter__(self) -> Self:
-        self._progress.start()
+        if self._progress is not None:
+            self._progress.start()
         return self
 
     def __exit__(self, *_: object) -> None:
-        self._progress.stop()
+        if self._progress is not None:
+            self._progress.stop()
 
     def advance(self) -> None:
         """Count a recording."""
-        self._progress.advance(self._task)
+        if self._progress is not None:
+            self._progress.advance(self._progress.task_ids[0])
 
     @contextmanager
     def hidden(self) -> Iterator[None]:
         """Remove the bar from the terminal for a while."""
-        self._progress.stop()
+        self.__exit__()
         yield
-        self._progress.start()
+        self.__enter__()
+
+
+def _progress(total: int) -> Progress:
+    # Only a bar that is shown needs the time to import rich.
+    from rich.console import Console  # noqa: PLC0415
+    from rich.progress import (  # noqa: PLC0415
+        BarColumn,
+        MofNCompleteColumn,
+        Progress,
+        TextColumn,
+        TimeRemainingColumn,
+    )
+
+    progress = Progress(
+        TextColumn('checking'),
+        BarColumn(),
+        MofNCompleteColumn(),
+        TimeRemainingColumn(),
+        console=Console(stderr=True),
+        transient=True,
+        # It is removed while results are printed, perhaps to somewhere else.
+        redirect_stdout=False,
+        redirect_stderr=False,
+    )
+    progress.add_task('', total=total)
+    return progress

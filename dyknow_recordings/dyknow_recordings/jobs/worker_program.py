@@ -1,4 +1,8 @@
-"""The program of a worker process: it runs the jobs that it reads, and writes their results."""
+"""The program of a worker process: it runs the jobs that it reads, and writes their results.
+
+A process that is started afresh runs the module; one that is forked from the command calls `serve`,
+and has imported all that it needs.
+"""
 
 from __future__ import annotations
 
@@ -7,21 +11,18 @@ import pickle
 import sys
 import threading
 from queue import SimpleQueue
-from typing import BinaryIO
+from typing import BinaryIO, NoReturn
 
 from dyknow_recordings.jobs.recording_job import RecordingJob
 
 
-def main() -> int:
-    """Serve the standard input until its end, which comes at the latest when the parent ends."""
-    jobs: SimpleQueue[RecordingJob] = SimpleQueue()
-    # Libraries that print something must not disturb the results.
-    with os.fdopen(os.dup(sys.stdout.fileno()), 'wb') as results:
-        os.dup2(sys.stderr.fileno(), sys.stdout.fileno())
-        threading.Thread(target=_read, args=(sys.stdin.buffer, jobs), daemon=True).start()
-        while True:
-            pickle.dump(jobs.get().run(), results)
-            results.flush()
+def serve(jobs: BinaryIO, results: BinaryIO) -> NoReturn:
+    """Run jobs until their end, which comes at the latest when the parent ends."""
+    read: SimpleQueue[RecordingJob] = SimpleQueue()
+    threading.Thread(target=_read, args=(jobs, read), daemon=True).start()
+    while True:
+        pickle.dump(read.get().run(), results)
+        results.flush()
 
 
 def _read(stream: BinaryIO, jobs: SimpleQueue[RecordingJob]) -> None:
@@ -33,5 +34,13 @@ def _read(stream: BinaryIO, jobs: SimpleQueue[RecordingJob]) -> None:
         os._exit(0)
 
 
+def main() -> NoReturn:
+    """Serve the standard input, and write the results to the standard output."""
+    # Libraries that print something must not disturb the results.
+    with os.fdopen(os.dup(sys.stdout.fileno()), 'wb') as results:
+        os.dup2(sys.stderr.fileno(), sys.stdout.fileno())
+        serve(sys.stdin.buffer, results)
+
+
 if __name__ == '__main__':
-    sys.exit(main())
+    main()

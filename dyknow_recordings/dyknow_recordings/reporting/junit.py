@@ -80,8 +80,8 @@ class JUnitReport:
         document.failures = sum(each.failures for each in self._suites)
         document.errors = sum(each.errors for each in self._suites)
         document.time = round(sum(each.time for each in self._suites), 3)
-        content = document.tostring().decode()
-        write_report(self._path, f'<?xml version="1.0" encoding="utf-8"?>\n{content}\n')
+        head = b'<?xml version="1.0" encoding="utf-8"?>\n'
+        write_report(self._path, head + document.tostring() + b'\n')
 
     def _case(self, formula: FormulaReport, recording: RecordingReport) -> TestCase:
         decisive = decisive_episode(formula)

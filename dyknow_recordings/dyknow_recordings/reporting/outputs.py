@@ -10,11 +10,9 @@ from typing import Any, Protocol
 
 from dyknow_common import DyKnowError
 from dyknow_common.executables import ERROR, SUCCESS
-from dyknow_common.tables import Terminal
 from dyknow_recordings.evaluation.results import RecordingReport
 from dyknow_recordings.reporting.documents import failure_document, recording_document
 from dyknow_recordings.reporting.judgement import Judgement
-from dyknow_recordings.reporting.table import recording_table
 
 
 class CheckOutput(Protocol):
@@ -73,24 +71,6 @@ class JsonLines:
 
     def close(self, unchecked: Sequence[str]) -> None:
         """Do nothing: each line has been written."""
-
-
-class Tables:
-    """A table for each recording, on the standard output; errors go elsewhere."""
-
-    def __init__(self, judgement: Judgement) -> None:
-        self._judgement = judgement
-
-    def add(self, report: RecordingReport) -> None:
-        """Print the table of a recording."""
-        Terminal(highlight=False).print(recording_table(report, self._judgement))
-        sys.stdout.flush()
-
-    def add_failure(self, recording: str | None, error: DyKnowError) -> None:
-        """Do nothing: there is no result."""
-
-    def close(self, unchecked: Sequence[str]) -> None:
-        """Do nothing: each table has been printed."""
 
 
 class Messages:

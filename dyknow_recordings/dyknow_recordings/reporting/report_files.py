@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from dyknow_common import ExitCode, replace_text
+from dyknow_common import ExitCode, replace_file
 from dyknow_recordings.errors import RecordingError
 
 
@@ -21,13 +21,13 @@ def check_place(option: str, path: Path) -> None:
         raise RecordingError(text, ExitCode.NOT_FOUND)
 
 
-def write_report(path: Path, text: str) -> None:
+def write_report(path: Path, content: bytes) -> None:
     """Replace a file; an interruption leaves the old one.
 
     Raises:
         RecordingError: if it cannot be written.
     """
     try:
-        replace_text(path, text)
+        replace_file(path, content)
     except OSError as error:
         raise RecordingError(f'{path}: cannot be written: {error.strerror}') from None

@@ -1,18 +1,42 @@
-"""Results of a check as tables on a terminal."""
+"""Results of a check as tables on a terminal.
+
+The module is imported where tables are printed alone, as rich is slow to import.
+"""
 
 from __future__ import annotations
+
+import sys
+from collections.abc import Sequence
 
 from rich.table import Table
 from rich.text import Text
 
-from dyknow_common import round_duration, round_time
-from dyknow_common.tables import figure, fixed, folded, framed_table
+from dyknow_common import DyKnowError, round_duration, round_time
+from dyknow_common.tables import Terminal, figure, fixed, folded, framed_table
 from dyknow_recordings.evaluation.results import FormulaReport, Outcome, RecordingReport
 from dyknow_recordings.reading.recording import RecordingReader
 from dyknow_recordings.reporting.judgement import Judgement
 from dyknow_recordings.reporting.reasons import decisive_episode, reasons
 
 _STYLES = {Outcome.TRUE: 'green', Outcome.FALSE: 'red', Outcome.ERROR: 'red'}
+
+
+class Tables:
+    """A table for each recording, on the standard output; errors go elsewhere."""
+
+    def __init__(self, judgement: Judgement) -> None:
+        self._judgement = judgement
+
+    def add(self, report: RecordingReport) -> None:
+        """Print the table of a recording."""
+        Terminal(highlight=False).print(recording_table(report, self._judgement))
+        sys.stdout.flush()
+
+    def add_failure(self, recording: str | None, error: DyKnowError) -> None:
+        """Do nothing: there is no result."""
+
+    def close(self, unchecked: Sequence[str]) -> None:
+        """Do nothing: each table has been printed."""
 
 
 def recording_table(report: RecordingReport, judgement: Judgement) -> Table:
@@ -28,12 +52,13 @@ def recording_table(report: RecordingReport, judgement: Judgement) -> Table:
     )
 
 
-def topics_table(recording: RecordingReader) -> Table:
-    """Return the topics of a recording."""
+def print_topics(recording: RecordingReader) -> None:
+    """Print the topics of a recording."""
     contents = recording.contents.items()
     rows = ((name, each.message_type, str(each.count)) for name, each in contents)
     columns = [folded('topic'), folded('message type'), figure('messages')]
-    return framed_table(columns, rows, title=Text(str(recording.path)), title_justify='left')
+    table = framed_table(columns, rows, title=Text(str(recording.path)), title_justify='left')
+    Terminal(highlight=False).print(table)
 
 
 def _row(report: FormulaReport, judgement: Judgement, *, has_margins: bool) -> tuple[Text, ...]:

@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from dyknow_common import DyKnowError
-from dyknow_recordings.errors import RecordingError
 from dyknow_recordings.evaluation.results import RecordingReport
 from dyknow_recordings.reporting.judgement import Judgement
 from dyknow_recordings.reporting.pictures.libraries import picture_library
@@ -59,12 +58,9 @@ class PictureFiles:
         if self._html is not None:
             from dyknow_recordings.reporting.pictures.page import report_page  # noqa: PLC0415
 
-            write_report(self._html, report_page(self._reports, self._failures, self._judgement))
+            page = report_page(self._reports, self._failures, self._judgement)
+            write_report(self._html, page.encode())
         if self._png is not None:
-            from dyknow_recordings.reporting.pictures.image import write_image  # noqa: PLC0415
+            from dyknow_recordings.reporting.pictures.image import report_image  # noqa: PLC0415
 
-            try:
-                write_image(self._png, self._reports, self._judgement)
-            except OSError as error:
-                text = f'{self._png}: cannot be written: {error.strerror}'
-                raise RecordingError(text) from None
+            write_report(self._png, report_image(self._reports, self._judgement))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from pathlib import Path
+from io import BytesIO
 from typing import Any, Final
 
 import numpy as np
@@ -35,12 +35,11 @@ _LABELLED: Final = 0.12
 """The share of the line from which on a segment has room for its word."""
 
 
-def write_image(path: Path, reports: Sequence[RecordingReport], judgement: Judgement) -> None:
-    """Write an image of the verdicts over time and the decisive signals.
+def report_image(reports: Sequence[RecordingReport], judgement: Judgement) -> bytes:
+    """Return an image (PNG) of the verdicts over time and the decisive signals.
 
     Raises:
         RecordingError: if matplotlib is not installed.
-        OSError: if the file cannot be written.
     """
     figure_class = picture_library('matplotlib.figure', '--png').Figure
     rows = _rows(reports)
@@ -66,7 +65,9 @@ def write_image(path: Path, reports: Sequence[RecordingReport], judgement: Judge
         grid[0, 0].text(0, 0.5, 'no recording could be read')
     if len(rows) > len(shown):
         figure.supxlabel(f'{len(rows) - len(shown)} more rows are not shown', fontsize=8)
-    figure.savefig(path, dpi=150, format='png')
+    content = BytesIO()
+    figure.savefig(content, dpi=150, format='png')
+    return content.getvalue()
 
 
 def _rows(
