@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from dyknow_command.observing import add_duration_option, observe, observe_recording
-from dyknow_common import DyKnowError, ExitCode, format_duration, round_duration
+from dyknow_common import DyKnowError, ExitCode, round_duration
 from dyknow_common.executables import SUCCESS, describe
 from dyknow_configuration import (
     ObservedTopic,
@@ -79,12 +79,12 @@ def _lines(topic: ObservedTopic, timing: TopicTiming, proposed: ProposedTiming) 
     if timing.disorders:
         yield f'  order     {timing.disorders} with a stamp before that of an earlier message'
     yield from (f'  note      {remark}' for remark in proposed.remarks)
-    if given := proposed.constraints.given():
+    if given := proposed.constraints.texts():
         yield ''
         yield 'In streams and SSL:'
         yield f'    with {proposed.constraints}'
         yield 'In robot.yaml, beside topic:'
-        yield from (f'    {name}: {format_duration(value)}' for name, value in given.items())
+        yield from (f'    {name}: {text}' for name, text in given.items())
 
 
 def _document(

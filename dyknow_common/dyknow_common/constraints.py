@@ -83,6 +83,10 @@ class StreamConstraints:
         values = {name: getattr(self, name) for name in CONSTRAINT_KINDS}
         return {name: value for name, value in values.items() if value is not None}
 
+    def texts(self) -> dict[str, str]:
+        """Return the values that are not `None` as texts, `100 ms`, by the names."""
+        return {name: _text(name, value) for name, value in self.given().items()}
+
     def merged(self, other: StreamConstraints) -> StreamConstraints:
         """Return the constraints of a stream that keeps both these and the others.
 
@@ -142,7 +146,7 @@ class StreamConstraints:
 
     def __str__(self) -> str:
         """The canonical text, `max_delay = 100 ms, sample_period = 200 ms`."""
-        return ', '.join(f'{name} = {_text(name, value)}' for name, value in self.given().items())
+        return ', '.join(f'{name} = {text}' for name, text in self.texts().items())
 
 
 def _text(name: str, value: int) -> str:

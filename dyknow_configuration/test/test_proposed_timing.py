@@ -43,7 +43,9 @@ def times(
 def violations(observed: TopicTimes, constraints: StreamConstraints) -> list[Violation]:
     """What the dataflow reports of a topic with these constraints until the end."""
     found: list[Violation] = []
-    flow = Dataflow({}, lambda _: SourceType(None, receipt_time=not observed.is_stamped))
+    flow = Dataflow(
+        {}, lambda _: SourceType(None, not observed.is_stamped, has_ordered_stamps=True)
+    )
     text = 'stream s = select x from "/topic"'
     flow.create('s', parse_specification(text), constraints, lambda _: None, found.append)
     for valid, received in zip(

@@ -11,8 +11,8 @@ from launch.event_handlers import OnProcessIO
 from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 
-from dyknow_bringup.processes.composition import composed
 from dyknow_bringup.errors import BringupError
+from dyknow_bringup.processes.composition import composed
 from dyknow_bringup.processes.logs import last_lines
 from dyknow_bringup.processes.processes import Process, enclave, join_namespaces
 from dyknow_bringup.processes.supervision import RESTART_DELAY_NS

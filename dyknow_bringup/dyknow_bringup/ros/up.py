@@ -212,6 +212,8 @@ def _add_settings(parser: argparse.ArgumentParser) -> None:
         '--processes',
         action='store_true',
         help='run each node in a process of its own (default: all in one)',
+    )
+    parser.add_argument(
         '--params-file',
         type=Path,
         metavar='FILE',

@@ -67,6 +67,9 @@ class _Listener:
         for path, value in self._extract(message).items() if self._extract else ():
             self._values.setdefault(path, SeenValues()).add([value])
 
+    def on_publishers(self, count: int) -> None:
+        """Ignore the number of publishers: it is asked for at the end."""
+
     def on_watermark(self, watermark: int, now: int) -> None:
         """Ignore what engines promise about their streams."""
 

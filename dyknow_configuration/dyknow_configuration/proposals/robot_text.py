@@ -9,7 +9,7 @@ from itertools import chain, pairwise
 from pathlib import Path
 from typing import Final
 
-from dyknow_common import format_duration, one_line, round_duration, shortened
+from dyknow_common import one_line, round_duration, shortened
 from dyknow_configuration.proposals.drafts import FeatureDraft, RobotDraft, draft_robot
 from dyknow_configuration.proposals.observations import ObservedTopic, SeenValues
 from dyknow_configuration.proposals.timing import TopicTiming, timing_of
@@ -115,8 +115,7 @@ def _feature(feature: FeatureDraft) -> Iterator[str]:
     if feature.robots:
         (variable, *_) = feature.domains
         yield f'    only: {{{variable}: [{", ".join(feature.robots)}]}}'
-    for name, value in feature.timing.constraints.given().items():
-        yield f'    {name}: {format_duration(value)}'
+    yield from (f'    {name}: {text}' for name, text in feature.timing.constraints.texts().items())
     for remark in feature.timing.remarks:
         yield f'    # {remark}'
 

@@ -17,13 +17,12 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from math import ceil
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dyknow_common import (
-    CONSTRAINT_KINDS,
     NANOSECONDS,
     SECOND_NS,
     StreamConstraints,
@@ -166,7 +165,7 @@ class ProposedTiming:
 
 def proposed_timing(topics: Sequence[TopicTimes]) -> ProposedTiming:
     """Return constraints that all of some topics of one kind have kept, each with messages."""
-    found: dict[str, int] = {}
+    found: dict[str, Any] = {}
     remarks = []
     if any(each.is_stamped for each in topics):
         delay = max(int(each.delays.max()) for each in topics)
@@ -177,6 +176,11 @@ def proposed_timing(topics: Sequence[TopicTimes]) -> ProposedTiming:
             found['max_delay'] = max(LEAST_BOUND_NS, rounded_up(with_margin(delay)))
         if lead > 0:
             found['max_lead'] = max(LEAST_BOUND_NS, rounded_up(with_margin(lead)))
+    if any(each.disorders for each in topics):
+        if 'max_delay' in found:
+            found['reorder'] = True
+        else:
+            remarks.append('The stamps are not in order.')
     intervals = np.concatenate([each.intervals for each in topics])
     if len(intervals) < LEAST_INTERVALS:
         remarks.append('There were too few messages to measure their period.')
@@ -191,7 +195,6 @@ def proposed_timing(topics: Sequence[TopicTimes]) -> ProposedTiming:
         found['sample_period_deviation'] = min(period, rounded_up(least))
     else:
         remarks.append('The messages have no regular period.')
-    if 'max_gap' in CONSTRAINT_KINDS and longest:
         found['max_gap'] = rounded_up(with_margin(longest))
     return ProposedTiming(StreamConstraints(**found), tuple(remarks))
 
@@ -227,22 +230,29 @@ def broken_constraints(times: TopicTimes, stated: StreamConstraints) -> Iterator
             yield (
                 text + f'{kind} of up to {round_duration(int(own.max()))}; {_mend(name, proposed)}'
             )
-    shortest, longest = stated.shortest_period, stated.longest_period
-    if shortest is None or longest is None or not len(intervals):
-        return
-    if broken := int(((intervals < shortest) | (intervals > longest)).sum()):
-        allowed = f'{format_duration(shortest)} and {format_duration(longest)}'
-        measured = (
-            f'{round_duration(int(intervals.min()))} to {round_duration(int(intervals.max()))}'
-        )
-        yield (
-            f'{broken} of {len(intervals)} intervals are not between {allowed}, but {measured}; '
-            f'{_mend("sample_period", proposed)}'
-        )
+    if len(intervals):
+        yield from _broken_intervals(intervals, stated, proposed)
+
+
+def _broken_intervals(
+    intervals: NDArray[np.int64], stated: StreamConstraints, proposed: StreamConstraints
+) -> Iterator[str]:
+    measured = f'{round_duration(int(intervals.min()))} to {round_duration(int(intervals.max()))}'
+    shortest, longest, gap = stated.shortest_period, stated.longest_period, stated.max_gap
+    if shortest is not None and longest is not None:
+        broken = int(((intervals < shortest) | (intervals > longest)).sum())
+        if broken:
+            allowed = f'{format_duration(shortest)} and {format_duration(longest)}'
+            text = f'{broken} of {len(intervals)} intervals are not between {allowed}, but'
+            yield f'{text} {measured}; {_mend("sample_period", proposed)}'
+    if gap is not None and (broken := int((intervals > gap).sum())):
+        text = f'{broken} of {len(intervals)} intervals break max_gap = {format_duration(gap)}'
+        least = format_duration(rounded_up(with_margin(int(intervals.max()))))
+        yield f'{text}: they are {measured}; write max_gap = {least}'
 
 
 def _mend(name: str, proposed: StreamConstraints) -> str:
-    given = {each: value for each, value in proposed.given().items() if each.startswith(name)}
+    given = {each: text for each, text in proposed.texts().items() if each.startswith(name)}
     if not given:
         return f'remove {name}: the topic does not keep any'
-    return 'write ' + ', '.join(f'{each} = {format_duration(v)}' for each, v in given.items())
+    return 'write ' + ', '.join(f'{each} = {text}' for each, text in given.items())

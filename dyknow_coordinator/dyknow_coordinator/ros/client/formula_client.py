@@ -215,18 +215,17 @@ class FormulaClient:
         """Evaluate a formula from now on, in the background.
 
         `on_verdict` (may be `async`) gets the answer or an error; `on_feedback`, reports meanwhile.
-        With `on_interruption`, which gets the error, a broken constraint or a missing node is not
-        the end: the formula is evaluated anew as soon as it can be, until the timeout.
+        With `on_interruption`, which gets the error, broken constraints are not the end of it.
         """
         check_request(formula, timeout, grounding, constraints, wait, name)
-        monitor = Monitor()
-        if (refusal := self._refusal(timeout, constraints)) is not None:
+        monitor, refusal = Monitor(), self._refusal(timeout, constraints)
+        if refusal is not None:
             monitor.accepted.set_result(None)
             self._end(monitor, on_verdict, Answer(error=refusal))
             return monitor
         goal = _request(MonitorFormula.Goal, formula, timeout, grounding, constraints)
-        goal.name, goal.restart_on_change = name, restart_on_change
-        goal.margin, goal.every_state = margin, every_state
+        goal.name, goal.margin, goal.every_state = name, margin, every_state
+        goal.restart_on_change = restart_on_change
         monitor.call = FormulaAttempts(
             self._adapter,
             timeout,
