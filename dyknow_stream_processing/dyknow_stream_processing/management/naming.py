@@ -11,6 +11,9 @@ from dyknow_stream_processing.errors import StreamError
 from dyknow_stream_processing.language.parsing import parse_specification
 from dyknow_stream_processing.language.specification import SinkDeclaration, StreamReference
 
+WATERMARKS_NAME: Final = '_watermarks'
+"""The last part of the topic for the watermarks of an engine, beside those of its streams."""
+
 _PLACEHOLDER: Final = '<name>'
 
 
@@ -29,10 +32,12 @@ def check_name(name: str) -> None:
         raise StreamError(
             f"'{name}' cannot be the name of a stream: formulas would take it for a function"
         )
-    if name.startswith('_') or name.endswith("'") or not _is_word(name):
+    if name == WATERMARKS_NAME:
+        raise StreamError(f"'{name}' cannot be the name of a stream: it is the topic of watermarks")
+    if name.endswith("'") or not _is_word(name):
         raise StreamError(
             f"'{shortened(name)}' cannot be the name of a stream; use letters, digits and _, "
-            'beginning with a letter, and no keyword of the stream language'
+            'beginning with no digit, and no keyword of the stream language'
         )
 
 

@@ -17,6 +17,7 @@ from rclpy.node import Node
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 
 from dyknow_common.ros import NO_SUBSCRIPTION_EVENTS, DyKnowNode
+from dyknow_stream_processing.management.naming import WATERMARKS_NAME
 from dyknow_stream_processing.ros.topics.process_pauses import is_pause_recent
 
 WATERMARKS: Final = QoSProfile(depth=100, reliability=ReliabilityPolicy.BEST_EFFORT)
@@ -24,8 +25,7 @@ WATERMARKS: Final = QoSProfile(depth=100, reliability=ReliabilityPolicy.BEST_EFF
 
 
 def _watermarks_topic(prefix: str) -> str:
-    # No stream has a name that begins with `_`.
-    return f'{prefix}/_watermarks'
+    return f'{prefix}/{WATERMARKS_NAME}'
 
 
 class WatermarkPublisher:
