@@ -17,7 +17,7 @@ from dyknow_interfaces.srv import (
 from rclpy.action import ActionClient
 from rclpy.qos import DurabilityPolicy, QoSProfile
 
-from dyknow_common.ros import nanoseconds_to_duration
+from dyknow_common.ros import nanoseconds_to_duration, time_to_nanoseconds
 from system import LIMIT, POLL, Client, System
 
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
@@ -33,6 +33,8 @@ class Evaluations:
     def __init__(self, system: System) -> None:
         self._system = system
         self._statuses: list[Any] = []
+        # By name and time of the request; the coordinator forgets them after a while.
+        self._ended: dict[tuple[str, int], Any] = {}
         self._subscription = system.client.node.create_subscription(
             EvaluationStatusArray, f'{COORDINATOR}/evaluations', self._hear, LATCHED
         )
@@ -52,8 +54,8 @@ class Evaluations:
         return self._statuses[-1]
 
     def told(self) -> str:
-        """What was told last, for people."""
-        return '\n'.join(map(_summary, self._statuses)) or 'nothing'
+        """What was told last, and how those before have ended, for people."""
+        return '\n'.join(map(_summary, [*self._ended.values(), *self.running])) or 'nothing'
 
     def wait_for(self, count: int) -> list[Any]:
         """Waits until so many are past their grounding; those."""
@@ -111,6 +113,9 @@ class Evaluations:
 
     def _hear(self, report: Any) -> None:
         self._statuses = list(report.evaluations)
+        for each in self._statuses:
+            if each.phase == EvaluationStatus.ENDED:
+                self._ended[each.name, time_to_nanoseconds(each.started)] = each
 
 
 def _summary(status: Any) -> str:

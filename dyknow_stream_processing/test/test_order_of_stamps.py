@@ -9,8 +9,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from recorded_flow import Flow
 
-from dyknow_common import DyKnowError
-from dyknow_stream_processing import SourceType
+from dyknow_common import NO_CONSTRAINTS, DyKnowError
+from dyknow_stream_processing import SourceType, Violation, parse_specification
 
 MAX_DELAY = 8
 END = 100
@@ -168,3 +168,16 @@ def test_order_against_its_definition(
     assert found == expected.emitted
     assert sum(flow.drops.values()) == expected.dropped == len(flow.violations)
     assert len(found) + expected.dropped == len(arrivals)
+
+
+def test_streams_from_before_the_order_was_known_share_their_operators(flow: Flow) -> None:
+    """A later stream hears of the silence after a sample that an earlier one received."""
+    text = 'select x from "a" with max_delay = 20 ms, sample_period = 10 ms'
+    flow.create(text)
+    flow.push('a', 5, 6, x=1)
+    flow.ordered_topics.add('a')
+    flow.dataflow.set_source_type('a', SourceType(None, False, True))
+    late: list[Violation] = []
+    flow.dataflow.create('t', parse_specification(text), NO_CONSTRAINTS, id, late.append)
+    flow.advance(100)
+    assert [each.stream_name for each in (*flow.violations, *late)] == ['s', 't']

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Final
+from typing import Final, cast
 
 from dyknow_common import NO_CONSTRAINTS, StreamConstraints
 from dyknow_stream_processing.dataflow.built_in.action_status import ActionStatusOperator
@@ -194,7 +194,10 @@ class OperatorGraph:
     def _topic(
         self, name: str, label: str, *, may_be_late: bool, arrival: _ArrivalChecks
     ) -> Operator:
-        source = self._operator(SourceOperator, label, [], *self._source_type(name))
+        has_receipt_time, has_ordered_stamps = self._source_type(name)
+        source = self._operator(SourceOperator, label, [], has_receipt_time)
+        # No detail of the operator: streams share it, also those made before the type was known.
+        cast('SourceOperator', source).has_ordered_stamps = has_ordered_stamps
         max_lead = arrival.max_lead
         limit = (self._max_lead, True) if max_lead is None else (max_lead, False)
         if may_be_late:
@@ -208,7 +211,7 @@ class OperatorGraph:
             return self._operator(ActionStatusOperator, label, [source])
         topics = (_label(topic), TF_STATIC)
         # Their valid times are not used, so there is one tree, whether the type is known or not.
-        sources = [self._operator(SourceOperator, each, [], True, False) for each in topics]
+        sources = [self._operator(SourceOperator, each, [], True) for each in topics]
         tree = self._operator(TransformTreeOperator, topics[0], sources)
         frames = self._operator(FramesOperator, label, [tree], *term.arguments)
         limit = self._max_lead if arrival.max_lead is None else arrival.max_lead

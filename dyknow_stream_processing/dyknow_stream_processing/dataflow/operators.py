@@ -187,21 +187,15 @@ class SourceOperator(Operator):
 
     Args:
         receipt_time: True if their valid times are the times of their receipt.
-        has_ordered_stamps: True if no sample is stamped earlier than its predecessor.
     """
 
     _sorts = False
 
-    def __init__(
-        self,
-        wiring: Wiring,
-        receipt_time: bool,  # noqa: FBT001
-        has_ordered_stamps: bool,  # noqa: FBT001
-    ) -> None:
+    def __init__(self, wiring: Wiring, receipt_time: bool) -> None:  # noqa: FBT001
         super().__init__(wiring)
         self.timed = self._receipt_time = receipt_time
-        self.has_ordered_stamps = has_ordered_stamps
-        """The argument; it may change while samples arrive."""
+        self.has_ordered_stamps = False
+        """True as long as no sample is stamped earlier than its predecessor."""
         self.is_checked = False
         """True while a sample is pushed whose stamps another engine has checked."""
         self._latest_receipt = BEGINNING

@@ -243,10 +243,11 @@ class FormulaEvaluation(Evaluation):
             self.on_progress()
 
     def add_event(self, event: str) -> None:
-        """Record an event, and report it."""
+        """Record an event, and report it at once: the verdict may be the next thing."""
         self.history.add(event)
         self._context.node.get_logger().info(f'{self.name}: {event}')
         self._on_change()
+        self.on_progress()
 
     def status(self) -> EvaluationStatus:
         """Return the status for operators."""
