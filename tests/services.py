@@ -42,7 +42,7 @@ SERVICES = {
         'FormulaGroupCreate', 'FormulaGroupAddFormula', 'FormulaGroupEvaluate',
         'FormulaGroupExtractSymbols', 'FormulaGroupRemoveFormula', 'FormulaGroupDestroy',
     },
-    'stream_reasoning_coordinator': {'EvaluateFormula', 'ReportPlanAction'},
+    'stream_reasoning_coordinator': {'CancelEvaluation', 'EvaluateFormula', 'ReportPlanAction'},
 }  # fmt: skip
 """The types of the services of each node."""
 

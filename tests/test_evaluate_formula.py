@@ -52,7 +52,7 @@ def test_a_false_formula_says_which_vehicle_and_why(system: System, batteries: B
 
 def test_the_sorts_of_variables_follow_from_the_ontology(system: System) -> None:
     # The first query starts a process, for which the timeout leaves time.
-    answer = system.evaluate('□ ∀uav: (Power(uav) > 150 → ◊[0, 1 s] Power(uav) ≤ 150)', timeout=4.0)
+    answer = system.evaluate('□ ∀uav: (Power(uav) > 150 → ◊[0, 1 s] Power(uav) ≤ 150)', timeout=8.0)
     assert answer.exit_status.code == ExitStatus.TIMEOUT, answer.exit_status.message
     assert answer.canonical_formula == (
         'always (forall uav in Vehicle: ((Power[uav] > 150) -> '

@@ -177,7 +177,7 @@ def test_the_logs_of_an_error_are_left(tmp_path: Path) -> None:
     assert done.returncode == 2
     (logs,) = tmp_path.iterdir()
     assert done.stderr.endswith(f'logs are in {logs}\n')
-    assert 'unknown reasoner' in (logs / 'ontology_manager.log').read_text(encoding='utf-8')
+    assert 'unknown reasoner' in (logs / 'dyknow_nodes.log').read_text(encoding='utf-8')
 
 
 def test_parameters_and_engines(tmp_path: Path) -> None:

@@ -56,7 +56,8 @@ def _in_one_process(processes: Iterable[Process]) -> Process:
         'dyknow_bringup',
         NODES,
         namespace=nodes[0].namespace,
-        parameter_files=(file, *nodes[0].parameter_files),
+        parameter_file=file,
+        params_file=nodes[0].params_file,
     )
 
 

@@ -112,7 +112,11 @@ def _node_actions(process: Process, values: Mapping[str, str]) -> list[Any]:
         namespace=join_namespaces(values['namespace'], process.namespace),
         output='screen',
         # The last of several values counts.
-        parameters=[parameters, *map(str, process.parameter_files)],
+        parameters=[
+            each
+            for each in (process.parameter_file, parameters, process.params_file)
+            if each is not None
+        ],
         ros_arguments=[
             '--log-level',
             values['log_level'],

@@ -31,8 +31,8 @@ class Process:
         parameters: values that differ from the defaults.
         namespace: of the node, relative to that of all nodes.
         node: the name of the node; empty for that of the executable.
-        parameter_files: files of parameters for any nodes, as ROS has them. The last of several
-            values counts, and those of files before the others.
+        parameter_file: a file with more parameters, of nodes by their names.
+        params_file: a file of parameters for any nodes, as ROS has them, which takes precedence.
     """
 
     package: str
@@ -40,7 +40,8 @@ class Process:
     parameters: Mapping[str, ParameterValue] = field(default_factory=dict)
     namespace: str = ''
     node: str = ''
-    parameter_files: tuple[Path, ...] = ()
+    parameter_file: Path | None = None
+    params_file: Path | None = None
 
     @property
     def name(self) -> str:
@@ -107,13 +108,12 @@ def dyknow_processes(configuration: SystemConfiguration) -> tuple[Process, ...]:
         'semantic_matching_engine': _parameters(bridges=configuration.bridges),
     }
     given = configuration.parameters
-    files = () if configuration.params_file is None else (configuration.params_file,)
     nodes = [
         Process(
             package,
             executable,
             {**given.get(executable, {}), **parameters.get(executable, {})},
-            parameter_files=files,
+            params_file=configuration.params_file,
         )
         for executable, package in PACKAGES.items()
     ]
@@ -171,11 +171,14 @@ def ros_arguments(
     arguments += ['--enclave', enclave(process, namespace)]
     if process.node:
         arguments += ['-r', f'__node:={process.node}']
+    # The last of several values counts, and values for all nodes count where the first one is.
+    if process.parameter_file is not None:
+        arguments += ['--params-file', str(process.parameter_file)]
     for name, value in parameters.items():
         # rclpy reads the values of parameters as YAML, and JSON is YAML.
         arguments += ['-p', f'{name}:={json.dumps(value)}']
-    for file in process.parameter_files:
-        arguments += ['--params-file', str(file)]
+    if process.params_file is not None:
+        arguments += ['--params-file', str(process.params_file)]
     return arguments
 
 
