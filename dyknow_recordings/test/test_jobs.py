@@ -212,3 +212,11 @@ def command_of(process: int) -> str:
 def job(path: Path, *formulas: str) -> RecordingJob:
     requested = tuple(map(RequestedFormula, formulas or FORMULAS))
     return RecordingJob(str(path), path, requested, MonitoringFiles())
+
+
+def test_errors_are_those_of_the_job_where_dask_is_imported(bags: list[str]) -> None:
+    """Dask pickles errors with their tracebacks, which may hold what cannot be pickled."""
+    pytest.importorskip('distributed')
+    with run_in_processes([job(Path(bags[0]), 'always (')], 1) as results:
+        [(_, report)] = results
+    assert 'unexpected end' in repr(report)

@@ -6,12 +6,14 @@ and has imported all that it needs.
 
 from __future__ import annotations
 
+import copyreg
 import os
 import pickle
 import sys
 import threading
+from collections.abc import Mapping
 from queue import SimpleQueue
-from typing import BinaryIO, NoReturn
+from typing import Any, BinaryIO, NoReturn
 
 from dyknow_recordings.jobs.recording_job import RecordingJob
 
@@ -21,8 +23,15 @@ def serve(jobs: BinaryIO, results: BinaryIO) -> NoReturn:
     read: SimpleQueue[RecordingJob] = SimpleQueue()
     threading.Thread(target=_read, args=(jobs, read), daemon=True).start()
     while True:
-        pickle.dump(read.get().run(), results)
+        pickler = pickle.Pickler(results)
+        # A fork may have other reducers of errors, such as those of Dask for tracebacks.
+        pickler.dispatch_table = _without_errors(copyreg.dispatch_table)
+        pickler.dump(read.get().run())
         results.flush()
+
+
+def _without_errors(reducers: Mapping[type, Any]) -> dict[type, Any]:
+    return {each: reducers[each] for each in reducers if not issubclass(each, BaseException)}
 
 
 def _read(stream: BinaryIO, jobs: SimpleQueue[RecordingJob]) -> None:
