@@ -23,6 +23,8 @@ from dyknow_recordings.jobs.worker_program import serve
 
 PROGRAM: Final = 'dyknow_recordings.jobs.worker_program'
 
+_STDOUT, _STDERR = 1, 2
+
 CAN_FORK: Final = hasattr(os, 'fork') and sys.platform != 'darwin'
 """False on macOS too, whose system libraries have threads of their own."""
 
@@ -140,7 +142,9 @@ def _serve_forked(jobs: BinaryIO, results: BinaryIO, unused: Iterable[IO[bytes]]
     for number in TERMINAL_SIGNALS:
         signal.signal(number, signal.SIG_DFL)
     signal.pthread_sigmask(signal.SIG_UNBLOCK, TERMINAL_SIGNALS)
-    os.dup2(sys.stderr.fileno(), sys.stdout.fileno())  # As in a fresh worker.
+    # As in a fresh worker; the streams of Python may be replaced, as in a notebook.
+    with suppress(OSError):
+        os.dup2(_STDERR, _STDOUT)
     for each in unused:
         each.close()
     serve(jobs, results)
