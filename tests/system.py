@@ -14,6 +14,7 @@ from contextlib import contextmanager
 from dataclasses import replace
 from functools import cached_property
 from pathlib import Path
+from threading import Event, Thread
 from typing import Any, Self
 
 import rclpy
@@ -422,6 +423,25 @@ class Batteries:
             self.stamp = now
             settled = now + self.SETTLING_TIME
         self._client.spin_until(lambda: self.stamp >= settled, 'regular batteries')
+
+    @contextmanager
+    def in_a_thread(self) -> Iterator[None]:
+        """Publish beside a client that is busy for seconds."""
+        stopped = Event()
+
+        def run() -> None:
+            while not stopped.wait(0.02):
+                self._publish_due()
+
+        self._timer.cancel()
+        thread = Thread(target=run)
+        thread.start()
+        try:
+            yield
+        finally:
+            stopped.set()
+            thread.join()
+            self._timer.reset()
 
     def _publish_due(self) -> None:
         now = self._node.get_clock().now().nanoseconds
