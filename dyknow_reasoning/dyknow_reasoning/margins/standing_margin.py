@@ -16,6 +16,7 @@ either. Such states are joined if their bounds are the same, so a part of them h
 
 from __future__ import annotations
 
+from bisect import bisect_left, bisect_right
 from collections import deque
 from collections.abc import Iterable
 from math import inf
@@ -100,10 +101,12 @@ class StandingMargin(BoundedMargins):
                 them on, and from none of those beside them.
         """
         runs = [*self._runs, *self._open_runs()]
-        return [
-            self._worst([each for each in runs if each.first <= last and each.last >= first])
-            for first, last in episodes
-        ]
+        found = []
+        for first, last in episodes:
+            begin = bisect_left(runs, first, key=lambda run: run.last)
+            end = bisect_right(runs, last, key=lambda run: run.first)
+            found.append(self._worst(runs[begin:end]))
+        return found
 
     def forget(self, before: int) -> None:
         """Forget what is known of the states before the one of a number."""
