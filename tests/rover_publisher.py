@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import rclpy
 from nav_msgs.msg import Odometry
-from rclpy.executors import ExternalShutdownException
 from rclpy.node import Node
 from sensor_msgs.msg import BatteryState
+
+from publisher_program import run_until_stopped
 
 ROVERS = ('rover1', 'rover2')
 
@@ -32,16 +32,5 @@ class RoverPublisher(Node):
             publisher.publish(battery)
 
 
-def main() -> None:
-    """Publish until the process is stopped."""
-    rclpy.init()
-    try:
-        rclpy.spin(RoverPublisher())
-    except (KeyboardInterrupt, ExternalShutdownException):
-        pass
-    finally:
-        rclpy.try_shutdown()
-
-
 if __name__ == '__main__':
-    main()
+    run_until_stopped(RoverPublisher)

@@ -230,7 +230,8 @@ def test_samples_are_put_in_order_and_late_ones_dropped(client: Client, count: i
     assert recording.proxy.statistics.samples == 3
 
 
-def test_samples_of_one_publisher_pass_at_once(client: Client) -> None:
+def recorded_publisher(client: Client) -> tuple[Any, Recording]:
+    """A publisher, and what is recorded of the positions that it publishes."""
     publisher = client.node.create_publisher(Odometry, '/a', RELIABLE)
     recording = Recording(
         client,
@@ -238,6 +239,11 @@ def test_samples_of_one_publisher_pass_at_once(client: Client) -> None:
         constraints=StreamConstraints(max_delay=100 * SECOND),
     )
     client.spin_until(lambda: publisher.get_subscription_count() == 1, 'the match')
+    return publisher, recording
+
+
+def test_samples_of_one_publisher_pass_at_once(client: Client) -> None:
+    publisher, recording = recorded_publisher(client)
     now = client.node.get_clock().now().nanoseconds
     for x in (1, 3, 2, 4):
         publisher.publish(odometry(now + x, float(x)))
@@ -249,13 +255,7 @@ def test_samples_of_one_publisher_pass_at_once(client: Client) -> None:
 
 def test_a_second_publisher_has_samples_put_in_order(client: Client) -> None:
     """Publishers come and go; what is held is released when one is left."""
-    publisher = client.node.create_publisher(Odometry, '/a', RELIABLE)
-    recording = Recording(
-        client,
-        'select pose.pose.position.x as x from "/a"',
-        constraints=StreamConstraints(max_delay=100 * SECOND),
-    )
-    client.spin_until(lambda: publisher.get_subscription_count() == 1, 'the match')
+    publisher, recording = recorded_publisher(client)
     now, numbers = client.node.get_clock().now().nanoseconds, itertools.count(1)
 
     def held() -> int:

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from typing import Any
 
-import rclpy
 from geometry_msgs.msg import TransformStamped
-from rclpy.executors import ExternalShutdownException
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from tf2_msgs.msg import TFMessage
+
+from publisher_program import run_until_stopped
 
 
 class TransformPublisher(Node):
@@ -37,16 +37,5 @@ class TransformPublisher(Node):
         return made
 
 
-def main() -> None:
-    """Publish until the process is stopped."""
-    rclpy.init()
-    try:
-        rclpy.spin(TransformPublisher())
-    except (KeyboardInterrupt, ExternalShutdownException):
-        pass
-    finally:
-        rclpy.try_shutdown()
-
-
 if __name__ == '__main__':
-    main()
+    run_until_stopped(TransformPublisher)

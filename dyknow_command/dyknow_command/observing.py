@@ -81,6 +81,11 @@ def observe_recording(path: Path, fields: ReadFields, topic: str = '') -> tuple[
     return tuple(_observed(name, contents[name], each, end) for name, each in found.items())
 
 
+def absolute_topic(name: str) -> str:
+    """Return the name of a topic as it is observed, with a slash."""
+    return f'/{name.lstrip("/")}'
+
+
 def _observed(name: str, content: TopicContent, found: _RecordedTimes, end: int) -> ObservedTopic:
     return ObservedTopic(name, content.message_type, content.fields, found.times(end), found.values)
 

@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from dyknow_command.observing import add_duration_option, observe, observe_recording
+from dyknow_command.observing import absolute_topic, add_duration_option, observe, observe_recording
 from dyknow_common import DyKnowError, ExitCode, round_duration
 from dyknow_common.executables import SUCCESS, describe
 from dyknow_configuration import (
@@ -22,7 +22,7 @@ from dyknow_configuration import (
 
 def suggest(options: argparse.Namespace) -> int:
     """Print the timing of a topic, and return the exit code."""
-    name = f'/{options.topic.lstrip("/")}'
+    name = absolute_topic(options.topic)
     if options.recording is None:
         found = observe(options.duration, lambda *_: (), name)
     else:

@@ -112,8 +112,7 @@ class StreamConstraints:
                 has no period or is greater than it, each period is a gap that is too long, or
                 samples are put in order without a bound of their delay.
         """
-        given = self.given()
-        text = {name: _text(name, value) for name, value in given.items()}
+        given, text = self.given(), self.texts()
         if {'start_time', 'end_time'} <= given.keys() and given['end_time'] < given['start_time']:
             raise DyKnowError(
                 f'end_time ({text["end_time"]}) is before start_time ({text["start_time"]})'

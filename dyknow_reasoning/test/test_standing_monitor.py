@@ -134,10 +134,9 @@ def recordings(
     return found
 
 
-@pytest.mark.parametrize('most_step', [1, 4])
-@pytest.mark.parametrize('gaps', [False, True])
-@pytest.mark.timeout(3600)
-def test_the_verdicts_are_those_of_single_evaluations(most_step: int, gaps: bool) -> None:  # noqa: FBT001
+def check_random(most_step: int, *, gaps: bool) -> None:
+    """Check random formulas over random states."""
+
     def run(formula: Formula, states: States) -> None:
         if can_be_asked(formula, states):
             check(str(formula), {}, states)
@@ -145,6 +144,13 @@ def test_the_verdicts_are_those_of_single_evaluations(most_step: int, gaps: bool
     settings(max_examples=EXAMPLES, deadline=None, suppress_health_check=list(HealthCheck))(
         given(formulas(3), recordings('pq', most_step, gaps=gaps))(run)
     )()
+
+
+@pytest.mark.parametrize('most_step', [1, 4])
+@pytest.mark.parametrize('gaps', [False, True])
+@pytest.mark.timeout(3600)
+def test_the_verdicts_are_those_of_single_evaluations(most_step: int, gaps: bool) -> None:  # noqa: FBT001
+    check_random(most_step, gaps=gaps)
 
 
 NAMES = [f'{name}[{each}]' for name in 'pq' for each in OBJECTS]

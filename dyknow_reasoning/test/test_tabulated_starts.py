@@ -12,7 +12,15 @@ from typing import Any
 import pytest
 from hypothesis import HealthCheck, given, settings
 from reasoning_reference import formulas
-from test_standing_monitor import NAMES, OBJECTS, States, can_be_asked, check, recordings
+from test_standing_monitor import (
+    NAMES,
+    OBJECTS,
+    States,
+    can_be_asked,
+    check,
+    check_random,
+    recordings,
+)
 
 from dyknow_reasoning import FormulaGroup, FormulaLimits
 from dyknow_reasoning.execution.standing import joint_table, standing_monitor, tabulated_starts
@@ -48,13 +56,7 @@ def never(monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.mark.parametrize('most_step', [1, 2])
 @pytest.mark.timeout(3600)
 def test_the_verdicts_are_those_of_single_evaluations(most_step: int, gaps: bool) -> None:  # noqa: FBT001
-    def run(formula: Formula, states: States) -> None:
-        if can_be_asked(formula, states):
-            check(str(formula), {}, states)
-
-    settings(max_examples=EXAMPLES, deadline=None, suppress_health_check=list(HealthCheck))(
-        given(formulas(3), recordings('pq', most_step, gaps=gaps))(run)
-    )()
+    check_random(most_step, gaps=gaps)
 
 
 @pytest.mark.timeout(3600)

@@ -32,6 +32,9 @@ from dyknow_recordings import MonitoringFiles
 from dyknow_stream_processing import parse_specification
 
 ONTOLOGY_ENDINGS: Final = ('.owl', '.ttl', '.rdf', '.xml', '.nt')
+_KINDS: Final = {'.ssl': 'annotations', '.streams': 'streams', '.bridges': 'bridges'}
+"""The kinds of texts by the endings of their files."""
+
 _SECTIONS: Final = ('sorts', 'objects', 'features', 'constants')
 _PLACE: Final = re.compile(r'(?P<path>.*):(?P<line>\d+):(?P<column>\d+)', re.DOTALL)
 
@@ -92,8 +95,6 @@ def read_inputs(paths: Iterable[Path]) -> LintInputs:
     Raises:
         DyKnowError: for a file that cannot be read.
     """
-    from dyknow_semantics import parse_annotations, parse_bridges  # noqa: PLC0415 - takes a second
-
     inputs = LintInputs()
     for path in paths:
         ending = path.suffix.lower()
@@ -103,12 +104,8 @@ def read_inputs(paths: Iterable[Path]) -> LintInputs:
             if not path.is_file():
                 read_text(path, 'ontology', ConfigurationError)  # Raises the error.
             inputs.files = replace(inputs.files, ontologies=(*inputs.files.ontologies, path))
-        elif ending == '.ssl':
-            _read_statements(inputs, path, 'annotations', parse_annotations)
-        elif ending == '.streams':
-            _read_statements(inputs, path, 'streams', parse_specification)
-        elif ending == '.bridges':
-            _read_statements(inputs, path, 'bridges', parse_bridges)
+        elif ending in _KINDS:
+            _read_statements(inputs, path, _KINDS[ending], _parsers()[_KINDS[ending]])
         else:
             _read_lines(inputs, path)
     return inputs

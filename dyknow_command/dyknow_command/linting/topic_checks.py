@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from dyknow_command.linting.findings import FilePlace, Finding, error_at, warning_at
 from dyknow_command.linting.inputs import LintInputs
 from dyknow_command.linting.vocabulary_checks import annotations_of, references_of
+from dyknow_command.observing import absolute_topic
 from dyknow_common import NO_CONSTRAINTS, InlineText, StreamConstraints, read_text
 from dyknow_configuration import (
     ConfigurationError,
@@ -95,7 +96,7 @@ def _uses(inputs: LintInputs) -> Iterator[TopicUse]:
             is_shared = bool(annotation.keys) or annotation.elements is not None
             # The samples of one object, among those of several, have a timing of their own.
             stated = NO_CONSTRAINTS if is_shared else annotation.constraints
-            yield TopicUse(_absolute(annotation.stream), place, stated, is_shared)
+            yield TopicUse(absolute_topic(annotation.stream), place, stated, is_shared)
     for source in inputs.files.streams:
         yield from _stream_uses(inputs, source)
     for formula in inputs.formulas:
@@ -112,12 +113,8 @@ def _stream_uses(inputs: LintInputs, source: TextSource) -> Iterator[TopicUse]:
         place = begin if isinstance(source, InlineText) else begin.moved(declaration.position)
         for term in subterms(declaration.stream):
             if isinstance(term, StreamReference) and term.is_topic:
-                yield TopicUse(_absolute(term.name), place, term.constraints)
+                yield TopicUse(absolute_topic(term.name), place, term.constraints)
             elif isinstance(term, Select) and not (term.conditions or term.elements):
                 for each in term.inputs:
                     if isinstance(each, StreamReference) and each.is_topic:
-                        yield TopicUse(_absolute(each.name), place, term.constraints)
-
-
-def _absolute(topic: str) -> str:
-    return f'/{topic.lstrip("/")}'
+                        yield TopicUse(absolute_topic(each.name), place, term.constraints)

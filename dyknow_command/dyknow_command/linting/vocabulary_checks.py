@@ -9,6 +9,7 @@ from dataclasses import replace
 
 from dyknow_command.linting.findings import FilePlace, Finding, error_at, warning_at
 from dyknow_command.linting.inputs import LintInputs, PlacedFormula
+from dyknow_command.observing import absolute_topic
 from dyknow_common import (
     NO_CONSTRAINTS,
     DyKnowError,
@@ -186,14 +187,14 @@ def references_of(formula: PlacedFormula) -> Iterator[tuple[str, str]]:
     for each in symbols_of(formula):
         if each.is_reference and each.reference[0].startswith('"'):
             stream, field = each.reference
-            yield f'/{stream[1:-1].lstrip("/")}', field
+            yield absolute_topic(stream[1:-1]), field
 
 
 def stream_findings(inputs: LintInputs, contents: Contents) -> Iterator[Finding]:
     """Yield the streams that cannot be made; one may be made of another that comes later."""
 
     def source_type(topic: str) -> SourceType | None:
-        content = contents.get(f'/{topic.lstrip("/")}')
+        content = contents.get(absolute_topic(topic))
         return None if content is None else SourceType(content.fields, not content.has_stamp)
 
     flow = Dataflow(load_units(), source_type)
