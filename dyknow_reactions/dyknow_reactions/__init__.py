@@ -1,0 +1,1 @@
+"""What follows from verdicts: black boxes, triggers and guards."""
