@@ -56,7 +56,8 @@ class StreamNodes:
             running.send_signal(signal.SIGCONT)
             running.terminate()
         codes = {name: running.wait(LIMIT) for name, running in self._running.items()}
-        assert set(codes.values()) <= {0}, f'exit codes of the nodes: {codes}'
+        printed = {log.name: log.read_text() for log in self._folder.glob('*.log')}
+        assert set(codes.values()) <= {0}, f'exit codes of the nodes: {codes}; {printed}'
 
     def start(self, name: str, executable: str = 'stream_processing_engine', **given: Any) -> None:
         """Starts a node by its full name, with parameters."""

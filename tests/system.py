@@ -5,16 +5,17 @@ By default each node has a process of its own, which tests may stop or kill.
 
 from __future__ import annotations
 
+import json
 import os
 import signal
 import subprocess
+import sys
 import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import replace
 from functools import cached_property
 from pathlib import Path
-from threading import Event, Thread
 from typing import Any, Self
 
 import rclpy
@@ -404,7 +405,7 @@ class Batteries:
             vehicle: client.node.create_publisher(BatteryState, f'{vehicle}/battery', 10)
             for vehicle in vehicles
         }
-        self.stamp = client.node.get_clock().now().nanoseconds // self.PERIOD * self.PERIOD
+        self.stamp = self._present_stamp()
         self._timer = client.node.create_timer(0.02, self._publish_due)
 
     def reset(self) -> None:
@@ -418,30 +419,40 @@ class Batteries:
             settled += self.PERIOD
         self.silent.clear()
         self.power.update(calm)
-        now = self._node.get_clock().now().nanoseconds // self.PERIOD * self.PERIOD
+        now = self._present_stamp()
         if now - self.stamp > self.PERIOD:
             self.stamp = now
             settled = now + self.SETTLING_TIME
         self._client.spin_until(lambda: self.stamp >= settled, 'regular batteries')
 
     @contextmanager
-    def in_a_thread(self) -> Iterator[None]:
-        """Publish beside a client that is busy for seconds."""
-        stopped = Event()
+    def in_a_process(self) -> Iterator[Callable[[], None]]:
+        """Publish from a process of its own, as this one is busy for seconds.
 
-        def run() -> None:
-            while not stopped.wait(0.02):
-                self._publish_due()
+        Yields:
+            What makes a new power known to that process.
+        """
+        script = Path(__file__).with_name('telemetry_process.py')
+        command = [sys.executable, str(script), *self._publishers]
+        with subprocess.Popen(command, stdin=subprocess.PIPE, text=True) as process:
+            assert process.stdin is not None
+            topic = next(iter(self._publishers.values())).topic_name
+            self._client.spin_until(
+                lambda: self._node.count_publishers(topic) > 1, 'the publishers of the process'
+            )
+            self._timer.cancel()
+            settled = self._present_stamp() + self.SETTLING_TIME
+            self._client.spin_until(lambda: self._present_stamp() > settled, 'regular batteries')
 
-        self._timer.cancel()
-        thread = Thread(target=run)
-        thread.start()
-        try:
-            yield
-        finally:
-            stopped.set()
-            thread.join()
-            self._timer.reset()
+            def tell() -> None:
+                print(json.dumps(self.power), file=process.stdin, flush=True)
+
+            yield tell
+        self.stamp = self._present_stamp()
+        self._timer.reset()
+
+    def _present_stamp(self) -> int:
+        return self._node.get_clock().now().nanoseconds // self.PERIOD * self.PERIOD
 
     def _publish_due(self) -> None:
         now = self._node.get_clock().now().nanoseconds
