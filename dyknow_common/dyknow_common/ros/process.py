@@ -42,7 +42,9 @@ SHUTDOWN_TIMEOUT_S = 5.0
 
 _PR_SET_PDEATHSIG = 1
 
-HANG_TIMEOUT_S = 9.0
+_SIGEV_THREAD = 2
+
+HANG_TIMEOUT_S = 9
 """The time that the middleware may take to stop: seconds on a busy machine. Launchers wait 10 s."""
 
 
@@ -79,13 +81,39 @@ def _exit_after_stop(stopped: threading.Event, left: threading.Event, nodes: _No
     threading.Thread(target=watch, daemon=True).start()
 
 
-def _exit_without_threads() -> None:
-    """End the process with code 1 some time later, and print where it hangs.
+class _SignalEvent(ctypes.Structure):
+    """What happens when a timer of POSIX expires: `struct sigevent`."""
 
-    The middleware may keep all threads of Python from running while it waits.
+    _fields_ = (
+        ('value', ctypes.c_void_p),
+        ('signal', ctypes.c_int),
+        ('kind', ctypes.c_int),
+        ('function', ctypes.c_void_p),
+        ('rest', ctypes.c_byte * 40),
+    )
+
+
+class _TimerSpecification(ctypes.Structure):
+    """When a timer of POSIX expires: `struct itimerspec`."""
+
+    _fields_ = tuple(
+        (name, ctypes.c_long) for name in ('period_s', 'period_ns', 'time_s', 'time_ns')
+    )
+
+
+def _exit_without_python(code: int, time_s: int) -> None:
+    """Exit with a code some time later, and print before where the process hangs.
+
+    The middleware may wait for ever while it keeps the GIL, so no thread of Python can run. The
+    timer calls `_exit` in a thread of C.
     """
     with suppress(*WITHOUT_STDERR):
-        faulthandler.dump_traceback_later(HANG_TIMEOUT_S, exit=True)
+        faulthandler.dump_traceback_later(time_s - 0.5)
+    libc, timer = ctypes.CDLL(None), ctypes.c_void_p()
+    exit_function = ctypes.cast(libc['_exit'], ctypes.c_void_p)
+    event = _SignalEvent(value=code, kind=_SIGEV_THREAD, function=exit_function)
+    libc.timer_create(time.CLOCK_MONOTONIC, ctypes.byref(event), ctypes.byref(timer))
+    libc.timer_settime(timer, 0, ctypes.byref(_TimerSpecification(time_s=time_s)), None)
 
 
 def run(
@@ -199,19 +227,20 @@ def _run(
     except Exception as error:  # noqa: BLE001 - it is printed, unless the stop has caused it
         if rclpy.ok():
             nodes.error = error
+    code = 0
     try:
-        if nodes.error is None or stopped.is_set():
-            return 0
-        place = f'{nodes.faulty}: ' if len(make_nodes) > 1 else ''
-        return _report(nodes.error, place, failure, has_started=nodes.has_started)
+        if nodes.error is not None and not stopped.is_set():
+            place = f'{nodes.faulty}: ' if len(make_nodes) > 1 else ''
+            code = _report(nodes.error, place, failure, has_started=nodes.has_started)
     finally:
         left.set()
         gc.freeze()  # At its end, Python would search a million objects for garbage.
         ignore(STOP_SIGNALS)
         watchdog.stop()
-        _exit_without_threads()
+        _exit_without_python(code, HANG_TIMEOUT_S)
         nodes.destroy()
         rclpy.try_shutdown()
+    return code
 
 
 def _report(error: Exception, place: str, failure: int, *, has_started: bool) -> int:
