@@ -17,6 +17,7 @@ sys.path.insert(0, str(Path(__file__).parent))
 
 from collections.abc import Iterator
 
+from browser import Browser, missing_programs, open_browser
 from evaluations import Evaluations, Spares
 from system import Batteries, Client, SharedSystem, System, private_environment
 
@@ -196,3 +197,12 @@ def client() -> Iterator[Client]:
     """A node in a private domain of its own."""
     with closing(Client(private_environment())) as alone:
         yield alone
+
+
+@pytest.fixture(scope='module')
+def browser() -> Iterator[Browser]:
+    """Headless Chromium; the tests are skipped where it is missing."""
+    if missing := missing_programs():
+        pytest.skip(f'this machine has no {" and no ".join(missing)}')
+    with open_browser() as opened:
+        yield opened
