@@ -31,6 +31,7 @@ SCHEDULE = (
         'test_monitor_formula',
         'test_cancel_evaluation',
         'test_margins',
+        'test_verdict_topics',
         'test_monitor_plan',
         'test_plain_client',
         # Its last test kills a node.
