@@ -123,7 +123,7 @@ class VerdictTopicNames:
         return next(filter(is_free, _numbered(verdict_token(name))))
 
     def _make_room(self, evaluations: Mapping[str, EvaluationStatus]) -> bool:
-        """Return True if there may be one more topic, after the end of an evaluation's if needed."""
+        """Return True if there may be one more topic; one of an ended evaluation makes room."""
         if len(self._owners) < self._limit:
             return True
         for token, key in self._owners.items():
