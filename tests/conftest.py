@@ -33,6 +33,7 @@ SCHEDULE = (
         'test_margins',
         'test_verdict_topics',
         'test_monitor_plan',
+        'test_behaviour_trees',
         'test_plain_client',
         # Its last test kills a node.
         'test_formula_client',
