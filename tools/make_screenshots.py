@@ -2,9 +2,10 @@
 
     source env.sh
     python tools/make_screenshots.py            # all of them
-    python tools/make_screenshots.py demo       # those whose names begin so
+    python tools/make_screenshots.py report     # those whose names begin so
 
-A function in PAGES makes each page; it is called once for all screenshots of the page.
+PAGES has what makes each page, and SCREENSHOTS the pictures of it. Commands that start nodes have a
+ROS domain of their own.
 """
 
 import os
@@ -42,10 +43,10 @@ def page_of(*line: str) -> Iterator[str]:
 
 
 PAGES: dict[str, Callable] = {
-    'demo': partial(page_of, 'dyknow', 'demo', '--report'),
-    'rover': partial(
-        page_of, 'dyknow', 'check', 'examples/rover/recordings/faults',
-        '--config', 'examples/rover/robot.yaml', '--html',
+    # The flight of the demonstration.
+    'report': partial(
+        page_of, 'dyknow', 'check', 'dyknow_bringup/recordings/power_surge',
+        '--config', 'dyknow_bringup/robots/uav.yaml', '--html',
     ),
 }  # fmt: skip
 """Context managers that yield the address of a page."""
@@ -73,11 +74,9 @@ class Screenshot:
 
 
 SCREENSHOTS = (
-    Screenshot('demo', 'demo'),
-    Screenshot('demo_dark', 'demo', dark=True),
-    Screenshot('demo_phone', 'demo', width=390, height=844, dark=True),
-    Screenshot('rover', 'rover'),
-    Screenshot('rover_phone', 'rover', width=390, height=844),
+    Screenshot('report', 'report', height=860),
+    Screenshot('report_dark', 'report', height=860, dark=True),
+    Screenshot('report_phone', 'report', width=390, height=844, dark=True),
 )
 
 
