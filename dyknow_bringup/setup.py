@@ -7,7 +7,17 @@ from dyknow_common.executables import script_template
 
 PACKAGE = 'dyknow_bringup'
 NODES = ('dyknow_nodes', 'formula_markers', 'formula_monitor', 'uav_simulation')
-DATA = ('launch', 'ontology', 'robots', 'scenarios', 'formulas', 'plans', 'recordings', 'security')
+DATA = (
+    'formulas',
+    'launch',
+    'layouts',
+    'ontology',
+    'plans',
+    'recordings',
+    'robots',
+    'scenarios',
+    'security',
+)
 
 
 def data_files():

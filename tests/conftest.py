@@ -17,6 +17,7 @@ sys.path.insert(0, str(Path(__file__).parent))
 
 from collections.abc import Iterator
 
+from browser import Browser, missing_programs, open_browser
 from evaluations import Evaluations, Spares
 from system import Batteries, Client, SharedSystem, System, private_environment
 
@@ -30,7 +31,9 @@ SCHEDULE = (
         'test_monitor_formula',
         'test_cancel_evaluation',
         'test_margins',
+        'test_verdict_topics',
         'test_monitor_plan',
+        'test_behaviour_trees',
         'test_plain_client',
         # Its last test kills a node.
         'test_formula_client',
@@ -196,3 +199,12 @@ def client() -> Iterator[Client]:
     """A node in a private domain of its own."""
     with closing(Client(private_environment())) as alone:
         yield alone
+
+
+@pytest.fixture(scope='module')
+def browser() -> Iterator[Browser]:
+    """Headless Chromium; the tests are skipped where it is missing."""
+    if missing := missing_programs():
+        pytest.skip(f'this machine has no {" and no ".join(missing)}')
+    with open_browser() as opened:
+        yield opened

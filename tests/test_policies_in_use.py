@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Self
 
 import rclpy
+from dyknow_interfaces.msg import FormulaVerdict
 from dyknow_interfaces.srv import AddSemanticSpecification
 from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
@@ -35,6 +36,7 @@ from dyknow_bringup.resources import (
     scenario_path,
     share,
 )
+from dyknow_bringup.security.interfaces import COORDINATOR
 from dyknow_bringup.security.policy import policy_text
 from dyknow_bringup.security.systems import SecuredSystem
 from dyknow_bringup.simulation.fleet import vehicle_names
@@ -138,6 +140,7 @@ def asking(enclave: str, domain: int) -> Iterator[None]:
     plan = load_mission(plan_path('delivery')).plan
     with node_in(enclave, domain, 'my_client') as node, FormulaClient(node) as client:
         assert node.executor is not None
+        node.create_subscription(FormulaVerdict, f'{COORDINATOR}/verdicts/geofence', id, 10)
         monitor = client.monitor_plan(plan, wait=LIMIT)
         reported = node.executor.create_task(monitor.started, plan.actions[0].name)
         answered = node.executor.create_task(partial(client.evaluate, FORMULA, wait=LIMIT))

@@ -41,6 +41,7 @@ from dyknow_coordinator.plans.plan import (
 )
 from dyknow_coordinator.reporting.evaluation_status import EvaluationStatus, Level, diagnose
 from dyknow_coordinator.reporting.node_status import has_loaded
+from dyknow_coordinator.reporting.verdict_topics import verdict_token
 
 __all__ = [
     'TRANSIENT',
@@ -87,6 +88,7 @@ __all__ = [
     'sort_names',
     'state_specification',
     'stream_topic',
+    'verdict_token',
     'with_sorts',
     'with_unit',
     'with_units',

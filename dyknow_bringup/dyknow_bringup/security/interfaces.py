@@ -141,10 +141,11 @@ MONITOR: Final = Interfaces(
 """`FormulaClient.monitor`."""
 
 CLIENT: Final = MONITOR | Interfaces(
+    subscribes=frozenset({f'{COORDINATOR}/verdicts/*'}),
     requests=_services(COORDINATOR, 'evaluate_formula', 'report_plan_action'),
     calls=_services(COORDINATOR, *ACTIONS),
 )
-"""`FormulaClient`: asks for verdicts, and changes nothing."""
+"""`FormulaClient`: asks for verdicts, subscribes to those of others, and changes nothing."""
 
 COMMANDS: Final = MONITOR | Interfaces(
     subscribes=frozenset({f'{COORDINATOR}/evaluations', 'stream_manager/streams'}),
@@ -225,7 +226,7 @@ def _coordinator(engines: Collection[str], streams: Collection[str]) -> Interfac
     of_streams = ('stream_create_from_spec', 'stream_destroy', 'stream_get_topic')
     others = SERVICES.keys() - {ENGINE, COORDINATOR}
     return Interfaces(
-        publishes=frozenset({'~/evaluations', '~/ready', '/diagnostics'}),
+        publishes=frozenset({'~/evaluations', '~/ready', '~/verdicts/*', '/diagnostics'}),
         subscribes=_watched(*others, *engines)
         | {f'{each}/violations' for each in streams}
         | {

@@ -22,6 +22,7 @@ _PARAMETERS: Final = {
     'object_limit': (10_000, 'Sorts and objects for which a formula is evaluated.'),
     'feature_limit': (1000, 'Ground features of a formula, which are the fields of its states.'),
     'ended_limit': (200, 'Formulas that are reported to operators after their end.'),
+    'verdict_topic_limit': (200, 'Topics with the verdicts of formulas that have names.'),
 }
 
 
@@ -35,6 +36,7 @@ class CoordinatorLimits:
     object_limit: int
     feature_limit: int
     ended_limit: int
+    verdict_topic_limit: int
 
     @classmethod
     def declare(cls, node: DyKnowNode) -> Self:

@@ -37,6 +37,7 @@ from dyknow_coordinator.ros.plans.plan_monitoring import PlanMonitoring
 from dyknow_coordinator.ros.reporting.episode_messages import verdicts_to_message
 from dyknow_coordinator.ros.reporting.evaluations_report import EvaluationsReport
 from dyknow_coordinator.ros.reporting.nodes_report import NodesReport
+from dyknow_coordinator.ros.reporting.verdict_publishers import VerdictPublishers
 from dyknow_coordinator.ros.results import Results
 from dyknow_coordinator.ros.service_clients import ServiceClients
 from dyknow_coordinator.ros.streams_mirror import StreamsMirror
@@ -125,11 +126,12 @@ class StreamReasoningCoordinator(DyKnowNode):
         self._report = EvaluationsReport(
             self, self._statuses, self._settings.silence_limit_s, nodes.diagnostics
         )
+        self._verdicts = VerdictPublishers(self, self._named, limits.verdict_topic_limit)
         ChangeListener(self, clients.version_topics, self._on_semantics_changed)
         SilenceMonitor(self._shared, self._groups, self._settings.silence_limit_s)
         for remote in clients.nodes:
-            remote.on_found.append(self._update_status)
-            remote.on_lost.append(self._update_status)
+            for changes in remote.on_found, remote.on_lost:
+                changes.append(self._update_status)
         clients.stream_reasoning_engine.on_lost.append(self._on_reasoning_engine_lost)
         self._update_status()
         self.serve(EvaluateFormula, self._evaluate)
@@ -158,11 +160,9 @@ class StreamReasoningCoordinator(DyKnowNode):
             'formulas that are evaluated at once',
             ExitCode.UNAVAILABLE,
         )
-        evaluation = FormulaEvaluation(
-            self._shared, self._groups, request, self._report.publish_soon
-        )
+        evaluation = FormulaEvaluation(self._shared, self._groups, request, self._publish_soon)
         self._evaluations.append(evaluation)
-        self._report.publish_soon()
+        self._publish_soon()
         self.spawn(self._run, evaluation)
         return evaluation
 
@@ -190,7 +190,7 @@ class StreamReasoningCoordinator(DyKnowNode):
     def _forget(self, evaluation: FormulaEvaluation) -> None:
         if evaluation in self._evaluations:
             self._evaluations.remove(evaluation)
-            self._report.publish_soon()
+            self._publish_soon()
 
     async def _evaluate(self, request: Any, response: Any) -> None:
         # The client counts the time in which this process was stopped, too.
@@ -238,6 +238,13 @@ class StreamReasoningCoordinator(DyKnowNode):
 
     def _statuses(self) -> list[EvaluationStatus]:
         return [evaluation.status() for evaluation in self._evaluations]
+
+    def _named(self) -> dict[str, EvaluationStatus]:
+        return {each.name: each.status() for each in self._evaluations if each.request.name}
+
+    def _publish_soon(self) -> None:
+        self._report.publish_soon()
+        self._verdicts.publish_soon()
 
     def _on_clients_gone(self) -> None:
         for evaluation in list(self._service_evaluations):

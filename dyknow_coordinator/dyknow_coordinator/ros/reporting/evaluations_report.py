@@ -12,13 +12,14 @@ from rclpy.qos import QoSProfile
 from dyknow_common import SECOND_NS
 from dyknow_common.ros import LATCHED, DyKnowNode
 from dyknow_coordinator.reporting.evaluation_status import EvaluationStatus, details, diagnose
+from dyknow_coordinator.ros.reporting.change_batch import ChangeBatch
 from dyknow_coordinator.ros.reporting.evaluation_messages import status_to_message
 from dyknow_coordinator.ros.reporting.nodes_report import NO_HARDWARE
 
 PERIOD_S = 1.0
 
 COLLECTION_S = 0.2
-"""Time in which changes are collected: hundreds of evaluations change together."""
+"""Time in which changes are collected."""
 
 DIAGNOSTICS = QoSProfile(depth=1)
 """The profile of diagnostic_updater."""
@@ -47,7 +48,7 @@ class EvaluationsReport:
         self._statuses = statuses
         self._nodes = nodes
         self._silence_limit_ns = round(silence_limit_s * SECOND_NS)
-        self._is_pending = False
+        self._changes = ChangeBatch(node, COLLECTION_S, self._publish_changes)
         self._evaluations = node.create_publisher(EvaluationStatusArray, '~/evaluations', LATCHED)
         self._diagnostics = node.create_publisher(DiagnosticArray, '/diagnostics', DIAGNOSTICS)
         node.create_timer(PERIOD_S, self._publish_periodically, clock=node.wall_clock)
@@ -56,10 +57,7 @@ class EvaluationsReport:
 
     def publish_soon(self) -> None:
         """Publish a report soon: one for all changes within COLLECTION_S."""
-        if not self._is_pending:
-            self._is_pending = True
-            due = self._node.deadlines.after(COLLECTION_S)
-            due.add_done_callback(lambda _: self._publish_changes())
+        self._changes.add()
 
     def _publish_periodically(self) -> None:
         watched = self._evaluations.get_subscription_count() > 0
@@ -71,7 +69,6 @@ class EvaluationsReport:
             self._publish_diagnostics(statuses)
 
     def _publish_changes(self) -> None:
-        self._is_pending = False
         self._publish_evaluations(self._statuses())
 
     def _publish_evaluations(self, statuses: Iterable[EvaluationStatus]) -> None:
