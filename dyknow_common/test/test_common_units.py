@@ -36,9 +36,9 @@ def test_a_common_unit_converts_to_others() -> None:
     assert conversion(36.0) == 10.0
 
 
-@pytest.mark.parametrize('given, wanted', [('m', 'V'), ('V', 'warp'), ('warp', 'warp')])
+@pytest.mark.parametrize(('given', 'wanted'), [('m', 'V'), ('V', 'warp'), ('warp', 'warp')])
 def test_what_does_not_convert_is_refused(given: str, wanted: str) -> None:
-    with pytest.raises(DyKnowError, match='convert|unknown unit'):
+    with pytest.raises(DyKnowError, match=r'convert|unknown unit'):
         unit_conversion(given, wanted)
 
 
