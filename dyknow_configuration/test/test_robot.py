@@ -259,3 +259,22 @@ def test_other_objects_than_those_of_the_file(tmp_path: Path) -> None:
         'stream "/r7/dock" contains Inside[r7, dock] = data;',
         'stream "/r8/dock" contains Inside[r8, dock] = data;',
     ]
+
+
+@pytest.mark.parametrize('value', [True, False])
+def test_the_order_of_a_topic(value: bool, tmp_path: Path) -> None:
+    file = tmp_path / 'robot.yaml'
+    source = f'{{topic: /odom, field: x, max_delay: 1 s, reorder: {str(value).lower()}}}'
+    file.write_text(f'features:\n  X: {{from: {source}}}\n')
+    robot = read_robot(file)
+    (text,) = (each.text for each in robot.annotations if isinstance(each, InlineText))
+    (annotation,) = parse_annotations(text)
+    assert annotation.constraints.reorder is value
+    assert f'reorder = {str(value).lower()}' in str(annotation)
+
+
+def test_messages_are_put_in_order_within_a_delay_only(tmp_path: Path) -> None:
+    file = tmp_path / 'robot.yaml'
+    file.write_text('features:\n  X: {from: {topic: /odom, field: x, reorder: true}}\n')
+    with pytest.raises(ConfigurationError, match='max_delay'):
+        read_robot(file)
