@@ -27,7 +27,9 @@ TOO_OLD = {'python3-rdflib'}
 def readme_command(first: str) -> list[str]:
     """The words of a command of the README that begins with a word."""
     text = (ROOT / 'README.md').read_text(encoding='utf-8').replace('\\\n', ' ')
-    (line,) = re.findall(rf'^{first} .*--skip-keys.*$|^{first} install .*rdflib.*$', text, re.M)
+    (line,) = re.findall(
+        rf'^{first} .*--skip-keys.*$|^{first} install .*rdflib.*$', text, re.MULTILINE
+    )
     return shlex.split(line)
 
 

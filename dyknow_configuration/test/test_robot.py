@@ -261,16 +261,16 @@ def test_other_objects_than_those_of_the_file(tmp_path: Path) -> None:
     ]
 
 
-@pytest.mark.parametrize('value', [True, False])
-def test_the_order_of_a_topic(value: bool, tmp_path: Path) -> None:
+@pytest.mark.parametrize(('text', 'value'), [('true', True), ('false', False)])
+def test_the_order_of_a_topic(text: str, value: object, tmp_path: Path) -> None:
     file = tmp_path / 'robot.yaml'
-    source = f'{{topic: /odom, field: x, max_delay: 1 s, reorder: {str(value).lower()}}}'
+    source = f'{{topic: /odom, field: x, max_delay: 1 s, reorder: {text}}}'
     file.write_text(f'features:\n  X: {{from: {source}}}\n')
     robot = read_robot(file)
-    (text,) = (each.text for each in robot.annotations if isinstance(each, InlineText))
-    (annotation,) = parse_annotations(text)
+    (made,) = (each.text for each in robot.annotations if isinstance(each, InlineText))
+    (annotation,) = parse_annotations(made)
     assert annotation.constraints.reorder is value
-    assert f'reorder = {str(value).lower()}' in str(annotation)
+    assert f'reorder = {text}' in str(annotation)
 
 
 def test_messages_are_put_in_order_within_a_delay_only(tmp_path: Path) -> None:
