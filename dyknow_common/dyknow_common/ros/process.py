@@ -7,7 +7,6 @@ others only as far as Python's threads do. The nodes share the context: one part
 from __future__ import annotations
 
 import ctypes
-import faulthandler
 import gc
 import os
 import signal
@@ -17,7 +16,6 @@ import time
 import traceback
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor, wait
-from contextlib import suppress
 
 import rclpy
 from rclpy.exceptions import NameValidationException, ParameterException
@@ -31,7 +29,7 @@ from dyknow_common.ros.deadlines import TICK_PERIOD_S
 from dyknow_common.ros.executor import node_executor
 from dyknow_common.ros.node import DyKnowNode, snake_case
 from dyknow_common.ros.topics.names import RCLError
-from dyknow_common.ros.watchdog import WITHOUT_STDERR, Watchdog
+from dyknow_common.ros.watchdog import Watchdog
 from dyknow_main import STOP_SIGNALS, handle, ignore
 
 CALLBACK_TIMEOUT_S = 1.5
@@ -42,7 +40,7 @@ SHUTDOWN_TIMEOUT_S = 5.0
 
 _PR_SET_PDEATHSIG = 1
 
-HANG_TIMEOUT_S = 9.0
+HANG_TIMEOUT_S = 8.5
 """The time that the middleware may take to stop: seconds on a busy machine. Launchers wait 10 s."""
 
 
@@ -77,15 +75,6 @@ def _exit_after_stop(stopped: threading.Event, left: threading.Event, nodes: _No
         os._exit(0 if nodes.error is None or stopped.is_set() else FAULT)
 
     threading.Thread(target=watch, daemon=True).start()
-
-
-def _exit_without_threads() -> None:
-    """End the process with code 1 some time later, and print where it hangs.
-
-    The middleware may keep all threads of Python from running while it waits.
-    """
-    with suppress(*WITHOUT_STDERR):
-        faulthandler.dump_traceback_later(HANG_TIMEOUT_S, exit=True)
 
 
 def run(
@@ -210,7 +199,7 @@ def _run(
         gc.freeze()  # At its end, Python would search a million objects for garbage.
         ignore(STOP_SIGNALS)
         watchdog.stop()
-        _exit_without_threads()
+        watchdog.limit_end(HANG_TIMEOUT_S)
         nodes.destroy()
         rclpy.try_shutdown()
 

@@ -20,6 +20,9 @@ from dyknow_common.ros.qos import HEARTBEAT_PERIOD_S
 FREEZE_GRACE_S: Final = 10.0
 """The time between the two signals that end a process in which no thread of Python can run."""
 
+END_GRACE_S: Final = 0.5
+"""The same for a process that has been stopped; launchers wait 10 s in all."""
+
 WITHOUT_STDERR: Final = (AttributeError, OSError, RuntimeError, ValueError)
 """The errors of output to stderr where there is none."""
 
@@ -66,6 +69,11 @@ class Watchdog:
         self._stopped.set()
         self._thread.join(HEARTBEAT_PERIOD_S)
         signal.setitimer(signal.ITIMER_REAL, 0.0)
+
+    def limit_end(self, limit_s: float) -> None:
+        """Let SIGALRM end the process some time later: the middleware may hang with the GIL."""
+        self._libc.sysv_signal(signal.SIGALRM, self._print_tracebacks)
+        signal.setitimer(signal.ITIMER_REAL, limit_s, END_GRACE_S)
 
     def _run(self) -> None:
         while not self._stopped.is_set():
