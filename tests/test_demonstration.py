@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 
 from commands import command, output_of
+from dyknow_configuration import PACKAGES
 from system import private_environment
 
 
@@ -19,6 +20,14 @@ def test_every_verdict_of_a_scenario(scenario: str, tmp_path: Path) -> None:
     assert 'every verdict is what the scenario says' in done.stdout
     assert str(page) in done.stdout
     assert 'takeoff' in page.read_text()
+
+
+def test_each_node_in_a_process_of_its_own(tmp_path: Path) -> None:
+    line = command('dyknow', 'demo', '--processes', '--logs', str(tmp_path))
+    done = output_of(line, private_environment())
+    assert done.returncode == 0, done.stdout + done.stderr
+    logs = {path.stem for path in tmp_path.glob('*.log')}
+    assert logs == {*PACKAGES, 'uav_simulation'}
 
 
 def test_an_unknown_scenario_is_refused_with_the_known_ones() -> None:

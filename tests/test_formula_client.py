@@ -271,6 +271,28 @@ def test_what_has_no_verdict(
         assert caught.value.code is code
 
 
+def test_a_formula_is_monitored_again_after_a_violation(
+    system: System, batteries: Batteries, evaluations: Evaluations, asker: Node
+) -> None:
+    told: list[Answer] = []
+    broken: list[Answer] = []
+    vehicle = min(batteries.power)
+    with FormulaClient(asker) as client, spinning(asker, single(asker)):
+        client.monitor(ALWAYS, on_verdict=told.append, on_interruption=broken.append)
+        evaluations.wait_for_state()
+        batteries.silent.add(vehicle)
+        system.client.spin_until(lambda: bool(broken), 'the interruption')
+        batteries.silent.clear()
+        evaluations.wait_for_state()
+        assert not told
+        batteries.power[vehicle] = 200.0
+        system.client.spin_until(lambda: bool(told), 'the verdict')
+    assert all(each.error for each in broken)
+    assert broken[0].error is not None
+    assert broken[0].error.code is ExitCode.CONSTRAINT_VIOLATION
+    assert [each.verdict for each in told] == [Verdict.FALSE]
+
+
 def test_without_a_coordinator(client: Client) -> None:
     with asker_beside(client) as node, FormulaClient(node) as asking:
         told: list[Answer] = [asking.evaluate_blocking(SOON, wait=0.5)]

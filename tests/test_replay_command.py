@@ -2,14 +2,28 @@
 
 from __future__ import annotations
 
+from contextlib import closing
+from functools import partial
 from pathlib import Path
 
 from dyknow_interfaces.msg import ExitStatus, FormulaResult
+from rosbags.interfaces import (
+    Qos,
+    QosDurability,
+    QosHistory,
+    QosLiveliness,
+    QosReliability,
+    QosTime,
+)
+from rosbags.rosbag2 import Writer
+from rosbags.typesys import Stores, get_typestore
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import BatteryState
+from std_msgs.msg import Bool
 
 from commands import command, output_of, running
 from dyknow_bringup.resources import share
+from dyknow_common import SECOND_NS
 from system import Client, System, private_environment
 
 RECORDING = share() / 'recordings' / 'power_surge'
@@ -32,6 +46,46 @@ def test_a_recording_is_replayed_with_its_clock() -> None:
     assert len(batteries) == 100
     assert clocks == sorted(clocks)
     assert clocks[-1] - clocks[0] >= 19
+
+
+def test_topics_of_several_publishers_have_several_again(tmp_path: Path) -> None:
+    """Otherwise, an engine would take their messages for those of one that stamps in order."""
+    profile = Qos(
+        history=QosHistory.KEEP_LAST,
+        depth=10,
+        reliability=QosReliability.RELIABLE,
+        durability=QosDurability.VOLATILE,
+        deadline=QosTime(0, 0),
+        lifespan=QosTime(0, 0),
+        liveliness=QosLiveliness.AUTOMATIC,
+        liveliness_lease_duration=QosTime(0, 0),
+        avoid_ros_namespace_conventions=False,
+    )
+    types, kind = get_typestore(Stores.ROS2_JAZZY), 'std_msgs/msg/Bool'
+    with Writer(tmp_path / 'bag', version=9) as writer:
+        for topic, count in (('/one', 1), ('/several', 3)):
+            connection = writer.add_connection(
+                topic, kind, typestore=types, offered_qos_profiles=[profile] * count
+            )
+            data = types.serialize_cdr(types.types[kind](True), kind)
+            writer.write(connection, SECOND_NS, data)
+    environment = private_environment()
+    received: list[str] = []
+    line = command('replay', str(tmp_path / 'bag'), '--delay', '5')
+    with closing(Client(environment)) as client, running(line, environment) as process:
+        for topic in ('/one', '/several'):
+            client.node.create_subscription(Bool, topic, partial(_add, received, topic), 10)
+        publishers = client.node.count_publishers
+        client.spin_until(
+            lambda: publishers('/several') > 1 and publishers('/one') > 0, 'the publishers'
+        )
+        assert (publishers('/one'), publishers('/several')) == (1, 2)
+        client.spin_until(lambda: process.poll() is not None, 'the end of the recording')
+    assert sorted(received) == ['/one', '/several']
+
+
+def _add(received: list[str], topic: str, _: Bool) -> None:
+    received.append(topic)
 
 
 def test_a_recording_that_is_not_there() -> None:

@@ -37,7 +37,9 @@ raise SystemExit(run(Stuck))
 
 
 @pytest.mark.parametrize(
-    ('callback', 'code', 'printed'), [('wait', 0, ''), ('go_on', 1, 'in destroy_node')]
+    ('callback', 'code', 'printed'),
+    # Not 1, which means that a node cannot start, and of a command that a verdict is false.
+    [('wait', 0, ''), ('go_on', -signal.SIGALRM, 'in destroy_node')],
 )
 def test_a_node_that_is_stuck_ends_all_the_same(callback: str, code: int, printed: str) -> None:
     with subprocess.Popen(

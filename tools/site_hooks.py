@@ -1,7 +1,9 @@
 """Hooks of the site: pages and links outside of docs/, and diagrams (see mkdocs.yml)."""
 
+import posixpath
 import re
 import sys
+from functools import partial
 from pathlib import Path
 
 from mkdocs.structure.files import File
@@ -11,14 +13,21 @@ sys.path.insert(0, str(ROOT / 'tools'))
 
 from sequence_diagram import drawn  # noqa: E402
 
+ROBOTS = ('rover', 'arm', 'handover')
+FILES = ('robot.yaml', 'robot.py', 'expected.yaml')
+
 PAGES = {
     'benchmarks/README.md': 'benchmarks.md',
     'CHANGELOG.md': 'changelog.md',
     'dyknow_bringup/plans/delivery.yaml': 'files/delivery.yaml',
+    'examples/README.md': 'robots/index.md',
+    **{f'examples/{robot}/README.md': f'robots/{robot}.md' for robot in ROBOTS},
+    **{f'examples/{robot}/{file}': f'files/{robot}/{file}' for robot in ROBOTS for file in FILES},
 }
 """Files of the repository, and their places in the site."""
 
 _LINK = re.compile(r'\]\(\.\./(?P<path>[^)#]+)(?P<anchor>#[^)]*)?\)')
+_LINK_BETWEEN_FILES = re.compile(r'\]\((?!https?:|#)(?P<path>[^)#]+)(?P<anchor>#[^)]*)?\)')
 _DIAGRAM = re.compile(r'^```mermaid\n(?P<text>.*?)^```$', re.MULTILINE | re.DOTALL)
 
 
@@ -26,9 +35,19 @@ def on_files(files, *, config):
     """Add the files from outside of docs/."""
     for source, place in PAGES.items():
         text = (ROOT / source).read_text(encoding='utf-8')
-        # The links of these pages are relative to the root of the repository.
-        files.append(File.generated(config, place, content=text.replace('](docs/', '](')))
+        if place.endswith('.md'):
+            text = _LINK_BETWEEN_FILES.sub(partial(_relocated, source, place), text)
+        files.append(File.generated(config, place, content=text))
     return files
+
+
+def _relocated(source, place, link):
+    """Return a link of a page from outside of docs/, which leads to the place in the site."""
+    path = posixpath.normpath(posixpath.join(posixpath.dirname(source), link['path']))
+    # mkdocs reports the links that lead nowhere.
+    found = PAGES.get(path) or PAGES.get(f'{path}/README.md') or path
+    target = found.removeprefix('docs/')
+    return f']({posixpath.relpath(target, posixpath.dirname(place))}{link["anchor"] or ""})'
 
 
 def on_page_markdown(markdown, **_):

@@ -2,7 +2,7 @@ from pathlib import Path
 
 import pytest
 
-from dyknow_bringup import Scenario, load_scenario
+from dyknow_bringup.simulation.scenario import Scenario, load_scenario
 from dyknow_configuration import RequestedFormula, read_formulas
 
 SHARE = Path(__file__).parent.parent

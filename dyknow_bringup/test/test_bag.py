@@ -4,14 +4,11 @@ import pytest
 from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore
 
-from dyknow_bringup import (
-    STORAGES,
-    BringupError,
-    Scenario,
-    Simulation,
-    record,
-    vehicle_names,
-)
+from dyknow_bringup.errors import BringupError
+from dyknow_bringup.recordings.recording import STORAGES, record
+from dyknow_bringup.simulation.fleet import vehicle_names
+from dyknow_bringup.simulation.scenario import Scenario
+from dyknow_bringup.simulation.simulation import Simulation
 from dyknow_common import NANOSECONDS, ExitCode
 from dyknow_recordings import Bag, QualityOfService, RecordedTopic, RecordingError
 

@@ -5,7 +5,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dyknow_bringup import BringupError, Replay, Schedule
+from dyknow_bringup.errors import BringupError
+from dyknow_bringup.recordings.replay import Replay, Schedule
 from dyknow_recordings import RecordedMessage
 
 times = st.integers(0, 2 * 10**18)

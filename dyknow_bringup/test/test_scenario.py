@@ -2,7 +2,8 @@ from pathlib import Path
 
 import pytest
 
-from dyknow_bringup import BringupError, Scenario, load_scenario
+from dyknow_bringup.errors import BringupError
+from dyknow_bringup.simulation.scenario import Scenario, load_scenario
 from dyknow_common import NANOSECONDS, ExitCode
 from dyknow_configuration import RequestedFormula
 

@@ -6,17 +6,11 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from dyknow_bringup import (
-    TRANSPORT,
-    Battery,
-    BringupError,
-    Channel,
-    Odometry,
-    Scenario,
-    Simulation,
-    Telemetry,
-    vehicle_names,
-)
+from dyknow_bringup.errors import BringupError
+from dyknow_bringup.simulation.fleet import vehicle_names
+from dyknow_bringup.simulation.scenario import Scenario
+from dyknow_bringup.simulation.simulation import Simulation
+from dyknow_bringup.simulation.telemetry import TRANSPORT, Battery, Channel, Odometry, Telemetry
 from dyknow_common import NANOSECONDS
 
 SECOND = NANOSECONDS['s']

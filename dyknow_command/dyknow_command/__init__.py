@@ -5,17 +5,17 @@
 from __future__ import annotations
 
 import argparse
-import gc
 import os
 import sys
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager, suppress
+from collections.abc import Sequence
+from contextlib import suppress
 from importlib import import_module
 from typing import Any, NoReturn
 
 from dyknow_command.verbs import VERBS
 from dyknow_common import DyKnowError, ExitCode
 from dyknow_common.executables import SOURCE_ENVIRONMENT, run_main
+from dyknow_main import without_collections
 
 _EPILOG = """\
 Examples:
@@ -40,17 +40,6 @@ class _Version(argparse.Action):
         sys.exit(print_version(options))
 
 
-@contextmanager
-def _no_collections() -> Iterator[None]:
-    """Keep Python from looking for garbage in what is imported: that takes a tenth of the time."""
-    gc.disable()
-    try:
-        yield
-    finally:
-        gc.freeze()  # Later collections need not look at it either.
-        gc.enable()
-
-
 def options_parser(verb: str) -> argparse.ArgumentParser:
     """Return the parser of the command line; only the chosen verb has its options."""
     parser = argparse.ArgumentParser(
@@ -64,7 +53,7 @@ def options_parser(verb: str) -> argparse.ArgumentParser:
     for name, each in VERBS.items():
         command = commands.add_parser(name, help=each.description)
         if name == verb:
-            with _no_collections():
+            with without_collections():
                 module = import_module(each.module)
             getattr(module, f'add_{name}_options')(command)
     return parser

@@ -15,6 +15,42 @@ _EXPONENT: Final = re.compile(r'(\^|\*\*)\s*-?\d{1,2}(?!\s*(\^|\*|\d))|\b1\b')
 _UNIT_WITHOUT_NUMBERS: Final = re.compile(r'[^\W\d]?([^\W\d]|[ */().%°-])*')
 _MAX_LENGTH: Final = 100
 
+COMMON_UNITS: Final = frozenset(
+    [
+        'm',
+        'mm',
+        'cm',
+        'km',
+        's',
+        'ms',
+        'min',
+        'h',
+        'm/s',
+        'km/h',
+        'm/s^2',
+        'rad',
+        'deg',
+        'rad/s',
+        'deg/s',
+        'rad/s^2',
+        'V',
+        'A',
+        'W',
+        'Hz',
+        'N',
+        'N*m',
+        'Pa',
+        'J',
+        'T',
+        'K',
+        'degC',
+        'kg',
+        'g',
+        '%',
+    ]
+)
+"""Units that are known without pint, which takes half a second to load."""
+
 
 def check_unit(unit: str) -> None:
     """Check that a unit is known.
@@ -22,7 +58,8 @@ def check_unit(unit: str) -> None:
     Raises:
         DyKnowError: NOT_FOUND, if it is not.
     """
-    _parsed(unit)
+    if unit not in COMMON_UNITS:
+        _parsed(unit)
 
 
 @lru_cache(maxsize=4096)
@@ -34,6 +71,9 @@ def unit_conversion(given: str, wanted: str) -> Callable[[float], float] | None:
     Raises:
         DyKnowError: NOT_FOUND, if a unit is unknown; if one does not convert to the other.
     """
+    if given == wanted:
+        check_unit(given)
+        return None
     one, other = _parsed(given), _parsed(wanted)
     if one == other:
         return None

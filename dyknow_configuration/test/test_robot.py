@@ -259,3 +259,22 @@ def test_other_objects_than_those_of_the_file(tmp_path: Path) -> None:
         'stream "/r7/dock" contains Inside[r7, dock] = data;',
         'stream "/r8/dock" contains Inside[r8, dock] = data;',
     ]
+
+
+@pytest.mark.parametrize(('text', 'value'), [('true', True), ('false', False)])
+def test_the_order_of_a_topic(text: str, value: object, tmp_path: Path) -> None:
+    file = tmp_path / 'robot.yaml'
+    source = f'{{topic: /odom, field: x, max_delay: 1 s, reorder: {text}}}'
+    file.write_text(f'features:\n  X: {{from: {source}}}\n')
+    robot = read_robot(file)
+    (made,) = (each.text for each in robot.annotations if isinstance(each, InlineText))
+    (annotation,) = parse_annotations(made)
+    assert annotation.constraints.reorder is value
+    assert f'reorder = {text}' in str(annotation)
+
+
+def test_messages_are_put_in_order_within_a_delay_only(tmp_path: Path) -> None:
+    file = tmp_path / 'robot.yaml'
+    file.write_text('features:\n  X: {from: {topic: /odom, field: x, reorder: true}}\n')
+    with pytest.raises(ConfigurationError, match='max_delay'):
+        read_robot(file)

@@ -5,9 +5,20 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from rosbags.interfaces import (
+    Qos,
+    QosDurability,
+    QosHistory,
+    QosLiveliness,
+    QosReliability,
+    QosTime,
+)
+from rosbags.rosbag2 import StoragePlugin, Writer
 from small_bags import (
+    BOOL,
     COMPRESSIONS,
     FIELDS,
+    START,
     STORE,
     TOPICS,
     Message,
@@ -370,3 +381,28 @@ def test_real_flights() -> None:
                     for name, value in row.values.items()
                     if not isinstance(value, str)
                 )
+
+
+@pytest.mark.parametrize('plugin', StoragePlugin)
+@pytest.mark.parametrize('known', [None, 1, 3])
+def test_the_number_of_publishers(plugin: StoragePlugin, known: int | None, tmp_path: Path) -> None:
+    """A recorder of ROS stores what each publisher offers; of others, the number is unknown."""
+    profile = Qos(
+        history=QosHistory.KEEP_LAST,
+        depth=10,
+        reliability=QosReliability.RELIABLE,
+        durability=QosDurability.VOLATILE,
+        deadline=QosTime(0, 0),
+        lifespan=QosTime(0, 0),
+        liveliness=QosLiveliness.AUTOMATIC,
+        liveliness_lease_duration=QosTime(0, 0),
+        avoid_ros_namespace_conventions=False,
+    )
+    with Writer(tmp_path / 'bag', version=9, storage_plugin=plugin) as writer:
+        connection = writer.add_connection(
+            '/armed', BOOL, typestore=STORE, offered_qos_profiles=[profile] * (known or 0)
+        )
+        armed = STORE.types[BOOL](True)
+        writer.write(connection, START, STORE.serialize_cdr(armed, BOOL))
+    with open_recording(tmp_path / 'bag') as opened:
+        assert opened.contents['/armed'].publishers == known

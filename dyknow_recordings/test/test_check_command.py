@@ -125,6 +125,15 @@ def test_exit_codes(
         assert document['error']['message'] in plain.err
 
 
+def test_a_time_without_a_unit_draws_a_warning(
+    bag: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main([str(bag), '--formula', 'eventually[0, 5] "/scan".mode = 3', '--json']) == 0
+    printed = capsys.readouterr()
+    assert json.loads(printed.out)['formulas'][0]['outcome'] == 'true'
+    assert 'the time 5 has no unit and is taken for 5 ms; write the unit' in printed.err
+
+
 def test_the_document(bag: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main([str(bag), '--formula', 'always "/scan".points[0].x < 2', '--json']) == 1
     (document,) = lines(capsys)

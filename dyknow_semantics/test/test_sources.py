@@ -118,3 +118,12 @@ def test_an_import_that_is_not_beside_is_never_downloaded(web: str, tmp_path: Pa
         'remote.owl (or .rdf, .xml, .ttl, .nt, .ntriples), or load it first by its path or its '
         'address'
     )
+
+
+@pytest.mark.parametrize('imported', ['"http://www.example.org/beside"', '_:nothing', '"5"'])
+def test_imports_that_are_no_resources_are_not_left_out(imported: str, tmp_path: Path) -> None:
+    file = importing(tmp_path, 'http://www.example.org/any')
+    file.write_text(file.read_text().replace('<http://www.example.org/any>', imported))
+    with Ontology() as ontology, pytest.raises(SemanticsError) as error:
+        ontology.load(file)
+    assert f'{file} imports <' in error.value.message

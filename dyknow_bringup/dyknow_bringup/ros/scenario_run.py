@@ -44,13 +44,21 @@ class ScenarioRun(ABC):
         launcher: starts the processes.
         folder: for the files of the run.
         markers: True to show formulas in three-dimensional views.
+        processes: True for a process for each node of DyKnow, False for one for all of them.
 
     Raises:
         BringupError: if there is no such scenario, or if the fleet cannot fly it.
     """
 
     def __init__(
-        self, scenario: str, vehicles: int, launcher: Launcher, folder: Path, *, markers: bool
+        self,
+        scenario: str,
+        vehicles: int,
+        launcher: Launcher,
+        folder: Path,
+        *,
+        markers: bool = False,
+        processes: bool = False,
     ) -> None:
         path = scenario_path(scenario)
         self._scenario = load_scenario(path)
@@ -61,7 +69,8 @@ class ScenarioRun(ABC):
         self._folder = folder
         self._configuration = fleet_configuration(names)
         self._fleet_streams = requested_streams(self._configuration)
-        self._processes = list(composed(dyknow_processes(self._configuration), os.environ))
+        nodes = dyknow_processes(self._configuration)
+        self._processes = list(nodes if processes else composed(nodes, os.environ))
         if markers:
             self._processes.append(formula_markers())
         self._console = Terminal()

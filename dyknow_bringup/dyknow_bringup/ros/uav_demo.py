@@ -104,6 +104,7 @@ def demo(options: argparse.Namespace) -> int:
             launcher=launcher,
             folder=folder,
             markers=options.markers,
+            processes=options.processes,
         ),
         options.log_level,
         options.logs,
@@ -116,7 +117,11 @@ def add_demo_options(parser: argparse.ArgumentParser) -> None:
     describe(
         parser,
         'Monitor a simulated UAV fleet with DyKnow.',
-        ('dyknow demo', 'dyknow demo --scenario near_miss --uavs 5 --report report.html'),
+        (
+            'dyknow demo',
+            'dyknow demo --scenario near_miss --uavs 5 --report report.html',
+            'dyknow demo --processes --logs log/demo',
+        ),
         '0 if every verdict is what the scenario says, 1 if one is not, 2 for an error',
     )
     parser.add_argument(
@@ -128,6 +133,11 @@ def add_demo_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--markers', action='store_true', help='show formulas in rviz2 or Foxglove')
     parser.add_argument(
         '--report', type=Path, metavar='FILE', help='write a page about the flight at the end'
+    )
+    parser.add_argument(
+        '--processes',
+        action='store_true',
+        help='run each node in a process of its own (default: all in one)',
     )
     parser.add_argument('--log-level', default='info', help='of the nodes (default: info)')
     parser.add_argument(

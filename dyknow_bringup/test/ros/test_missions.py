@@ -4,8 +4,9 @@ from pathlib import Path
 
 import pytest
 
-from dyknow_bringup import BringupError, Task, load_mission
+from dyknow_bringup.errors import BringupError
 from dyknow_bringup.resources import plan_path
+from dyknow_bringup.simulation.missions import Task, load_mission
 from dyknow_coordinator import FormulaPosition, Holds, PlanExecution
 from dyknow_reasoning import check_types, parse_formula
 

@@ -219,6 +219,7 @@ def _run(
     watchdog = Watchdog()
     try:
         nodes.start(make_nodes)
+        gc.freeze()  # No later collection, which would delay a verdict, looks at what stays.
         # These shut the context down. A node cannot be made with a context that is shut down.
         install_signal_handlers()
         if not stopped.is_set():

@@ -103,7 +103,8 @@ class StreamReasoningCoordinator(DyKnowNode):
         super().__init__('stream_reasoning_coordinator')
         PAUSES.start()
         self._settings = _Settings.declare(self)
-        self._prefix = f'{_STATES}_{zlib.crc32(self.get_fully_qualified_name().encode()):08x}_'
+        own = self.get_fully_qualified_name()
+        self._prefix = f'{_STATES}_{zlib.crc32(own.encode()):08x}_'
         limits, background = CoordinatorLimits.declare(self), Background(self)
         clients = ServiceClients(self, background)
         self._shared = CoordinatorContext(
@@ -138,8 +139,7 @@ class StreamReasoningCoordinator(DyKnowNode):
         self.serve(CancelEvaluation, self._cancel)
         self._monitoring = CancellingActionServer(self, MonitorFormula, self._monitor)
         self._plan_monitoring = PlanMonitoring(self, self.start, limits)
-        service = f'{self.get_fully_qualified_name()}/evaluate_formula'
-        ClientWatch(self, service, self._on_clients_gone)
+        ClientWatch(self, f'{own}/evaluate_formula', self._on_clients_gone)
 
     def destroy_node(self) -> None:
         """Destroy the action servers, then the node."""

@@ -13,7 +13,6 @@ from pathlib import Path
 from typing import Any, Final
 
 import owlready2
-from owlready2.sparql.main import PreparedSelectQuery
 
 from dyknow_common import shortened
 from dyknow_semantics.errors import SemanticsError
@@ -77,6 +76,9 @@ def answer_query(store: Path, sparql: str, max_solutions: int) -> Solutions:
 
 
 def _solutions(world: Any, sparql: str, max_solutions: int) -> Solutions:
+    # The nodes, which start no query of their own, need not make the tables of its parser.
+    from owlready2.sparql.main import PreparedSelectQuery  # noqa: PLC0415
+
     query = world.prepare_sparql(sparql)
     if not isinstance(query, PreparedSelectQuery):
         raise SemanticsError('only SELECT queries are answered')
