@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Final
 
-from dyknow_common import ExitCode, Margin, Verdict, shortened
+from dyknow_common import ExitCode, Margin, Verdict
 from dyknow_reasoning.errors import ReasoningError
 from dyknow_reasoning.execution import (
     KEPT_FAILURES,
@@ -21,13 +21,7 @@ from dyknow_reasoning.execution import (
 from dyknow_reasoning.explanation.explanation import VerdictReasons, explain
 from dyknow_reasoning.explanation.remainders import text_of
 from dyknow_reasoning.explanation.residual import holds_at_the_end
-from dyknow_reasoning.language.formula import (
-    Formula,
-    PastAtom,
-    PastFormula,
-    looks_forward,
-    walk,
-)
+from dyknow_reasoning.language.formula import PastAtom
 from dyknow_reasoning.margins.standing_margin import StandingMargin
 from dyknow_reasoning.progression.atoms import Values
 from dyknow_reasoning.progression.gaps import Half, unknowable
@@ -37,20 +31,6 @@ from dyknow_reasoning.results import NamedFormula
 
 _CLEANUP_STATES: Final = 4096
 """The period in which margins that are no longer needed are dropped."""
-
-
-def check_standing(formula: Formula) -> None:
-    """Check that a formula can be asked at every state.
-
-    Raises:
-        ReasoningError: if it looks back on an operator of the future.
-    """
-    for each in walk(formula):
-        if isinstance(each, PastFormula) and looks_forward(each):
-            raise ReasoningError(
-                f"'{shortened(each)}' looks back on an operator of the future, so it can be "
-                'evaluated from the first state only'
-            )
 
 
 @dataclass(frozen=True, slots=True)
@@ -120,7 +100,8 @@ class StandingFormula:
         self._named = named
         self._is_false = any(instance.node is FALSE for instance in instances)
         self._looks_back = any(
-            isinstance(atom, PastAtom) for instance in instances for atom in instance.atoms
+            instance.node.looks_back or any(isinstance(atom, PastAtom) for atom in instance.atoms)
+            for instance in instances
         )
         self._error: ReasoningError | None = None
         self._reasons: dict[Failure, VerdictReasons] = {}

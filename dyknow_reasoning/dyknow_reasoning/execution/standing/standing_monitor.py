@@ -18,6 +18,7 @@ from dyknow_reasoning.execution.standing.failures import Failure, Failures
 from dyknow_reasoning.execution.standing.groups import DecidedStarts
 from dyknow_reasoning.execution.standing.joint_reader import joint_reader
 from dyknow_reasoning.execution.standing.open_starts import OpenStarts
+from dyknow_reasoning.execution.standing.remembering_starts import open_starts
 from dyknow_reasoning.execution.standing.runs import (
     Run,
     StateTimes,
@@ -79,7 +80,7 @@ class StandingMonitor:
         templates = {node: Template(node) for node in {each.node for each in self.instances}}
         self._templates = list(templates.values())
         self._starts = [
-            OpenStarts(each, templates[each.node], self._times) for each in self.instances
+            open_starts(each, templates[each.node], self._times) for each in self.instances
         ]
         self._read = joint_reader(self.instances)
         self._symbols: tuple[int, ...] = (-1,) * len(self._starts)

@@ -7,6 +7,7 @@ that is often the case, if states come at a fixed period, and if few look-ups ar
 from __future__ import annotations
 
 from collections.abc import Sequence
+from math import inf
 from typing import Final
 
 from dyknow_reasoning.execution.automata.templates import Template
@@ -44,7 +45,10 @@ class TabulatedStarts:
         self._rows: list[JointRow] = []
         # Since state `_since`: the steps, or the look-ups that were new.
         self._since = self._events = 0
-        self._next_attempt = self._wait = _FEWEST_STATES
+        self._wait = _FEWEST_STATES
+        # No table holds what past operators remember.
+        uses_tables = not any(each.instance.node.looks_back for each in starts)
+        self._next_attempt: float = _FEWEST_STATES if uses_tables else inf
         # The steps for a state without look-ups.
         self._steps = 0.0
 
