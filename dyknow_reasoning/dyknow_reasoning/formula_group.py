@@ -131,7 +131,8 @@ class FormulaGroup:
             instances = self._instances_of(formula, self._domains)
         formula_id = next(self._ids)
         if margin:
-            self._margins.add(formula_id, named)
+            looks_back = self._monitor is not None and self._monitor.histories.keeps(formula)
+            self._margins.add(formula_id, named, looks_back=looks_back)
         self._formulas[formula_id], self._sizes[formula_id] = named, size.parts
         if self._monitor:
             self._begin_formula(formula_id, instances, self._monitor)

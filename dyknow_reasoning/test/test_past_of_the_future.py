@@ -290,6 +290,7 @@ def test_what_needs_no_state_has_one_result() -> None:
     group.begin({'S': ['a', 'b']})
     text = 'forall x in S: x = a and once[0, 9 ns] eventually[0, 1 ns] q'
     group.keep_history(text)
+    group.add_formula('other', 'eventually not q')
     group.progress(1, {'q': True})
     group.gap()
     group.add_formula('it', text)

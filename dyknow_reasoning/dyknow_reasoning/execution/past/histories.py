@@ -84,6 +84,10 @@ class Histories:
         """True if there is a history that is kept for later formulas."""
         return any(self._kept.values()) or bool(self.memories)
 
+    def keeps(self, formula: Formula) -> bool:
+        """Return True if a formula that begins now looks back to earlier states."""
+        return bool(self._kept.get(formula)) or formula in self._remembering
+
     def attach(
         self, formula_id: int, formula: Formula, instances: Iterable[Instance], kinds: Kinds
     ) -> list[Instance]:
