@@ -65,7 +65,7 @@ _BINARY: Final = {
 }
 """The operators of two sides, by their rules."""
 
-_TEXT_OR_BRACKET: Final = re.compile(r'"[^"]*"|[()]')
+_TEXT_OR_BRACKET: Final = re.compile(r'"(?:\\.|[^"\\])*"|[()]')
 _SPACES: Final = re.compile(r'\s*')
 _OPERAND_END: Final = re.compile(r'\s*([),]|$)')
 

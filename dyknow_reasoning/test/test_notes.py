@@ -58,6 +58,7 @@ def test_previous_over_an_implication() -> None:
         ('previous (p) -> q', ['->']),
         ('previous (x + 1) > 3 or q', ['or']),
         ('previous (m = ")") <-> q', ['<->']),
+        (r'previous (m = "\")" or q)', []),
         ('previous (p -> q) until[0, 5 s] r', ['until']),
         ('previous p since q -> previous p holds until q', ['->', 'holds until']),
     ],
