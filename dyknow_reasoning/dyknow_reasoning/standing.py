@@ -114,7 +114,8 @@ class StandingFormula:
         """
         if self._error is not None:
             raise self._error
-        self._forget_margins()
+        if self.margins is not None:
+            self._forget_margins(self.margins)
         return self.monitor.progress(valid_time, values)
 
     def progress_many(self, recording: Recording) -> tuple[bool, tuple[int, ReasoningError] | None]:
@@ -126,7 +127,8 @@ class StandingFormula:
         """
         if self._error is not None:
             return False, (0, self._error)
-        self._forget_margins()
+        if self.margins is not None:
+            self._forget_margins(self.margins)
         return progress_recording(self.monitor, recording)
 
     def gap(self) -> None:
@@ -171,14 +173,14 @@ class StandingFormula:
             for (each, reason), margin in zip(self._reasons.items(), worst, strict=True)
         )
 
-    def _forget_margins(self) -> None:
+    def _forget_margins(self, margins: StandingMargin) -> None:
         """Forget the margins of states that can be in no episode any more, now and then."""
-        if self.margins is None or self.monitor.states <= self._next_cleanup:
+        if self.monitor.states <= self._next_cleanup:
             return
         self._next_cleanup = self.monitor.states + _CLEANUP_STATES
         failing = [each.run for each in self.monitor.failures[:1]]
         kept = [*failing, *self.monitor.undecided()[:1]]
-        self.margins.forget(min((each.first for each in kept), default=self.monitor.states))
+        margins.forget(min((each.first for each in kept), default=self.monitor.states))
 
     def _reason(self, failure: Failure) -> VerdictReasons:
         if self._is_false:
