@@ -62,7 +62,7 @@ class Histories:
         # Of the instances of kept formulas that look back on operators of the future.
         self.memories: dict[Instance, OperandHistory] = {}
         self.refused: dict[int, ReasoningError] = {}
-        """The formulas that begin with the latest state, and cannot, as it is not known to what."""
+        """The errors of formulas that begin now, and look back to states that are not known."""
         # Takes a state, as long as nothing but the states changes.
         self._quick_step: QuickStep | None = None
         self._vectors: QuickRegisters | None = None
