@@ -7,15 +7,17 @@ from collections.abc import Callable, Mapping
 from typing import Final
 
 from dyknow_common.executables import SUCCESS, describe
+from dyknow_configuration import warn_of_notes
 from dyknow_reasoning import check_types, parse_formula
 from dyknow_semantics import parse_annotations
 from dyknow_stream_processing import parse_specification
 
 
 def formula_text(text: str) -> str:
-    """Return a formula with all brackets and units."""
+    """Return a formula with all brackets and units; print the notes on it as warnings."""
     formula = parse_formula(text)
     check_types(formula, text)
+    warn_of_notes([text])
     return str(formula)
 
 

@@ -83,6 +83,13 @@ def test_texts_are_parsed(
     assert capsys.readouterr().out == canonical
 
 
+def test_parse_warns_of_what_a_formula_may_not_mean(capsys: pytest.CaptureFixture[str]) -> None:
+    assert dyknow_command.main(['parse', 'previous p -> q']) == 0
+    out, error = capsys.readouterr()
+    assert out == 'previous (p -> q)\n'
+    assert error.startswith("warning: formula:1:1: previous reaches over the '->' that follows")
+
+
 def test_an_incorrect_text_is_shown_with_the_place(capsys: pytest.CaptureFixture[str]) -> None:
     assert dyknow_command.main(['parse', 'always alway x']) == 2
     assert capsys.readouterr().err.startswith("dyknow: formula:1:14: unexpected 'x'")

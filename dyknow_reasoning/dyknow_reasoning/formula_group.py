@@ -43,7 +43,7 @@ from dyknow_reasoning.progression.sizes import (
     object_counts,
 )
 from dyknow_reasoning.results import FormulaResult, NamedFormula
-from dyknow_reasoning.standing import StandingFormula, StandingFormulas, check_standing
+from dyknow_reasoning.standing import StandingFormula, StandingFormulas
 
 _MAX_NODES = 10_000
 
@@ -131,7 +131,8 @@ class FormulaGroup:
             instances = self._instances_of(formula, self._domains)
         formula_id = next(self._ids)
         if margin:
-            self._margins.add(formula_id, named)
+            looks_back = self._monitor is not None and self._monitor.histories.keeps(formula)
+            self._margins.add(formula_id, named, looks_back=looks_back)
         self._formulas[formula_id], self._sizes[formula_id] = named, size.parts
         if self._monitor:
             self._begin_formula(formula_id, instances, self._monitor)
@@ -196,7 +197,7 @@ class FormulaGroup:
         Otherwise, the past of a formula begins with the first state after it was added.
 
         Raises:
-            DyKnowError: as `add_formula`; also before `begin`, for past over future operators.
+            DyKnowError: as `add_formula`; also before `begin`.
         """
         histories, formula = self._begun().histories, parse_formula(text)
         check_size(formula_size(formula, self._counts), self._limits)
@@ -229,7 +230,7 @@ class FormulaGroup:
         monitor = self._monitor or self._begun()
         if self._margins.running:
             self._margins.progress(valid_time, values)
-        if monitor.histories.registers:
+        if monitor.histories.registers or monitor.histories.memories:
             values = monitor.histories.extended(valid_time, values)
         quick_step, standing = monitor.quick_step, self.standing
         is_done = quick_step and not self._results.known and quick_step(valid_time, values)
@@ -260,7 +261,7 @@ class FormulaGroup:
         monitor = self._begun()
         recording = Recording.read(valid_times, columns)
         usable = recording.increasing(monitor.latest)
-        if monitor.histories.registers:
+        if monitor.histories.registers or monitor.histories.memories:
             usable = monitor.histories.extended_recording(usable)
         results = self._results.of_known() if len(usable) else []
         failures = self.standing.progress_many(usable)
@@ -393,6 +394,4 @@ class FormulaGroup:
 
 def _named(name: str, text: str, constants: Constants, *, every_state: bool) -> NamedFormula:
     formula = parse_formula(text, constants)
-    if every_state:
-        check_standing(formula)
     return NamedFormula(name, formula, check_types(formula, text), every_state)

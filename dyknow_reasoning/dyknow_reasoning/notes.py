@@ -3,14 +3,17 @@
 Example: `always[0, 5] x < 3`. The number 5 has no unit and is taken for 5 ms, which gives the note
 
     formula:1:11: the time 5 has no unit and is taken for 5 ms; write the unit
+
+`previous p -> q` is `previous (p -> q)`, as `previous` reaches as far right as possible.
 """
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Final
 
-from lark import Token
+from lark import Token, Tree
 
 from dyknow_common import SyntaxBuilder, TextPosition, duration_value, format_duration
 from dyknow_reasoning.language.grammar import LANGUAGE
@@ -37,31 +40,74 @@ class FormulaNote:
 def notes_on(formula: str) -> tuple[FormulaNote, ...]:
     """Return the notes on a formula, in the order of the text.
 
-    Zero needs no unit.
+    There is one for each time without a unit, but for zero, and for each `previous` over an
+    operator of two sides that is not in brackets.
 
     Raises:
         LanguageError: for a text that is not a formula.
     """
-    intervals = _BareTimes()
-    LANGUAGE.parse(formula, intervals)
-    times = sorted(intervals.found, key=lambda token: token.start_pos or 0)
-    return tuple(
-        FormulaNote(_message(token, time), TextPosition.of(token), formula)
-        for token in times
-        if (time := duration_value(token))
-    )
+    collector = _Collector(formula)
+    LANGUAGE.parse(formula, collector)
+    found = sorted(collector.found, key=lambda each: each[0].start_pos or 0)
+    return tuple(FormulaNote(message, TextPosition.of(token), formula) for token, message in found)
 
 
-def _message(token: Token, time: int) -> str:
-    return f'the time {token} has no unit and is taken for {format_duration(time)}; write the unit'
+_BINARY: Final = {
+    'equivalent': '<->',
+    'implies': '->',
+    'or_': 'or',
+    'and_': 'and',
+    'until': 'until',
+    'holds_until': 'holds until',
+    'unless': 'unless',
+    'release': 'release',
+    'since': 'since',
+}
+"""The operators of two sides, by their rules."""
+
+_TEXT_OR_BRACKET: Final = re.compile(r'"(?:\\.|[^"\\])*"|[()]')
+_SPACES: Final = re.compile(r'\s*')
+_OPERAND_END: Final = re.compile(r'\s*([),]|$)')
 
 
-class _BareTimes(SyntaxBuilder[Any]):
-    """Collector of the times in intervals that are written without a unit."""
+class _Collector(SyntaxBuilder[Any]):
+    """Collector of the places that deserve a note, with their messages."""
 
-    def __init__(self) -> None:
+    def __init__(self, formula: str) -> None:
         super().__init__()
-        self.found: list[Token] = []
+        self.found: list[tuple[Token, str]] = []
+        self._formula = formula
+        self._brackets = _brackets(formula)
 
     def interval(self, children: list[Token]) -> None:
-        self.found += [each for each in children if each.type == 'NUMBER']
+        for each in children:
+            if each.type == 'NUMBER' and (time := duration_value(each)):
+                taken = format_duration(time)
+                message = f'the time {each} has no unit and is taken for {taken}; write the unit'
+                self.found.append((each, message))
+
+    def previous(self, children: list[Any]) -> None:
+        word, body = children
+        operator = _BINARY.get(body.data) if isinstance(body, Tree) else None
+        if operator and not self._is_in_brackets(word.end_pos or 0):
+            shown = f"{word} reaches over the '{operator}' that follows"
+            message = f'{shown}; write {word} (...), or ({word} ...) if it should not'
+            self.found.append((word, message))
+
+    def _is_in_brackets(self, start: int) -> bool:
+        """Return True if an operand from an index on is all in one pair of brackets."""
+        first = _SPACES.match(self._formula, start)
+        end = self._brackets.get(first.end()) if first else None
+        return end is not None and _OPERAND_END.match(self._formula, end) is not None
+
+
+def _brackets(text: str) -> dict[int, int]:
+    """Return the index after the closing bracket for the index of each round bracket."""
+    found: dict[int, int] = {}
+    opened: list[int] = []
+    for each in _TEXT_OR_BRACKET.finditer(text):
+        if each[0] == '(':
+            opened.append(each.start())
+        elif each[0] == ')' and opened:
+            found[opened.pop()] = each.end()
+    return found

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Final
 
-from dyknow_common import ExitCode, Margin, Verdict, shortened
+from dyknow_common import ExitCode, Margin, Verdict
 from dyknow_reasoning.errors import ReasoningError
 from dyknow_reasoning.execution import (
     KEPT_FAILURES,
@@ -21,13 +21,7 @@ from dyknow_reasoning.execution import (
 from dyknow_reasoning.explanation.explanation import VerdictReasons, explain
 from dyknow_reasoning.explanation.remainders import text_of
 from dyknow_reasoning.explanation.residual import holds_at_the_end
-from dyknow_reasoning.language.formula import (
-    Formula,
-    PastAtom,
-    PastFormula,
-    looks_forward,
-    walk,
-)
+from dyknow_reasoning.language.formula import PastAtom
 from dyknow_reasoning.margins.standing_margin import StandingMargin
 from dyknow_reasoning.progression.atoms import Values
 from dyknow_reasoning.progression.gaps import Half, unknowable
@@ -37,20 +31,6 @@ from dyknow_reasoning.results import NamedFormula
 
 _CLEANUP_STATES: Final = 4096
 """The period in which margins that are no longer needed are dropped."""
-
-
-def check_standing(formula: Formula) -> None:
-    """Check that a formula can be asked at every state.
-
-    Raises:
-        ReasoningError: if it looks back on an operator of the future.
-    """
-    for each in walk(formula):
-        if isinstance(each, PastFormula) and looks_forward(each):
-            raise ReasoningError(
-                f"'{shortened(each)}' looks back on an operator of the future, so it can be "
-                'evaluated from the first state only'
-            )
 
 
 @dataclass(frozen=True, slots=True)
@@ -120,7 +100,8 @@ class StandingFormula:
         self._named = named
         self._is_false = any(instance.node is FALSE for instance in instances)
         self._looks_back = any(
-            isinstance(atom, PastAtom) for instance in instances for atom in instance.atoms
+            instance.node.looks_back or any(isinstance(atom, PastAtom) for atom in instance.atoms)
+            for instance in instances
         )
         self._error: ReasoningError | None = None
         self._reasons: dict[Failure, VerdictReasons] = {}
@@ -133,7 +114,8 @@ class StandingFormula:
         """
         if self._error is not None:
             raise self._error
-        self._forget_margins()
+        if self.margins is not None:
+            self._forget_margins(self.margins)
         return self.monitor.progress(valid_time, values)
 
     def progress_many(self, recording: Recording) -> tuple[bool, tuple[int, ReasoningError] | None]:
@@ -145,7 +127,8 @@ class StandingFormula:
         """
         if self._error is not None:
             return False, (0, self._error)
-        self._forget_margins()
+        if self.margins is not None:
+            self._forget_margins(self.margins)
         return progress_recording(self.monitor, recording)
 
     def gap(self) -> None:
@@ -190,14 +173,14 @@ class StandingFormula:
             for (each, reason), margin in zip(self._reasons.items(), worst, strict=True)
         )
 
-    def _forget_margins(self) -> None:
+    def _forget_margins(self, margins: StandingMargin) -> None:
         """Forget the margins of states that can be in no episode any more, now and then."""
-        if self.margins is None or self.monitor.states <= self._next_cleanup:
+        if self.monitor.states <= self._next_cleanup:
             return
         self._next_cleanup = self.monitor.states + _CLEANUP_STATES
         failing = [each.run for each in self.monitor.failures[:1]]
         kept = [*failing, *self.monitor.undecided()[:1]]
-        self.margins.forget(min((each.first for each in kept), default=self.monitor.states))
+        margins.forget(min((each.first for each in kept), default=self.monitor.states))
 
     def _reason(self, failure: Failure) -> VerdictReasons:
         if self._is_false:

@@ -120,6 +120,19 @@ def test_a_formula_that_is_added_later_begins_with_the_next_state() -> None:
         group.margin(second)
 
 
+@pytest.mark.parametrize('text', ['once[0, 5 ns] x > 3', 'once[0, 5 ns] eventually[0, 1 ns] x > 3'])
+def test_a_kept_history_makes_the_margin_unknown(text: str) -> None:
+    """The margins of the states that the formula looks back to are not kept."""
+    group = FormulaGroup()
+    group.begin({})
+    group.keep_history(text)
+    group.progress(0, {'x': 10.0})
+    formula_id = group.add_formula('it', text, margin=True)
+    assert group.margin(formula_id) == Margin()
+    (result,) = group.progress(1, {'x': 1.0})
+    assert (result.verdict, result.margin) == (Verdict.TRUE, Margin())
+
+
 def test_what_has_no_margin_is_refused() -> None:
     with pytest.raises(ReasoningError) as error:
         check_margin(And(Feature('p'), Number(1)))  # type: ignore[arg-type]

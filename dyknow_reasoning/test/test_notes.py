@@ -32,6 +32,44 @@ def test_only_times_that_have_no_unit_are_noted(formula: str, messages: list[str
     assert found == [f'{each}; write the unit' for each in messages]
 
 
+def test_previous_over_an_implication() -> None:
+    (note,) = notes_on('always (previous p -> q)')
+    assert str(note) == (
+        "formula:1:9: previous reaches over the '->' that follows; "
+        'write previous (...), or (previous ...) if it should not\n'
+        '  always (previous p -> q)\n'
+        '          ^'
+    )
+
+
+@pytest.mark.parametrize(
+    ('formula', 'operators'),
+    [
+        ('(previous p) -> q', []),
+        ('p and not (previous p) -> q', []),
+        ('previous (p -> q)', []),
+        ('always ((previous (p -> q)) and q)', []),
+        ('previous not p', []),
+        ('previous x + 1 > 3', []),
+        ('at least 1 of (previous (p or q), r)', []),
+        ('previous previous p', []),
+        ('previous always p -> q', []),
+        ('not previous p and q', ['and']),
+        ('previous (p) -> q', ['->']),
+        ('previous (x + 1) > 3 or q', ['or']),
+        ('previous (m = ")") <-> q', ['<->']),
+        (r'previous (m = "\")" or q)', []),
+        ('previous (p -> q) until[0, 5 s] r', ['until']),
+        ('previous p since q -> previous p holds until q', ['->', 'holds until']),
+    ],
+)
+def test_only_what_previous_may_reach_over_by_mistake_is_noted(
+    formula: str, operators: list[str]
+) -> None:
+    found = [each.message.split("'")[1] for each in notes_on(formula)]
+    assert found == operators
+
+
 def test_no_notes_on_what_is_not_a_formula() -> None:
     with pytest.raises(LanguageError):
         notes_on('always[0, 5')

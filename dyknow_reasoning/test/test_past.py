@@ -17,7 +17,6 @@ from dyknow_reasoning import (
     FormulaGroup,
     FormulaLimits,
     FormulaResult,
-    ReasoningError,
     parse_formula,
 )
 from dyknow_reasoning.execution.past import histories
@@ -196,13 +195,6 @@ def test_a_kept_history_is_that_of_later_formulas() -> None:
         [result] = group.progress(time, {'q': False})
         found[time] = result.verdict
     assert found == {4: Verdict.TRUE, 5: Verdict.TRUE, 6: Verdict.FALSE}
-
-
-def test_no_history_is_kept_of_operators_of_the_future() -> None:
-    group = FormulaGroup()
-    group.begin({})
-    with pytest.raises(ReasoningError, match='looks back on an operator of the future'):
-        group.keep_history('once eventually p')
 
 
 def test_unusable_values_matter_at_every_state() -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from dyknow_reasoning import FormulaGroup, ReasoningError
+from dyknow_reasoning import FormulaGroup
 from dyknow_reasoning.execution.standing import standing_monitor
 
 SECOND = 1_000_000_000
@@ -157,6 +157,9 @@ def test_the_past_of_missing_states_ends_a_standing_monitor() -> None:
     assert not group.undecided
 
 
-def test_the_past_of_the_future_is_refused() -> None:
-    with pytest.raises(ReasoningError, match='can be evaluated from the first state only'):
-        FormulaGroup().add_formula('it', 'once eventually p', every_state=True)
+def test_the_past_of_the_future_over_missing_states_ends_it_too() -> None:
+    group, _ = begun('alarm -> once[0 s, 2 s] eventually[0 s, 1 s] armed')
+    group.progress(0, {'alarm': False, 'armed': True})
+    group.gap()
+    (result,) = group.progress(SECOND, {'alarm': True, 'armed': False})
+    assert 'operators of the past look back on states that are missing' in str(result.error)

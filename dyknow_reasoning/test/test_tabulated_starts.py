@@ -156,3 +156,19 @@ def test_the_node_limit_is_that_of_single_steps(
     [result] = results
     assert time == 9
     assert '59 nodes, more than 56' in str(result.error)
+
+
+def test_look_ups_stop_for_the_cleanup(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Times are forgotten although most states are look-ups."""
+    monkeypatch.setattr(standing_monitor, '_CLEANUP_STATES', 300)
+    group = FormulaGroup()
+    formula_id = group.add_formula('it', 'p -> eventually[0, 5 ns] q', every_state=True)
+    group.begin({})
+    monitor = group.standing.formulas[formula_id].monitor
+    looked_up = 0
+    for time in range(5000):
+        assert not group.progress(time, {'p': time % 4 == 0, 'q': time % 4 == 2})
+        looked_up += monitor._tabulated.is_active
+        assert len(monitor._times._times) < 400
+    assert looked_up > 4000
+    assert group.standing.summary(formula_id).counts.holds == 5000

@@ -42,7 +42,7 @@ class VerdictAggregation:
 
     def count(self, formula_id: int) -> int:
         """Return the number of undecided instances of a formula; each half counts."""
-        return len(self._undecided[formula_id])
+        return len(self._undecided.get(formula_id, ()))
 
     def replace(self, instance: FormulaInstance, halves: Iterable[FormulaInstance]) -> None:
         """Replace an instance by its halves after a gap."""

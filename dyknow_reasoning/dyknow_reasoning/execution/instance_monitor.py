@@ -21,6 +21,7 @@ from dyknow_reasoning.execution.block_progression import BlockProgression
 from dyknow_reasoning.execution.fast_path import FastPath, Step
 from dyknow_reasoning.execution.instance_pool import InstancePool, Symbols
 from dyknow_reasoning.execution.past.histories import Histories
+from dyknow_reasoning.execution.past.operand_histories import OperandHistory
 from dyknow_reasoning.execution.recorded_symbols import RecordedSymbols
 from dyknow_reasoning.execution.recording import Recording
 from dyknow_reasoning.execution.vectors.atom_vectors import (
@@ -55,7 +56,7 @@ class InstanceMonitor:
     def __init__(self, node_limit: int) -> None:
         self._node_limit = node_limit
         self._shared_vectors = SharedVectors()
-        self.histories = Histories(self._shared_vectors)
+        self.histories = Histories(self._shared_vectors, node_limit)
         self._latest: int | None = None
         self._gap_follows = False
         self._sampling = SamplingRegularity()
@@ -92,11 +93,11 @@ class InstanceMonitor:
             node = each.node
             if type(node) is Constant:
                 continue
-            key = batch_key(each, kinds)
-            instance = FormulaInstance(
-                each.binding, each.atoms, node, formula_id, order, kinds, key
-            )
-            self._new.append(self._begun(instance))
+            memory = self.histories.memories.get(each)
+            key = None if memory else batch_key(each, kinds)
+            shared = each.binding, each.atoms, node
+            instance = FormulaInstance(*shared, formula_id, order, kinds, key)
+            self._new.append(self._begun(instance, memory))
             self._aggregation.add([instance])
 
     def remove(self, formulas: Collection[int]) -> None:
@@ -135,18 +136,19 @@ class InstanceMonitor:
         if not self._aggregation:
             self._latest = valid_time
             return _NO_OUTCOMES
+        failures = self._refused() if self.histories.refused else _NO_OUTCOMES
         follows = self._gap_follows
         gap_outcomes = self._cross_gap(Gap(latest, valid_time)) if follows else _NO_OUTCOMES
         if self._new:
             self.prepare()
         if abs(valid_time) > MAX_VECTOR_TIME:
             self._pool.dissolve(latest, inf)
-        failures: Mapping[int, Outcome] = _NO_OUTCOMES
         try:
             symbols = self._pool.read(values)
         except (UnreadableError, ReasoningError):
-            symbols, failures = self._pool.read_one_by_one(values)
-            self.remove(failures)
+            symbols, unreadable = self._pool.read_one_by_one(values)
+            self.remove(unreadable)
+            failures = {**failures, **unreadable}
         outcomes = self._step(symbols, valid_time, elapsed)
         if self._needs_look_ups_only:
             self._fast_path.enter(self._pool.singles, elapsed, valid_time)
@@ -184,6 +186,13 @@ class InstanceMonitor:
             index = reached
         self._leave_fast_path()
         self._latest = recording.time(-1) if count else self._latest
+
+    def _refused(self) -> Mapping[int, Outcome]:
+        """Remove undecided formulas that begin now and cannot; return their errors."""
+        found, self.histories.refused = self.histories.refused, {}
+        refused = {each: found[each] for each in found if self._aggregation.count(each)}
+        self.remove(refused)
+        return refused
 
     def states(self) -> Iterator[InstanceState]:
         """Return the states of all instances."""
@@ -309,19 +318,22 @@ class InstanceMonitor:
         for state in states:
             instance = state.instance
             gap = self.histories.gap_of(instance.atoms, instance.node.mask)
-            if gap is None:
+            if gap is None or instance.node.looks_back:  # What it remembers has no gap.
                 yield state
                 continue
             halves = list(map(self._begun, bounded_halves(instance, gap)))
             self._aggregation.replace(instance, [half.instance for half in halves])
             yield from (half for half in halves if half.instance in self._aggregation)
 
-    def _begun(self, instance: FormulaInstance) -> InstanceState:
-        """Return the state of an instance before its first state."""
-        template = self._templates.get(instance.node)
+    def _begun(
+        self, instance: FormulaInstance, memory: OperandHistory | None = None
+    ) -> InstanceState:
+        """Return the state of an instance before its first state, with what it remembers."""
+        node, times = (memory.node, memory.times) if memory else (instance.node, ())
+        template = self._templates.get(node)
         if template is None:
-            template = self._templates[instance.node] = Template(instance.node)
-        return InstanceState(instance, template, template.automaton.initial, (), {})
+            template = self._templates[node] = Template(node)
+        return InstanceState(instance, template, template.automaton.initial, times, {})
 
     def _place(self, states: Sequence[InstanceState], latest: int) -> None:
         """Add instances to the pool."""

@@ -120,7 +120,7 @@ class SingleInstance:
     def _enter(self, target: Location, location: Location, now: int) -> None:
         if target.node.mask != location.node.mask:
             self._read_for(target)
-        if target.unbounded != location.unbounded or location is self.template.automaton.initial:
+        if target.unbounded != location.unbounded or location.is_fresh:
             self._origins = {sides: self._origins.get(sides, now) for sides in target.unbounded}
 
     def _verdict(

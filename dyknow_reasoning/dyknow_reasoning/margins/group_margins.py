@@ -38,14 +38,21 @@ class GroupMargins:
         self._requested: dict[int, NamedFormula] = {}
         self._ended: dict[int, Margin] = {}
 
-    def add(self, formula_id: int, formula: NamedFormula) -> None:
+    def add(self, formula_id: int, formula: NamedFormula, *, looks_back: bool = False) -> None:
         """Request the margin of a formula; it begins with the group, or with the next state.
+
+        Args:
+            formula_id: the id of the formula.
+            formula: the formula.
+            looks_back: True if it looks back to states before those; their margins are not known.
 
         Raises:
             ReasoningError: for a formula with a part that has no margin, or one that is too large.
         """
         check_margin(formula.formula)
-        if self._domains is None:
+        if looks_back:
+            self._ended[formula_id] = Margin()
+        elif self._domains is None:
             self._requested[formula_id] = formula
         else:
             self.running[formula_id] = self._margin(formula, self._domains)

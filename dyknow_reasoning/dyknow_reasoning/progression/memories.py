@@ -41,17 +41,29 @@ class RememberingProgression(Progression):
     def advance(self, node: Node, *, fresh: bool) -> Node:
         """Return the formula that must hold after the state, as `progress`, with its memories."""
         if type(node) is Remembering:
-            formula, memories = node.formula, dict(node.memories)
+            formula, fresh = node.formula, node.is_fresh
         elif fresh and node.looks_back:
-            formula, memories = node, dict[PastNode, _Entries]()
+            formula = node
         else:
             return self.progress(node, fresh=fresh)
-        kept = {past: self._remember(past, memories.get(past, ())) for past in past_nodes(node)}
+        kept = self._remember_all(node)
         rest = self.progress(formula, fresh=fresh)
         needed = past_nodes(rest)
         if type(rest) is Constant or not needed:
             return rest
         return self.store.remembering(rest, tuple((past, kept[past]) for past in needed))
+
+    def remember(self, node: Node) -> Node:
+        """Return a fresh formula whose past operators look back to the state, too."""
+        formula = node.formula if type(node) is Remembering else node
+        return self.store.remembering(
+            formula, tuple(self._remember_all(node).items()), is_fresh=True
+        )
+
+    def _remember_all(self, node: Node) -> dict[PastNode, _Entries]:
+        """Set what each past operator is at this state, and return their memories after it."""
+        memories = dict(node.memories) if type(node) is Remembering else {}
+        return {past: self._remember(past, memories.get(past, ())) for past in past_nodes(node)}
 
     def _remember(self, past: PastNode, entries: _Entries) -> _Entries:
         """Set what a past operator is at this state, and return its memory after it."""

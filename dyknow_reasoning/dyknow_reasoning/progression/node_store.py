@@ -31,7 +31,7 @@ from dyknow_reasoning.progression.window_order import WindowOrder
 _WindowKey: TypeAlias = tuple[bool, Bound | None, Bound | None, Node, Node]
 _JunctionKey: TypeAlias = tuple[bool, tuple[Node, ...]]
 _PastKey: TypeAlias = tuple[bool, int, int | None, Node, Node] | tuple[bool, Node]
-_RememberingKey: TypeAlias = tuple[Node, tuple[Memory, ...]]
+_RememberingKey: TypeAlias = tuple[Node, tuple[Memory, ...], bool]
 _AtLeastKey: TypeAlias = tuple[int, tuple[Node, ...]]
 
 
@@ -134,13 +134,15 @@ class NodeStore:
             self._past[key] = PreviousState(*key, serial=next(self._serials), **_over(body))
         return self._past[key]
 
-    def remembering(self, formula: Node, memories: tuple[Memory, ...]) -> Node:
-        """Return a formula that has seen states, with the memories of its past operators."""
-        key = (formula, memories)
+    def remembering(
+        self, formula: Node, memories: tuple[Memory, ...], *, is_fresh: bool = False
+    ) -> Node:
+        """Return a formula, which may be fresh, with the memories of its past operators."""
+        key = (formula, memories, is_fresh)
         found = self._remembering.get(key)
         if found is None:
             found = Remembering(*key, serial=next(self._serials))
-            for name, value in _over(*members(found)).items():
+            for name, value in _over(formula, *members(found)).items():
                 setattr(found, name, value)
             found.mask |= _slots_of(past for past, _ in memories)
             found.unbounded = formula.unbounded
@@ -191,7 +193,7 @@ class NodeStore:
                 case Junction(universal, parts):
                     ordered = tuple(sorted((found[part] for part in parts), key=_rank))
                     found[each] = self._junction((universal, ordered))
-                case Remembering(formula, memories):
+                case Remembering(formula, memories, is_fresh):
                     kept = tuple(
                         (
                             past,
@@ -201,7 +203,8 @@ class NodeStore:
                         )
                         for past, entries in memories
                     )
-                    found[each] = self.remembering(found[formula], kept)
+                    formula = formula if is_fresh else found[formula]
+                    found[each] = self.remembering(formula, kept, is_fresh=is_fresh)
                 case AtLeast(count, members):
                     ordered = tuple(sorted((found[member] for member in members), key=_rank))
                     found[each] = self._counted((count, ordered))
@@ -223,8 +226,8 @@ class NodeStore:
                 self._past[universal, first, last, left, right] = node
             case PreviousState(universal, body):
                 self._past[universal, body] = node
-            case Remembering(formula, memories):
-                self._remembering[formula, memories] = node
+            case Remembering(formula, memories, is_fresh):
+                self._remembering[formula, memories, is_fresh] = node
 
     def _negation(self, node: Node) -> Node:  # noqa: PLR0911 - one for each kind
         match node:

@@ -121,10 +121,17 @@ Memory: TypeAlias = tuple[PastNode, tuple[tuple[Bound | None, 'Node'], ...]]
 
 @dataclass(eq=False, slots=True)
 class Remembering(_NodeBase):
-    """A formula that has seen states, with the memories of its past operators."""
+    """A formula with the memories of its past operators.
+
+    Args:
+        formula: the formula.
+        memories: of its past operators.
+        is_fresh: True if the formula has seen no state; its past operators have.
+    """
 
     formula: Node
     memories: tuple[Memory, ...]
+    is_fresh: bool
 
 
 Node: TypeAlias = (
@@ -162,7 +169,7 @@ def descendants(roots: Iterable[Node]) -> set[Node]:
                 case Junction() | AtLeast():
                     pending.extend(node.parts)
                 case Remembering():
-                    pending += members(node)
+                    pending += (node.formula, *members(node))
                 case _:
                     pending += operands(node)
     return found
@@ -200,8 +207,8 @@ def members(node: Node) -> tuple[Node, ...]:
         case Junction() | AtLeast():
             return node.parts
         case Remembering():
-            kept = (each for _, entries in node.memories for _, each in entries)
-            return (node.formula, *kept)
+            kept = tuple(each for _, entries in node.memories for _, each in entries)
+            return kept if node.is_fresh else (node.formula, *kept)
         case _:
             return ()
 

@@ -22,7 +22,7 @@ The number of locations depends neither on the length of windows nor on the time
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from operator import itemgetter
 from typing import TypeAlias
@@ -30,7 +30,7 @@ from typing import TypeAlias
 from dyknow_reasoning.progression.bounds import Bound, TimeQuestion
 from dyknow_reasoning.progression.gaps import Gap, apart, halves_after
 from dyknow_reasoning.progression.memories import RememberingProgression
-from dyknow_reasoning.progression.nodes import Constant, Node, Sides, bounds_of, sides
+from dyknow_reasoning.progression.nodes import Constant, Node, Remembering, Sides, bounds_of, sides
 
 _MAX_NODES = 1 << 16
 
@@ -47,14 +47,18 @@ class Location:
         clocks: the number of these states.
         verdict: True or False once the formula is decided.
         unbounded: the open windows without an end.
+        is_fresh: True if the formula has seen no state.
         moves: the decision for each truth of the atoms.
+        memories: the same for what the past operators of a fresh formula look back to.
     """
 
     node: Node
     clocks: int
     verdict: bool | None
     unbounded: tuple[Sides, ...]
+    is_fresh: bool
     moves: dict[int, Decision] = field(default_factory=dict)
+    memories: dict[int, Decision] = field(default_factory=dict)
 
 
 @dataclass(eq=False, slots=True)
@@ -88,10 +92,14 @@ Decision: TypeAlias = Move | Guard
 
 
 class Automaton:
-    """Progresses the instances of one template, given by the fresh formula."""
+    """Progresses the instances of one template, given by the fresh formula.
+
+    The past operators of the formula may have seen states already; see `remember`.
+    """
 
     def __init__(self, formula: Node) -> None:
-        self.initial = _location(formula, 0)
+        clocks = bounds_of(formula) if type(formula) is Remembering else ()
+        self.initial = _location(formula, len({each.state for each in clocks}), is_fresh=True)
         self.max_size = formula.size
         self.slots = formula.mask.bit_length()
         # True if anything was added since this was last set to False.
@@ -110,11 +118,18 @@ class Automaton:
             symbol: the truth of the atoms that the location depends on, as bits.
             times: the clocks and the time of the state.
         """
-        found = location.moves.get(symbol)
-        while type(found) is Guard:
-            answer = times[found.later] - times[found.earlier] > found.more_than
-            found = found.yes if answer else found.no
-        return found if type(found) is Move else self._find(location, symbol, times)
+        return _followed(location.moves, symbol, times) or self._find(location, symbol, times)
+
+    def remember(self, location: Location, symbol: int, times: Times) -> Move:
+        """Return the move to the fresh formula whose past operators have seen one more state.
+
+        Args:
+            location: the initial location, or the target of such a move.
+            symbol: the truth of the atoms of the formula.
+            times: the clocks and the time of the state.
+        """
+        found = _followed(location.memories, symbol, times)
+        return found or self._find(location, symbol, times, is_memory=True)
 
     def halves(self, location: Location, times: Times, gap: Gap, past: int) -> tuple[Move, Move]:
         """Return the moves to the optimistic and the pessimistic half of a location after a gap.
@@ -145,20 +160,27 @@ class Automaton:
         """Drop everything but the initial location and the given ones."""
         for location in (*self._locations.values(), self.initial):
             location.moves.clear()
+            location.memories.clear()
         self._locations = {each.node: each for each in locations if each is not self.initial}
         self._progression = RememberingProgression([self.initial.node, *self._locations])
         self._found = 0
         self._limit = max(_MAX_NODES, 2 * len(self._progression.store))
 
-    def _find(self, location: Location, symbol: int, times: Times) -> Move:
+    def _find(
+        self, location: Location, symbol: int, times: Times, *, is_memory: bool = False
+    ) -> Move:
         progression = self._progression
         progression.begin(symbol, times)
-        node = progression.advance(location.node, fresh=location is self.initial)
+        if is_memory:
+            known, node = location.memories, progression.remember(location.node)
+        else:
+            known = location.moves
+            node = progression.advance(location.node, fresh=location.is_fresh)
         questions = progression.chronology.asked.items()
         move = self._move(node)
         self.has_grown = True
         self._found += 1
-        location.moves[symbol] = _grafted(location.moves.get(symbol), questions, move)
+        known[symbol] = _grafted(known.get(symbol), questions, move)
         return move
 
     def _move(self, node: Node) -> Move:
@@ -170,14 +192,25 @@ class Automaton:
         node = self._progression.store.renumbered(node, renumbered)
         target = self._locations.get(node)
         if target is None:
-            target = self._locations[node] = _location(node, len(kept))
+            is_fresh = type(node) is Remembering and node.is_fresh
+            target = self._locations[node] = _location(node, len(kept), is_fresh=is_fresh)
             self.max_size = max(self.max_size, node.size)
         return Move(target, kept, _selection(kept))
 
 
-def _location(node: Node, clocks: int) -> Location:
+def _location(node: Node, clocks: int, *, is_fresh: bool) -> Location:
     verdict = node.value if type(node) is Constant else None
-    return Location(node, clocks, verdict, tuple(dict.fromkeys(map(sides, node.unbounded))))
+    unbounded = tuple(dict.fromkeys(map(sides, node.unbounded)))
+    return Location(node, clocks, verdict, unbounded, is_fresh)
+
+
+def _followed(decisions: Mapping[int, Decision], symbol: int, times: Times) -> Move | None:
+    """Return the move for some answers to the guards, if it is known."""
+    found = decisions.get(symbol)
+    while type(found) is Guard:
+        answer = times[found.later] - times[found.earlier] > found.more_than
+        found = found.yes if answer else found.no
+    return found if type(found) is Move else None
 
 
 def _grafted(

@@ -106,7 +106,7 @@ class Configurations:
             self._steps.add(elapsed)
             self._automaton.has_grown = True
         same_atoms = target.node.mask == location.node.mask
-        has_begun = location is not self._automaton.initial
+        has_begun = not location.is_fresh
         same_windows = has_begun and target.unbounded == location.unbounded
         if same_atoms and same_windows and target.verdict is None:
             before.row(elapsed)[symbol] = after.row(elapsed)

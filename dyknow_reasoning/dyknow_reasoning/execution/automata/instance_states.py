@@ -69,7 +69,7 @@ class InstanceState:
     @property
     def is_fresh(self) -> bool:
         """True if the instance has seen no state."""
-        return self.location is self.template.automaton.initial
+        return self.location.is_fresh
 
     def after_gap(self, gap: Gap, halves: tuple[Move, Move]) -> Sequence[InstanceState]:
         """Return the state itself if the gap has no effect, else one half or both.

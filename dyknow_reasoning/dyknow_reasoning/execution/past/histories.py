@@ -13,8 +13,8 @@ from collections.abc import Hashable, Iterable, Sequence
 from dataclasses import replace
 from itertools import count
 
-from dyknow_common import shortened
 from dyknow_reasoning.errors import ReasoningError
+from dyknow_reasoning.execution.past.operand_histories import OperandHistory, reach
 from dyknow_reasoning.execution.past.quick_registers import QuickRegisters, split
 from dyknow_reasoning.execution.past.quick_step import QuickStep, quick_step
 from dyknow_reasoning.execution.past.registers import Register
@@ -49,14 +49,20 @@ class Histories:
 
     Args:
         shared: the vectors that its formulas read, too.
+        node_limit: the most nodes that an instance may remember.
     """
 
-    def __init__(self, shared: SharedVectors) -> None:
+    def __init__(self, shared: SharedVectors, node_limit: int) -> None:
         self._shared = shared
+        self._node_limit = node_limit
         self._store = NodeStore(Chronology())
         self._numbers = count(1)
         # By their fields; inner operators precede outer ones.
         self.registers: dict[str, Register] = {}
+        # Of the instances of kept formulas that look back on operators of the future.
+        self.memories: dict[Instance, OperandHistory] = {}
+        self.refused: dict[int, ReasoningError] = {}
+        """The errors of formulas that begin now, and look back to states that are not known."""
         # Takes a state, as long as nothing but the states changes.
         self._quick_step: QuickStep | None = None
         self._vectors: QuickRegisters | None = None
@@ -65,6 +71,10 @@ class Histories:
         # The history of the formulas that begin with the next state.
         self._next: _History = {}
         self._kept: dict[Formula, _History] = {}
+        # The instances of kept formulas, if they have memories.
+        self._remembering: dict[Formula, list[Instance]] = {}
+        # What the formulas that begin with the next state remember.
+        self._beginning: dict[int, list[OperandHistory]] = {}
         self._used: dict[int, list[Register]] = {}
         self._latest: int | None = None
         self._gap_follows = False
@@ -72,12 +82,20 @@ class Histories:
     @property
     def are_kept(self) -> bool:
         """True if there is a history that is kept for later formulas."""
-        return any(self._kept.values())
+        return any(self._kept.values()) or bool(self.memories)
+
+    def keeps(self, formula: Formula) -> bool:
+        """Return True if a formula that begins now looks back to earlier states."""
+        return bool(self._kept.get(formula)) or formula in self._remembering
 
     def attach(
         self, formula_id: int, formula: Formula, instances: Iterable[Instance], kinds: Kinds
     ) -> list[Instance]:
         """Return the instances of a formula with fields for their past operators."""
+        if formula in self._remembering:
+            kept = self._remembering[formula]
+            self._beginning[formula_id] = [self.memories[e] for e in kept if e in self.memories]
+            return kept
         history = self._kept.get(formula, self._next)
         used: dict[Register, None] = {}
         found = [_with_fields(each, self, history, kinds, used) for each in instances]
@@ -89,24 +107,27 @@ class Histories:
 
     def keep(self, formula: Formula, instances: Iterable[Instance], kinds: Kinds) -> None:
         """Keep the history of a formula, from the next state on, for formulas that begin later."""
-        found = list(instances)
-        if any(each.node.looks_back for each in found):
-            raise ReasoningError(
-                f"'{shortened(formula)}' looks back on an operator of the future, so it can be "
-                'evaluated from the first state only'
-            )
         if formula in self._kept:
             return
         history = self._kept[formula] = {}
         used: dict[Register, None] = {}
-        for each in found:
-            _with_fields(each, self, history, kinds, used)
+        found = [_with_fields(each, self, history, kinds, used) for each in instances]
         for register in used:
             register.users += 1
+        most = reach(formula)
+        memories = {
+            each: OperandHistory(each, kinds, most, self._node_limit)
+            for each in found
+            if each.node.looks_back
+        }
+        if memories:
+            self.memories |= memories
+            self._remembering[formula] = found
 
     def release(self, formulas: Iterable[int]) -> None:
         """Forget the registers of formulas that no other formula depends on."""
         for formula_id in formulas:
+            self._beginning.pop(formula_id, None)
             for register in self._used.pop(formula_id, ()):
                 register.users -= 1
                 if not register.users:
@@ -136,6 +157,16 @@ class Histories:
         """
         if self._latest is not None and time <= self._latest:
             return values
+        if not self.memories:
+            return self._with_registers(time, values)
+        self._begin_formulas(time)
+        found = self._with_registers(time, values)
+        for memory in self.memories.values():
+            memory.step(time, found)
+        return found
+
+    def _with_registers(self, time: int, values: Values) -> Values:
+        """Return the values of a state with those of the registers."""
         if self._quick_step and (quick := self._quick_step(time, values)):
             self._latest = time
             return quick
@@ -155,12 +186,28 @@ class Histories:
         if not len(recording):
             return recording
         self._change()
+        self._begin_formulas(recording.time(0))
         self._begin(recording.time(0))
         found = Recording(recording.times, dict(recording.columns))
         for register in self.registers.values():
             found = Recording(found.times, {**found.columns, **register.columns(found)})
         self._latest = recording.time(-1)
+        for index in range(len(found)) if self.memories else ():
+            values = found.values(index)
+            for memory in self.memories.values():
+                memory.step(found.time(index), values)
         return found
+
+    def _begin_formulas(self, time: int) -> None:
+        """Take the gap before a state, and refuse formulas that begin with it and depend on it."""
+        if self._gap_follows and self._latest is not None:
+            for memory in self.memories.values():
+                memory.pass_gap(Gap(self._latest, time))
+        beginning, self._beginning = self._beginning, {}
+        for formula_id, memories in beginning.items():
+            errors = (memory.error_at(time) for memory in memories)
+            if error := next(filter(None, errors), None):
+                self.refused[formula_id] = error
 
     def register(
         self, formula: PastFormula, history: _History, kinds: Kinds, used: dict[Register, None]
@@ -202,7 +249,7 @@ class Histories:
             self._change()
             return
         self._states += 1
-        if self._states != _MIN_STATES:
+        if self._states != _MIN_STATES or not registers:
             return
         groups, others = split(registers) if uses_vectors else ([], list(registers))
         if sum(each.size for each in others) > _MAX_ATOMS:

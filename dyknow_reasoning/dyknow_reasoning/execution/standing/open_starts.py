@@ -25,11 +25,12 @@ starts *fade*, and are dropped later.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 from math import inf
 from typing import Final
 
+from dyknow_reasoning.errors import ReasoningError
 from dyknow_reasoning.execution.automata.automaton import Location, Move, Times
 from dyknow_reasoning.execution.automata.instance_states import (
     DecidingMoment,
@@ -377,3 +378,17 @@ class OpenStarts:
                 automaton.move(location, symbol, (*group.times_of(each[0].begin), now))
                 pending.append(each)
         return found
+
+
+def check_sizes(locations: Iterable[Location], node_limit: int) -> None:
+    """Check that what remains of a formula is not too large.
+
+    Raises:
+        ReasoningError: if it is.
+    """
+    size = max(each.node.size for each in locations)
+    if size > node_limit:
+        raise ReasoningError(
+            f'what remains of the formula has {size} nodes, more than {node_limit} (the '
+            "limit 'node_limit'); use shorter intervals or fewer nested operators"
+        )

@@ -8,7 +8,6 @@ from math import inf
 from typing import Final, TypeAlias
 
 from dyknow_reasoning.errors import ReasoningError
-from dyknow_reasoning.execution.automata.automaton import Location
 from dyknow_reasoning.execution.automata.instance_states import (
     FormulaInstance,
     InstanceState,
@@ -17,7 +16,8 @@ from dyknow_reasoning.execution.automata.templates import Template
 from dyknow_reasoning.execution.standing.failures import Failure, Failures
 from dyknow_reasoning.execution.standing.groups import DecidedStarts
 from dyknow_reasoning.execution.standing.joint_reader import joint_reader
-from dyknow_reasoning.execution.standing.open_starts import OpenStarts
+from dyknow_reasoning.execution.standing.open_starts import OpenStarts, check_sizes
+from dyknow_reasoning.execution.standing.remembering_starts import open_starts
 from dyknow_reasoning.execution.standing.runs import (
     Run,
     StateTimes,
@@ -79,12 +79,14 @@ class StandingMonitor:
         templates = {node: Template(node) for node in {each.node for each in self.instances}}
         self._templates = list(templates.values())
         self._starts = [
-            OpenStarts(each, templates[each.node], self._times) for each in self.instances
+            open_starts(each, templates[each.node], self._times) for each in self.instances
         ]
         self._read = joint_reader(self.instances)
         self._symbols: tuple[int, ...] = (-1,) * len(self._starts)
         self._node_limit = node_limit
         self._tabulated = TabulatedStarts(self._starts, self._times, node_limit)
+        # The time before which look-ups may be used, and there is no cleanup.
+        self._looks_up_until: float = -inf
         self._keeps_failures = False
         # Of each instance, as of `OpenStarts`.
         self._ends: list[float] = [-inf] * len(self._starts)
@@ -152,7 +154,12 @@ class StandingMonitor:
         Raises:
             ReasoningError: for values that cannot be used, or too many undecided starts.
         """
-        return self.take(self._read(values), now, lambda: values)
+        symbols = self._read(values)
+        # The same as in `take`, which most states do not need.
+        if now < self._looks_up_until and self._tabulated.look_up(now, symbols):
+            self.latest = now
+            return False
+        return self.take(symbols, now, lambda: values)
 
     def take(self, symbols: tuple[int, ...], now: int, values: _ValuesOf) -> bool:
         """Progress over a state of which the atoms are known; return as `progress`.
@@ -244,10 +251,13 @@ class StandingMonitor:
             self._joins_until = min([self._joins_until, *self._fading])
         elif not self._fails_at_once and not self._log:
             self._tabulated.stepped(len(due))
+            left = self._next_cleanup - number - 1
+            self._looks_up_until = self._tabulated.looks_up_until(left)
         return changed
 
     def _leave_tabulated(self, *, is_expensive: bool = True) -> None:
         """Let the starts take the next states."""
+        self._looks_up_until = -inf
         self._tabulated.leave(is_expensive=is_expensive)
         self._symbols = (-1,) * len(self._starts)
         self._joins_until = -inf
@@ -357,20 +367,12 @@ class StandingMonitor:
             if automaton.max_size > self._node_limit or automaton.is_full:
                 used = [each for each in self._starts if each.template is template]
                 locations = {each for starts in used for each in starts.locations}
-                self._check_sizes(locations)
+                check_sizes(locations, self._node_limit)
                 if automaton.is_full:
                     self._tabulated.forget()
                     automaton.forget(locations)
                     for starts in used:
                         starts.forget()
-
-    def _check_sizes(self, locations: Iterable[Location]) -> None:
-        size = max(each.node.size for each in locations)
-        if size > self._node_limit:
-            raise ReasoningError(
-                f'what remains of the formula has {size} nodes, more than {self._node_limit} (the '
-                "limit 'node_limit'); use shorter intervals or fewer nested operators"
-            )
 
     def _clean_up(self) -> None:
         """Forget what no undecided start needs any more, and limit the rest."""

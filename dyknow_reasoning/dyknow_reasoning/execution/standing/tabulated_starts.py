@@ -7,6 +7,7 @@ that is often the case, if states come at a fixed period, and if few look-ups ar
 from __future__ import annotations
 
 from collections.abc import Sequence
+from math import inf
 from typing import Final
 
 from dyknow_reasoning.execution.automata.templates import Template
@@ -40,11 +41,16 @@ class TabulatedStarts:
         self._times = times
         self._node_limit = node_limit
         self._period = 0
+        # The time of the latest state while active.
+        self._latest = 0
         self._tables: dict[Template, JointTable] = {}
         self._rows: list[JointRow] = []
         # Since state `_since`: the steps, or the look-ups that were new.
         self._since = self._events = 0
-        self._next_attempt = self._wait = _FEWEST_STATES
+        self._wait = _FEWEST_STATES
+        # No table holds what past operators remember.
+        uses_tables = not any(each.instance.node.looks_back for each in starts)
+        self._next_attempt: float = _FEWEST_STATES if uses_tables else inf
         # The steps for a state without look-ups.
         self._steps = 0.0
 
@@ -55,15 +61,32 @@ class TabulatedStarts:
             now: the valid time of the state, in nanoseconds, which is appended to the times.
             symbols: the truth of the atoms of each instance.
         """
-        if now - self._times[len(self._times) - 1] != self._period:
+        if self.look_up(now, symbols):
+            return True
+        if now - self._latest != self._period or not self._extend(symbols):
+            return False
+        self._times.append(now)
+        self._latest = now
+        return True
+
+    def look_up(self, now: int, symbols: Sequence[int]) -> bool:
+        """Do the same as `step`; return False, without effect, also if a look-up is new."""
+        if now - self._latest != self._period:
             return False
         try:
-            self._rows = [row[symbol] for row, symbol in zip(self._rows, symbols)]  # noqa: B905
+            if len(symbols) == 1:
+                self._rows = [self._rows[0][symbols[0]]]
+            else:
+                self._rows = [row[symbol] for row, symbol in zip(self._rows, symbols)]  # noqa: B905
         except KeyError:
-            if not self._extend(symbols):
-                return False
+            return False
         self._times.append(now)
+        self._latest = now
         return True
+
+    def looks_up_until(self, states: int) -> float:
+        """Return the time from which on a number of further states have come; -inf if inactive."""
+        return self._latest + states * self._period + 1 if self.is_active else -inf
 
     def restore(self) -> None:
         """Bring the starts up to date."""
@@ -128,6 +151,7 @@ class TabulatedStarts:
                 return
             rows.append(row)
         self._rows = rows
+        self._latest = now
         self.is_active = True
 
     def _extend(self, symbols: Sequence[int]) -> bool:

@@ -1,0 +1,94 @@
+"""What formulas that begin later look back to, where that is not decided when a state is seen.
+
+An operator of the past over one of the future remembers what remains of its operand since earlier
+states (see `progression.memories`). A history progresses these from its first state on. A formula
+that begins later begins with what the history remembers then.
+"""
+
+from __future__ import annotations
+
+from math import inf
+
+from dyknow_reasoning.errors import ReasoningError
+from dyknow_reasoning.execution.automata.automaton import Automaton, Location, Times
+from dyknow_reasoning.execution.automata.readers import quick_reader
+from dyknow_reasoning.language.formula import Formula, PastFormula, Previous, parts
+from dyknow_reasoning.language.terms import Term
+from dyknow_reasoning.language.type_checking import Kinds
+from dyknow_reasoning.progression.atoms import Values, predicate
+from dyknow_reasoning.progression.gaps import Gap, unknowable
+from dyknow_reasoning.progression.instances import Instance
+from dyknow_reasoning.progression.nodes import Node, slots
+
+
+class OperandHistory:
+    """What the past operators of an instance remember.
+
+    Args:
+        instance: the instance; its operators of the past over the past alone have fields.
+        kinds: of its features.
+        reach: the time for which it looks back at most, in nanoseconds.
+        node_limit: the most nodes that it may remember.
+    """
+
+    def __init__(self, instance: Instance, kinds: Kinds, reach: float, node_limit: int) -> None:
+        atoms = instance.atoms
+        predicates = {slot: predicate(atoms[slot], kinds) for slot in slots(instance.node.mask)}
+        self._read = quick_reader(atoms, kinds, predicates)
+        self._reach, self._node_limit = reach, node_limit
+        self._automaton = Automaton(instance.node)
+        self._location: Location = self._automaton.initial
+        self._error: tuple[ReasoningError, int] | None = None
+        self.times: Times = ()
+        """The times of the states that the bounds of `node` count from, in nanoseconds."""
+
+    @property
+    def node(self) -> Node:
+        """The formula that begins with the next state, with what its operators remember."""
+        return self._location.node
+
+    def error_at(self, time: int) -> ReasoningError | None:
+        """Return the error of a formula that begins at a time; None if it has all that it needs."""
+        if self._error is None:
+            return None
+        error, latest = self._error
+        return error if time - self._reach <= latest else None
+
+    def step(self, time: int, values: Values) -> None:
+        """Remember a state."""
+        try:
+            symbol = self._read(values)
+        except ReasoningError as error:
+            self._begin_again(error, time)
+            return
+        times = (*self.times, time)
+        move = self._automaton.remember(self._location, symbol, times)
+        self._location, self.times = move.target, move.select(times)
+        if self.node.size > self._node_limit:
+            text = (
+                f'its operators of the past remember {self.node.size} nodes, more than '
+                f"{self._node_limit} (the limit 'node_limit'); use shorter intervals"
+            )
+            self._begin_again(ReasoningError(text), time)
+        elif self._automaton.is_full:
+            self._automaton.forget([self._location])
+
+    def pass_gap(self, gap: Gap) -> None:
+        """Take a gap before the next state."""
+        if not gap.is_empty:
+            self._begin_again(unknowable(gap), gap.before - 1)
+
+    def _begin_again(self, error: ReasoningError, latest: int) -> None:
+        """Forget all states; what depends on those up to a time is not known."""
+        self._location, self.times = self._automaton.initial, ()
+        self._error = error, latest
+
+
+def reach(formula: Formula | Term) -> float:
+    """Return the time for which a formula looks back at most, in nanoseconds."""
+    inner = max((reach(part) for part in parts(formula)), default=0.0)
+    if not isinstance(formula, PastFormula):
+        return inner
+    if isinstance(formula, Previous) or formula.interval.end is None:
+        return inf
+    return formula.interval.end + inner
