@@ -52,18 +52,6 @@ def test_a_node_in_which_no_thread_can_run_ends() -> None:
     assert 'in work' in errors
 
 
-def test_a_node_that_hangs_at_its_stop_ends() -> None:
-    """Though no thread of Python can run, as when a mutex of the middleware is never released."""
-    hang = f'def destroy_node(self): import ctypes; {DEADLOCK.format("PyDLL")}'
-    setting = f'{hang}\nNode.destroy_node = destroy_node'
-    with node_that(SAY, environment=private_environment(), setting=setting) as process:
-        wait_for_work(process)
-        process.send_signal(signal.SIGTERM)
-        code, errors = end_of(process, LIMIT)
-    assert code == 0, errors
-    assert 'in destroy_node' in errors
-
-
 @contextmanager
 def stopped_middleware(process: subprocess.Popen[str]) -> Iterator[None]:
     """All threads of the middleware stop, until the process ends."""

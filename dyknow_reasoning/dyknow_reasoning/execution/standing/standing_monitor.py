@@ -87,7 +87,7 @@ class StandingMonitor:
         self._tabulated = TabulatedStarts(self._starts, self._times, node_limit)
         # The time before which look-ups may be used, and there is no cleanup.
         self._looks_up_until: float = -inf
-        self._keeps_failures = False
+        self._keeps_failures = self._gap_follows = False
         # Of each instance, as of `OpenStarts`.
         self._ends: list[float] = [-inf] * len(self._starts)
         self._fading: list[float] = [inf] * len(self._starts)
@@ -98,11 +98,9 @@ class StandingMonitor:
         # The first instance that is false at once from the latest state on, and since which state.
         self._failing: OpenStarts | None = None
         self._failing_since = 0
-        self._forgotten_fails = 0
+        self._forgotten_fails = self._forgotten_unknown = 0
         # The starts from which the formula cannot become true, because of a gap.
         self._unprovable: list[Run] = []
-        self._gap_follows = False
-        self._forgotten_unknown = 0
         self._next_cleanup = _CLEANUP_STATES
 
     def keep_all(self) -> VerdictLog:
