@@ -18,6 +18,7 @@ from dyknow_reasoning.language.formula import (
     Since,
     Until,
     parts,
+    walk,
 )
 from dyknow_reasoning.language.interval import Interval
 from dyknow_reasoning.language.parsing import parse_constants, parse_formula
@@ -39,6 +40,7 @@ from dyknow_reasoning.progression.sizes import FormulaLimits
 from dyknow_reasoning.results import FormulaResult
 from dyknow_reasoning.standing import EpisodeSummary, FailureEpisode, start_verdicts
 from dyknow_reasoning.trace import RecordedState, read_trace
+from dyknow_reasoning.trial import TrialFormula, asked_of_each_state, check_trial
 
 __all__ = [
     'CALCULATE',
@@ -71,10 +73,13 @@ __all__ = [
     'RecordedState',
     'Since',
     'Term',
+    'TrialFormula',
     'Until',
     'add_domain_option',
+    'asked_of_each_state',
     'call_function_on_vectors',
     'check_trace',
+    'check_trial',
     'check_types',
     'ground_atoms',
     'notes_on',
@@ -86,4 +91,5 @@ __all__ = [
     'read_trace',
     'start_verdicts',
     'symbols_of',
+    'walk',
 ]
