@@ -9,7 +9,9 @@ from dyknow_reasoning.language.formula import (
     Always,
     And,
     Comparison,
+    Count,
     Eventually,
+    Exists,
     Forall,
     Formula,
     Historically,
@@ -30,12 +32,13 @@ from dyknow_reasoning.language.terms import (
     Function,
     Number,
     Term,
+    Variable,
 )
 from dyknow_reasoning.language.type_checking import Kind, check_types
 from dyknow_reasoning.notes import FormulaNote, notes_on
-from dyknow_reasoning.progression.atoms import CALCULATE
+from dyknow_reasoning.progression.atoms import CALCULATE, Values
 from dyknow_reasoning.progression.functions import call_function_on_vectors
-from dyknow_reasoning.progression.instances import ground_atoms
+from dyknow_reasoning.progression.instances import Domains, ground_atoms
 from dyknow_reasoning.progression.sizes import FormulaLimits
 from dyknow_reasoning.results import FormulaResult
 from dyknow_reasoning.standing import EpisodeSummary, FailureEpisode, start_verdicts
@@ -51,8 +54,11 @@ __all__ = [
     'CheckResult',
     'Comparison',
     'Constants',
+    'Count',
+    'Domains',
     'EpisodeSummary',
     'Eventually',
+    'Exists',
     'FailureEpisode',
     'Feature',
     'FieldReference',
@@ -75,6 +81,8 @@ __all__ = [
     'Term',
     'TrialFormula',
     'Until',
+    'Values',
+    'Variable',
     'add_domain_option',
     'asked_of_each_state',
     'call_function_on_vectors',
