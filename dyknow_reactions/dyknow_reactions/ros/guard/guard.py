@@ -193,7 +193,7 @@ class GuardNode(DyKnowNode):
             self._send_safe(now)
         has_changed = self._reported is None or self._reported[0] is not state
         self._reported = state, self._gate.reason
-        self._publish_status()
+        self._publish_state()
         if has_changed:
             self._log_state(state)
 
@@ -209,10 +209,10 @@ class GuardNode(DyKnowNode):
 
     def _report(self) -> None:
         self._passage.refresh()
-        self._publish_status()
+        self._publish_state()
         self._diagnostics.publish(self._gate, self._passed, self._refused, self._passage.bypass)
 
-    def _publish_status(self) -> None:
+    def _publish_state(self) -> None:
         status = GuardStatus(
             name=self._guard.name,
             state=int(self._gate.state),
