@@ -42,6 +42,7 @@ SCHEDULE = (
     ('test_demonstration',),
     ('test_two_robots',),
     ('test_sim_time_jumps',),
+    ('test_guard',),
     ('test_stopping',),
     ('test_tutorial',),
     ('test_examples',),
