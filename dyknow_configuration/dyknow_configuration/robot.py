@@ -49,12 +49,15 @@ class RequestedFormula:
         stated = ', '.join(f'{name} = {value}' for name, value in self.constants)
         return f'let {stated} in {self.text}' if stated else self.text
 
+    @property
+    def streams(self) -> frozenset[str]:
+        """The streams and topics whose fields the formula names."""
+        parts = walk(parse_formula(self.text, self.constants))
+        return frozenset(each.stream for each in parts if isinstance(each, FieldReference))
+
     def reads(self, topic: str) -> bool:
         """Return True if the formula names a field of a topic."""
-        return any(
-            isinstance(each, FieldReference) and each.stream == topic
-            for each in walk(parse_formula(self.text, self.constants))
-        )
+        return topic in self.streams
 
 
 @dataclass(frozen=True, slots=True)

@@ -29,11 +29,11 @@ TYPES: dict[str, tuple[type, ...]] = {
 }  # fmt: skip
 
 WRONG = (
-    'bad_object_name', 'bare_duration', 'boolean_for_object', 'formula_without_name', 'guard_without_input',
-    'no_field',
-    'no_list_of_objects', 'no_mapping', 'number_for_object', 'parameter_of_no_type',
-    'topic_and_stream', 'unknown_feature_key', 'unknown_guard_key', 'unknown_key', 'unknown_node', 'unknown_severity',
-    'unknown_source_key', 'unknown_type', 'unknown_unit_of_time',
+    'bad_object_name', 'bare_duration', 'boolean_for_object', 'formula_without_name',
+    'guard_without_input', 'no_field', 'no_list_of_objects', 'no_mapping', 'number_for_object',
+    'parameter_of_no_type', 'topic_and_stream', 'unknown_feature_key', 'unknown_guard_key',
+    'unknown_key', 'unknown_node', 'unknown_severity', 'unknown_source_key', 'unknown_type',
+    'unknown_unit_of_time',
 )  # fmt: skip
 """The faults that a schema can know."""
 

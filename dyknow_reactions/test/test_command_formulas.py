@@ -26,7 +26,7 @@ def begun(text: str) -> CommandFormula:
 def test_what_a_formula_needs() -> None:
     limit = formula(f'always {SPEED} < 0.5')
     assert limit.fields == {SPEED: 'linear.x'}
-    assert (limit.state_formula, limit.sorts, limit.others) == ('', [], set())
+    assert (limit.state_formula, limit.sorts) == ('', [])
     both = formula(
         f'forall r in Rover: {SPEED} > 0.5 and not docked -> Ahead[r] > 1 or "/odom".x = "a"'
     )
@@ -35,7 +35,7 @@ def test_what_a_formula_needs() -> None:
         f'(({never} (docked))) and (forall r in Rover: ({never} (Ahead[r] = Ahead[r]))) and '
         f'(({never} ("/odom".x = "/odom".x)))'
     )
-    assert (both.sorts, both.others) == (['Rover'], {'/odom'})
+    assert both.sorts == ['Rover']
     group = FormulaGroup()
     group.add_formula('', both.state_formula)
     group.begin({'Rover': ['r1', 'r2']})

@@ -36,9 +36,7 @@ class Reference:
 
     def is_well(self) -> bool:
         def latest(kinds: set[str], name: str) -> tuple[int, tuple[str, str, str]] | None:
-            found = [
-                each for each in self.log if each[1][0] in kinds and each[1][1] in {name, ''}
-            ]
+            found = [each for each in self.log if each[1][0] in kinds and each[1][1] in {name, ''}]
             return found[-1] if found else None
 
         for name, kinds in [(f, {'state', 'fault'}) for f in FORMULAS] + [

@@ -158,7 +158,9 @@ class TrialFormula:
         """Add the state of the latest call of `holds` to the history."""
         self._machines, self._latest = self._proposed, self._time
 
-    def _compiled(self, formula: Formula) -> _Truth:
+    def _compiled(  # noqa: PLR0911 - one for each kind
+        self, formula: Formula
+    ) -> _Truth:
         """Return the function of a ground formula; all of its parts are read at each state."""
         match formula:
             case Truth(value):

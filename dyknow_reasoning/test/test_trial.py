@@ -61,7 +61,9 @@ def random_states(random: Random, count: int) -> list[tuple[int, dict[str, Any]]
     return found
 
 
-@given(st.randoms(use_true_random=False), st.sampled_from(['', 'always ', 'forall v in Sort: always ']))
+@given(
+    st.randoms(use_true_random=False), st.sampled_from(['', 'always ', 'forall v in Sort: always '])
+)
 @settings(max_examples=EXAMPLES, deadline=None)
 def test_the_verdicts_are_those_of_a_group_over_the_accepted_states(
     random: Random, prefix: str

@@ -76,7 +76,7 @@ class Watchdog:
             if not all(map(self._publish, self._nodes)):
                 return
             end = time.monotonic() + HEARTBEAT_PERIOD_S
-            while any([self._pulse(each) for each in self._nodes]):
+            while sum(map(self._pulse, self._nodes)):
                 if self._stopped.wait(PULSE_PERIOD_S) or time.monotonic() > end:
                     break
             else:

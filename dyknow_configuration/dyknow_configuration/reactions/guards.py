@@ -1,12 +1,12 @@
 """The guards of a robot.yaml: which messages pass while which formulas hold.
 
-    guards:
-      - name: cmd_vel_guard
-        input: /cmd_vel_in
-        output: /cmd_vel
-        formulas:
-          - distance                              # the name of a formula of the file
-          - '"/cmd_vel_in".linear.x < 0.5'        # a formula over the messages
+guards:
+- name: cmd_vel_guard
+input: /cmd_vel_in
+output: /cmd_vel
+formulas:
+- distance                              # the name of a formula of the file
+- '"/cmd_vel_in".linear.x < 0.5'        # a formula over the messages
 """
 
 from __future__ import annotations
@@ -67,8 +67,8 @@ def read_guards(
             raise stated['name'].error(f"the name '{guard.name}' is taken; use another")
         if guard.output in outputs:
             raise stated['output'].error(
-                f"the guard '{outputs[guard.output]}' publishes {guard.output} already, so what one "
-                'of them stops the other may pass; use one guard with all formulas'
+                f"the guard '{outputs[guard.output]}' publishes {guard.output} already, so what "
+                'one of them stops the other may pass; use one guard with all formulas'
             )
         names[guard.name], outputs[guard.output] = guard, guard.name
     return tuple(names.values())

@@ -59,8 +59,6 @@ class CommandFormula:
         references = [each for each in walk(formula) if isinstance(each, FieldReference)]
         self.fields = {str(each): each.path for each in references if each.stream == topic}
         """The paths in the command, by the names of their values."""
-        self.others = {each.stream for each in references if each.stream != topic}
-        """The other streams and topics that it names."""
         self.sorts = [each.name for each in symbols_of(formula) if each.kind is SymbolKind.SORT]
         self.state_formula = _state_formula(formula, self.fields, text)
         """A formula over the same features, for the states; empty if it needs none."""

@@ -8,13 +8,13 @@ engine and the coordinator would be longer.
     0.4 s  ~/evaluations: it is RUNNING, with the stream states_1; the objects of its sorts are read
     0.5 s  the first state of states_1 is received
     9.0 s  a violation of states_1: no state counts any more
-    9.2 s  ~/evaluations: it is RUNNING, with states_2; all begins anew. Otherwise, the goal ends with
-           an error, and is sent again after RETRY_DELAY_S
+    9.2 s  ~/evaluations: it is RUNNING, with states_2; all begins anew. Otherwise, the goal ends
+           with an error, and is sent again after RETRY_DELAY_S
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, Final, NamedTuple, Protocol
 
 from dyknow_interfaces.msg import EvaluationStatus
@@ -68,7 +68,7 @@ class StateServices(NamedTuple):
     ontology: RemoteNode
 
 
-class _Source(NamedTuple):
+class StateSource(NamedTuple):
     """An evaluation of the coordinator, with the stream of its states."""
 
     started: int
@@ -101,7 +101,7 @@ class FormulaStates:
         self._name = name
         self._receiver = receiver
         self._every_state = every_state
-        self._source: _Source | None = None
+        self._source: StateSource | None = None
         self._states: StateSubscription | None = None
         self._monitor: Monitor | None = None
         self._ask()
@@ -109,9 +109,7 @@ class FormulaStates:
     def note_evaluations(self, statuses: Iterable[Any]) -> None:
         """Take the reports of the coordinator on all evaluations."""
         found = [
-            _Source(
-                time_to_nanoseconds(each.started), each.formula_group_id, each.state_stream
-            )
+            StateSource(time_to_nanoseconds(each.started), each.formula_group_id, each.state_stream)
             for each in statuses
             if each.name == self._name and each.phase in _PHASES and each.state_stream
         ]
@@ -138,7 +136,7 @@ class FormulaStates:
         self._stop(f'its evaluation has ended: {reason}')
         node.deadlines.after(RETRY_DELAY_S).add_done_callback(lambda _: self._ask())
 
-    async def _begin(self, source: _Source, formula: str) -> None:
+    async def _begin(self, source: StateSource, formula: str) -> None:
         """Subscribe to the states of an evaluation, once the objects of its sorts are known."""
         try:
             sorts = [
@@ -178,7 +176,7 @@ class FormulaStates:
         if states is self._states:
             self._give_up(self._source, breach.message)
 
-    def _give_up(self, source: _Source | None, reason: str) -> None:
+    def _give_up(self, source: StateSource | None, reason: str) -> None:
         """Stop reading states, and ask anew unless the coordinator soon reports others."""
         if source != self._source:
             return

@@ -16,7 +16,15 @@ from dyknow_interfaces.msg import EvaluationStatusArray, GuardStatus
 from std_srvs.srv import Trigger
 
 from dyknow_common import DyKnowError
-from dyknow_common.ros import LATCHED, DyKnowNode, RemoteNode, Throttle, only_owner, run
+from dyknow_common.ros import (
+    LATCHED,
+    DyKnowNode,
+    RemoteNode,
+    Throttle,
+    only_owner,
+    run,
+    topic_fault,
+)
 from dyknow_configuration import RequestedGuard, read_robot
 from dyknow_coordinator.ros import FormulaClient
 from dyknow_reactions.errors import ReactionError
@@ -95,13 +103,17 @@ class GuardNode(DyKnowNode):
 
     def _check_references(self) -> None:
         """Refuse another name of the input in a formula: it would read what has not passed yet."""
-        for name, formula in self._commands.items():
-            for each in formula.others:
-                if self.resolve_topic_name(each) == self.resolve_topic_name(self._guard.input):
-                    raise ReactionError(
-                        f"{self._guard.place}: the formula '{name}' names the input as '{each}'; "
-                        f"write '{self._guard.input}'"
-                    )
+        topic = self.resolve_topic_name(self._guard.input)
+        for name, each in (
+            (formula.name, stream)
+            for formula in self._guard.formulas
+            for stream in formula.streams - {self._guard.input}
+        ):
+            if not topic_fault(self, each) and self.resolve_topic_name(each) == topic:
+                raise ReactionError(
+                    f"{self._guard.place}: the formula '{name}' names the input as '{each}'; "
+                    f"write '{self._guard.input}'"
+                )
 
     def _watch_formulas(self) -> None:
         services = StateServices(self, FormulaClient(self), RemoteNode(self, 'ontology_manager'))
@@ -116,9 +128,7 @@ class GuardNode(DyKnowNode):
             elif command.state_formula:
                 tried = CommandStates(each.name, command, self._gate, self._now, self._settle)
                 self._states.append(
-                    FormulaStates(
-                        services, command.state_formula, title, tried, every_state=False
-                    )
+                    FormulaStates(services, command.state_formula, title, tried, every_state=False)
                 )
         if not self._states:
             return
@@ -231,7 +241,7 @@ class GuardNode(DyKnowNode):
         return response
 
     def destroy_node(self) -> None:
-        """Send the safe message a last time, cancel the evaluations, and destroy the node."""
+        """Cancel the evaluations, and destroy the node."""
         self._client.close()
         super().destroy_node()
 

@@ -43,8 +43,7 @@ def _set_fields(message: Any, fields: Mapping[str, object], prefix: str) -> None
         path = f'{prefix}{name}'
         if name not in known:
             raise ReactionError(
-                f"safe: {_type_name(message)} has no field '{path}' (it has: "
-                f'{listed(list(known))})'
+                f"safe: {_type_name(message)} has no field '{path}' (it has: {listed(list(known))})"
             )
         try:
             setattr(message, name, _value(getattr(message, name), value, path, known[name]))
