@@ -43,6 +43,8 @@ SCHEDULE = (
     ('test_two_robots',),
     ('test_sim_time_jumps',),
     ('test_guard',),
+    ('test_guard_systems',),
+    ('test_guard_errors',),
     ('test_stopping',),
     ('test_tutorial',),
     ('test_examples',),

@@ -46,7 +46,10 @@ def _set_fields(message: Any, fields: Mapping[str, object], prefix: str) -> None
                 f"safe: {_type_name(message)} has no field '{path}' (it has: {listed(list(known))})"
             )
         try:
-            setattr(message, name, _value(getattr(message, name), value, path, known[name]))
+            found = _value(getattr(message, name), value, path, known[name])
+            # Without this check, a wrong type would end the process when it is serialised.
+            checked = type(message)(check_fields=True, **{name: found})
+            setattr(message, name, getattr(checked, name))
         except (AssertionError, TypeError, ValueError, OverflowError):
             raise ReactionError(
                 f"safe: {value!r} does not fit into '{path}', which is a {known[name]}"
