@@ -17,6 +17,7 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -28,7 +29,6 @@ from geometry_msgs.msg import Twist
 from rclpy.executors import ExternalShutdownException
 from rclpy.node import Node
 from std_msgs.msg import Float64
-from system import Client, private_environment
 
 from dyknow_bringup.processes.composition import composed
 from dyknow_bringup.processes.launcher import Launcher
@@ -38,6 +38,7 @@ from dyknow_bringup.processes.processes import (
     guard_processes,
 )
 from dyknow_common.ros import LATCHED
+from system import Client, private_environment
 
 ROBOT = """\
 guards:
@@ -59,10 +60,8 @@ def relay() -> None:
     node = Node('bare_relay')
     publisher = node.create_publisher(Twist, '/bare_out', 10)
     node.create_subscription(Twist, '/bare_in', publisher.publish, 10, raw=True)
-    try:
+    with suppress(KeyboardInterrupt, ExternalShutdownException):
         rclpy.spin(node)
-    except (KeyboardInterrupt, ExternalShutdownException):
-        pass
 
 
 class Bench:
@@ -118,7 +117,7 @@ class Bench:
         return delays
 
     def closing(self, closings: int) -> list[float]:
-        """Return the times from a sample that makes the formula false to the safe message, in ms."""
+        """Return the times from a deciding sample to the safe message, in ms."""
         found: list[float] = []
         for _ in range(closings):
             self.level = GOOD

@@ -43,9 +43,7 @@ guards:
         ),
     ],
 )
-def test_a_guard_that_cannot_start(
-    change: tuple[str, str], message: str, tmp_path: Path
-) -> None:
+def test_a_guard_that_cannot_start(change: tuple[str, str], message: str, tmp_path: Path) -> None:
     path = tmp_path / 'robot.yaml'
     path.write_text(GUARD.replace(*change))
     done = output_of(command('dyknow', 'guard', str(path)), private_environment())

@@ -83,9 +83,12 @@ def _guard(
     topic, output = (_matched(stated[key], _TOPIC, 'the name of a topic') for key in _TOPICS)
     if topic == output:
         raise stated['output'].error('the output is the input; use another topic')
-    formulas = [
-        _formula(each, topic, known, constants) for each in stated['formulas'].one_or_more()
-    ]
+    formulas: list[RequestedFormula] = []
+    for each in stated['formulas'].one_or_more():
+        formula = _formula(each, topic, known, constants)
+        if formula in formulas:
+            raise each.error(f"'{shortened(formula.name)}' is given twice; keep one")
+        formulas.append(formula)
     if not formulas:
         raise stated['formulas'].error('a guard without formulas guards nothing; add one')
     return RequestedGuard(
