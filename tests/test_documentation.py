@@ -213,6 +213,7 @@ def test_the_readme_shows_the_robot_that_is_shipped() -> None:
     'text',
     blocks('README.md', 'yaml')
     + blocks(CONFIGURATION, 'yaml')
+    + blocks('docs/guards.md', 'yaml')
     + blocks(MEANING, 'yaml')
     + blocks('docs/tutorial.md', 'yaml'),
 )

@@ -13,6 +13,7 @@ from dyknow_bringup.security.interfaces import ACTIONS, COORDINATOR, SERVICES, I
 from dyknow_bringup.security.policy import Enclave, policy_text
 from dyknow_bringup.security.systems import SecuredSystem, outputs_of, shipped_policies, topics_of
 from dyknow_common import LanguageError
+from dyknow_configuration import RequestedFormula, RequestedGuard
 
 FOLDER = Path(__file__).parent.parent / 'security'
 NAMES = sorted(shipped_policies())
@@ -187,3 +188,23 @@ def test_names_are_escaped() -> None:
     (enclave,) = enclaves(policy_text([Enclave('/"<', {'/n': used})], 'c')).values()
     assert enclave.attrib['path'] == '/"<'
     assert permitted(enclave, 'subscribe') == {'/<a>&b'}
+
+
+def test_a_guard_may_do_what_it_must_and_no_more() -> None:
+    formulas = (RequestedFormula('p'),)
+    guard = RequestedGuard('base_guard', '/cmd_vel_in', 'cmd_vel', formulas)
+    text = policy_text(SecuredSystem('robot1', guards=(guard,)).enclaves(), '')
+    enclave = enclaves(text)['/robot1/base_guard']
+    check_schema(ET.fromstring(text))  # noqa: S314 - our own text
+    published = {each.text for each in enclave.iterfind('.//topics[@publish]/topic')}
+    subscribed = {each.text for each in enclave.iterfind('.//topics[@subscribe]/topic')}
+    assert {'/robot1/cmd_vel', '/robot1/base_guard/node_status', '/diagnostics'} < published
+    assert '/cmd_vel_in' not in published
+    assert {
+        '/cmd_vel_in',
+        '/robot1/stream_manager/pulse',
+        '/robot1/stream_reasoning_coordinator/evaluations',
+        '/robot1/dyknow/streams/*',
+    } < subscribed
+    served = {each.text for each in enclave.iterfind('.//services[@reply]/service')}
+    assert '/robot1/base_guard/reset' in served

@@ -27,6 +27,7 @@ def lint(capsys: pytest.CaptureFixture[str], *arguments: object) -> tuple[int, s
     ('name', 'files'),
     [
         ('robot', ['robot.yaml']),
+        ('guards', ['guards.yaml']),
         ('broken_annotations', ['broken.ssl']),
         ('unfitting_annotations', ['unfitting.ssl', ROVER / 'rover.owl']),
         ('broken_streams', ['broken.streams']),

@@ -26,6 +26,7 @@ from dyknow_configuration.reading import read_robot
 from dyknow_configuration.robot import (
     ParameterValue,
     RequestedFormula,
+    RequestedGuard,
     RobotConfiguration,
     Severity,
     TextSource,
@@ -41,6 +42,7 @@ __all__ = [
     'ProposedTiming',
     'ReadFields',
     'RequestedFormula',
+    'RequestedGuard',
     'RobotConfiguration',
     'RobotFaults',
     'SeenValues',

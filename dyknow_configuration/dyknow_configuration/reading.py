@@ -24,6 +24,7 @@ from dyknow_configuration.documents.yaml_values import YamlValue, read_yaml, tex
 from dyknow_configuration.formulas import formulas_of
 from dyknow_configuration.nodes import read_parameters
 from dyknow_configuration.ontology_text import ontology_text
+from dyknow_configuration.reactions.guards import read_guards
 from dyknow_configuration.robot import RobotConfiguration, RobotVocabulary
 from dyknow_configuration.stream_texts import is_stream_text, read_streams
 from dyknow_configuration.topics import MAX_TEXTS, read_topics
@@ -37,6 +38,7 @@ KEYS: Final = (
     'streams',
     'constants',
     'formulas',
+    'guards',
     'nodes',
     'ontology',
     'annotations',
@@ -73,6 +75,7 @@ def robot_of(
     own_streams = [each for each in stream_values if is_stream_text(each)]
     named_streams = [each for each in stream_values if each not in own_streams]
     constants = read_constants(values['constants']) if 'constants' in values else NO_CONSTANTS
+    formulas = formulas_of([values['formulas']] if 'formulas' in values else [], constants)
     return RobotConfiguration(
         ontologies=(*_files(texts(values, 'ontology')), *_ontology(vocabulary, path)),
         annotations=(
@@ -82,8 +85,10 @@ def robot_of(
         streams=(*_files(named_streams, _STREAM_HINT), *read_streams(own_streams, vocabulary)),
         bridges=tuple(_files(texts(values, 'bridges'))),
         domains=_domains(values),
-        formulas=formulas_of([values['formulas']] if 'formulas' in values else [], constants),
+        formulas=formulas,
         parameters=read_parameters(values['nodes']) if 'nodes' in values else {},
+        guards=read_guards(values['guards'], formulas, constants) if 'guards' in values else (),
+        units={name: each.unit for name, each in vocabulary.features.items() if each.unit},
     )
 
 

@@ -8,8 +8,8 @@ from enum import StrEnum
 from itertools import product
 from pathlib import Path
 
-from dyknow_common import InlineText, ValueType
-from dyknow_reasoning import NO_CONSTANTS, Constants
+from dyknow_common import NANOSECONDS, InlineText, ValueType
+from dyknow_reasoning import NO_CONSTANTS, Constants, FieldReference, parse_formula, walk
 
 ParameterValue = bool | int | float | str | list[str]
 """The value of a node's parameter."""
@@ -48,6 +48,45 @@ class RequestedFormula:
         """The text with its constants, which it does not define itself."""
         stated = ', '.join(f'{name} = {value}' for name, value in self.constants)
         return f'let {stated} in {self.text}' if stated else self.text
+
+    @property
+    def streams(self) -> frozenset[str]:
+        """The streams and topics whose fields the formula names."""
+        parts = walk(parse_formula(self.text, self.constants))
+        return frozenset(each.stream for each in parts if isinstance(each, FieldReference))
+
+    def reads(self, topic: str) -> bool:
+        """Return True if the formula names a field of a topic."""
+        return topic in self.streams
+
+
+@dataclass(frozen=True, slots=True)
+class RequestedGuard:
+    """A guard, which passes messages on while its formulas hold.
+
+    Args:
+        name: of the guard and its node.
+        input: the topic of the messages.
+        output: the topic on which it passes them on.
+        formulas: all of which must hold.
+        message_type: of both topics; empty for that of the publishers of the input.
+        safe: the fields of the message that is sent instead, those that are not zero; None: none.
+        period: between two safe messages while no message comes, in nanoseconds.
+        latch: True if a guard that has closed stays closed until it is reset.
+        timeout: without states, or without a sign of life of DyKnow, in nanoseconds.
+        place: of the guard in its file.
+    """
+
+    name: str
+    input: str
+    output: str
+    formulas: tuple[RequestedFormula, ...]
+    message_type: str = ''
+    safe: Mapping[str, object] | None = field(default_factory=dict)
+    period: int = 100 * NANOSECONDS['ms']
+    latch: bool = False
+    timeout: int = 300 * NANOSECONDS['ms']
+    place: str = ''
 
 
 @dataclass(frozen=True, slots=True)
@@ -141,6 +180,8 @@ class RobotConfiguration:
             ontologies.
         formulas: to monitor.
         parameters: of nodes, by the names of nodes and parameters.
+        guards: of topics.
+        units: of features, by name.
     """
 
     ontologies: tuple[TextSource, ...] = ()
@@ -150,3 +191,5 @@ class RobotConfiguration:
     domains: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
     formulas: tuple[RequestedFormula, ...] = ()
     parameters: Mapping[str, Mapping[str, ParameterValue]] = field(default_factory=dict)
+    guards: tuple[RequestedGuard, ...] = ()
+    units: Mapping[str, str] = field(default_factory=dict)

@@ -278,3 +278,30 @@ def test_messages_are_put_in_order_within_a_delay_only(tmp_path: Path) -> None:
     file.write_text('features:\n  X: {from: {topic: /odom, field: x, reorder: true}}\n')
     with pytest.raises(ConfigurationError, match='max_delay'):
         read_robot(file)
+
+
+def test_guards(tmp_path: Path) -> None:
+    path = tmp_path / 'robot.yaml'
+    path.write_text(
+        'constants: {near: 0.3 m}\n'
+        'formulas:\n'
+        '  - {name: distance, formula: \'always "/scan".min_range > 0.3\'}\n'
+        'guards:\n'
+        '  - name: base_guard\n'
+        '    input: /cmd_vel_in\n'
+        '    output: /cmd_vel\n'
+        '    formulas: [distance, \'"/cmd_vel_in".linear.x < 0.5\']\n'
+        '  - {name: arm, input: a, output: b, formulas: p = 1, safe: nothing, latch: true,\n'
+        '     timeout: 1 s, period: 20 ms, type: std_msgs/msg/String}\n'
+        '  - {name: light, input: c, output: d, formulas: distance, safe: {data: {x: [1, 2]}}}\n'
+    )
+    base, arm, light = read_robot(path).guards
+    assert (base.message_type, base.safe, base.latch) == ('', {}, False)
+    assert (base.period, base.timeout) == (100_000_000, 300_000_000)
+    distance, limit = base.formulas
+    assert (distance.name, limit.name) == ('distance', '"/cmd_vel_in".linear.x < 0.5')
+    assert [each.reads(base.input) for each in base.formulas] == [False, True]
+    assert base.place == f'{path}:5:5'
+    assert (arm.safe, arm.latch, arm.period, arm.timeout) == (None, True, 20_000_000, 10**9)
+    assert arm.formulas[0].closed_text.startswith('let near = ')
+    assert light.safe == {'data': {'x': [1, 2]}}

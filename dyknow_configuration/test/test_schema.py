@@ -14,6 +14,7 @@ import yaml
 from dyknow_common import CONSTRAINT_KINDS, ValueType
 from dyknow_configuration import PACKAGES, Severity, reading
 from dyknow_configuration.formulas import FORMULA_KEYS
+from dyknow_configuration.reactions.guards import GUARD_KEYS
 from dyknow_configuration.stream_texts import TEMPLATE_KEYS
 from dyknow_configuration.topics import SOURCE_KEYS
 from dyknow_configuration.vocabulary import FEATURE_KEYS, SORT_KEYS
@@ -28,10 +29,11 @@ TYPES: dict[str, tuple[type, ...]] = {
 }  # fmt: skip
 
 WRONG = (
-    'bad_object_name', 'bare_duration', 'boolean_for_object', 'formula_without_name', 'no_field',
-    'no_list_of_objects', 'no_mapping', 'number_for_object', 'parameter_of_no_type',
-    'topic_and_stream', 'unknown_feature_key', 'unknown_key', 'unknown_node', 'unknown_severity',
-    'unknown_source_key', 'unknown_type', 'unknown_unit_of_time',
+    'bad_object_name', 'bare_duration', 'boolean_for_object', 'formula_without_name',
+    'guard_without_input', 'no_field', 'no_list_of_objects', 'no_mapping', 'number_for_object',
+    'parameter_of_no_type', 'topic_and_stream', 'unknown_feature_key', 'unknown_guard_key',
+    'unknown_key', 'unknown_node', 'unknown_severity', 'unknown_source_key', 'unknown_type',
+    'unknown_unit_of_time',
 )  # fmt: skip
 """The faults that a schema can know."""
 
@@ -47,6 +49,9 @@ nodes: {stream_manager: {a: 1, b: [c], d: true, e: 1.5, f: g}, ontology_manager:
 ontology: a.owl
 annotations: [a.ssl, b.ssl]
 domains: {A: a1}
+guards:
+  - {name: g, input: /a, output: b, formulas: a, safe: {x: 1}, period: 1 s, type: a_msgs/msg/B}
+  - {name: h, input: c, output: /d, formulas: [a, p = 1], safe: nothing, latch: true, timeout: 1 s}
 """
 
 
@@ -95,6 +100,7 @@ def test_the_keys_are_those_of_the_reader() -> None:
     assert properties['feature'] == {*FEATURE_KEYS}
     assert properties['source'] == {*SOURCE_KEYS} >= {*CONSTRAINT_KINDS}
     assert properties['formula'] == {*FORMULA_KEYS}
+    assert properties['guard'] == {*GUARD_KEYS}
     template = next(each for each in DEFINITIONS['stream']['oneOf'] if 'properties' in each)
     assert {*template['properties']} == {*TEMPLATE_KEYS}
     assert {*SCHEMA['properties']['nodes']['properties']} == {*PACKAGES}

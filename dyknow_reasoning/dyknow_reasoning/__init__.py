@@ -9,7 +9,9 @@ from dyknow_reasoning.language.formula import (
     Always,
     And,
     Comparison,
+    Count,
     Eventually,
+    Exists,
     Forall,
     Formula,
     Historically,
@@ -18,6 +20,7 @@ from dyknow_reasoning.language.formula import (
     Since,
     Until,
     parts,
+    walk,
 )
 from dyknow_reasoning.language.interval import Interval
 from dyknow_reasoning.language.parsing import parse_constants, parse_formula
@@ -29,16 +32,18 @@ from dyknow_reasoning.language.terms import (
     Function,
     Number,
     Term,
+    Variable,
 )
 from dyknow_reasoning.language.type_checking import Kind, check_types
 from dyknow_reasoning.notes import FormulaNote, notes_on
-from dyknow_reasoning.progression.atoms import CALCULATE
+from dyknow_reasoning.progression.atoms import CALCULATE, Values
 from dyknow_reasoning.progression.functions import call_function_on_vectors
-from dyknow_reasoning.progression.instances import ground_atoms
+from dyknow_reasoning.progression.instances import Domains, ground_atoms
 from dyknow_reasoning.progression.sizes import FormulaLimits
 from dyknow_reasoning.results import FormulaResult
 from dyknow_reasoning.standing import EpisodeSummary, FailureEpisode, start_verdicts
 from dyknow_reasoning.trace import RecordedState, read_trace
+from dyknow_reasoning.trial import TrialFormula, asked_of_each_state, check_trial
 
 __all__ = [
     'CALCULATE',
@@ -49,8 +54,11 @@ __all__ = [
     'CheckResult',
     'Comparison',
     'Constants',
+    'Count',
+    'Domains',
     'EpisodeSummary',
     'Eventually',
+    'Exists',
     'FailureEpisode',
     'Feature',
     'FieldReference',
@@ -71,10 +79,15 @@ __all__ = [
     'RecordedState',
     'Since',
     'Term',
+    'TrialFormula',
     'Until',
+    'Values',
+    'Variable',
     'add_domain_option',
+    'asked_of_each_state',
     'call_function_on_vectors',
     'check_trace',
+    'check_trial',
     'check_types',
     'ground_atoms',
     'notes_on',
@@ -86,4 +99,5 @@ __all__ = [
     'read_trace',
     'start_verdicts',
     'symbols_of',
+    'walk',
 ]

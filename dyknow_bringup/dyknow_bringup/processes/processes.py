@@ -63,6 +63,7 @@ class SystemConfiguration:
         parameters: of nodes, by their names; the files and options above take precedence.
         params_file: a file of parameters, as ROS has them, which takes precedence over all others.
         engines: the number of stream processing engines.
+        guards: their names, each with the robot.yaml that describes it.
 
     Raises:
         BringupError: NOT_FOUND, with the path of a file that does not exist; for a wrong number.
@@ -77,6 +78,7 @@ class SystemConfiguration:
     parameters: Mapping[str, Mapping[str, ParameterValue]] = field(default_factory=dict)
     params_file: Path | None = None
     engines: int = 1
+    guards: Mapping[str, Path] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         """Check the files and the number of engines."""
@@ -122,10 +124,24 @@ def dyknow_processes(configuration: SystemConfiguration) -> tuple[Process, ...]:
     return (*nodes, *(replace(engine, node=f'{ENGINE}_{number}') for number in numbers))
 
 
+def guard_processes(configuration: SystemConfiguration) -> tuple[Process, ...]:
+    """Return the guards, each in a process of its own: it must survive what it watches."""
+    return tuple(
+        Process(
+            'dyknow_reactions',
+            'guard',
+            {'robot': str(path), 'guard': name},
+            node=name,
+            params_file=configuration.params_file,
+        )
+        for name, path in configuration.guards.items()
+    )
+
+
 def robot_processes(
     namespaces: Sequence[str], configurations: Sequence[SystemConfiguration]
 ) -> tuple[Process, ...]:
-    """Return the seven nodes of DyKnow for each of several robots in one ROS domain.
+    """Return the nodes and the guards of each of several robots in one ROS domain.
 
     Args:
         namespaces: of the robots.
@@ -138,7 +154,7 @@ def robot_processes(
     return tuple(
         replace(process, namespace=namespace)
         for namespace, configuration in zip(namespaces, configurations, strict=True)
-        for process in dyknow_processes(configuration)
+        for process in (*dyknow_processes(configuration), *guard_processes(configuration))
     )
 
 

@@ -31,7 +31,9 @@ def with_robot(configuration: SystemConfiguration, path: Path) -> SystemConfigur
             f"{path}: 'domains' is for recordings only, as a running system takes the objects of "
             "its ontologies; list them as 'objects' instead"
         )
-    return added(configuration, write_texts(robot, temporary_folder(), path.stem))
+    guards = {each.name: path.resolve() for each in robot.guards}
+    written = added(configuration, write_texts(robot, temporary_folder(), path.stem))
+    return replace(written, guards=guards)
 
 
 def fleet_configuration(vehicles: Sequence[str]) -> SystemConfiguration:

@@ -18,7 +18,12 @@ from dyknow_bringup.errors import BringupError
 from dyknow_bringup.processes.composition import composed, name_in, names_in
 from dyknow_bringup.processes.launcher import Launcher
 from dyknow_bringup.processes.logs import LogReader, LogThrottle, log_folder
-from dyknow_bringup.processes.processes import Process, SystemConfiguration, dyknow_processes
+from dyknow_bringup.processes.processes import (
+    Process,
+    SystemConfiguration,
+    dyknow_processes,
+    guard_processes,
+)
 from dyknow_bringup.processes.robot import with_robot
 from dyknow_bringup.processes.supervision import Supervisor
 from dyknow_bringup.ros.system_start import SystemStart, wait_for_start
@@ -74,8 +79,7 @@ def up(chosen: argparse.Namespace) -> int:
         return _wait(namespace, chosen)
     stop = threading.Event()
     handle(TERMINAL_SIGNALS, lambda *_: stop.set())
-    nodes = dyknow_processes(_configuration(chosen))
-    processes = nodes if chosen.processes else composed(nodes, os.environ)
+    nodes, processes = _processes(chosen)
     with (
         log_folder(chosen.logs) as logs,
         Launcher(
@@ -107,6 +111,16 @@ def up(chosen: argparse.Namespace) -> int:
         while not stop.wait(PERIOD_S):
             update()
     return SUCCESS
+
+
+def _processes(
+    chosen: argparse.Namespace,
+) -> tuple[tuple[Process, ...], tuple[Process, ...]]:
+    """Return the nodes of DyKnow, and the processes that run them and the guards."""
+    configuration = _configuration(chosen)
+    nodes = dyknow_processes(configuration)
+    joined = nodes if chosen.processes else composed(nodes, os.environ)
+    return nodes, (*joined, *guard_processes(configuration))
 
 
 def _await_start(
@@ -167,7 +181,8 @@ def add_up_options(parser: argparse.ArgumentParser) -> None:
     parser.set_defaults(command=up)
     describe(
         parser,
-        'Start the nodes of DyKnow, load files, and show warnings and errors of all nodes.',
+        'Start the nodes of DyKnow and the guards of a robot, load files, and show warnings and '
+        'errors of all nodes.',
         (
             'dyknow up',
             'dyknow up robot.yaml',

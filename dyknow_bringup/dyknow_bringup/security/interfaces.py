@@ -128,7 +128,7 @@ ROS_NODE: Final = PLAIN_NODE | Interfaces(serves=_services('~', *PARAMETER_SERVI
 """A node as rclpy makes it by default."""
 
 DYKNOW_NODE: Final = ROS_NODE | Interfaces(
-    publishes=_watched('~'), subscribes=frozenset({'~/heartbeat'})
+    publishes=_watched('~') | {'~/pulse'}, subscribes=frozenset({'~/heartbeat'})
 )
 """Any node with the base class `DyKnowNode`."""
 
@@ -183,6 +183,28 @@ def engine_interfaces(
 def streams_of(engine: str) -> str:
     """Return the topics of the streams of an engine, of their violations and their messages."""
     return f'{engine.rpartition("/")[0]}/dyknow/streams/*'
+
+
+def guard_interfaces(engines: Collection[str], topic: str, output: str) -> Interfaces:
+    """Return the interfaces of a guard.
+
+    Args:
+        engines: the absolute names of all engines.
+        topic: that it guards.
+        output: on which it passes messages on.
+    """
+    watched = (COORDINATOR, 'stream_reasoning_engine', 'stream_manager')
+    used = Interfaces(
+        publishes=frozenset({'~/node_status', '/diagnostics', output}),
+        subscribes=_watched('ontology_manager')
+        | {topic, f'{COORDINATOR}/evaluations'}
+        | frozenset(f'{each}/pulse' for each in watched)
+        | frozenset(f'{each}/heartbeat' for each in engines)
+        | frozenset(map(streams_of, engines)),
+        serves=_services('~', 'reset'),
+        requests=_services('ontology_manager', 'concept_get_instances'),
+    )
+    return DYKNOW_NODE | MONITOR | used
 
 
 def node_interfaces(engines: Collection[str]) -> dict[str, Interfaces]:

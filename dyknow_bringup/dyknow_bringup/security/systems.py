@@ -24,11 +24,13 @@ from dyknow_bringup.security.interfaces import (
     absolute_name,
     administration,
     engine_interfaces,
+    guard_interfaces,
     node_interfaces,
 )
 from dyknow_bringup.security.policy import Enclave, policy_text
 from dyknow_bringup.simulation.fleet import vehicle_names
 from dyknow_bringup.simulation.telemetry import Channel, topic
+from dyknow_configuration import RequestedGuard
 from dyknow_stream_processing import (
     TF_STATIC,
     SinkDeclaration,
@@ -55,6 +57,7 @@ class SecuredSystem:
         engines: the names of the stream processing engines, likewise.
         clients: the names of nodes that ask for verdicts, likewise.
         outputs: the topics that sinks name for their messages, likewise.
+        guards: of the robot.
 
     Raises:
         BringupError: for what is no name: in a policy, `*` would permit any.
@@ -65,6 +68,7 @@ class SecuredSystem:
     engines: tuple[str, ...] = (ENGINE,)
     clients: tuple[str, ...] = ()
     outputs: frozenset[str] = frozenset()
+    guards: tuple[RequestedGuard, ...] = ()
 
     def __post_init__(self) -> None:
         """Check the names."""
@@ -73,7 +77,7 @@ class SecuredSystem:
                 raise BringupError(f"'{name}' is no name of a topic, a node or a namespace")
 
     def enclaves(self) -> tuple[Enclave, ...]:
-        """Return an enclave for each node, for clients, for administrators and for `dyknow up`."""
+        """Return an enclave for each node, client and guard, administrators and `dyknow up`."""
         engines = [self._absolute(each) for each in self.engines]
         return (
             *(
@@ -85,6 +89,10 @@ class SecuredSystem:
             self._enclave('dyknow_client', dict.fromkeys(_COMMAND_NODES, PLAIN_NODE | COMMANDS)),
             self._enclave('dyknow_admin', {_ROS2_NODES: ROS_NODE | administration(engines)}),
             *map(self._client, self.clients),
+            *(
+                self.node(each.name, guard_interfaces(engines, each.input, each.output))
+                for each in self.guards
+            ),
         )
 
     def node(self, name: str, used: Interfaces) -> Enclave:

@@ -20,6 +20,7 @@ from dyknow_common import (
 from dyknow_configuration import (
     ConfigurationError,
     RequestedFormula,
+    RobotConfiguration,
     RobotFaults,
     TextSource,
     YamlValue,
@@ -148,6 +149,7 @@ def _add_robot(inputs: LintInputs, found: RobotFaults) -> None:
         {**files.domains, **robot.domains},
     )
     inputs.formulas += _placed(robot.formulas, found.document)
+    inputs.formulas += _placed_of_guards(robot, found.document)
     for section, key, _ in _entries(found.document):
         place = FilePlace(str(key.document.path), key.document.text, key.position(0))
         inputs.places[section, key.text()] = place
@@ -175,6 +177,21 @@ def _placed(formulas: Iterable[RequestedFormula], document: YamlValue) -> Iterat
     values = dict(_formula_values(document))
     for each in formulas:
         yield PlacedFormula(each, _place_in(values.get(each.name, document)))
+
+
+def _placed_of_guards(robot: RobotConfiguration, document: YamlValue) -> Iterator[PlacedFormula]:
+    """Yield the formulas that guards state themselves, with their places."""
+    lists = [value for key, value in document.entries('') if key.text() == 'guards']
+    stated = {
+        each.line(): each
+        for guard in (element for value in lists for element in value.items())
+        for key, value in guard.entries('')
+        if key.text() == 'formulas'
+        for each in value.one_or_more()
+    }
+    for formula in (each for guard in robot.guards for each in guard.formulas):
+        if formula not in robot.formulas:
+            yield PlacedFormula(formula, _place_in(stated[formula.name]))
 
 
 def _place_in(value: YamlValue) -> Callable[[int], FilePlace]:

@@ -8,6 +8,9 @@ deadline in each period: its own thread wakes the executor, which calls `_on_pro
 that the middleware and the executor work. The receipt of the node's own heartbeats would not: they
 come even if all threads of the middleware hang, as the thread that publishes also delivers them.
 
+Nodes that must know the end of another one within a fraction of a second, such as guards, subscribe
+to its `~/pulse`. The watchdog publishes it each PULSE_PERIOD_S, but only while it has subscribers.
+
 Two nodes of one name, `b` started after `a`:
 
     b finds a on the ROS graph, and receives its heartbeat    b does not start
@@ -64,6 +67,7 @@ class NodeHeartbeat:
             started_at=nanoseconds_to_time(started_at), node_id=secrets.randbits(64)
         )
         self._publisher: Any = None
+        self._pulses: Any = None
         self._conflict = Throttle(CONFLICT_PERIOD_S)
         self._periods_without_progress = 0
 
@@ -99,7 +103,20 @@ class NodeHeartbeat:
             refusal=only_owner,
             callback_group=group,
         )
+        self._pulses = self._node.create_publisher(
+            Heartbeat,
+            '~/pulse',
+            HEARTBEAT,
+            event_callbacks=PublisherEventCallbacks(use_default_callbacks=False),
+        )
         self.publish()
+
+    def pulse(self) -> bool:
+        """Publish a pulse, if a node listens to the pulses; return True if one does."""
+        if not self._pulses.get_subscription_count():
+            return False
+        self._pulses.publish(self._message)
+        return True
 
     def publish(self) -> float:
         """Publish a heartbeat; return the seconds for which the executor has made no progress."""

@@ -7,7 +7,7 @@ import traceback
 from collections.abc import Awaitable, Callable, Mapping
 from difflib import get_close_matches
 from inspect import isawaitable
-from typing import Any
+from typing import Any, ClassVar
 
 from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 from rcl_interfaces.msg import (
@@ -54,6 +54,9 @@ _USE_SIM_TIME = 'use_sim_time'
 
 class DyKnowNode(Node):
     """A node whose services always respond, and whose heartbeats show that it is alive."""
+
+    STATUS_TOPIC: ClassVar[str] = '~/status'
+    """The topic of its DiagnosticStatus."""
 
     def __init__(self, name: str) -> None:
         super().__init__(name)
@@ -167,7 +170,7 @@ class DyKnowNode(Node):
         self.heartbeat.start()
         self._report_unknown_parameters()
         self.get_logger().info(f'ready: {loaded_text(self._loaded)}' if self._loaded else 'ready')
-        self._status = self.create_publisher(DiagnosticStatus, '~/status', STATUS)
+        self._status = self.create_publisher(DiagnosticStatus, self.STATUS_TOPIC, STATUS)
         self._publish_status()
 
     def _report_unknown_parameters(self) -> None:

@@ -15,6 +15,9 @@ from rclpy.qos import (
 HEARTBEAT_PERIOD_S: Final = 0.5
 """The time between two heartbeats of a node."""
 
+PULSE_PERIOD_S: Final = 0.05
+"""The time between two pulses of a node, which it publishes while another one listens."""
+
 
 def _latched(depth: int) -> QoSProfile:
     return QoSProfile(

@@ -7,6 +7,7 @@ import faulthandler
 import os
 import signal
 import threading
+import time
 from collections.abc import Iterable
 from contextlib import suppress
 from typing import Final
@@ -15,7 +16,7 @@ from rclpy.logging import get_logger
 
 from dyknow_common.executables import FAULT
 from dyknow_common.ros.node import HANG_LIMIT_S, DyKnowNode
-from dyknow_common.ros.qos import HEARTBEAT_PERIOD_S
+from dyknow_common.ros.qos import HEARTBEAT_PERIOD_S, PULSE_PERIOD_S
 
 FREEZE_GRACE_S: Final = 10.0
 """The time between the two signals that end a process in which no thread of Python can run."""
@@ -74,7 +75,21 @@ class Watchdog:
             signal.setitimer(signal.ITIMER_REAL, self._limit_s, FREEZE_GRACE_S)
             if not all(map(self._publish, self._nodes)):
                 return
-            self._stopped.wait(HEARTBEAT_PERIOD_S)
+            end = time.monotonic() + HEARTBEAT_PERIOD_S
+            while sum(map(self._pulse, self._nodes)):
+                if self._stopped.wait(PULSE_PERIOD_S) or time.monotonic() > end:
+                    break
+            else:
+                self._stopped.wait(end - time.monotonic())
+
+    def _pulse(self, node: DyKnowNode) -> bool:
+        """Publish a pulse; return True if other nodes listen to the pulses."""
+        try:
+            return node.heartbeat.pulse()
+        except RuntimeError:
+            if node.context.ok():
+                raise
+            return False
 
     def _publish(self, node: DyKnowNode) -> bool:
         """Publish a heartbeat; return True unless the node is stopping."""

@@ -137,8 +137,7 @@ class InstanceMonitor:
             self._latest = valid_time
             return _NO_OUTCOMES
         failures = self._refused() if self.histories.refused else _NO_OUTCOMES
-        follows = self._gap_follows
-        gap_outcomes = self._cross_gap(Gap(latest, valid_time)) if follows else _NO_OUTCOMES
+        crossed = self._cross_gap(Gap(latest, valid_time)) if self._gap_follows else _NO_OUTCOMES
         if self._new:
             self.prepare()
         if abs(valid_time) > MAX_VECTOR_TIME:
@@ -153,8 +152,8 @@ class InstanceMonitor:
         if self._needs_look_ups_only:
             self._fast_path.enter(self._pool.singles, elapsed, valid_time)
             self.quick_step = self._fast_path.step
-        if outcomes or failures or gap_outcomes:
-            return {**gap_outcomes, **_by_id({**failures, **outcomes})}
+        if outcomes or failures or crossed:
+            return {**crossed, **_by_id({**failures, **outcomes})}
         return _NO_OUTCOMES
 
     def progress_many(self, recording: Recording) -> Iterator[tuple[int, Outcomes]]:

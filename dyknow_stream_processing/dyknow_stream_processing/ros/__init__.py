@@ -2,6 +2,7 @@
 
 from dyknow_stream_processing.ros.messages.conversions import extractor, message_conversion
 from dyknow_stream_processing.ros.messages.message_types import (
+    check_fields,
     message_class,
     scalar_fields,
     valid_time_reader,
@@ -20,7 +21,11 @@ from dyknow_stream_processing.ros.messages.sample_messages import (
 from dyknow_stream_processing.ros.stream_proxy import StreamProxy
 from dyknow_stream_processing.ros.topics.node_topics import NodeTopics
 from dyknow_stream_processing.ros.topics.process_pauses import PAUSES
-from dyknow_stream_processing.ros.topics.publications import publishers_of
+from dyknow_stream_processing.ros.topics.publications import (
+    Publication,
+    find_publication,
+    publishers_of,
+)
 from dyknow_stream_processing.ros.topics.sequence_gaps import SequenceGaps
 from dyknow_stream_processing.ros.topics.topic_sources import source_type
 
@@ -28,10 +33,13 @@ __all__ = [
     'PAUSES',
     'FieldReader',
     'NodeTopics',
+    'Publication',
     'SampleWriter',
     'SequenceGaps',
     'StreamProxy',
+    'check_fields',
     'extractor',
+    'find_publication',
     'message_class',
     'message_conversion',
     'publishers_of',

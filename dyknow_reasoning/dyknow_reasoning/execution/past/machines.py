@@ -131,6 +131,12 @@ class PreviousMachine:
         found, self.value = self.value, right
         return found
 
+    def copy(self) -> PreviousMachine:
+        """Return a copy."""
+        found = PreviousMachine()
+        found.value, found._time, found._before = self.value, self._time, self._before
+        return found
+
     def clear(self) -> None:
         """Forget the operand."""
         self.value = False

@@ -1,0 +1,1 @@
+"""What follows from verdicts, as a robot.yaml describes it."""

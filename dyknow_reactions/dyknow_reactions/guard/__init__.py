@@ -1,0 +1,1 @@
+"""Guards: messages pass while formulas hold."""

@@ -1,0 +1,129 @@
+"""Formulas over the messages of a guard, the commands: those that would violate them do not pass.
+
+For the input /cmd_vel_in, the formula
+
+    forall r in Rover: "/cmd_vel_in".linear.x > 0.5 -> Ahead[r] > 1 m
+
+is tried at each command, with the fields of the command and the latest values of `Ahead`. These
+come with the states of another formula, which is about the same features and is never decided:
+
+    forall r in Rover: (eventually[500000 h, 500000 h] (Ahead[r] = Ahead[r]))
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+
+from dyknow_common import SymbolKind, Value, quoted
+from dyknow_reasoning import (
+    Count,
+    Domains,
+    Exists,
+    Feature,
+    FieldReference,
+    Forall,
+    Formula,
+    Kind,
+    ReasoningError,
+    Term,
+    TrialFormula,
+    Variable,
+    check_trial,
+    check_types,
+    parts,
+    symbols_of,
+    walk,
+)
+
+_NEVER = 'eventually[500000 h, 500000 h]'
+"""In 57 years, about the longest time that messages can hold."""
+
+
+class CommandFormula:
+    """A formula over commands and states.
+
+    Args:
+        text: the formula.
+        topic: of the commands, as the formula names it.
+        units: of features, by name.
+
+    Raises:
+        LanguageError: if it cannot be tried at single states.
+    """
+
+    def __init__(self, text: str, topic: str, units: Mapping[str, str]) -> None:
+        formula = check_trial(text)
+        named = {each.name for each in walk(formula) if isinstance(each, Feature)}
+        stated = ', '.join(f'{name}: {quoted(units[name])}' for name in sorted(named & {*units}))
+        self._text = f'let {stated} in ({text})' if stated else text
+        references = [each for each in walk(formula) if isinstance(each, FieldReference)]
+        self.fields = {str(each): each.path for each in references if each.stream == topic}
+        """The paths in the command, by the names of their values."""
+        self.sorts = [each.name for each in symbols_of(formula) if each.kind is SymbolKind.SORT]
+        self.state_formula = _state_formula(formula, self.fields, text)
+        """A formula over the same features, for the states; empty if it needs none."""
+        self._trial: TrialFormula | None = None
+        self._states: Mapping[str, Value] = {}
+
+    def begin(self, domains: Domains) -> None:
+        """Fix the objects of each sort, and begin with an empty history.
+
+        Raises:
+            DyKnowError: for a sort without a domain, or a formula that is too large.
+        """
+        self._trial = TrialFormula(self._text, domains)
+        self._states = {}
+
+    def set_state(self, values: Mapping[str, Value]) -> None:
+        """Set the latest values of the other features."""
+        self._states = values
+
+    def refusal(self, time: int, command: Mapping[str, Value]) -> str:
+        """Return why a command must not pass; empty if it may.
+
+        Args:
+            time: by the monotonic clock, later than that of the latest command that passed.
+            command: the values of `fields`.
+        """
+        if self._trial is None:
+            return 'the objects of its sorts are not known yet'
+        try:
+            if self._trial.holds(time, {**self._states, **command}):
+                return ''
+        except ReasoningError as error:
+            return str(error)
+        return ', '.join(f'{name} is {value}' for name, value in command.items())
+
+    def accept(self) -> None:
+        """Add the command to the history, as it passes."""
+        if self._trial is not None:
+            self._trial.accept()
+
+
+def _state_formula(formula: Formula, commanded: Mapping[str, str], text: str) -> str:
+    kinds = check_types(formula, text)
+    found: dict[str, None] = {}
+    for prefix, field in _fields(formula, {}):
+        if str(field) in commanded:
+            continue
+        name = field.name if isinstance(field, Feature) else str(field)
+        atom = str(field) if kinds.get(name) is Kind.BOOLEAN else f'{field} = {field}'
+        found[f'({prefix}({_NEVER} ({atom})))'] = None
+    return ' and '.join(found)
+
+
+def _fields(
+    node: Formula | Term, sorts: Mapping[str, str]
+) -> Iterator[tuple[str, Feature | FieldReference]]:
+    """Yield the fields of a formula, each with the quantifiers of its variables."""
+    if isinstance(node, Feature | FieldReference):
+        variables = [
+            each.name
+            for each in (node.arguments if isinstance(node, Feature) else ())
+            if isinstance(each, Variable)
+        ]
+        yield ''.join(f'forall {name} in {sorts[name]}: ' for name in variables), node
+    if isinstance(node, Forall | Exists | Count):
+        sorts = {**sorts, node.variable: node.sort}
+    for part in parts(node):
+        yield from _fields(part, sorts)

@@ -1,0 +1,147 @@
+"""The gate of a guard: open only while everything that it depends on is known to be well.
+
+It is closed at the start, and opens when each formula has a state that is not too old and from
+which it holds, and each node of DyKnow has given a recent sign of life. With a timeout of 300 ms:
+
+    time      event                               gate
+      0 ms    start                               closed: no state has come
+     50 ms    the nodes give signs of life        closed
+    100 ms    a state, the formula holds          open
+    200 ms    a state, the formula does not hold  closed: Ahead[rover] is 0.2
+    250 ms    a state, the formula holds          open; with a latch, latched until `reset`
+    551 ms    (no state has come since)           closed: no state for more than 300 ms
+
+All times are those of one monotonic clock, in nanoseconds. Each method first closes the gate if
+something became too old before its time, so a latch does not depend on when it is looked at.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from enum import IntEnum
+
+from dyknow_common import format_duration
+
+
+class GateState(IntEnum):
+    """Whether messages pass; the numbers are those of dyknow_interfaces/msg/GuardStatus."""
+
+    OPEN = 0
+    CLOSED = 1
+    LATCHED = 2
+
+
+@dataclass(slots=True)
+class _Known:
+    """What is known of a formula or a node.
+
+    Args:
+        time: of the latest state or sign of life; None if there is none that counts.
+        failure: why a formula does not hold, or cannot be asked; empty if it holds.
+    """
+
+    time: int | None = None
+    failure: str = ''
+
+
+class Gate:
+    """Decides whether messages pass.
+
+    Args:
+        formulas: the names of those that must hold.
+        nodes: the names of those that must be alive.
+        timeout: the longest time without a state of a formula, or a sign of life of a node.
+        latch: True if the gate stays closed once it has closed, until it is reset.
+    """
+
+    def __init__(
+        self, formulas: Iterable[str], nodes: Iterable[str], timeout: int, *, latch: bool
+    ) -> None:
+        self._formulas = {name: _Known() for name in formulas}
+        self._nodes = {name: _Known() for name in nodes}
+        self._timeout = timeout
+        self._latch = latch
+        self._block = self._interruption = ''
+        self.state = GateState.CLOSED
+        self.reason = ''
+        """Why it is closed; empty while it is open."""
+        self.update(0)
+
+    def note_state(self, formula: str, now: int, failure: str = '') -> None:
+        """Take a state of a formula; `failure` says why the formula does not hold."""
+        self.update(now)
+        self._formulas[formula] = _Known(now, failure)
+        self.update(now)
+
+    def note_fault(self, formula: str, now: int, reason: str) -> None:
+        """Take the reason why a formula cannot be asked, until its next state."""
+        self.update(now)
+        self._formulas[formula] = _Known(None, reason)
+        self.update(now)
+
+    def note_node(self, node: str, now: int) -> None:
+        """Take a sign of life of a node."""
+        self.update(now)
+        self._nodes[node] = _Known(now)
+        self.update(now)
+
+    def interrupt(self, now: int, reason: str) -> None:
+        """Forget what is known, as it may be out of date: all must be heard of again."""
+        self.update(now)
+        self._interruption = reason
+        for known in (*self._formulas.values(), *self._nodes.values()):
+            known.time = None
+        self.update(now)
+
+    def block(self, now: int, reason: str) -> None:
+        """Close for a reason, until the method is called with an empty one."""
+        self.update(now)
+        self._block = reason
+        self.update(now)
+
+    def reset(self, now: int) -> bool:
+        """Release the latch; return False if the gate must stay closed, for the present reason."""
+        self.update(now)
+        if self.state is GateState.LATCHED:
+            obstacle = self._obstacle(now)
+            if obstacle:
+                self.reason = obstacle
+                return False
+            self.state = GateState.CLOSED
+        self.update(now)
+        return self.state is GateState.OPEN
+
+    def is_open(self, now: int) -> bool:
+        """Return True if a message may pass at a time."""
+        self.update(now)
+        return self.state is GateState.OPEN
+
+    def update(self, now: int) -> None:
+        """Open or close according to what is known at a time."""
+        if self.state is GateState.LATCHED:
+            return
+        obstacle = self._obstacle(now)
+        if not obstacle:
+            self.state, self.reason, self._interruption = GateState.OPEN, '', ''
+            return
+        if self.state is GateState.OPEN and self._latch:
+            self.state = GateState.LATCHED
+        else:
+            self.state = GateState.CLOSED
+        self.reason = obstacle
+
+    def _obstacle(self, now: int) -> str:
+        """Return the first reason why no message may pass; empty if there is none."""
+        if self._block:
+            return self._block
+        for name, known in self._formulas.items():
+            if known.failure:
+                return f'{name}: {known.failure}'
+        for name, known in (*self._nodes.items(), *self._formulas.items()):
+            what = 'sign of life' if name in self._nodes else 'state'
+            if known.time is None:
+                return self._interruption or f'{name}: no {what} has come'
+            if now - known.time > self._timeout:
+                return f'{name}: no {what} for more than {format_duration(self._timeout)}'
+        return ''

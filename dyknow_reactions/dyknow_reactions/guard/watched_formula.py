@@ -1,0 +1,47 @@
+"""A formula that a guard asks at every state."""
+
+from __future__ import annotations
+
+from dyknow_reasoning import Domains, FormulaGroup, Values
+
+
+class WatchedFormula:
+    """A formula over one stream of states.
+
+    Args:
+        text: the formula.
+        domains: the objects of each sort.
+
+    Raises:
+        DyKnowError: for a sort without a domain, or a formula that is too large for the domains.
+    """
+
+    def __init__(self, text: str, domains: Domains) -> None:
+        self._group = FormulaGroup()
+        self._id = self._group.add_formula('', text, every_state=True)
+        self._group.begin(domains)
+        self._monitor = self._group.standing.formulas[self._id].monitor
+        self._error = ''
+
+    def failure(self, valid_time: int, values: Values) -> str:
+        """Return why the formula does not hold from a state on; empty if it does.
+
+        It does not hold at a state with which an episode becomes known, or before the end of which
+        the latest one has not ended. Once it cannot be asked any more, it never holds again.
+
+        Args:
+            valid_time: of the state, in nanoseconds.
+            values: a value for each feature of objects, by the text of its `Symbol`.
+        """
+        known = self._monitor.failure_count
+        for result in self._group.progress(valid_time, values):
+            self._error = str(result.error or f'it is {result.verdict.name.lower()} at any state')
+        if self._error:
+            return self._error
+        if not self._monitor.is_violated and self._monitor.failure_count == known:
+            return ''
+        return self._group.standing.summary(self._id).latest_episodes[-1].explanation
+
+    def gap(self) -> None:
+        """Record that states may be missing before the next one."""
+        self._group.gap()

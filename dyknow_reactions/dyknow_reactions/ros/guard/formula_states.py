@@ -1,0 +1,198 @@
+"""The states of one formula of a guard: asked for at the coordinator, read from their stream.
+
+The coordinator grounds the formula and has its states made, as for any monitored formula. The guard
+subscribes to the same stream of states, and decides itself: the way of a verdict by the reasoning
+engine and the coordinator would be longer.
+
+    0.0 s  the goal of MonitorFormula is sent
+    0.4 s  ~/evaluations: it is RUNNING, with the stream states_1; the objects of its sorts are read
+    0.5 s  the first state of states_1 is received
+    9.0 s  a violation of states_1: no state counts any more
+    9.2 s  ~/evaluations: it is RUNNING, with states_2; all begins anew. Otherwise, the goal ends
+           with an error, and is sent again after RETRY_DELAY_S
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any, Final, NamedTuple, Protocol
+
+from dyknow_interfaces.msg import EvaluationStatus
+from dyknow_interfaces.srv import ConceptGetInstances
+
+from dyknow_common import DyKnowError, SymbolKind, Value
+from dyknow_common.ros import DyKnowNode, RemoteNode, time_to_nanoseconds
+from dyknow_coordinator import Answer
+from dyknow_coordinator.ros import FormulaClient, Monitor
+from dyknow_reasoning import parse_formula, symbols_of
+from dyknow_reasoning.ros.state_subscription import Breach, State, StateSubscription
+from dyknow_stream_processing.ros import sample_fields
+
+RETRY_DELAY_S: Final = 0.5
+"""The time until a formula is asked again after its evaluation has ended."""
+
+RESUME_TIMEOUT_S: Final = 4.0
+"""The time within which the coordinator must replace states that cannot be used."""
+
+_PHASES: Final = (EvaluationStatus.RUNNING, EvaluationStatus.WAITING)
+
+
+class StateReceiver(Protocol):
+    """A formula of a guard, which receives its states."""
+
+    def begin(self, formula: str, domains: Mapping[str, Sequence[str]]) -> None:
+        """Begin with the states of another stream, given the formula and the objects of its sorts.
+
+        Raises:
+            DyKnowError: if the formula cannot be asked of them.
+        """
+
+    def receive(self, valid_time: int, values: Mapping[str, Value], *, is_after_gap: bool) -> None:
+        """Receive a state."""
+
+    def fail(self, reason: str) -> None:
+        """Receive the reason why there are no states that can be used."""
+
+
+class StateServices(NamedTuple):
+    """What all formulas of a guard use.
+
+    Args:
+        node: the guard.
+        client: of the coordinator.
+        ontology: the ontology manager.
+    """
+
+    node: DyKnowNode
+    client: FormulaClient
+    ontology: RemoteNode
+
+
+class StateSource(NamedTuple):
+    """An evaluation of the coordinator, with the stream of its states."""
+
+    started: int
+    group: int
+    stream: str
+
+
+class FormulaStates:
+    """The states of one formula, from one evaluation after the other.
+
+    Args:
+        services: that it uses.
+        formula: its text.
+        name: of the evaluation, unique in the system.
+        receiver: of the states.
+        every_state: True if operators see the verdicts from all states.
+    """
+
+    def __init__(
+        self,
+        services: StateServices,
+        formula: str,
+        name: str,
+        receiver: StateReceiver,
+        *,
+        every_state: bool,
+    ) -> None:
+        self._services = services
+        self._formula = formula
+        self._name = name
+        self._receiver = receiver
+        self._every_state = every_state
+        self._source: StateSource | None = None
+        self._states: StateSubscription | None = None
+        self._monitor: Monitor | None = None
+        self._ask()
+
+    def note_evaluations(self, statuses: Iterable[Any]) -> None:
+        """Take the reports of the coordinator on all evaluations."""
+        found = [
+            StateSource(time_to_nanoseconds(each.started), each.formula_group_id, each.state_stream)
+            for each in statuses
+            if each.name == self._name and each.phase in _PHASES and each.state_stream
+        ]
+        formulas = {each.state_stream: each.formula for each in statuses if each.name == self._name}
+        latest = max(found, default=None)
+        if latest is not None and latest != self._source:
+            self._source = latest
+            self._services.node.spawn(self._begin, latest, formulas[latest.stream])
+
+    def _ask(self) -> None:
+        self._monitor = self._services.client.monitor(
+            self._formula,
+            on_verdict=self._on_end,
+            name=self._name,
+            every_state=self._every_state,
+            restart_on_change=True,
+        )
+
+    def _on_end(self, answer: Answer) -> None:
+        node = self._services.node
+        if not node.context.ok():
+            return
+        reason = answer.explanation if answer.error is None else answer.error.message
+        self._stop(f'its evaluation has ended: {reason}')
+        node.deadlines.after(RETRY_DELAY_S).add_done_callback(lambda _: self._ask())
+
+    async def _begin(self, source: StateSource, formula: str) -> None:
+        """Subscribe to the states of an evaluation, once the objects of its sorts are known."""
+        try:
+            sorts = [
+                each.name
+                for each in symbols_of(parse_formula(formula))
+                if each.kind is SymbolKind.SORT
+            ]
+            domains = {sort: await self._objects(sort) for sort in sorts}
+            if source != self._source:
+                return  # There are newer states.
+            self._receiver.begin(formula, domains)
+        except DyKnowError as error:
+            self._give_up(source, error.message)
+            return
+        if self._states is not None:
+            self._states.destroy()
+        self._states = StateSubscription(
+            self._services.node, source.stream, self._on_state, self._on_breach
+        )
+
+    async def _objects(self, sort: str) -> Sequence[str]:
+        response = await self._services.ontology.call(ConceptGetInstances, concept_name=sort)
+        found: Sequence[str] = response.instances
+        return found
+
+    def _on_state(self, states: StateSubscription, state: State) -> None:
+        if states is not self._states:
+            return
+        try:
+            values = sample_fields(state.message)
+        except DyKnowError as error:
+            self._give_up(self._source, error.message)
+            return
+        self._receiver.receive(state.valid_time, values, is_after_gap=bool(state.loss))
+
+    def _on_breach(self, states: StateSubscription, breach: Breach) -> None:
+        if states is self._states:
+            self._give_up(self._source, breach.message)
+
+    def _give_up(self, source: StateSource | None, reason: str) -> None:
+        """Stop reading states, and ask anew unless the coordinator soon reports others."""
+        if source != self._source:
+            return
+        self._stop(reason)
+        monitor = self._monitor
+        due = self._services.node.deadlines.after(RESUME_TIMEOUT_S)
+
+        def ask_anew(_: object) -> None:
+            if source == self._source and monitor is self._monitor and monitor is not None:
+                monitor.cancel()
+
+        due.add_done_callback(ask_anew)
+
+    def _stop(self, reason: str) -> None:
+        """Read no more states, until the coordinator reports others."""
+        if self._states is not None:
+            self._states.destroy()
+            self._states = None
+        self._receiver.fail(reason)

@@ -1,0 +1,265 @@
+"""The node `guard`: passes messages on while formulas hold, and a safe message otherwise.
+
+A guard depends on its own process alone: it reads the states of its formulas, decides itself, and
+counts silence by the monotonic clock. `Gate` decides whether messages pass; this module tells it
+what happens, and does what follows at once: a state with which the gate closes is followed by the
+safe message in the same callback.
+"""
+
+from __future__ import annotations
+
+import time
+from pathlib import Path
+from typing import Any, ClassVar, Final
+
+from dyknow_interfaces.msg import EvaluationStatusArray, GuardStatus
+from std_srvs.srv import Trigger
+
+from dyknow_common import DyKnowError
+from dyknow_common.ros import (
+    LATCHED,
+    DyKnowNode,
+    RemoteNode,
+    Throttle,
+    only_owner,
+    run,
+    topic_fault,
+)
+from dyknow_configuration import RequestedGuard, read_robot
+from dyknow_coordinator.ros import FormulaClient
+from dyknow_reactions.errors import ReactionError
+from dyknow_reactions.guard.clock_jumps import ClockJumps
+from dyknow_reactions.guard.command_formulas import CommandFormula
+from dyknow_reactions.guard.gate import Gate, GateState
+from dyknow_reactions.ros.guard.formula_states import FormulaStates, StateServices
+from dyknow_reactions.ros.guard.guard_diagnostics import GuardDiagnostics
+from dyknow_reactions.ros.guard.guarded_formulas import (
+    CommandFormulas,
+    CommandStates,
+    WatchedStates,
+)
+from dyknow_reactions.ros.guard.node_pulses import WATCHED, NodePulses
+from dyknow_reactions.ros.guard.passage import Passage
+from dyknow_reasoning import asked_of_each_state, parse_formula
+from dyknow_stream_processing.ros import PAUSES
+
+TICK_S: Final = 0.02
+"""The time between two looks at what may have become too old."""
+
+REPORT_PERIOD_S: Final = 1.0
+REFUSALS_PERIOD_S: Final = 1.0
+"""The time between two log messages about refused commands."""
+
+
+class GuardNode(DyKnowNode):
+    """A guard of a robot.yaml. Its topic `~/status` has a GuardStatus."""
+
+    STATUS_TOPIC: ClassVar[str] = '~/node_status'
+
+    def __init__(self) -> None:
+        super().__init__('guard')
+        path = self.parameter('robot', '', 'robot.yaml with the guard.')
+        name = self.parameter('guard', '', 'Name of the guard; empty for the only one of the file.')
+        robot = read_robot(Path(path))
+        self._guard = chosen_guard(robot.guards, name, path)
+        self._passed = self._refused = 0
+        self._last_sent = 0
+        self._reported: tuple[GateState, str] | None = None
+        self._refusals = Throttle(REFUSALS_PERIOD_S)
+        self._jumps = ClockJumps()
+        PAUSES.start()
+        topic = self._guard.input
+        self._commands: dict[str, CommandFormula] = {
+            each.name: CommandFormula(each.closed_text, topic, robot.units)
+            for each in self._guard.formulas
+            if each.reads(topic)
+        }
+        self._check_references()
+        self._tried = CommandFormulas(self._commands)
+        self._passage = self._make_passage()
+        self._gate = self._make_gate()
+        self._publisher = self.create_publisher(GuardStatus, '~/status', LATCHED)
+        self._diagnostics = GuardDiagnostics(self, self._guard)
+        self._watch_formulas()
+        self.create_service(Trigger, '~/reset', self._reset)
+        self.create_timer(TICK_S, self._tick, clock=self.wall_clock)
+        self.create_timer(REPORT_PERIOD_S, self._report, clock=self.wall_clock)
+
+    def _make_passage(self) -> Passage:
+        try:
+            return Passage(self, self._guard, self._tried.paths, self._on_message)
+        except DyKnowError as error:
+            place = f"{self._guard.place}: the guard '{self._guard.name}'"
+            raise ReactionError(f'{place}: {error.message}') from None
+
+    def _make_gate(self) -> Gate:
+        """Return the gate; a guard whose formulas are about commands alone needs no states."""
+        asked = [
+            each.name
+            for each in self._guard.formulas
+            if each.name not in self._commands or self._commands[each.name].state_formula
+        ]
+        return Gate(asked, WATCHED if asked else (), self._guard.timeout, latch=self._guard.latch)
+
+    def _check_references(self) -> None:
+        """Refuse another name of the input in a formula: it would read what has not passed yet."""
+        topic = self.resolve_topic_name(self._guard.input)
+        for name, each in (
+            (formula.name, stream)
+            for formula in self._guard.formulas
+            for stream in formula.streams - {self._guard.input}
+        ):
+            if not topic_fault(self, each) and self.resolve_topic_name(each) == topic:
+                raise ReactionError(
+                    f"{self._guard.place}: the formula '{name}' names the input as '{each}'; "
+                    f"write '{self._guard.input}'"
+                )
+
+    def _watch_formulas(self) -> None:
+        services = StateServices(self, FormulaClient(self), RemoteNode(self, 'ontology_manager'))
+        self._client, self._states = services.client, list[FormulaStates]()
+        for each in self._guard.formulas:
+            command = self._commands.get(each.name)
+            title = f'{self.get_fully_qualified_name()}: {each.name}'
+            if command is None:
+                watched = WatchedStates(each.name, self._gate, self._now, self._settle)
+                text = str(asked_of_each_state(parse_formula(each.text, each.constants)))
+                self._states.append(FormulaStates(services, text, title, watched, every_state=True))
+            elif command.state_formula:
+                tried = CommandStates(each.name, command, self._gate, self._now, self._settle)
+                self._states.append(
+                    FormulaStates(services, command.state_formula, title, tried, every_state=False)
+                )
+        if not self._states:
+            return
+        self.create_subscription(
+            EvaluationStatusArray,
+            'stream_reasoning_coordinator/evaluations',
+            self._on_evaluations,
+            LATCHED,
+            refusal=only_owner,
+        )
+        NodePulses(self, WATCHED, self._on_pulse)
+
+    def _now(self) -> int:
+        """Return the monotonic time, after a look whether the process was stopped before."""
+        now = time.monotonic_ns()
+        if PAUSES.unsettled_for(now) is not None:
+            self._gate.interrupt(now, 'the guard itself was stopped')
+        return now
+
+    def _on_message(self, data: bytes) -> None:
+        now = self._now()
+        if not self._gate.is_open(now):
+            self._refused += 1
+            self._send_safe(now)
+            self._settle(now)
+        elif self._tried and (reason := self._refusal(data, now)):
+            self._refused += 1
+            self._send_safe(now)
+            if self._refusals.is_due():
+                self.get_logger().warning(f'refused a message: {reason}')
+        else:
+            self._passage.send(data)
+            self._passed += 1
+
+    def _refusal(self, data: bytes, now: int) -> str:
+        """Return why a message would violate a formula; empty if it may pass."""
+        try:
+            return self._tried.refusal(self._passage.values(data), now)
+        except Exception as error:  # noqa: BLE001 - of the decoder
+            return f'it cannot be read: {error}'
+
+    def _on_pulse(self, node: str) -> None:
+        now = self._now()
+        self._gate.note_node(node, now)
+        self._settle(now)
+
+    def _on_evaluations(self, message: Any) -> None:
+        for each in self._states:
+            each.note_evaluations(message.evaluations)
+
+    def _tick(self) -> None:
+        now = self._now()
+        if self._jumps.has_jumped(self.now(), now, is_simulated=self._is_time_simulated):
+            self._gate.interrupt(now, 'the clock of the guard has jumped')
+        self._gate.block(now, self._passage.obstacle)
+        self._settle(now)
+        if self._gate.state is not GateState.OPEN and now - self._last_sent >= self._guard.period:
+            self._send_safe(now)
+
+    @property
+    def _is_time_simulated(self) -> bool:
+        clock: Any = self.get_clock()
+        return bool(clock.ros_time_is_active)
+
+    def _settle(self, now: int) -> None:
+        """Do what follows from a change of the gate."""
+        state = self._gate.state
+        if self._reported == (state, self._gate.reason):
+            return
+        has_closed = self._reported is not None and self._reported[0] is GateState.OPEN
+        if has_closed and state is not GateState.OPEN:
+            self._send_safe(now)
+        has_changed = self._reported is None or self._reported[0] is not state
+        self._reported = state, self._gate.reason
+        self._publish_state()
+        if has_changed:
+            self._log_state(state)
+
+    def _log_state(self, state: GateState) -> None:
+        if state is GateState.OPEN:
+            self.get_logger().info('open')
+        else:
+            self.get_logger().warning(f'{state.name.lower()}: {self._gate.reason}')
+
+    def _send_safe(self, now: int) -> None:
+        self._passage.send_safe()
+        self._last_sent = now
+
+    def _report(self) -> None:
+        self._passage.refresh()
+        self._publish_state()
+        self._diagnostics.publish(self._gate, self._passed, self._refused, self._passage.bypass)
+
+    def _publish_state(self) -> None:
+        status = GuardStatus(
+            name=self._guard.name,
+            state=int(self._gate.state),
+            reason=self._gate.reason,
+            passed=self._passed,
+            refused=self._refused,
+        )
+        status.header.stamp = self.get_clock().now().to_msg()
+        self._publisher.publish(status)
+
+    def _reset(self, _request: Any, response: Any) -> Any:
+        now = self._now()
+        response.success = self._gate.reset(now)
+        response.message = self._gate.reason or 'open'
+        self._settle(now)
+        return response
+
+    def destroy_node(self) -> None:
+        """Cancel the evaluations, and destroy the node."""
+        self._client.close()
+        super().destroy_node()
+
+
+def chosen_guard(guards: tuple[RequestedGuard, ...], name: str, path: str) -> RequestedGuard:
+    """Return the guard of a name, or the only one.
+
+    Raises:
+        ReactionError: if there is no such guard, or a choice.
+    """
+    names = ', '.join(each.name for each in guards) or 'none'
+    found = [each for each in guards if each.name == name or not name]
+    if len(found) != 1:
+        wanted = f"there is no guard '{name}'" if name else 'name one of the guards'
+        raise ReactionError(f'{path}: {wanted} (there are: {names})')
+    return found[0]
+
+
+def main() -> int:
+    """Run the executable guard."""
+    return run(GuardNode)

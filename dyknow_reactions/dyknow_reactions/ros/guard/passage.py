@@ -1,0 +1,149 @@
+"""The topics of a guard: messages of any type, which are passed on as they are, serialised."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Any, Final
+
+from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
+from rclpy.qos import QoSProfile, ReliabilityPolicy
+from rclpy.qos_overriding_options import QoSOverridingOptions
+from rclpy.serialization import deserialize_message
+
+from dyknow_common import DyKnowError, Value
+from dyknow_common.ros import DyKnowNode, absolute_topic
+from dyknow_configuration import RequestedGuard
+from dyknow_reactions.errors import ReactionError
+from dyknow_reactions.ros.guard.safe_message import safe_bytes, safe_message
+from dyknow_stream_processing.ros import (
+    Publication,
+    check_fields,
+    extractor,
+    find_publication,
+    message_class,
+)
+
+QUEUE_DEPTH: Final = 10
+"""The number of messages that may wait: commands that are older have no value."""
+
+
+class Passage:
+    """The input and the output of a guard, as soon as their type is known.
+
+    Args:
+        node: the guard.
+        guard: its description.
+        fields: the paths in the messages that formulas name.
+        on_message: receives each message of the input, serialised.
+
+    Raises:
+        DyKnowError: for a message type that is not installed, or lacks a field of the safe message
+            or of a formula.
+    """
+
+    def __init__(
+        self,
+        node: DyKnowNode,
+        guard: RequestedGuard,
+        fields: frozenset[str],
+        on_message: Callable[[bytes], None],
+    ) -> None:
+        self._node = node
+        self._guard = guard
+        self._fields = fields
+        self._on_message = on_message
+        self._input = absolute_topic(node, guard.input, 'input')
+        self._output = absolute_topic(node, guard.output, 'output')
+        if self._input == self._output:
+            raise ReactionError(f'{self._input} is the input and the output of the guard')
+        self._group = MutuallyExclusiveCallbackGroup()
+        self._class: Any = None
+        self._publisher: Any = None
+        self._subscription: Any = None
+        self._is_reliable = True
+        self._safe: Callable[[Any], bytes] | None = None
+        self._read: Callable[[Any], Any] | None = None
+        self.obstacle = f'nobody publishes {self._input}, and the guard states no type'
+        """Why messages cannot be passed on; empty if they can."""
+        if guard.message_type:
+            self._use(guard.message_type)
+
+    @property
+    def bypass(self) -> str:
+        """The remark that others publish the output, too; empty if they do not."""
+        others = self._node.count_publishers(self._output) - (self._publisher is not None)
+        return f'{self._output} has {others} more publishers, which the guard cannot stop' * (
+            others > 0
+        )
+
+    def refresh(self) -> None:
+        """Match the subscription to the publishers of the input."""
+        try:
+            found = find_publication(self._node, self._input)
+            if found is not None:
+                self._match(found)
+        except DyKnowError as error:
+            self.obstacle = error.message
+
+    def values(self, data: bytes) -> Mapping[str, Value]:
+        """Return the values of a message, by their paths."""
+        if self._read is None:
+            return {}
+        found: Mapping[str, Value] = self._read(deserialize_message(data, self._class))
+        return found
+
+    def send(self, data: bytes) -> None:
+        """Publish a message."""
+        self._publisher.publish(data)
+
+    def send_safe(self) -> None:
+        """Publish the safe message, if there is one."""
+        if self._safe is not None:
+            self._publisher.publish(self._safe(self._node.get_clock().now().to_msg()))
+
+    def _match(self, found: Publication) -> None:
+        if self._class is None:
+            self._use(found.type_name)
+        elif found.type_name != self._type:
+            raise ReactionError(
+                f'{self._input} is published with the type {found.type_name}, not with {self._type}'
+            )
+        self.obstacle = ''
+        if self._is_reliable and not found.reliable:
+            # A reliable subscription would receive nothing of a publisher that is not.
+            self._is_reliable = False
+            self._node.destroy_subscription(self._subscription)
+            self._subscribe()
+
+    def _use(self, type_name: str) -> None:
+        """Create the topics of a type."""
+        class_ = message_class(type_name)
+        check_fields(class_, self._fields)
+        if self._guard.safe is not None:
+            self._safe = safe_bytes(safe_message(class_, self._guard.safe))
+        if self._fields:
+            self._read = extractor(class_, self._fields)
+        self._class, self._type = class_, type_name
+        self._publisher = self._node.create_publisher(
+            class_,
+            self._output,
+            QoSProfile(depth=QUEUE_DEPTH),
+            qos_overriding_options=QoSOverridingOptions.with_default_policies(),
+        )
+        self._subscribe()
+        self.obstacle = ''
+
+    def _subscribe(self) -> None:
+        policy = ReliabilityPolicy
+        self._subscription = self._node.create_subscription(
+            self._class,
+            self._input,
+            self._on_message,
+            QoSProfile(
+                depth=QUEUE_DEPTH,
+                reliability=policy.RELIABLE if self._is_reliable else policy.BEST_EFFORT,
+            ),
+            raw=True,
+            qos_overriding_options=QoSOverridingOptions.with_default_policies(),
+            callback_group=self._group,
+        )

@@ -1,0 +1,120 @@
+"""Formulas over the messages that are about to pass."""
+
+from __future__ import annotations
+
+import pytest
+
+from dyknow_common import LanguageError
+from dyknow_reactions.guard.command_formulas import CommandFormula
+from dyknow_reactions.guard.watched_formula import WatchedFormula
+from dyknow_reasoning import FormulaGroup
+
+TOPIC = '/cmd_vel_in'
+SPEED = '"/cmd_vel_in".linear.x'
+
+
+def formula(text: str, **units: str) -> CommandFormula:
+    return CommandFormula(text, TOPIC, units)
+
+
+def begun(text: str) -> CommandFormula:
+    found = formula(text)
+    found.begin({'Rover': ['r1', 'r2']})
+    return found
+
+
+def test_what_a_formula_needs() -> None:
+    limit = formula(f'always {SPEED} < 0.5')
+    assert limit.fields == {SPEED: 'linear.x'}
+    assert (limit.state_formula, limit.sorts) == ('', [])
+    both = formula(
+        f'forall r in Rover: {SPEED} > 0.5 and not docked -> Ahead[r] > 1 or "/odom".x = "a"'
+    )
+    never = 'eventually[500000 h, 500000 h]'
+    assert both.state_formula == (
+        f'(({never} (docked))) and (forall r in Rover: ({never} (Ahead[r] = Ahead[r]))) and '
+        f'(({never} ("/odom".x = "/odom".x)))'
+    )
+    assert both.sorts == ['Rover']
+    group = FormulaGroup()
+    group.add_formula('', both.state_formula)
+    group.begin({'Rover': ['r1', 'r2']})
+    assert {str(each) for each in group.symbols()} == {
+        'docked', 'Ahead[r1]', 'Ahead[r2]', '"/odom".x'
+    }  # fmt: skip
+
+
+def test_a_command_that_would_violate_it_is_refused() -> None:
+    limit = begun(f'{SPEED} < 0.5')
+    assert limit.refusal(1, {SPEED: 0.4}) == ''
+    assert limit.refusal(2, {SPEED: 0.5}) == '"/cmd_vel_in".linear.x is 0.5'
+    assert 'not a number' in limit.refusal(3, {SPEED: float('nan')})
+
+
+def test_a_refused_command_is_not_part_of_the_history() -> None:
+    steps = begun(f'{SPEED} > 0.5 -> previous {SPEED} > 0.2')
+    assert steps.refusal(1, {SPEED: 0.9})
+    assert steps.refusal(2, {SPEED: 0.9})
+    assert not steps.refusal(3, {SPEED: 0.3})
+    steps.accept()
+    assert not steps.refusal(4, {SPEED: 0.9})
+
+
+def test_the_latest_states_count() -> None:
+    near = begun(f'forall r in Rover: {SPEED} > 0.5 -> Ahead[r] > 1')
+    assert "no field 'Ahead[r1]'" in near.refusal(1, {SPEED: 0.9})
+    near.set_state({'Ahead[r1]': 2.0, 'Ahead[r2]': 2.0})
+    assert not near.refusal(1, {SPEED: 0.9})
+    near.set_state({'Ahead[r1]': 2.0, 'Ahead[r2]': 0.5})
+    assert near.refusal(1, {SPEED: 0.9})
+    assert not near.refusal(1, {SPEED: 0.4})
+
+
+def test_nothing_passes_before_the_objects_are_known() -> None:
+    assert formula(f'{SPEED} < 0.5').refusal(1, {SPEED: 0.1}) == (
+        'the objects of its sorts are not known yet'
+    )
+
+
+def test_units_of_features() -> None:
+    near = formula(f'{SPEED} > 0.5 -> Ahead > 30 cm', Ahead='m', Other='kg')
+    near.begin({})
+    near.set_state({'Ahead': 0.4})
+    assert not near.refusal(1, {SPEED: 0.9})
+    near.set_state({'Ahead': 0.2})
+    assert near.refusal(1, {SPEED: 0.9})
+
+
+def test_the_future_is_refused() -> None:
+    with pytest.raises(LanguageError, match='looks into the future'):
+        formula(f'{SPEED} > 0.5 -> eventually[0 s, 1 s] p')
+
+
+def test_a_watched_formula_holds_again() -> None:
+    watched = WatchedFormula('forall r in Rover: (Ahead[r] > 1)', {'Rover': ['r1']})
+    assert watched.failure(1, {'Ahead[r1]': 2.0}) == ''
+    assert watched.failure(2, {'Ahead[r1]': 0.5}).startswith('for r = r1: Ahead[r1] = 0.5')
+    assert watched.failure(3, {'Ahead[r1]': 2.0}) == ''
+
+
+def test_a_response_that_is_late_fails_when_that_becomes_known() -> None:
+    watched = WatchedFormula('p -> eventually[0 ns, 2 ns] q', {})
+    states = [(1, 1, 0), (2, 0, 0), (4, 0, 0), (5, 1, 0), (6, 0, 1)]
+    found = [watched.failure(t, {'p': bool(p), 'q': bool(q)}) for t, p, q in states]
+    assert [bool(each) for each in found] == [False, False, True, False, False]
+    assert 'q' in found[2]
+
+
+@pytest.mark.parametrize('values', [{}, {'p': 3}])
+def test_an_error_is_final(values: dict[str, object]) -> None:
+    watched = WatchedFormula('p', {})
+    assert watched.failure(1, {'p': True}) == ''
+    assert "'p'" in watched.failure(2, values)  # type: ignore[arg-type]
+    assert "'p'" in watched.failure(3, {'p': True})
+
+
+def test_past_over_missing_states_is_an_error() -> None:
+    watched = WatchedFormula('once p', {})
+    assert watched.failure(1, {'p': True}) == ''
+    watched.gap()
+    assert 'states that are missing' in watched.failure(2, {'p': True})

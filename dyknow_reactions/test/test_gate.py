@@ -1,0 +1,157 @@
+"""The gate of a guard, by hand and against a naive reference."""
+
+from __future__ import annotations
+
+import os
+from dataclasses import dataclass, field
+
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from dyknow_reactions.guard.gate import Gate, GateState
+
+EXAMPLES = 20_000 if os.environ.get('DYKNOW_LONG_TESTS') else 500
+FORMULAS, NODES, TIMEOUT = ('f', 'g'), ('n', 'm'), 5
+
+EVENTS = st.one_of(
+    st.tuples(st.just('state'), st.sampled_from(FORMULAS), st.sampled_from(['', '', '', 'bad'])),
+    st.tuples(st.just('fault'), st.sampled_from(FORMULAS), st.just('gone')),
+    st.tuples(st.just('node'), st.sampled_from(NODES), st.just('')),
+    st.tuples(st.just('interrupt'), st.just(''), st.just('paused')),
+    st.tuples(st.just('block'), st.just(''), st.sampled_from(['', 'blocked'])),
+    st.tuples(st.just('reset'), st.just(''), st.just('')),
+    st.tuples(st.just('look'), st.just(''), st.just('')),
+)
+
+
+@dataclass
+class Reference:
+    """All events so far; the conditions are evaluated anew at every instant."""
+
+    latch: bool
+    log: list[tuple[int, tuple[str, str, str]]] = field(default_factory=list)
+    now: int = 0
+    is_open: bool = False
+    is_latched: bool = False
+
+    def is_well(self) -> bool:
+        def latest(kinds: set[str], name: str) -> tuple[int, tuple[str, str, str]] | None:
+            found = [each for each in self.log if each[1][0] in kinds and each[1][1] in {name, ''}]
+            return found[-1] if found else None
+
+        for name, kinds in [(f, {'state', 'fault'}) for f in FORMULAS] + [
+            (n, {'node'}) for n in NODES
+        ]:
+            found = latest({*kinds, 'interrupt'}, name)
+            own = latest(kinds, name)
+            if found is None or own is None or found[1][0] in {'interrupt', 'fault'}:
+                return False
+            if found[1][2] or self.now - found[0] > TIMEOUT:
+                return False
+        block = latest({'block'}, '')
+        return block is None or not block[1][2]
+
+    def look(self) -> None:
+        was_open, self.is_open = self.is_open, self.is_well() and not self.is_latched
+        if self.latch and was_open and not self.is_open:
+            self.is_latched = True
+
+    def advance(self, time: int) -> None:
+        while self.now < time:
+            self.now += 1
+            self.look()
+
+    def take(self, event: tuple[str, str, str]) -> None:
+        self.log.append((self.now, event))
+        if event[0] == 'reset' and self.is_well():
+            self.is_latched = False
+        self.look()
+
+
+@given(
+    st.lists(st.tuples(st.integers(0, 4), EVENTS), max_size=60),
+    st.booleans(),
+)
+@settings(max_examples=EXAMPLES, deadline=None)
+def test_it_is_open_exactly_when_all_conditions_hold(
+    events: list[tuple[int, tuple[str, str, str]]],
+    latch: bool,  # noqa: FBT001 - drawn by hypothesis
+) -> None:
+    gate, reference = Gate(FORMULAS, NODES, TIMEOUT, latch=latch), Reference(latch)
+    for wait, event in events:
+        reference.advance(reference.now + wait)
+        now, (kind, name, text) = reference.now, event
+        reference.take(event)
+        match kind:
+            case 'state':
+                gate.note_state(name, now, text)
+            case 'fault':
+                gate.note_fault(name, now, text)
+            case 'node':
+                gate.note_node(name, now)
+            case 'interrupt':
+                gate.interrupt(now, text)
+            case 'block':
+                gate.block(now, text)
+            case 'reset':
+                assert gate.reset(now) is reference.is_open
+        assert gate.is_open(now) is reference.is_open
+        assert (gate.state is GateState.LATCHED) is reference.is_latched
+        assert bool(gate.reason) is not reference.is_open
+
+
+def open_gate(*, latch: bool = False) -> Gate:
+    gate = Gate(['f'], ['n'], TIMEOUT, latch=latch)
+    assert not gate.is_open(0)
+    gate.note_node('n', 1)
+    gate.note_state('f', 1)
+    assert gate.is_open(1)
+    return gate
+
+
+def test_the_reasons() -> None:
+    gate = Gate(['f'], ['n'], TIMEOUT, latch=False)
+    assert gate.reason == 'n: no sign of life has come'
+    gate.note_node('n', 1)
+    assert gate.reason == 'f: no state has come'
+    gate.note_state('f', 2, 'x is 3')
+    assert gate.reason == 'f: x is 3'
+    gate.note_fault('f', 3, 'the stream broke max_gap')
+    assert gate.reason == 'f: the stream broke max_gap'
+    gate.note_state('f', 4)
+    assert (gate.state, gate.reason) == (GateState.OPEN, '')
+    assert not gate.is_open(7)
+    assert gate.reason == 'n: no sign of life for more than 5 ns'
+    gate.note_node('n', 9)
+    assert gate.is_open(9)
+    gate.note_node('n', 10)
+    assert gate.reason == 'f: no state for more than 5 ns'
+    gate.interrupt(11, 'the clock has jumped')
+    assert gate.reason == 'the clock has jumped'
+    gate.block(12, 'nobody publishes /cmd_vel_in')
+    assert gate.reason == 'nobody publishes /cmd_vel_in'
+
+
+def test_what_is_too_old_by_one() -> None:
+    gate = open_gate()
+    assert gate.is_open(1 + TIMEOUT)
+    assert not gate.is_open(2 + TIMEOUT)
+
+
+def test_a_latch_is_released_only_while_all_is_well() -> None:
+    gate = open_gate(latch=True)
+    gate.note_state('f', 2, 'x is 3')
+    assert gate.state is GateState.LATCHED
+    assert not gate.reset(2)
+    assert gate.reason == 'f: x is 3'
+    gate.note_state('f', 3)
+    assert gate.state is GateState.LATCHED
+    assert gate.reset(3)
+    assert gate.state is GateState.OPEN
+
+
+def test_a_latch_keeps_a_silence_that_nobody_looked_at() -> None:
+    gate = open_gate(latch=True)
+    gate.note_node('n', 9)
+    gate.note_state('f', 9)
+    assert gate.state is GateState.LATCHED

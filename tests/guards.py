@@ -1,0 +1,152 @@
+"""A running guard of cmd_vel, whose commands a test publishes."""
+
+from __future__ import annotations
+
+import signal
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from dyknow_interfaces.msg import GuardStatus
+from geometry_msgs.msg import Twist
+from std_srvs.srv import Trigger
+
+from dyknow_bringup.processes.processes import Process
+from dyknow_common.ros import LATCHED
+from system import Client, System
+
+PERIOD_S = 0.02
+SLACK_S = 1.0
+"""By how much signs of life may be late on a busy computer."""
+
+
+class GuardedBase:
+    """A guard, the commands that it receives, and what the base of the robot receives.
+
+    Args:
+        system: DyKnow.
+        folder: for the robot.yaml.
+        formulas: of the guard, in YAML.
+        options: further keys of the guard, in YAML.
+    """
+
+    def __init__(self, system: System, folder: Path, formulas: str, options: str = '') -> None:
+        self.client: Client = system.client
+        self.speed = 0.4
+        self.is_commanding = True
+        self.received: list[tuple[float, Any]] = []
+        self.statuses: list[Any] = []
+        self._system = system
+        path = folder / 'robot.yaml'
+        path.write_text(
+            'guards:\n  - name: base_guard\n    input: /cmd_vel_in\n    output: /cmd_vel\n'
+            f'    type: geometry_msgs/msg/Twist\n    timeout: 600 ms\n    formulas: {formulas}\n'
+            f'{options}',
+            encoding='utf-8',
+        )
+        node = self.client.node
+        self._commands = node.create_publisher(Twist, '/cmd_vel_in', 10)
+        self._listeners = [
+            node.create_subscription(Twist, '/cmd_vel', self._on_output, 100),
+            node.create_subscription(
+                GuardStatus, '/base_guard/status', self.statuses.append, LATCHED
+            ),
+        ]
+        self._timer = node.create_timer(PERIOD_S, self._command)
+        self.process = system.launcher.start(
+            Process(
+                'dyknow_reactions', 'guard', {'robot': str(path), 'guard': ''}, node='base_guard'
+            )
+        )
+
+    def close(self) -> None:
+        """End the guard."""
+        self.process.send_signal(signal.SIGCONT)
+        self._system.launcher.kill('base_guard')
+        node = self.client.node
+        node.destroy_timer(self._timer)
+        node.destroy_publisher(self._commands)
+        for each in self._listeners:
+            node.destroy_subscription(each)
+
+    @property
+    def state(self) -> int | None:
+        """The latest one that the guard has published."""
+        return self.statuses[-1].state if self.statuses else None
+
+    @property
+    def reason(self) -> str:
+        """Why it is closed."""
+        return self.statuses[-1].reason if self.statuses else ''
+
+    def wait_for(self, state: int, reason: str = '') -> None:
+        """Waits until the guard reports a state, with a reason that has some words."""
+        self.client.spin_until(
+            lambda: self.state == state and reason in self.reason,
+            f'the guard is {state} because of {reason}',
+            instead=lambda: (self.state, self.reason),
+        )
+
+    def wait_until_open(self) -> None:
+        """Waits until commands pass."""
+        self.wait_for(GuardStatus.OPEN)
+        self.wait_for_message(lambda message: message.linear.x == self.speed, 'a command')
+
+    def wait_for_message(self, condition: Any, what: str) -> None:
+        """Waits until a message of the output satisfies a condition, from now on."""
+        begin = len(self.received)
+        self.client.spin_until(
+            lambda: any(condition(message) for _, message in self.received[begin:]),
+            what,
+            instead=lambda: (self.state, self.reason),
+        )
+
+    def assert_safe_after(self, event: float, limit: float) -> None:
+        """Wait for the safe message; no command passes that was sent after a limit.
+
+        Args:
+            event: the time of what must close the guard.
+            limit: seconds until the guard must be closed.
+        """
+        self.wait_for_message(is_zero, 'the safe message')
+        end = time.monotonic() + 0.5
+        self.client.spin_until(lambda: time.monotonic() > end, 'more commands')
+        late = [
+            message.linear.y - event
+            for _, message in self.received
+            if not is_zero(message) and message.linear.y > event + limit + SLACK_S
+        ]
+        assert not late, f'commands have passed that were sent {late} s after the event'
+        assert is_zero(self.received[-1][1])
+
+    def reset(self) -> Any:
+        """Call the service that releases the latch."""
+        return self.client.call(Trigger, '/base_guard/reset')
+
+    def _command(self) -> None:
+        if self.is_commanding:
+            message = Twist()
+            message.linear.x, message.linear.y = self.speed, time.monotonic()
+            self._commands.publish(message)
+
+    def _on_output(self, message: Any) -> None:
+        self.received.append((time.monotonic(), message))
+
+
+def is_zero(message: Any) -> bool:
+    """Return True for the default safe message."""
+    return bool(message == Twist())
+
+
+@contextmanager
+def guarded_base(
+    system: System, folder: Path, formulas: str, options: str = ''
+) -> Iterator[GuardedBase]:
+    """A guard that is open at the start."""
+    base = GuardedBase(system, folder, formulas, options)
+    try:
+        yield base
+    finally:
+        base.close()

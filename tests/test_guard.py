@@ -1,0 +1,172 @@
+"""Guards of a real system: each way of closing, and of refusing a command."""
+
+from __future__ import annotations
+
+import signal
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+from dyknow_interfaces.msg import GuardStatus
+
+from guards import GuardedBase, guarded_base, is_zero
+from system import Batteries, System
+
+TIMEOUT_S = 0.6
+"""That of the guards: states come each 0.2 s, on a busy computer."""
+
+IMMEDIATE_S = 0.1
+POWER = "['Power[uav1] < 150']"
+COMMAND = '"/cmd_vel_in".linear.x'
+
+
+@pytest.fixture
+def base(system: System, tmp_path: Path) -> Iterator[GuardedBase]:
+    system.batteries.reset()
+    with guarded_base(system, tmp_path, POWER) as running:
+        running.wait_until_open()
+        yield running
+
+
+def guarded(system: System, folder: Path, formulas: str, options: str = '') -> Any:
+    system.batteries.reset()
+    return guarded_base(system, folder, formulas, options)
+
+
+def test_a_formula_that_is_false(system: System, base: GuardedBase) -> None:
+    event = time.monotonic()
+    system.batteries.power['uav1'] = 200.0
+    base.assert_safe_after(event, Batteries.PERIOD / 1e9 + IMMEDIATE_S)
+    base.wait_for(GuardStatus.CLOSED, 'Power[uav1] = 200.0')
+    system.batteries.power['uav1'] = 100.0
+    base.wait_until_open()
+
+
+def test_a_silent_topic(system: System, base: GuardedBase) -> None:
+    event = time.monotonic()
+    system.batteries.silent.add('uav1')
+    base.assert_safe_after(event, TIMEOUT_S)
+    base.wait_for(GuardStatus.CLOSED)
+    assert not base.reason.startswith('stream_'), base.reason
+    system.batteries.silent.clear()
+    system.batteries.reset()
+    base.wait_until_open()
+
+
+def test_a_violation(system: System, base: GuardedBase) -> None:
+    """A sample that is stamped 50 ms too early breaks sample_period_deviation."""
+    event = time.monotonic()
+    system.batteries.publish('uav1', system.batteries.stamp + 20_000_000)
+    base.assert_safe_after(event, Batteries.PERIOD / 1e9 + IMMEDIATE_S)
+    base.wait_for(GuardStatus.CLOSED)
+    system.batteries.reset()
+    base.wait_until_open()
+
+
+def test_without_commands_the_safe_message_is_repeated(system: System, base: GuardedBase) -> None:
+    base.is_commanding = False
+    system.batteries.power['uav1'] = 200.0
+    base.wait_for(GuardStatus.CLOSED)
+    begin = len(base.received)
+    base.client.spin_until(lambda: len(base.received) > begin + 5, 'safe messages')
+    assert all(is_zero(message) for _, message in base.received[begin:])
+
+
+def test_a_guard_that_is_stopped_passes_nothing_stale(system: System, base: GuardedBase) -> None:
+    base.process.send_signal(signal.SIGSTOP)
+    end = time.monotonic() + 1.0
+    base.client.spin_until(lambda: time.monotonic() > end, 'commands that wait')
+    begin, event = len(base.received), time.monotonic()
+    base.process.send_signal(signal.SIGCONT)
+    base.client.spin_until(lambda: len(base.received) > begin, 'the guard goes on')
+    base.wait_until_open()
+    passed = [message for _, message in base.received[begin:] if not is_zero(message)]
+    assert all(message.linear.y > event for message in passed)
+    assert system.running  # The states went on.
+
+
+@pytest.mark.parametrize(
+    ('node', 'reason'),
+    [
+        ('stream_reasoning_coordinator', 'stream_reasoning_coordinator: no sign of life'),
+        ('stream_reasoning_engine', 'stream_reasoning_engine: no sign of life'),
+        ('stream_manager', 'stream_manager: no sign of life'),
+        ('stream_processing_engine', 'Power[uav1] < 150: no state'),
+    ],
+)
+@pytest.mark.parametrize('end', ['SIGSTOP', 'SIGKILL'])
+def test_the_end_of_a_node(
+    system: System, base: GuardedBase, node: str, reason: str, end: str
+) -> None:
+    context = system.stopped(node) if end == 'SIGSTOP' else system.killed(node)
+    event = time.monotonic()
+    with context:
+        base.assert_safe_after(event, TIMEOUT_S)
+        assert base.state == GuardStatus.CLOSED
+        assert base.reason.startswith(reason), base.reason
+    system.client.wait_for_coordinator()
+    system.client.spin_until(lambda: system.streams() >= system.fleet_streams, 'the streams')
+    system.batteries.reset()
+    base.wait_until_open()
+
+
+def test_a_latch(system: System, tmp_path: Path) -> None:
+    with guarded(system, tmp_path, POWER, '    latch: true\n') as base:
+        base.wait_until_open()
+        system.batteries.power['uav1'] = 200.0
+        base.wait_for(GuardStatus.LATCHED, 'Power[uav1] = 200.0')
+        answer = base.reset()
+        assert (answer.success, base.state) == (False, GuardStatus.LATCHED)
+        assert 'Power[uav1]' in answer.message
+        system.batteries.power['uav1'] = 100.0
+        begin = system.batteries.stamp
+        base.client.spin_until(
+            lambda: system.batteries.stamp > begin + 3 * Batteries.PERIOD, 'states that hold'
+        )
+        assert base.state == GuardStatus.LATCHED
+        assert is_zero(base.received[-1][1])
+        base.client.spin_until(lambda: base.reset().success, 'the latch is released')
+        base.wait_until_open()
+
+
+def test_a_command_that_would_violate_a_formula(system: System, tmp_path: Path) -> None:
+    formulas = (
+        f"['{COMMAND} < 0.5', 'forall u in UAV: {COMMAND} > 0.3 -> Power[u] < 150', "
+        f"'{COMMAND} > 0.45 -> previous {COMMAND} > 0.35']"
+    )
+    safe = '    safe: {linear: {x: -0.1}}\n'
+    with guarded(system, tmp_path, formulas, safe) as base:
+        base.wait_until_open()
+        for speed in (0.7, float('nan')):
+            base.speed = speed
+            base.wait_for_message(lambda message: message.linear.x == -0.1, 'the safe message')
+            assert base.state == GuardStatus.OPEN
+        system.batteries.power['uav2'] = 200.0
+        base.speed = 0.2
+        base.wait_for_message(lambda message: message.linear.x == 0.2, 'a slow command')
+        base.speed = 0.4
+        base.wait_for_message(lambda message: message.linear.x == -0.1, 'no fast command')
+        system.batteries.power['uav2'] = 100.0
+        base.wait_for_message(lambda message: message.linear.x == 0.4, 'a fast command')
+        base.speed = 0.47
+        base.wait_for_message(lambda message: message.linear.x == 0.47, 'a small step')
+        base.speed = 0.2
+        base.wait_for_message(lambda message: message.linear.x == 0.2, 'a slow command')
+        base.speed = 0.47
+        base.wait_for_message(lambda message: message.linear.x == -0.1, 'no large step')
+        begin = len(base.received)
+        system.batteries.silent.add('uav1')
+        base.wait_for(GuardStatus.CLOSED)
+        assert all(message.linear.x != 0.47 for _, message in base.received[begin:])
+
+
+def test_nothing_instead_of_a_safe_message(system: System, tmp_path: Path) -> None:
+    with guarded(system, tmp_path, f"['{COMMAND} < 0.5']", '    safe: nothing\n') as base:
+        base.wait_until_open()
+        base.speed = 0.7
+        refused = base.statuses[-1].refused
+        base.client.spin_until(lambda: base.statuses[-1].refused > refused + 20, 'refusals')
+        assert all(message.linear.x == 0.4 for _, message in base.received)
+        assert all(each.state != GuardStatus.LATCHED for each in base.statuses)

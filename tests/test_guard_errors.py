@@ -1,0 +1,65 @@
+"""What a guard refuses at its start: the message names the guard, the fault and its mend."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from commands import command, output_of
+from dyknow_common.executables import CANNOT_START
+from system import private_environment
+
+GUARD = """\
+guards:
+  - name: base_guard
+    input: /cmd_vel_in
+    output: /cmd_vel
+    type: geometry_msgs/msg/Twist
+    formulas: '"/cmd_vel_in".linear.x < 0.5'
+"""
+
+
+@pytest.mark.parametrize(
+    ('change', 'message'),
+    [
+        (('Twist', 'Twits'), "message type 'geometry_msgs/msg/Twits' is not installed"),
+        (('linear.x', 'linear.w'), "geometry_msgs/msg/Twist has no field 'linear.w'"),
+        (
+            ('    type', '    safe: {linear: {z1: 0}}\n    type'),
+            "safe: geometry_msgs/msg/Vector3 has no field 'linear.z1' (it has: x, y, z)",
+        ),
+        (
+            ('    type', '    safe: {linear: {x: fast}}\n    type'),
+            "safe: 'fast' does not fit into 'linear.x', which is a double",
+        ),
+        (
+            ('    type', '    safe: {linear: 0}\n    type'),
+            "safe: 'linear' is a geometry_msgs/Vector3; write its fields as a mapping",
+        ),
+        (
+            ('"/cmd_vel_in".linear.x < 0.5', '"cmd_vel_in".linear.x < 0.5'),
+            "names the input as 'cmd_vel_in'; write '/cmd_vel_in'",
+        ),
+    ],
+)
+def test_a_guard_that_cannot_start(change: tuple[str, str], message: str, tmp_path: Path) -> None:
+    path = tmp_path / 'robot.yaml'
+    path.write_text(GUARD.replace(*change))
+    done = output_of(command('dyknow', 'guard', str(path)), private_environment())
+    assert done.returncode == CANNOT_START
+    assert message in done.stderr
+    assert f'{path}:2:5: the ' in done.stderr
+
+
+def test_the_choice_of_a_guard(tmp_path: Path) -> None:
+    path = tmp_path / 'robot.yaml'
+    second = GUARD.partition('\n')[2].replace('base_guard', 'other').replace(': /cmd', ': /arm')
+    path.write_text(GUARD + second.replace('"/cmd', '"/arm'))
+    for name, message in (
+        ((), 'name one of the guards (there are: base_guard, other)'),
+        (('third',), "there is no guard 'third' (there are: base_guard, other)"),
+    ):
+        done = output_of(command('dyknow', 'guard', str(path), *name), private_environment())
+        assert done.returncode == 2
+        assert message in done.stderr
