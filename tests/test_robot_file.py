@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Iterator
+from itertools import groupby
 from pathlib import Path
 from typing import Any
 
@@ -122,6 +123,42 @@ def test_a_violation_that_ends_is_not_the_end(
     outcomes = [json.loads(line)['outcome'] for line in output.splitlines() if line[0] == '{']
     # In between it is undecided, which is reported with the next progress.
     assert (outcomes[0], outcomes[-1]) == ('CONSTRAINT_VIOLATION', 'false')
+
+
+def test_episodes_begin_and_end(rover: tuple[Rover, dict[str, str]], tmp_path: Path) -> None:
+    publishing, _ = rover
+    path = tmp_path / 'robot.yaml'
+    path.write_text(
+        'formulas:\n- {name: charged, formula: "forall r in Rover: Charge[r] > 0.2",\n'
+        '   severity: error, every_state: true, margin: true}\n'
+    )
+
+    def follow(report: EvaluationStatusArray) -> None:
+        """The battery is empty twice."""
+        for each in report.evaluations:
+            count, is_violated = each.episodes.episode_count, each.episodes.is_violated
+            if each.name == 'charged' and each.phase == RUNNING and each.states_progressed:
+                publishing.charge = 0.1 if count < 2 and not is_violated else 0.9
+
+    node = publishing.client.node
+    topic = 'stream_reasoning_coordinator/evaluations'
+    listener = node.create_subscription(EvaluationStatusArray, topic, follow, LATCHED)
+    code, _, output = monitored(rover, str(path), '--duration', '8')
+    node.destroy_subscription(listener)
+    publishing.charge = 0.9
+    assert code == 1, output
+    changes = [json.loads(line) for line in output.splitlines() if line[0] == '{']
+    outcomes = [each['outcome'] for each in changes]
+    assert [each for each, _ in groupby(outcomes)] == outcomes
+    # The battery may be empty before a report says that the formula holds.
+    assert outcomes[-4:] == ['violated', 'holds', 'violated', 'holds'], output
+    begin, end = changes[-4:-2]
+    assert 'Charge[rover1] = 0.1' in begin['explanation']
+    assert end['explanation'].startswith('it was violated from ')
+    assert begin['margin']['lower'] == pytest.approx(-0.1)
+    logged = [line for line in output.splitlines() if ': charged: ' in line and line[0] != '{']
+    assert sum('[ERROR]' in line for line in logged) == 2, output
+    assert any('[INFO]' in line and 'charged: holds' in line for line in logged), output
 
 
 def test_a_formula_that_an_operator_ends(

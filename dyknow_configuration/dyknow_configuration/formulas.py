@@ -13,7 +13,7 @@ from dyknow_configuration.errors import ConfigurationError
 from dyknow_configuration.robot import RequestedFormula, Severity
 from dyknow_reasoning import NO_CONSTANTS, Constants, check_types, parse_formula
 
-FORMULA_KEYS: Final = ('name', 'formula', 'description', 'severity')
+FORMULA_KEYS: Final = ('name', 'formula', 'description', 'severity', 'every_state', 'margin')
 
 
 def read_formulas(path: Path, constants: Constants = NO_CONSTANTS) -> tuple[RequestedFormula, ...]:
@@ -76,4 +76,6 @@ def _formula(value: YamlValue, names: set[str], constants: Constants) -> Request
             else 'warning'
         ),
         constants,
+        every_state='every_state' in stated and stated['every_state'].truth(),
+        margin='margin' in stated and stated['margin'].truth(),
     )

@@ -35,6 +35,8 @@ class RequestedFormula:
         description: what it says, for people.
         severity: of its violation.
         constants: the values of names that the text does not define.
+        every_state: True to ask it at every state.
+        margin: True to compute how far it is from the change of its verdict.
     """
 
     text: str
@@ -42,6 +44,8 @@ class RequestedFormula:
     description: str = ''
     severity: Severity = Severity.WARNING
     constants: Constants = NO_CONSTANTS
+    every_state: bool = False
+    margin: bool = False
 
     @property
     def closed_text(self) -> str:

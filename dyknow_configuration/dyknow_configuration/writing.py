@@ -86,11 +86,12 @@ def _document(robot: RobotConfiguration, folder: Path) -> dict[str, Any]:
     return {key: part for key, part in parts.items() if part}
 
 
-def _formula(formula: RequestedFormula) -> Mapping[str, str]:
+def _formula(formula: RequestedFormula) -> Mapping[str, Any]:
     description = {'description': formula.description} if formula.description else {}
     severity = {} if formula.severity is Severity.WARNING else {'severity': str(formula.severity)}
     name = formula.name or formula.text
-    return {'name': name, 'formula': formula.text, **description, **severity}
+    flags = {key: True for key in ('every_state', 'margin') if getattr(formula, key)}
+    return {'name': name, 'formula': formula.text, **description, **severity, **flags}
 
 
 def _yaml_text(document: Mapping[str, Any]) -> str:

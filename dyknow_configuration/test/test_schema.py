@@ -38,7 +38,7 @@ WRONG = (
 ACCEPTED = """\
 objects: {A: [a1], B: }
 sorts:
-formulas: [{name: a, formula: 'always x.y = 1', severity: error}, more.yaml]
+formulas: [{name: a, formula: 'always x.y = 1', severity: error, margin: yes}, more.yaml]
 features:
   Empty:
   F: {of: [A, B], type: boolean, from: [{topic: /a, field: b, max_lead: 1.5min, where: {A: c}}]}
