@@ -27,6 +27,7 @@ from dyknow_configuration.ontology_text import ontology_text
 from dyknow_configuration.robot import RobotConfiguration, RobotVocabulary
 from dyknow_configuration.stream_texts import is_stream_text, read_streams
 from dyknow_configuration.topics import MAX_TEXTS, read_topics
+from dyknow_configuration.triggers.reading import NO_TRIGGERS, read_triggers
 from dyknow_configuration.vocabulary import read_vocabulary
 from dyknow_reasoning import NO_CONSTANTS
 
@@ -36,6 +37,7 @@ KEYS: Final = (
     'features',
     'streams',
     'constants',
+    'triggers',
     'formulas',
     'nodes',
     'ontology',
@@ -73,6 +75,7 @@ def robot_of(
     own_streams = [each for each in stream_values if is_stream_text(each)]
     named_streams = [each for each in stream_values if each not in own_streams]
     constants = read_constants(values['constants']) if 'constants' in values else NO_CONSTANTS
+    triggers = read_triggers(values['triggers']) if 'triggers' in values else NO_TRIGGERS
     return RobotConfiguration(
         ontologies=(*_files(texts(values, 'ontology')), *_ontology(vocabulary, path)),
         annotations=(
@@ -82,7 +85,9 @@ def robot_of(
         streams=(*_files(named_streams, _STREAM_HINT), *read_streams(own_streams, vocabulary)),
         bridges=tuple(_files(texts(values, 'bridges'))),
         domains=_domains(values),
-        formulas=formulas_of([values['formulas']] if 'formulas' in values else [], constants),
+        formulas=formulas_of(
+            [values['formulas']] if 'formulas' in values else [], constants, triggers
+        ),
         parameters=read_parameters(values['nodes']) if 'nodes' in values else {},
     )
 

@@ -9,6 +9,7 @@ from itertools import product
 from pathlib import Path
 
 from dyknow_common import InlineText, ValueType
+from dyknow_configuration.triggers.trigger import FormulaTriggers
 from dyknow_reasoning import NO_CONSTANTS, Constants
 
 ParameterValue = bool | int | float | str | list[str]
@@ -37,6 +38,7 @@ class RequestedFormula:
         constants: the values of names that the text does not define.
         every_state: True to ask it at every state.
         margin: True to compute how far it is from the change of its verdict.
+        on: what is done when its verdict changes.
     """
 
     text: str
@@ -46,6 +48,7 @@ class RequestedFormula:
     constants: Constants = NO_CONSTANTS
     every_state: bool = False
     margin: bool = False
+    on: FormulaTriggers = ()
 
     @property
     def closed_text(self) -> str:

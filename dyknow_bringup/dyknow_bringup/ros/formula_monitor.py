@@ -13,6 +13,7 @@ from dyknow_common.ros import DyKnowNode, run
 from dyknow_configuration import RequestedFormula, Severity, read_formulas
 from dyknow_coordinator import Answer, Progress, StandingVerdicts
 from dyknow_coordinator.ros import FormulaClient, Monitor
+from dyknow_reactions.ros.triggers import Triggers
 
 RETRIED = (ExitCode.UNAVAILABLE, ExitCode.NOT_FOUND)
 """Errors worth retrying while the other nodes are still starting."""
@@ -56,6 +57,7 @@ class FormulaMonitor(DyKnowNode):
             'coordinator', 'stream_reasoning_coordinator', 'Name of the coordinator node.'
         )
         requested = read_formulas(Path(path)) if formulas is None else formulas
+        self._triggers = Triggers(self, requested)
         self.formulas = [MonitoredFormula(formula) for formula in requested]
         self._wait = self._timeout if wait is None else wait
         self._retries = retries
@@ -75,9 +77,9 @@ class FormulaMonitor(DyKnowNode):
 
     @property
     def has_ended(self) -> bool:
-        """True if the monitoring of all formulas has ended."""
+        """True if the monitoring of all formulas has ended, and their triggers have."""
         has_ended = all(monitor.outcome.done() for monitor in self._monitors.values())
-        return has_ended and not self._restarting
+        return has_ended and not self._restarting and self._triggers.is_idle
 
     def cancel_all(self) -> None:
         """Cancel the monitoring of all formulas."""
@@ -90,6 +92,7 @@ class FormulaMonitor(DyKnowNode):
         """Cancel the evaluations and destroy the node."""
         self._is_cancelled = True
         self._client.close()
+        self._triggers.close()
         super().destroy_node()
 
     def log(self, monitored: MonitoredFormula) -> None:
@@ -131,6 +134,7 @@ class FormulaMonitor(DyKnowNode):
         monitored = self.formulas[index]
         if self._monitors[index].outcome.done():
             return  # Feedback may arrive after the verdict.
+        self._triggers.on_progress(monitored.formula, progress)
         monitored.waits_for, monitored.margin = progress.waits_for, progress.margin
         outcome, verdicts = UNDECIDED, progress.episodes
         if verdicts is not None:
@@ -154,13 +158,17 @@ class FormulaMonitor(DyKnowNode):
 
     def _on_verdict(self, index: int, answer: Answer) -> None:
         monitored, error = self.formulas[index], answer.error
+        is_starting = (
+            error is not None and error.code in RETRIED and self.now() < (self._retry_until or 0)
+        )
+        if not is_starting:
+            self._triggers.on_answer(monitored.formula, answer)
         monitored.margin = answer.margin or monitored.margin
         if answer.episodes is not None:
             self._follow(monitored, answer.episodes)
         if error is None:
             self._set(monitored, answer.verdict.name.lower(), answer.explanation)
         elif error.code is not ExitCode.CANCELLED or not self._is_cancelled:
-            is_starting = error.code in RETRIED and self.now() < (self._retry_until or 0)
             if not is_starting:
                 self._set(monitored, error.code.name, error.message)
             if is_starting or (self._retries and error.code in PASSING):
