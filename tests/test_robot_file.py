@@ -4,6 +4,9 @@ from __future__ import annotations
 
 import json
 import math
+import os
+import signal
+import subprocess
 from collections.abc import Iterator
 from itertools import groupby
 from pathlib import Path
@@ -126,11 +129,14 @@ def test_a_violation_that_ends_is_not_the_end(
 
 
 def test_episodes_begin_and_end(rover: tuple[Rover, dict[str, str]], tmp_path: Path) -> None:
-    publishing, _ = rover
-    path = tmp_path / 'robot.yaml'
+    publishing, environment = rover
+    path, log = tmp_path / 'robot.yaml', tmp_path / 'log'
+    line = ['sh', '-c', 'echo "$@" >> "$0"', str(log), '{event} of {name}: {verdict}, {severity}']
+    record = f'{{run: {json.dumps(line)}}}'
     path.write_text(
         'formulas:\n- {name: charged, formula: "forall r in Rover: Charge[r] > 0.2",\n'
-        '   severity: error, every_state: true, margin: true}\n'
+        '   severity: error, every_state: true, margin: true,\n'
+        f'   on: {{false: {record}, clear: {record}}}}}\n'
     )
 
     def follow(report: EvaluationStatusArray) -> None:
@@ -143,10 +149,21 @@ def test_episodes_begin_and_end(rover: tuple[Rover, dict[str, str]], tmp_path: P
     node = publishing.client.node
     topic = 'stream_reasoning_coordinator/evaluations'
     listener = node.create_subscription(EvaluationStatusArray, topic, follow, LATCHED)
-    code, _, output = monitored(rover, str(path), '--duration', '8')
+    process = subprocess.Popen(
+        command('dyknow', 'monitor', '--json', str(path)),
+        env={**os.environ, **environment},
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+    )
+    spin_until = publishing.client.spin_until
+    spin_until(lambda: log.exists() and log.read_text().count('\n') == 4, 'four lines', 60.0)
+    process.send_signal(signal.SIGINT)
+    spin_until(lambda: process.poll() is not None, 'the end of the monitor')
+    output = process.communicate()[0]
     node.destroy_subscription(listener)
     publishing.charge = 0.9
-    assert code == 1, output
+    assert process.returncode == 1, output
     changes = [json.loads(line) for line in output.splitlines() if line[0] == '{']
     outcomes = [each['outcome'] for each in changes]
     assert [each for each, _ in groupby(outcomes)] == outcomes
@@ -158,6 +175,8 @@ def test_episodes_begin_and_end(rover: tuple[Rover, dict[str, str]], tmp_path: P
     assert begin['margin']['lower'] == pytest.approx(-0.1)
     logged = [line for line in output.splitlines() if ': charged: ' in line and line[0] != '{']
     assert sum('[ERROR]' in line for line in logged) == 2, output
+    reported = ['false of charged: false, error', 'clear of charged: true, ok']
+    assert log.read_text().splitlines() == 2 * reported
     assert any('[INFO]' in line and 'charged: holds' in line for line in logged), output
 
 

@@ -166,6 +166,7 @@ def _action(kind: TriggerKind, value: YamlValue, content: _Content) -> tuple[str
         content.content = texts[1:]
         return texts[0], ''
     if kind is TriggerKind.CANCEL_GOAL and value.is_text:
+        content.place(('action',), value)
         return value.text().strip(), ''
     target, *rest = ACTION_KEYS[kind]
     stated = value.mapping(ACTION_KEYS[kind], (target, *rest[:1]))
