@@ -4,7 +4,11 @@ from __future__ import annotations
 
 import json
 import math
+import os
+import signal
+import subprocess
 from collections.abc import Iterator
+from itertools import groupby
 from pathlib import Path
 from typing import Any
 
@@ -122,6 +126,63 @@ def test_a_violation_that_ends_is_not_the_end(
     outcomes = [json.loads(line)['outcome'] for line in output.splitlines() if line[0] == '{']
     # In between it is undecided, which is reported with the next progress.
     assert (outcomes[0], outcomes[-1]) == ('CONSTRAINT_VIOLATION', 'false')
+
+
+def test_episodes_begin_and_end(rover: tuple[Rover, dict[str, str]], tmp_path: Path) -> None:
+    publishing, environment = rover
+    path, log = tmp_path / 'robot.yaml', tmp_path / 'log'
+    line = ['sh', '-c', 'echo "$@" >> "$0"', str(log), '{event} of {name}: {verdict}, {severity}']
+    record = f'{{run: {json.dumps(line)}}}'
+    path.write_text(
+        'formulas:\n- {name: charged, formula: "forall r in Rover: Charge[r] > 0.2",\n'
+        '   severity: error, every_state: true, margin: true,\n'
+        f'   on: {{false: {record}, clear: {record}}}}}\n'
+    )
+
+    def follow(report: EvaluationStatusArray) -> None:
+        """The battery is empty twice."""
+        for each in report.evaluations:
+            count, is_violated = each.episodes.episode_count, each.episodes.is_violated
+            if each.name == 'charged' and each.phase == RUNNING and each.states_progressed:
+                publishing.charge = 0.1 if count < 2 and not is_violated else 0.9
+
+    node = publishing.client.node
+    topic = 'stream_reasoning_coordinator/evaluations'
+    listener = node.create_subscription(EvaluationStatusArray, topic, follow, LATCHED)
+    process = subprocess.Popen(
+        command('dyknow', 'monitor', '--json', str(path)),
+        env={**os.environ, **environment},
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+    )
+    spin_until = publishing.client.spin_until
+
+    def has_ended() -> bool:
+        return log.exists() and log.read_text().count('\n') >= 4
+
+    # A broken constraint ends the monitor, too.
+    spin_until(lambda: has_ended() or process.poll() is not None, 'two episodes', 60.0)
+    process.send_signal(signal.SIGINT)
+    spin_until(lambda: process.poll() is not None, 'the end of the monitor')
+    output = process.communicate()[0]
+    node.destroy_subscription(listener)
+    publishing.charge = 0.9
+    assert process.returncode == 1, output
+    changes = [json.loads(line) for line in output.splitlines() if line[0] == '{']
+    outcomes = [each['outcome'] for each in changes]
+    assert [each for each, _ in groupby(outcomes)] == outcomes
+    # The battery may be empty before a report says that the formula holds.
+    assert outcomes[-4:] == ['violated', 'holds', 'violated', 'holds'], output
+    begin, end = changes[-4:-2]
+    assert 'Charge[rover1] = 0.1' in begin['explanation']
+    assert end['explanation'].startswith('it was violated from ')
+    assert begin['margin']['lower'] == pytest.approx(-0.1)
+    logged = [line for line in output.splitlines() if ': charged: ' in line and line[0] != '{']
+    assert sum('[ERROR]' in line for line in logged) == 2, output
+    reported = ['false of charged: false, error', 'clear of charged: true, ok']
+    assert log.read_text().splitlines() == 2 * reported
+    assert any('[INFO]' in line and 'charged: holds' in line for line in logged), output
 
 
 def test_a_formula_that_an_operator_ends(

@@ -8,7 +8,7 @@ import sys
 from collections.abc import Iterator
 from pathlib import Path
 
-from dyknow_command.linting.findings import Finding, in_order
+from dyknow_command.linting.findings import Finding, in_order, robot_error
 from dyknow_command.linting.inputs import LintInputs, read_inputs
 from dyknow_command.observing import add_duration_option, observe, observe_recording
 from dyknow_common import round_duration
@@ -23,7 +23,9 @@ def lint(options: argparse.Namespace) -> int:
     """Check files, print the findings, and return the exit code."""
     inputs = read_inputs(options.file)
     topics = _observed(options) if inputs.is_complete else None
-    findings = in_order([*inputs.findings, *_findings(inputs, topics, _where(options))])
+    findings = in_order(
+        [*inputs.findings, *_trigger_findings(inputs), *_findings(inputs, topics, _where(options))]
+    )
     for each in findings:
         print(json.dumps(each.document) if options.json else each)  # noqa: T201 - a command
     names = ', '.join(map(str, options.file))
@@ -79,6 +81,21 @@ def _findings(
     yield from VocabularyChecks(inputs, contents_of(observed)).findings()
     if topics is not None:
         yield from topic_findings(inputs, observed, where)
+
+
+def _trigger_findings(inputs: LintInputs) -> Iterator[Finding]:
+    """Yield the faults of triggers that are known where ROS is: types and their fields."""
+    formulas = [each.requested for each in inputs.formulas if each.requested.on]
+    if not formulas:
+        return
+    try:
+        from dyknow_reactions.ros.triggers import check_triggers  # noqa: PLC0415
+    except ImportError as error:
+        sys.stderr.write(f'dyknow lint: types of triggers are not checked without ROS: {error}\n')
+        return
+    for each in check_triggers(formulas):
+        path = str(getattr(each, 'path', ''))
+        yield robot_error(each, inputs.texts.get(path, ''), path)
 
 
 def _observed(options: argparse.Namespace) -> tuple[ObservedTopic, ...] | None:

@@ -31,12 +31,25 @@ from dyknow_configuration.robot import (
     Severity,
     TextSource,
 )
+from dyknow_configuration.triggers.placeholders import (
+    PLACEHOLDERS,
+    filled,
+    single_placeholder,
+)
+from dyknow_configuration.triggers.trigger import (
+    FormulaTriggers,
+    Trigger,
+    TriggerEvent,
+    TriggerKind,
+)
 from dyknow_configuration.writing import export, write_texts
 
 __all__ = [
     'MAX_MESSAGES',
     'PACKAGES',
+    'PLACEHOLDERS',
     'ConfigurationError',
+    'FormulaTriggers',
     'ObservedTopic',
     'ParameterValue',
     'ProposedTiming',
@@ -50,16 +63,21 @@ __all__ = [
     'TextSource',
     'TopicTimes',
     'TopicTiming',
+    'Trigger',
+    'TriggerEvent',
+    'TriggerKind',
     'YamlValue',
     'broken_constraints',
     'export',
     'fields_of_interest',
+    'filled',
     'find_faults',
     'proposed_timing',
     'read_formulas',
     'read_robot',
     'read_yaml',
     'robot_text',
+    'single_placeholder',
     'timing_of',
     'warn_of_notes',
     'write_texts',

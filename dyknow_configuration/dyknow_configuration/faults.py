@@ -34,7 +34,7 @@ MAX_FAULTS: Final = 20
 _TEXTS: Final = ('ontology', 'annotations', 'streams', 'bridges')
 """The sections whose parts declare names that are not known if they are removed."""
 
-_DECLARATIONS: Final = ('sorts', 'objects', 'features', 'constants')
+_DECLARATIONS: Final = ('sorts', 'objects', 'features', 'constants', 'triggers')
 
 
 @dataclass(slots=True)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Final
 
@@ -11,12 +11,16 @@ from dyknow_configuration.documents.composed_text import checked_text
 from dyknow_configuration.documents.yaml_values import YamlValue, read_yaml
 from dyknow_configuration.errors import ConfigurationError
 from dyknow_configuration.robot import RequestedFormula, Severity
+from dyknow_configuration.triggers.reading import NO_TRIGGERS, Triggers, read_events
+from dyknow_configuration.triggers.trigger import FormulaTriggers
 from dyknow_reasoning import NO_CONSTANTS, Constants, check_types, parse_formula
 
-FORMULA_KEYS: Final = ('name', 'formula', 'description', 'severity')
+FORMULA_KEYS: Final = ('name', 'formula', 'description', 'severity', 'every_state', 'margin', 'on')
 
 
-def read_formulas(path: Path, constants: Constants = NO_CONSTANTS) -> tuple[RequestedFormula, ...]:
+def read_formulas(
+    path: Path, constants: Constants = NO_CONSTANTS, triggers: Triggers = NO_TRIGGERS
+) -> tuple[RequestedFormula, ...]:
     """Return the formulas of a file.
 
     A file with the ending `.yaml` or `.yml` has a list of formulas as `robot.yaml` has it. Any
@@ -26,7 +30,7 @@ def read_formulas(path: Path, constants: Constants = NO_CONSTANTS) -> tuple[Requ
         ConfigurationError: with the place of the fault.
     """
     if path.suffix in {'.yaml', '.yml'}:
-        return formulas_of([read_yaml(path)], constants)
+        return formulas_of([read_yaml(path)], constants, triggers)
     lines = read_text(path, 'formulas', ConfigurationError).splitlines()
     stripped = [line.strip() for line in lines]
     wanted = (line for line in stripped if line and line[0] != '#')
@@ -34,7 +38,9 @@ def read_formulas(path: Path, constants: Constants = NO_CONSTANTS) -> tuple[Requ
 
 
 def formulas_of(
-    lists: Iterable[YamlValue], constants: Constants = NO_CONSTANTS
+    lists: Iterable[YamlValue],
+    constants: Constants = NO_CONSTANTS,
+    triggers: Triggers = NO_TRIGGERS,
 ) -> tuple[RequestedFormula, ...]:
     """Return formulas of lists of mappings, and of files that are named in their place.
 
@@ -46,9 +52,9 @@ def formulas_of(
     for each in (element for value in lists for element in _elements(value)):
         if not each.is_mapping:
             name = each.text('a mapping with name and formula, or a file of formulas')
-            found += read_formulas(each.document.path.parent / name.strip(), constants)
+            found += read_formulas(each.document.path.parent / name.strip(), constants, triggers)
             continue
-        formula = _formula(each, names, constants)
+        formula = _formula(each, names, constants, triggers)
         names.add(formula.name)
         found.append(formula)
     return tuple(found)
@@ -58,7 +64,9 @@ def _elements(value: YamlValue) -> list[YamlValue]:
     return [value] if value.is_text else value.items('a list of formulas')
 
 
-def _formula(value: YamlValue, names: set[str], constants: Constants) -> RequestedFormula:
+def _formula(
+    value: YamlValue, names: set[str], constants: Constants, triggers: Triggers
+) -> RequestedFormula:
     stated = value.mapping(FORMULA_KEYS, ('name', 'formula'))
     name = stated['name'].line()
     if name in names:
@@ -76,4 +84,19 @@ def _formula(value: YamlValue, names: set[str], constants: Constants) -> Request
             else 'warning'
         ),
         constants,
+        every_state='every_state' in stated and stated['every_state'].truth(),
+        margin='margin' in stated and stated['margin'].truth(),
+        on=_events(stated, triggers),
     )
+
+
+def _events(stated: Mapping[str, YamlValue], triggers: Triggers) -> FormulaTriggers:
+    if 'on' not in stated:
+        return ()
+    has_margin = 'margin' in stated and stated['margin'].truth()
+    found = read_events(stated['on'], triggers)
+    for _, trigger in found:
+        if 'margin' in trigger.placeholders and not has_margin:
+            needed = f"trigger '{trigger.name}' uses {{margin}}; add margin: true to the formula"
+            raise stated['on'].error(needed)
+    return found

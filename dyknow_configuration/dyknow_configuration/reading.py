@@ -28,6 +28,7 @@ from dyknow_configuration.reactions.guards import read_guards
 from dyknow_configuration.robot import RobotConfiguration, RobotVocabulary
 from dyknow_configuration.stream_texts import is_stream_text, read_streams
 from dyknow_configuration.topics import MAX_TEXTS, read_topics
+from dyknow_configuration.triggers.reading import NO_TRIGGERS, read_triggers
 from dyknow_configuration.vocabulary import read_vocabulary
 from dyknow_reasoning import NO_CONSTANTS
 
@@ -37,6 +38,7 @@ KEYS: Final = (
     'features',
     'streams',
     'constants',
+    'triggers',
     'formulas',
     'guards',
     'nodes',
@@ -75,7 +77,10 @@ def robot_of(
     own_streams = [each for each in stream_values if is_stream_text(each)]
     named_streams = [each for each in stream_values if each not in own_streams]
     constants = read_constants(values['constants']) if 'constants' in values else NO_CONSTANTS
-    formulas = formulas_of([values['formulas']] if 'formulas' in values else [], constants)
+    triggers = read_triggers(values['triggers']) if 'triggers' in values else NO_TRIGGERS
+    formulas = formulas_of(
+        [values['formulas']] if 'formulas' in values else [], constants, triggers
+    )
     return RobotConfiguration(
         ontologies=(*_files(texts(values, 'ontology')), *_ontology(vocabulary, path)),
         annotations=(

@@ -9,6 +9,7 @@ from itertools import product
 from pathlib import Path
 
 from dyknow_common import NANOSECONDS, InlineText, ValueType
+from dyknow_configuration.triggers.trigger import FormulaTriggers
 from dyknow_reasoning import NO_CONSTANTS, Constants, FieldReference, parse_formula, walk
 
 ParameterValue = bool | int | float | str | list[str]
@@ -35,6 +36,9 @@ class RequestedFormula:
         description: what it says, for people.
         severity: of its violation.
         constants: the values of names that the text does not define.
+        every_state: True to ask it at every state.
+        margin: True to compute how far it is from the change of its verdict.
+        on: what is done when its verdict changes.
     """
 
     text: str
@@ -42,6 +46,9 @@ class RequestedFormula:
     description: str = ''
     severity: Severity = Severity.WARNING
     constants: Constants = NO_CONSTANTS
+    every_state: bool = False
+    margin: bool = False
+    on: FormulaTriggers = ()
 
     @property
     def closed_text(self) -> str:

@@ -13,6 +13,8 @@ import yaml
 from dyknow_common import ExitCode, InlineText
 from dyknow_configuration.errors import ConfigurationError
 from dyknow_configuration.robot import RequestedFormula, RobotConfiguration, Severity, TextSource
+from dyknow_configuration.triggers.reading import trigger_document
+from dyknow_configuration.triggers.trigger import FormulaTriggers
 
 
 def write_texts(robot: RobotConfiguration, folder: Path, name: str = 'robot') -> RobotConfiguration:
@@ -74,23 +76,37 @@ def _document(robot: RobotConfiguration, folder: Path) -> dict[str, Any]:
     def relative(files: Iterable[TextSource]) -> list[str]:
         return [os.path.relpath(str(each), folder.absolute()) for each in files]
 
+    triggers = {each.name: each for formula in robot.formulas for _, each in formula.on}
     parts = {
         'ontology': relative(robot.ontologies),
         'annotations': relative(robot.annotations),
         'streams': relative(robot.streams),
         'bridges': relative(robot.bridges),
         'domains': {sort: list(objects) for sort, objects in robot.domains.items()},
+        'triggers': {
+            name: trigger_document(each) for name, each in triggers.items() if each.is_named
+        },
         'formulas': [_formula(each) for each in robot.formulas],
         'nodes': {node: dict(given) for node, given in robot.parameters.items()},
     }
     return {key: part for key, part in parts.items() if part}
 
 
-def _formula(formula: RequestedFormula) -> Mapping[str, str]:
+def _formula(formula: RequestedFormula) -> Mapping[str, Any]:
     description = {'description': formula.description} if formula.description else {}
     severity = {} if formula.severity is Severity.WARNING else {'severity': str(formula.severity)}
     name = formula.name or formula.text
-    return {'name': name, 'formula': formula.text, **description, **severity}
+    flags = {key: True for key in ('every_state', 'margin') if getattr(formula, key)}
+    on = {'on': _events(formula.on)} if formula.on else {}
+    return {'name': name, 'formula': formula.text, **description, **severity, **flags, **on}
+
+
+def _events(triggers: FormulaTriggers) -> dict[str, list[Any]]:
+    found: dict[str, list[Any]] = {}
+    for event, each in triggers:
+        written = each.name if each.is_named else trigger_document(each)
+        found.setdefault(str(event), []).append(written)
+    return found
 
 
 def _yaml_text(document: Mapping[str, Any]) -> str:

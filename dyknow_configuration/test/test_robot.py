@@ -175,11 +175,13 @@ def test_formulas_and_parameters(tmp_path: Path) -> None:
         'formulas:\n'
         '  - {name: slow, formula: "always a.b < 1 ", severity: error, description: It is slow.}\n'
         '  - more.txt\n'
+        '  - {name: c, formula: a.c < 1, every_state: true, margin: true}\n'
         'nodes: {stream_reasoning_coordinator: {silence_limit: 2, names: [a, b], x: no}}\n',
     )
     assert configuration.formulas == (
         RequestedFormula('always a.b < 1', 'slow', 'It is slow.', Severity.ERROR),
         RequestedFormula('always a.c < 1'),
+        RequestedFormula('a.c < 1', 'c', every_state=True, margin=True),
     )
     assert configuration.parameters == {
         'stream_reasoning_coordinator': {'silence_limit': 2, 'names': ['a', 'b'], 'x': False}
@@ -209,7 +211,7 @@ def test_every_part_is_optional(tmp_path: Path, text: str) -> None:
 
 
 def test_the_exported_files_describe_the_same_robot(tmp_path: Path) -> None:
-    text = f'{FLEET}formulas: [{{name: slow, formula: Wind < 1, severity: error}}]\n'
+    text = f'{FLEET}formulas: [{{name: slow, formula: Wind < 1, severity: error, margin: true}}]\n'
     text += 'nodes: {stream_manager: {memory: m.json}}\ndomains: {Zone: [south]}\n'
     (tmp_path / 'more.ssl').write_text('stream "/x" contains Wind = x;\n')
     configuration = robot(tmp_path, f'{text}annotations: more.ssl\n')

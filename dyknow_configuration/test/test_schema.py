@@ -17,6 +17,8 @@ from dyknow_configuration.formulas import FORMULA_KEYS
 from dyknow_configuration.reactions.guards import GUARD_KEYS
 from dyknow_configuration.stream_texts import TEMPLATE_KEYS
 from dyknow_configuration.topics import SOURCE_KEYS
+from dyknow_configuration.triggers.reading import ACTION_KEYS, TRIGGER_KEYS
+from dyknow_configuration.triggers.trigger import TriggerEvent
 from dyknow_configuration.vocabulary import FEATURE_KEYS, SORT_KEYS
 
 ROOT = Path(__file__).parents[2]
@@ -30,20 +32,27 @@ TYPES: dict[str, tuple[type, ...]] = {
 
 WRONG = (
     'bad_object_name', 'bare_duration', 'boolean_for_object', 'formula_without_name',
-    'guard_without_input', 'no_field', 'no_list_of_objects', 'no_mapping', 'number_for_object',
-    'parameter_of_no_type', 'topic_and_stream', 'unknown_feature_key', 'unknown_guard_key',
-    'unknown_key', 'unknown_node', 'unknown_severity', 'unknown_source_key', 'unknown_type',
-    'unknown_unit_of_time',
+    'guard_without_input', 'list_for_message', 'no_action', 'no_field', 'no_list_of_objects',
+    'no_mapping', 'no_type_of_message', 'number_for_object', 'number_in_command',
+    'parameter_of_no_type', 'topic_and_stream', 'two_actions', 'unknown_action',
+    'unknown_feature_key', 'unknown_guard_key', 'unknown_key', 'unknown_node', 'unknown_severity',
+    'unknown_source_key', 'unknown_type', 'unknown_unit_of_time',
 )  # fmt: skip
 """The faults that a schema can know."""
 
 ACCEPTED = """\
 objects: {A: [a1], B: }
 sorts:
-formulas: [{name: a, formula: 'always x.y = 1', severity: error}, more.yaml]
+formulas:
+  - {name: a, formula: 'always x.y = 1', severity: error, margin: true, on: {false: [t], true: t}}
+  - name: b
+    formula: x.y = 1
+    on: {violation: {run: [a, b]}, clear: [{cancel_goal: /a}, {cancel_goal: {action: /a}}]}
+  - more.yaml
 features:
   Empty:
   F: {of: [A, B], type: boolean, from: [{topic: /a, field: b, max_lead: 1.5min, where: {A: c}}]}
+triggers: {t: {publish: {topic: /a, type: a/msg/B, message: {on: [1]}}, retries: 2, timeout: 1 s}}
 streams: [a.streams, {for: {a: A}, text: sink a}]
 nodes: {stream_manager: {a: 1, b: [c], d: true, e: 1.5, f: g}, ontology_manager: }
 ontology: a.owl
@@ -53,6 +62,29 @@ guards:
   - {name: g, input: /a, output: b, formulas: a, safe: {x: 1}, period: 1 s, type: a_msgs/msg/B}
   - {name: h, input: c, output: /d, formulas: [a, p = 1], safe: nothing, latch: true, timeout: 1 s}
 """
+
+
+def loaded(text: str) -> Any:
+    """Return a document as editors read it, in YAML 1.2: `on` is no boolean there."""
+    resolvers = {
+        first: [(tag, pattern) for tag, pattern in each if not tag.endswith(':bool')]
+        for first, each in yaml.SafeLoader.yaml_implicit_resolvers.items()
+    }
+    loader = type('Loader', (yaml.SafeLoader,), {'yaml_implicit_resolvers': resolvers})
+    loader.add_implicit_resolver('tag:yaml.org,2002:bool', re.compile('^(true|false)$'), ['t', 'f'])
+    return with_text_keys(yaml.load(text, loader))  # noqa: S506 - it is a safe one
+
+
+def with_text_keys(value: Any) -> Any:
+    if isinstance(value, list):
+        return [with_text_keys(each) for each in value]
+    if not isinstance(value, dict):
+        return value
+    names = {True: 'true', False: 'false'}
+    return {
+        names[key] if isinstance(key, bool) else key: with_text_keys(each)
+        for key, each in value.items()
+    }
 
 
 def faults(schema: Mapping[str, Any], value: Any, place: str = '$') -> Iterator[str]:
@@ -101,6 +133,13 @@ def test_the_keys_are_those_of_the_reader() -> None:
     assert properties['source'] == {*SOURCE_KEYS} >= {*CONSTRAINT_KINDS}
     assert properties['formula'] == {*FORMULA_KEYS}
     assert properties['guard'] == {*GUARD_KEYS}
+    assert properties['trigger'] == {*TRIGGER_KEYS}
+    assert {*DEFINITIONS['formula']['properties']['on']['properties']} == {*TriggerEvent}
+    for kind, keys in ACTION_KEYS.items():
+        action = DEFINITIONS['trigger']['properties'][kind]
+        assert {*(action if 'properties' in action else action['oneOf'][1])['properties']} == {
+            *keys
+        }
     template = next(each for each in DEFINITIONS['stream']['oneOf'] if 'properties' in each)
     assert {*template['properties']} == {*TEMPLATE_KEYS}
     assert {*SCHEMA['properties']['nodes']['properties']} == {*PACKAGES}
@@ -111,7 +150,7 @@ def test_the_keys_are_those_of_the_reader() -> None:
 def test_examples_are_valid() -> None:
     rover = (ROOT / 'docs' / 'examples' / 'rover.yaml').read_text(encoding='utf-8')
     for text in (rover, ACCEPTED, ''):
-        assert not list(faults(SCHEMA, yaml.safe_load(text)))
+        assert not list(faults(SCHEMA, loaded(text)))
 
 
 @pytest.mark.parametrize('name', WRONG)

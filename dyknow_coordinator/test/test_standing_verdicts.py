@@ -6,6 +6,8 @@ import json
 from dataclasses import replace
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from dyknow_common import Verdict
 from dyknow_coordinator import (
@@ -103,3 +105,41 @@ def test_the_status() -> None:
     assert 'every state' not in dict(details(replace(STATUS, episodes=None)))
     document = json.loads(json.dumps(as_json(replace(STATUS, episodes=VIOLATED))))
     assert document['episodes']['latest_episodes'][0]['states'] == 1
+
+
+@given(st.lists(st.lists(st.booleans(), max_size=4), max_size=6))
+def test_the_changes_are_all_begins_and_ends(reports: list[list[bool]]) -> None:
+    """Each report adds states from which the formula fails (True) or holds."""
+    before, states, found = StandingVerdicts(), list[bool](), list[tuple[int, bool]]()
+    for report in reports:
+        states += report
+        after = verdicts_of(states)
+        found += [(each.begin, has_ended) for each, has_ended in after.changes(before)]
+        before = after
+    assert found == [
+        (max(n for n in range(time + 1) if is_begin(states, n)), not fails)
+        for time, fails in enumerate(states)
+        if fails != (time > 0 and states[time - 1])
+    ]
+
+
+def is_begin(states: list[bool], time: int) -> bool:
+    return states[time] and not (time and states[time - 1])
+
+
+def verdicts_of(states: list[bool]) -> StandingVerdicts:
+    begins = [time for time in range(len(states)) if is_begin(states, time)]
+    episodes = tuple(
+        ViolationEpisode(begin, begin, begin, 1, has_ended=False in states[begin:], explanation='')
+        for begin in begins
+    )
+    fails = sum(states)
+    is_violated = bool(states) and states[-1]
+    return StandingVerdicts(
+        len(states) - fails, fails, 0, 0, is_violated, len(episodes), episodes[-10:]
+    )
+
+
+def test_a_restarted_formula_counts_its_episodes_anew() -> None:
+    ((episode, has_ended),) = VIOLATED.changes(AGAIN)
+    assert (episode, has_ended) == (FIRST, False)

@@ -86,6 +86,19 @@ def test_only_needed_fields_of_needed_topics_are_read() -> None:
     assert source.read == {'/a': {'p'}}
 
 
+def test_a_formula_that_says_how_it_is_asked() -> None:
+    source = recording([*series('/a', steps(0, 2)), *series('/a', steps(2, 3), 9.0)])
+    asked = RequestedFormula('"/a".p < 5', every_state=True, margin=True)
+    plain = RequestedFormula('"/a".p < 5')
+    found = evaluate_recording(source, [asked, plain]).formulas
+    every = EpisodeStart(every=Every.STATE)
+    (standing,) = evaluate_recording(source, [plain], start=every, margins=True).formulas
+    assert repr(found[0].episodes) == repr(standing.episodes)
+    assert len(found[0].episodes) == 30
+    assert found[0].outcome is Outcome.FALSE
+    assert (len(found[1].episodes), found[1].margin) == (1, None)
+
+
 def test_what_remains_undecided() -> None:
     source = recording(series('/a', steps(0, 1)))
     invariant = check(source, 'always "/a".p < 5')

@@ -2,11 +2,19 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from typing import Final
 
 from dyknow_bringup.simulation.scenario import UNDECIDED, Expectation
-from dyknow_common import round_time
+from dyknow_common import Margin, round_time
 from dyknow_configuration import RequestedFormula
+from dyknow_coordinator import StandingVerdicts
+
+HOLDS: Final = 'holds'
+"""The outcome of a formula that is asked at every state, outside of its episodes."""
+
+VIOLATED: Final = 'violated'
+"""Its outcome while an episode lasts."""
 
 
 @dataclass(slots=True)
@@ -14,10 +22,14 @@ class MonitoredFormula:
     """A formula and its outcome so far.
 
     Args:
-        outcome: `true`, `false`, `undecided`, or the name of an exit status.
+        outcome: `true`, `false`, `undecided`, or the name of an exit status; also HOLDS or VIOLATED
+            for a formula that is asked at every state.
         known_at: when the outcome was known, in nanoseconds; None while undecided.
         explanation: the reason, for people.
         waits_for: why no state comes, for people; empty while states come.
+        margin: the latest, if it is asked for.
+        verdicts: of the present evaluation, for a formula that is asked at every state.
+        has_failed: True if it was false once.
     """
 
     formula: RequestedFormula
@@ -25,6 +37,9 @@ class MonitoredFormula:
     known_at: int | None = None
     explanation: str = ''
     waits_for: str = ''
+    margin: Margin | None = None
+    verdicts: StandingVerdicts = field(default_factory=StandingVerdicts)
+    has_failed: bool = False
 
     @property
     def name(self) -> str:

@@ -8,13 +8,13 @@ from rich.panel import Panel
 from rich.table import Table
 from rich.text import Text
 
-from dyknow_bringup.demonstration.expectations import MonitoredFormula
+from dyknow_bringup.demonstration.expectations import HOLDS, VIOLATED, MonitoredFormula
 from dyknow_common import round_time
 from dyknow_common.tables import Cell, figure, fixed, framed_table, named, wide
 from dyknow_coordinator import PlanOutcome, PlanPhase, PlanVerdict
 
 _PLAN = '(the plan)'
-_STYLES = {'true': 'bold green', 'false': 'bold red'}
+_STYLES = {'true': 'bold green', 'false': 'bold red', HOLDS: 'green', VIOLATED: 'bold red'}
 _FAILED = 'bold magenta'
 
 
@@ -75,8 +75,10 @@ def _formula_row(monitored: MonitoredFormula, start: int) -> list[Cell]:
     reason = Text(monitored.waits_for or monitored.formula.description, 'dim')
     style = 'dim'
     if monitored.is_decided:
-        reason = Text(monitored.explanation)
+        reason = Text(monitored.explanation or monitored.formula.description)
         style = _STYLES.get(monitored.outcome, _FAILED)
+    if monitored.margin is not None:
+        reason.append(f'{"; " if reason.plain else ""}margin {monitored.margin}', 'dim')
     return [monitored.formula.name, Text(monitored.outcome, style), since, reason]
 
 

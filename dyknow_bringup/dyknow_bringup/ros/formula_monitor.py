@@ -5,14 +5,15 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
-from dyknow_bringup.demonstration.expectations import MonitoredFormula
+from dyknow_bringup.demonstration.expectations import HOLDS, VIOLATED, MonitoredFormula
 from dyknow_bringup.resources import formulas_path
 from dyknow_bringup.simulation.scenario import UNDECIDED
 from dyknow_common import SECOND_NS, ExitCode, round_time
 from dyknow_common.ros import DyKnowNode, run
 from dyknow_configuration import RequestedFormula, Severity, read_formulas
-from dyknow_coordinator import Answer, Progress
+from dyknow_coordinator import Answer, Progress, StandingVerdicts
 from dyknow_coordinator.ros import FormulaClient, Monitor
+from dyknow_reactions.ros.triggers import Triggers
 
 RETRIED = (ExitCode.UNAVAILABLE, ExitCode.NOT_FOUND)
 """Errors worth retrying while the other nodes are still starting."""
@@ -56,6 +57,7 @@ class FormulaMonitor(DyKnowNode):
             'coordinator', 'stream_reasoning_coordinator', 'Name of the coordinator node.'
         )
         requested = read_formulas(Path(path)) if formulas is None else formulas
+        self._triggers = Triggers(self, requested)
         self.formulas = [MonitoredFormula(formula) for formula in requested]
         self._wait = self._timeout if wait is None else wait
         self._retries = retries
@@ -75,9 +77,9 @@ class FormulaMonitor(DyKnowNode):
 
     @property
     def has_ended(self) -> bool:
-        """True if the monitoring of all formulas has ended."""
+        """True if the monitoring of all formulas has ended, and their triggers have."""
         has_ended = all(monitor.outcome.done() for monitor in self._monitors.values())
-        return has_ended and not self._restarting
+        return has_ended and not self._restarting and self._triggers.is_idle
 
     def cancel_all(self) -> None:
         """Cancel the monitoring of all formulas."""
@@ -90,6 +92,7 @@ class FormulaMonitor(DyKnowNode):
         """Cancel the evaluations and destroy the node."""
         self._is_cancelled = True
         self._client.close()
+        self._triggers.close()
         super().destroy_node()
 
     def log(self, monitored: MonitoredFormula) -> None:
@@ -99,7 +102,7 @@ class FormulaMonitor(DyKnowNode):
         text += f': {monitored.explanation}' if monitored.explanation else ''
         # A formula that is not violated in its time ends with TIMEOUT. A logger of rclpy has one
         # severity for each call in the code.
-        if monitored.outcome in {'true', UNDECIDED, ExitCode.TIMEOUT.name}:
+        if monitored.outcome in {'true', HOLDS, UNDECIDED, ExitCode.TIMEOUT.name}:
             logger.info(text)
         elif monitored.formula.severity is Severity.ERROR:
             logger.error(text)
@@ -109,11 +112,14 @@ class FormulaMonitor(DyKnowNode):
     def _start(self, index: int) -> None:
         monitored = self.formulas[index]
         monitored.waits_for = 'the coordinator has not accepted it yet'
+        monitored.verdicts = StandingVerdicts()
         monitor = self._monitors[index] = self._client.monitor(
             monitored.formula.closed_text,
             on_verdict=lambda answer: self._on_verdict(index, answer),
             on_feedback=lambda progress: self._on_progress(index, progress),
             name=monitored.name,
+            every_state=monitored.formula.every_state,
+            margin=monitored.formula.margin,
             timeout=self._timeout,
             wait=self._wait,
         )
@@ -128,16 +134,41 @@ class FormulaMonitor(DyKnowNode):
         monitored = self.formulas[index]
         if self._monitors[index].outcome.done():
             return  # Feedback may arrive after the verdict.
-        monitored.waits_for = progress.waits_for
-        if progress.states_progressed and monitored.is_decided:
-            self._set(monitored, UNDECIDED, '')
+        self._triggers.on_progress(monitored.formula, progress)
+        monitored.waits_for, monitored.margin = progress.waits_for, progress.margin
+        outcome, verdicts = UNDECIDED, progress.episodes
+        if verdicts is not None:
+            self._follow(monitored, verdicts)
+            is_known = verdicts.holds or verdicts.is_violated
+            outcome = (VIOLATED if verdicts.is_violated else HOLDS) if is_known else UNDECIDED
+        if progress.states_progressed and monitored.outcome != outcome:
+            self._set(monitored, outcome, '')
+
+    def _follow(self, monitored: MonitoredFormula, verdicts: StandingVerdicts) -> None:
+        """Set the outcome at each begin and end of an episode."""
+        before, monitored.verdicts = monitored.verdicts, verdicts
+        for episode, has_ended in verdicts.changes(before):
+            since = f'from {round_time(episode.begin)}'
+            monitored.margin = episode.worst or monitored.margin
+            if has_ended:
+                past = f'it was violated {since} to {round_time(episode.end)}: {episode.text}'
+                self._set(monitored, HOLDS, past)
+            else:
+                self._set(monitored, VIOLATED, f'{since} on: {episode.text}')
 
     def _on_verdict(self, index: int, answer: Answer) -> None:
         monitored, error = self.formulas[index], answer.error
+        is_starting = (
+            error is not None and error.code in RETRIED and self.now() < (self._retry_until or 0)
+        )
+        if not is_starting:
+            self._triggers.on_answer(monitored.formula, answer)
+        monitored.margin = answer.margin or monitored.margin
+        if answer.episodes is not None:
+            self._follow(monitored, answer.episodes)
         if error is None:
             self._set(monitored, answer.verdict.name.lower(), answer.explanation)
         elif error.code is not ExitCode.CANCELLED or not self._is_cancelled:
-            is_starting = error.code in RETRIED and self.now() < (self._retry_until or 0)
             if not is_starting:
                 self._set(monitored, error.code.name, error.message)
             if is_starting or (self._retries and error.code in PASSING):
@@ -153,6 +184,7 @@ class FormulaMonitor(DyKnowNode):
     def _set(self, monitored: MonitoredFormula, outcome: str, explanation: str) -> None:
         has_changed = outcome != monitored.outcome
         monitored.outcome, monitored.explanation = outcome, explanation
+        monitored.has_failed |= outcome in {'false', VIOLATED}
         if has_changed:
             monitored.known_at = None if outcome == UNDECIDED else self.now()
             self._on_change(monitored)

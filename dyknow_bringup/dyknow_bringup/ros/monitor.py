@@ -17,7 +17,7 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.signals import SignalHandlerOptions
 from rich.live import Live
 
-from dyknow_bringup.demonstration.expectations import MonitoredFormula
+from dyknow_bringup.demonstration.expectations import HOLDS, VIOLATED, MonitoredFormula
 from dyknow_bringup.demonstration.tables import formula_table
 from dyknow_bringup.errors import BringupError
 from dyknow_bringup.ros.formula_monitor import FormulaMonitor
@@ -37,7 +37,7 @@ REFRESH_PERIOD_S = 0.25
 END_TIMEOUT_S = 3.0
 """Time to wait until the coordinator has ended the evaluations."""
 
-CODES = {'true': SUCCESS, UNDECIDED: SUCCESS, 'false': FALSE}
+CODES = {'true': SUCCESS, HOLDS: SUCCESS, UNDECIDED: SUCCESS, 'false': FALSE, VIOLATED: FALSE}
 """The exit codes of outcomes; those of others are ERROR."""
 
 
@@ -108,8 +108,10 @@ class _MonitorRun:
 
     @property
     def code(self) -> int:
-        """The exit code: that of the worst outcome."""
-        return max(CODES.get(each.outcome, ERROR) for each in self._monitor.formulas)
+        """The exit code: that of the worst outcome; at least FALSE if a formula was false once."""
+        outcomes = (CODES.get(each.outcome, ERROR) for each in self._monitor.formulas)
+        has_failed = any(each.has_failed for each in self._monitor.formulas)
+        return max(FALSE if has_failed else SUCCESS, *outcomes)
 
 
 @contextmanager
@@ -151,6 +153,8 @@ def _report(node: FormulaMonitor, monitored: MonitoredFormula, *, as_json: bool)
             'time_ns': node.now(),
             'explanation': monitored.explanation,
         }
+        if monitored.margin is not None:
+            document['margin'] = monitored.margin.document
         print(json.dumps(document), flush=True)  # noqa: T201 - this is a command
 
 
@@ -167,7 +171,7 @@ def add_monitor_options(parser: argparse.ArgumentParser) -> None:
             'dyknow monitor robot.yaml --retry',
             'dyknow monitor robot.yaml --duration 60 --json',
         ),
-        '0 if no formula is false, 1 if one is, 2 for an error',
+        '0 if no formula was false, 1 if one was, 2 for an error',
     )
     parser.add_argument('robot', type=Path, help='robot.yaml, which describes the robot')
     parser.add_argument(

@@ -205,7 +205,7 @@ def _formula_values(document: YamlValue) -> Iterator[tuple[str, YamlValue]]:
         lists = [value for key, value in document.entries('') if key.text() == 'formulas']
     for each in (element for value in lists for element in value.one_or_more()):
         if each.is_mapping:
-            stated = {key.text(): value for key, value in each.entries('')}
+            stated = {key.word(): value for key, value in each.entries('')}
             if 'name' in stated and 'formula' in stated:
                 yield stated['name'].line(), stated['formula']
 

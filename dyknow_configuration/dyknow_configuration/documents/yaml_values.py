@@ -125,7 +125,7 @@ class YamlValue:
         return self.error(f'write {description} instead of {found}')
 
     def entries(self, description: str) -> list[tuple[YamlValue, YamlValue]]:
-        """Return the keys and values of a mapping with texts for keys, each key once."""
+        """Return the keys and values of a mapping with names for keys, each key once."""
         if self.is_empty:
             return []
         if not isinstance(self.node, yaml.MappingNode):
@@ -135,11 +135,11 @@ class YamlValue:
         for key_node, value_node in self.node.value:
             key, value = YamlValue(self.document, key_node), YamlValue(self.document, value_node)
             if key_node.tag == _MERGE:
-                merged |= {each[0].text(): each for each in value.entries('a mapping')}
-            elif key.text('a name') in own:
-                raise key.error(f"'{key.text()}' is given twice; keep one")
+                merged |= {each[0].word(): each for each in value.entries('a mapping')}
+            elif key.word() in own:
+                raise key.error(f"'{key.word()}' is given twice; keep one")
             else:
-                own[key.text()] = key, value
+                own[key.word()] = key, value
         return list({**merged, **own}.values())
 
     def mapping(
@@ -153,9 +153,9 @@ class YamlValue:
         """
         found: dict[str, YamlValue] = {}
         for key, value in self.entries(f'a mapping with some of the keys {", ".join(known)}'):
-            if key.text() not in known:
-                raise key.error(unknown('key', key.text(), known))
-            found[key.text()] = value
+            if key.word() not in known:
+                raise key.error(unknown('key', key.word(), known))
+            found[key.word()] = value
         for name in required:
             if name not in found:
                 raise self.error(f"add the key '{name}'")
@@ -182,6 +182,11 @@ class YamlValue:
         if found := _CONTROL.search(value):
             raise self.error(f'a text cannot hold the character {found[0]!r}; remove it')
         return value
+
+    def word(self) -> str:
+        """Return a name, also one that is a boolean in YAML 1.1, such as `on`, as it is written."""
+        is_boolean = self.node.tag == _TAG + 'bool'
+        return str(self.node.value) if is_boolean else self.text('a name')
 
     def line(self) -> str:
         """Return a text with single spaces for its line breaks and other whitespace."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 from dyknow_common import Margin, Verdict, round_time
@@ -88,6 +89,21 @@ class StandingVerdicts:
             return f'violated from {round_time(latest.begin)} on{others}: {latest.text}'
         since = f'{round_time(latest.begin)} to {round_time(latest.end)}'
         return f'holds again, after it was false from {since}{others}: {latest.text}'
+
+    def changes(self, before: StandingVerdicts) -> Iterator[tuple[ViolationEpisode, bool]]:
+        """Yield the episodes that have begun or ended since earlier verdicts, in their order.
+
+        An episode comes with False for its begin, and with True for its end. Of more than ten
+        episodes since then, the last ten are known.
+        """
+        # A formula that restarts with other objects counts its episodes from 0.
+        known = before.episode_count if before.episode_count <= self.episode_count else 0
+        first = self.episode_count - len(self.latest_episodes) + 1
+        for number, each in enumerate(self.latest_episodes, start=first):
+            if number > known:
+                yield each, False
+            if each.has_ended and (number > known or (number == known and before.is_violated)):
+                yield each, True
 
 
 def _plural(count: int, noun: str) -> str:

@@ -26,6 +26,7 @@ from dyknow_recordings.evaluation.episodes import (
     FROM_FIRST_STATE,
     EpisodeGroup,
     EpisodeStart,
+    Every,
     FormulaEpisodes,
 )
 from dyknow_recordings.evaluation.grounding import FormulaGrounder, GroundedFormula
@@ -71,9 +72,10 @@ def evaluate_recording(
         recording: the recording.
         formulas: an error of one does not affect the others.
         files: the ontologies, annotations and streams of the running system.
-        start: from when the formulas are evaluated.
+        start: from when the formulas are evaluated; those with `every_state`, from every state on
+            unless this begins other episodes.
         keep_signals: True to keep the signals of the states, for pictures.
-        margins: True to compute the margins of the formulas.
+        margins: True to compute the margins of all formulas, also of those that do not say so.
 
     Raises:
         DyKnowError: naming a file that cannot be read, or a recording that cannot be read.
@@ -97,13 +99,13 @@ class RecordingEvaluation:
         margins: bool = False,
     ) -> None:
         self._recording = recording
-        self._keep_signals = keep_signals
+        self._keep_signals, self._margins = keep_signals, margins
         self._start = start
         self._streams = RecordedStreams(recording.contents, files.streams)
         self._pending: list[StateGroup] = []
         with closing(load_vocabulary(files, recording.contents)) as vocabulary:
             self._vocabulary_notes = tuple(vocabulary.notes)
-            grounder = FormulaGrounder(vocabulary, self._streams, margins=margins)
+            grounder = FormulaGrounder(vocabulary, self._streams)
             self._requests = [self._ground(grounder, each) for each in formulas]
         grounded = [each.grounded.inputs for each in self._requests if each.grounded]
         self._fields = self._streams.prepare(
@@ -158,7 +160,12 @@ class RecordingEvaluation:
 
     def _ground(self, grounder: FormulaGrounder, requested: RequestedFormula) -> _Request:
         try:
-            grounded = grounder.ground(requested.text, self._start.trigger, requested.constants)
+            grounded = grounder.ground(
+                requested.text,
+                self._start.trigger,
+                requested.constants,
+                margin=self._margins or requested.margin,
+            )
             return _Request(requested, grounded)
         except DyKnowError as error:
             return _Request(requested, error=error)
@@ -181,7 +188,9 @@ class RecordingEvaluation:
         domains: dict[str, tuple[str, ...]] = {}
         for request, grounded in members:
             domains |= grounded.inputs.domains
-            request.episodes = FormulaEpisodes(grounded, self._start.every)
+            is_asked_again = self._start.every is Every.FIRST and request.requested.every_state
+            every = Every.STATE if is_asked_again else self._start.every
+            request.episodes = FormulaEpisodes(grounded, every)
         observer: EvaluationObserver | None = None
         if self._keep_signals:
             terms = terms_of((grounded.formula for _, grounded in members), domains)

@@ -53,19 +53,20 @@ class FormulaGrounder:
     Args:
         vocabulary: of the formulas.
         streams: of the recording.
-        margins: True if the margins of the formulas are to be computed.
     """
 
-    def __init__(
-        self, vocabulary: Vocabulary, streams: RecordedStreams, *, margins: bool = False
-    ) -> None:
-        self._margins = margins
+    def __init__(self, vocabulary: Vocabulary, streams: RecordedStreams) -> None:
         self._vocabulary = vocabulary
         self._streams = streams
         self._search = CandidateSearch(self._matching_sources, streams.fields)
 
     def ground(
-        self, formula: str, trigger: str = '', constants: Constants = NO_CONSTANTS
+        self,
+        formula: str,
+        trigger: str = '',
+        constants: Constants = NO_CONSTANTS,
+        *,
+        margin: bool = False,
     ) -> GroundedFormula:
         """Return the inputs of a formula, and of the trigger of its episodes.
 
@@ -73,6 +74,7 @@ class FormulaGrounder:
             formula: its text.
             trigger: the text of the formula that begins its episodes; empty without one.
             constants: the values of names that the texts do not define.
+            margin: True if the margin of the formula is to be computed.
 
         Raises:
             DyKnowError: if a text is no formula, or has a sort or a feature that is not found.
@@ -80,7 +82,7 @@ class FormulaGrounder:
         group = FormulaGroup()
         texts = [self._completed(text, constants) for text in filter(None, (formula, trigger))]
         for text in texts:
-            group.add_formula(text, text, margin=self._margins and text is texts[0])
+            group.add_formula(text, text, margin=margin and text is texts[0])
         symbols = tuple(group.symbols())
         domains = {sort: self._vocabulary.instances(sort) for sort in sort_names(symbols)}
         candidates = _finished(self._search.find(symbols, Grounding.AUTO))
@@ -95,7 +97,7 @@ class FormulaGrounder:
         inputs = FormulaInputs(
             symbols, Grounding.AUTO, features, candidates, domains, NO_CONSTRAINTS
         )
-        units = _finished(feature_units(symbols, self._query)) if self._margins else None
+        units = _finished(feature_units(symbols, self._query)) if margin else None
         return GroundedFormula(texts[0], texts[1] if trigger else '', inputs, units)
 
     def _completed(self, text: str, constants: Constants) -> str:

@@ -1,0 +1,237 @@
+"""Reading of triggers: the keys `triggers` of a robot.yaml, and `on` of its formulas.
+
+triggers:
+report: {publish: {topic: /faults, type: std_msgs/msg/String, message: {data: '{name}'}}}
+formulas:
+- name: slow
+formula: always a.b < 1
+on: {false: [report, {run: [beep, '3']}], clear: report}
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Mapping
+from typing import Any, Final
+
+from dyknow_common import TextPosition, format_duration, round_duration
+from dyknow_configuration.documents.yaml_values import YamlValue, unknown
+from dyknow_configuration.triggers.placeholders import check_placeholders
+from dyknow_configuration.triggers.trigger import (
+    DEFAULT_TIMEOUT,
+    MAX_RETRIES,
+    MAX_TIMEOUT,
+    FormulaTriggers,
+    Path,
+    Trigger,
+    TriggerEvent,
+    TriggerKind,
+    TriggerPlaces,
+    default_name,
+)
+
+Triggers = Mapping[str, Trigger]
+"""Triggers by their names."""
+
+NO_TRIGGERS: Final[Triggers] = {}
+
+LIMIT_KEYS: Final = ('min_interval', 'retries', 'timeout')
+TRIGGER_KEYS: Final = (*TriggerKind, *LIMIT_KEYS)
+ACTION_KEYS: Final[Mapping[TriggerKind, tuple[str, ...]]] = {
+    TriggerKind.PUBLISH: ('topic', 'type', 'message'),
+    TriggerKind.CALL: ('service', 'type', 'request'),
+    TriggerKind.SEND_GOAL: ('action', 'type', 'goal'),
+    TriggerKind.CANCEL_GOAL: ('action',),
+}
+"""The keys of each kind: its target, the type and the content."""
+
+MAX_TRIGGERS: Final = 20
+"""The number of triggers of one event."""
+
+MAX_VALUES: Final = 1000
+"""The number of values in a message, a request or a goal, and of arguments of a command."""
+
+MAX_DEPTH: Final = 20
+"""The levels to which these values nest."""
+
+_INTERFACES: Final = {
+    TriggerKind.PUBLISH: 'msg',
+    TriggerKind.CALL: 'srv',
+    TriggerKind.SEND_GOAL: 'action',
+}
+_NAME: Final = r'[A-Za-z][A-Za-z0-9_]*'
+
+
+def read_triggers(value: YamlValue) -> dict[str, Trigger]:
+    """Return the named triggers of a file.
+
+    Raises:
+        ConfigurationError: with the place of the fault.
+    """
+    entries = value.entries('a mapping from names to triggers')
+    return {key.text().strip(): _trigger(each, key.text().strip()) for key, each in entries}
+
+
+def read_events(value: YamlValue, named: Triggers) -> FormulaTriggers:
+    """Return the triggers of a formula: those that `on` names or contains.
+
+    Raises:
+        ConfigurationError: with the place of the fault.
+    """
+    found: list[tuple[TriggerEvent, Trigger]] = []
+    for event, each in value.mapping([*TriggerEvent]).items():
+        wanted = each.one_or_more()
+        if len(wanted) > MAX_TRIGGERS:
+            raise wanted[MAX_TRIGGERS].error(f'an event has at most {MAX_TRIGGERS} triggers')
+        found += [(TriggerEvent(event), _named_or_own(one, named)) for one in wanted]
+    return tuple(found)
+
+
+def _named_or_own(value: YamlValue, named: Triggers) -> Trigger:
+    if value.is_mapping:
+        return _trigger(value)
+    name = value.text('the name of a trigger, or a mapping such as {run: [beep]},').strip()
+    if name not in named:
+        hint = '' if named else " (add it under the key 'triggers' of the file)"
+        raise value.error(unknown('trigger', name, named) + hint)
+    return named[name]
+
+
+def _trigger(value: YamlValue, name: str = '') -> Trigger:
+    stated = value.mapping(TRIGGER_KEYS)
+    kinds = [kind for kind in TriggerKind if kind in stated]
+    if len(kinds) != 1:
+        one = f'add one of the keys {", ".join(TriggerKind)}'
+        raise value.error(f"keep one of '{kinds[0]}' and '{kinds[1]}'" if kinds else one)
+    (kind,) = kinds
+    content = _Content(value)
+    target, type_name = _action(kind, stated[kind], content)
+    return Trigger(
+        name or default_name(kind, target),
+        kind,
+        target,
+        type_name,
+        content.content,
+        _limit(stated, 'min_interval', 0),
+        _retries(stated),
+        _limit(stated, 'timeout', DEFAULT_TIMEOUT),
+        content.placeholders,
+        TriggerPlaces(value.document, content.positions),
+    )
+
+
+class _Content:
+    """What an action sends, with the places of its values."""
+
+    def __init__(self, value: YamlValue) -> None:
+        self.content: Any = {}
+        self.placeholders: frozenset[str] = frozenset()
+        self.positions: dict[Path, TextPosition] = {(): value.position(0)}
+        self._count = 0
+
+    def place(self, path: Path, value: YamlValue) -> None:
+        self.positions[path] = value.position(0)
+        self._count += 1
+        if self._count > MAX_VALUES:
+            raise value.error(f'a trigger has at most {MAX_VALUES} values; remove some')
+        if len(path) > MAX_DEPTH:
+            raise value.error(f'values of a trigger nest at most {MAX_DEPTH} levels')
+
+    def read(self, value: YamlValue, path: Path) -> Any:
+        """Return a value, whose texts may have placeholders."""
+        self.place(path, value)
+        if value.is_mapping:
+            entries = value.entries('a mapping from fields to values')
+            for key, _ in entries:
+                self.positions[*path, key.word(), None] = key.position(0)
+            return {key.word(): self.read(each, (*path, key.word())) for key, each in entries}
+        if value.is_list:
+            return [self.read(each, (*path, n)) for n, each in enumerate(value.items())]
+        if value.is_text and value.node.value.strip():
+            self.placeholders |= check_placeholders(value)
+        found = value.plain()
+        if not isinstance(found, bool | int | float | str):
+            raise value.expected('a number, a boolean, a text, a list or a mapping')
+        return found
+
+
+def _action(kind: TriggerKind, value: YamlValue, content: _Content) -> tuple[str, str]:
+    """Return the target and the type of an action, and read its content."""
+    content.place((kind,), value)
+    if kind is TriggerKind.RUN:
+        words = value.items('a command and its arguments, such as [beep, -f, "440"],')
+        if not words:
+            raise value.expected('a command and its arguments, such as [beep, -f, "440"],')
+        texts = list(_words(words, content))
+        content.content = texts[1:]
+        return texts[0], ''
+    if kind is TriggerKind.CANCEL_GOAL and value.is_text:
+        content.place(('action',), value)
+        return value.text().strip(), ''
+    target, *rest = ACTION_KEYS[kind]
+    stated = value.mapping(ACTION_KEYS[kind], (target, *rest[:1]))
+    for key, each in stated.items():
+        content.place((key,), each)
+    if rest and rest[1] in stated:
+        content.content = content.read(stated[rest[1]], ('content',))
+        if not isinstance(content.content, dict):
+            raise stated[rest[1]].expected('a mapping from fields to values')
+    type_name = _type_name(stated['type'], kind) if rest else ''
+    return stated[target].text(f'the name of the {target}').strip(), type_name
+
+
+def _words(values: list[YamlValue], content: _Content) -> Iterator[str]:
+    for number, each in enumerate(values):
+        if not each.is_text:
+            raise each.expected('a text', '; quotes make it a text')
+        content.place(('run', number), each)
+        used = check_placeholders(each)
+        if used and not number:
+            raise each.error('a command has no placeholders; only its arguments have')
+        content.placeholders |= used
+        yield each.text()
+
+
+def _type_name(value: YamlValue, kind: TriggerKind) -> str:
+    text, folder = value.text('the name of a type').strip(), _INTERFACES[kind]
+    if not re.fullmatch(f'{_NAME}/{folder}/{_NAME}', text):
+        raise value.error(f"'{text}' is no type for {kind}; write it as package/{folder}/Type")
+    return text
+
+
+def _limit(stated: Mapping[str, YamlValue], key: str, default: int) -> int:
+    """Return a time in nanoseconds."""
+    if key not in stated:
+        return default
+    found = stated[key].duration()
+    if key == 'timeout' and not 0 < found <= MAX_TIMEOUT:
+        allowed = f'above 0 and at most {round_duration(MAX_TIMEOUT)}'
+        raise stated[key].error(f'a timeout must be {allowed}')
+    return found
+
+
+def _retries(stated: Mapping[str, YamlValue]) -> int:
+    if 'retries' not in stated:
+        return 0
+    found = stated['retries'].plain()
+    if type(found) is not int or not 0 <= found <= MAX_RETRIES:
+        raise stated['retries'].expected(f'a number from 0 to {MAX_RETRIES}')
+    return found
+
+
+def trigger_document(trigger: Trigger) -> dict[str, Any]:
+    """Return a trigger as it is written in YAML."""
+    kind = trigger.kind
+    if kind is TriggerKind.RUN:
+        action: Any = [trigger.target, *trigger.content]
+    elif kind is TriggerKind.CANCEL_GOAL:
+        action = trigger.target
+    else:
+        values = (trigger.target, trigger.type_name, trigger.content)
+        action = dict(zip(ACTION_KEYS[kind], values, strict=True))
+    limits: dict[str, Any] = {'timeout': format_duration(trigger.timeout)}
+    if trigger.min_interval:
+        limits['min_interval'] = format_duration(trigger.min_interval)
+    if trigger.retries:
+        limits['retries'] = trigger.retries
+    return {str(kind): action, **limits}

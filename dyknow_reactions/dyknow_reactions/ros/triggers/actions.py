@@ -1,0 +1,244 @@
+"""The actions of triggers that other nodes carry out: messages, calls and goals."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, Final, Protocol
+
+from action_msgs.srv import CancelGoal
+from rclpy.action import ActionClient
+from rclpy.callback_groups import ReentrantCallbackGroup
+from rclpy.node import Node
+from rclpy.qos import QoSProfile, ReliabilityPolicy
+from rclpy.task import Future
+
+from dyknow_common import DyKnowError
+from dyknow_common.ros import NodeAdapter, absolute_topic
+from dyknow_configuration import Trigger
+from dyknow_reactions.ros.triggers.message_template import template_of
+from dyknow_reactions.triggers import TriggerReport
+
+POLL_PERIOD_S: Final = 0.05
+"""The period of checks for a server that has not been discovered."""
+
+_QUALITY_OF_SERVICE: Final = QoSProfile(depth=10, reliability=ReliabilityPolicy.RELIABLE)
+
+End = Callable[[str], None]
+"""Ends an attempt, once: with the reason of its failure, or an empty text."""
+
+GiveUp = Callable[[], str]
+"""Gives an attempt up whose time has passed, and returns what is to be said about it."""
+
+
+class TriggerAction(Protocol):
+    """What a trigger does."""
+
+    def begin(self, report: TriggerReport, end: End) -> GiveUp:
+        """Begin an attempt, without waiting for it.
+
+        Raises:
+            DyKnowError: if it has failed already.
+        """
+
+    def close(self) -> None:
+        """Release everything; no attempt is running."""
+
+
+class PublishAction:
+    """Publishes a message."""
+
+    def __init__(self, node: NodeAdapter, trigger: Trigger) -> None:
+        self._node = node.node
+        class_, self._template = template_of(trigger)
+        self._topic = target_of(node.node, trigger, 'topic')
+        self._publisher = node.node.create_publisher(class_, self._topic, _QUALITY_OF_SERVICE)
+
+    def begin(self, report: TriggerReport, end: End) -> GiveUp:
+        """Publish the message, if there is a subscriber."""
+        message = self._template.fill(report)
+        if self._publisher.get_subscription_count() == 0:
+            raise DyKnowError(f'nobody subscribes to {self._topic}')
+        self._publisher.publish(message)
+        end('')
+        return lambda: ''
+
+    def close(self) -> None:
+        """Destroy the publisher."""
+        self._node.destroy_publisher(self._publisher)
+
+
+class CallAction:
+    """Calls a service; a response with `success: false` is a failure."""
+
+    def __init__(self, node: NodeAdapter, trigger: Trigger) -> None:
+        class_, self._template = template_of(trigger)
+        self._node = node
+        self._name = target_of(node.node, trigger, 'service')
+        self._client = node.create_client(
+            class_, self._name, callback_group=ReentrantCallbackGroup()
+        )
+
+    def begin(self, report: TriggerReport, end: End) -> GiveUp:
+        """Send the request as soon as the service is there."""
+        request = self._template.fill(report)
+        return _RemoteCall(
+            self._node,
+            f'service {self._name}',
+            self._client.service_is_ready,
+            lambda: self._client.call_async(request),
+            _failure_of_response,
+            end,
+            self._client.remove_pending_request,
+        ).give_up
+
+    def close(self) -> None:
+        """Destroy the client."""
+        self._node.destroy_client(self._client)
+
+
+class SendGoalAction:
+    """Sends a goal to an action; it is done when the goal is accepted."""
+
+    def __init__(self, node: NodeAdapter, trigger: Trigger) -> None:
+        class_, self._template = template_of(trigger)
+        self._node = node
+        self._name = target_of(node.node, trigger, 'action')
+        self._client = ActionClient(
+            node.node, class_, self._name, callback_group=ReentrantCallbackGroup()
+        )
+
+    def begin(self, report: TriggerReport, end: End) -> GiveUp:
+        """Send the goal as soon as the action is there."""
+        goal = self._template.fill(report)
+        return _RemoteCall(
+            self._node,
+            f'action {self._name}',
+            self._client.server_is_ready,
+            lambda: self._client.send_goal_async(goal),
+            lambda handle: '' if handle.accepted else f'action {self._name} rejects the goal',
+            end,
+            # The failure was reported, and another goal may follow.
+            lambda sent: sent.add_done_callback(_cancel_goal),
+        ).give_up
+
+    def close(self) -> None:
+        """Destroy the client."""
+        self._client.destroy()
+
+
+class CancelGoalAction:
+    """Cancels all goals of an action, whoever has sent them."""
+
+    def __init__(self, node: NodeAdapter, trigger: Trigger) -> None:
+        self._node = node
+        self._name = target_of(node.node, trigger, 'action')
+        self._client = node.create_client(
+            CancelGoal,
+            f'{self._name}/_action/cancel_goal',
+            callback_group=ReentrantCallbackGroup(),
+        )
+
+    def begin(self, report: TriggerReport, end: End) -> GiveUp:  # noqa: ARG002 - of the protocol
+        """Request that all goals are cancelled as soon as the action is there."""
+        return _RemoteCall(
+            self._node,
+            f'action {self._name}',
+            self._client.service_is_ready,
+            # No goal and no time stand for all goals.
+            lambda: self._client.call_async(CancelGoal.Request()),
+            lambda response: self._failure(response.return_code),
+            end,
+            self._client.remove_pending_request,
+        ).give_up
+
+    def close(self) -> None:
+        """Destroy the client."""
+        self._node.destroy_client(self._client)
+
+    def _failure(self, code: int) -> str:
+        is_refused = code == CancelGoal.Response.ERROR_REJECTED
+        return f'action {self._name} refuses to cancel its goals' if is_refused else ''
+
+
+class _RemoteCall:
+    """A request to another node, which is sent when the node is there.
+
+    Args:
+        node: its deadlines are used.
+        name: of the server, for people.
+        is_ready: returns True if the server is there.
+        send: sends the request.
+        failure_of: returns why a response is a failure; an empty text if it is none.
+        end: ends the attempt.
+        abandon: receives the future of a response that is not needed any more.
+    """
+
+    def __init__(
+        self,
+        node: NodeAdapter,
+        name: str,
+        is_ready: Callable[[], bool],
+        send: Callable[[], Future],
+        failure_of: Callable[[Any], str],
+        end: End,
+        abandon: Callable[[Future], object],
+    ) -> None:
+        self._node = node
+        self._name = name
+        self._is_ready = is_ready
+        self._send = send
+        self._failure_of = failure_of
+        self._end = end
+        self._abandon = abandon
+        self._sent: Future | None = None
+        self._is_over = False
+        self._poll()
+
+    def give_up(self) -> str:
+        """End without a response, and return the reason."""
+        self._is_over = True
+        if self._sent is None:
+            return f'{self._name} is not available'
+        self._abandon(self._sent)
+        return f'{self._name} has not answered'
+
+    def _poll(self) -> None:
+        if self._is_over:
+            return
+        if self._is_ready():
+            self._sent = self._send()
+            self._sent.add_done_callback(self._on_response)
+        else:
+            later = self._node.deadlines.after(POLL_PERIOD_S)
+            later.add_done_callback(lambda _: self._poll())
+
+    def _on_response(self, done: Future) -> None:
+        if self._is_over or done.cancelled():
+            return
+        self._is_over = True
+        error = done.exception()
+        self._end(str(error) if error else self._failure_of(done.result()))
+
+
+def target_of(node: Node, trigger: Trigger, key: str) -> str:
+    """Return the absolute name of the topic, service or action of a trigger.
+
+    Raises:
+        ConfigurationError: if ROS cannot have it.
+    """
+    try:
+        return absolute_topic(node, trigger.target, f'the {key}')
+    except DyKnowError as error:
+        raise trigger.error(error.message, (key,)) from None
+
+
+def _failure_of_response(response: Any) -> str:
+    if getattr(response, 'success', True) is not False:
+        return ''
+    reason = getattr(response, 'message', '')
+    return f'the service answers success: false{f" ({reason})" if reason else ""}'
+
+
+def _cancel_goal(sent: Future) -> None:
+    if not sent.cancelled() and sent.exception() is None and sent.result().accepted:
+        sent.result().cancel_goal_async()

@@ -1,0 +1,116 @@
+"""When triggers run: rate limits, order, retries."""
+
+from __future__ import annotations
+
+from hypothesis import given
+from hypothesis import strategies as st
+
+from dyknow_common import Verdict
+from dyknow_configuration import RequestedFormula, Trigger, TriggerEvent, TriggerKind
+from dyknow_reactions.triggers import TriggerAttempt, TriggerReport, TriggerRuns, TriggerState
+from dyknow_reactions.triggers.runs import FIRST_BACKOFF, MAX_BACKOFF, MAX_WAITING
+
+SECOND = 1_000_000_000
+TARGETS = ('/a', '/b')
+
+
+def formula_of(intervals: list[int], retries: int) -> RequestedFormula:
+    """Return a formula whose event n runs a trigger, with the targets in turn."""
+    triggers = [
+        Trigger(f't{n}', TriggerKind.CALL, TARGETS[n % 2], min_interval=each, retries=retries)
+        for n, each in enumerate(intervals)
+    ]
+    return RequestedFormula('p', 'f', on=tuple(zip(TriggerEvent, triggers, strict=False)))
+
+
+def report_of(formula: RequestedFormula, event: TriggerEvent, number: int) -> TriggerReport:
+    return TriggerReport(formula, event, Verdict.FALSE, str(number), 0)
+
+
+@given(
+    intervals=st.lists(st.integers(0, 3), min_size=4, max_size=4),
+    retries=st.integers(0, 3),
+    steps=st.lists(
+        st.tuples(st.integers(0, 4), st.sampled_from([*TriggerEvent, None]), st.booleans()),
+        max_size=40,
+    ),
+)
+def test_runs_are_those_of_a_simple_model(
+    intervals: list[int],
+    retries: int,
+    steps: list[tuple[int, TriggerEvent | None, bool]],
+) -> None:
+    """At each step, time passes, an event may happen, and one attempt ends."""
+    formula = formula_of([each * SECOND for each in intervals], retries)
+    runs = TriggerRuns([formula])
+    now, running = 0, list[TriggerAttempt]()
+    accepted: dict[str, list[str]] = {each: [] for each in TARGETS}
+    last: dict[TriggerEvent, int] = {}
+    attempts: dict[str, list[tuple[int, str]]] = {each: [] for each in TARGETS}
+    ended: dict[str, int] = {}
+    for number, (delay, event, fails) in enumerate(steps):
+        now += delay * SECOND
+        if event is not None:
+            index = list(TriggerEvent).index(event)
+            ignored = runs.start(report_of(formula, event, number), now)
+            is_early = event in last and now < last[event] + intervals[index] * SECOND
+            assert bool(ignored) == is_early
+            if not is_early:
+                last[event] = now
+                accepted[TARGETS[index % 2]].append(str(number))
+        for attempt in runs.begin(now):
+            name = attempt.report.explanation
+            # A retry waits for its backoff.
+            if attempt.number > 1:
+                backoff = min(FIRST_BACKOFF * 2 ** (attempt.number - 2), MAX_BACKOFF)
+                assert now >= ended[name] + backoff
+            attempts[attempt.use.trigger.target].append((attempt.number, name))
+            running.append(attempt)
+        # Never two at once with one target.
+        targets = [each.use.trigger.target for each in running]
+        assert len(targets) == len({*targets})
+        if running:
+            attempt = running.pop(0)
+            ended[attempt.report.explanation] = now
+            runs.end(attempt, now, 'no' if fails else '')
+    for target in TARGETS:
+        # Each run has all its attempts before the next one begins, in the order of the events.
+        names = list(dict.fromkeys(name for _, name in attempts[target]))
+        assert names == accepted[target][: len(names)]
+        expected = [
+            (number, name)
+            for name in names
+            for number in range(1, 1 + sum(each == name for _, each in attempts[target]))
+        ]
+        assert attempts[target] == expected
+        assert all(number <= retries + 1 for number, _ in expected)
+
+
+def test_an_ended_run_is_told() -> None:
+    formula = formula_of([0], 1)
+    runs = TriggerRuns([formula])
+    (use,) = runs.uses
+    runs.start(report_of(formula, TriggerEvent.FALSE, 1), 0)
+    (attempt,) = runs.begin(0)
+    assert runs.next_due is None
+    runs.end(attempt, SECOND, 'absent')
+    assert (use.state, use.text) == (TriggerState.WARN, 'absent; attempt 2 in 1 s')
+    assert (runs.next_due, [*runs.begin(2 * SECOND - 1)]) == (2 * SECOND, [])
+    (again,) = runs.begin(2 * SECOND)
+    runs.end(again, 2 * SECOND, 'absent')
+    assert (use.state, use.text, use.failures) == (TriggerState.ERROR, 'absent', 1)
+    assert runs.is_idle
+    runs.start(report_of(formula, TriggerEvent.FALSE, 2), 3 * SECOND)
+    (last,) = runs.begin(3 * SECOND)
+    runs.end(last, 3 * SECOND)
+    assert (use.state, use.runs, use.failures) == (TriggerState.OK, 2, 1)
+
+
+def test_not_too_many_wait() -> None:
+    formula = formula_of([0], 0)
+    runs = TriggerRuns([formula])
+    for number in range(MAX_WAITING + 3):
+        runs.start(report_of(formula, TriggerEvent.FALSE, number), number)
+    (use,) = runs.uses
+    assert use.ignored == 2
+    assert f'{MAX_WAITING} runs wait already' in use.text
