@@ -8,7 +8,7 @@ from enum import StrEnum
 from itertools import product
 from pathlib import Path
 
-from dyknow_common import InlineText, ValueType
+from dyknow_common import BlackBoxOptions, InlineText, ValueType
 from dyknow_reasoning import NO_CONSTANTS, Constants
 
 ParameterValue = bool | int | float | str | list[str]
@@ -35,6 +35,7 @@ class RequestedFormula:
         description: what it says, for people.
         severity: of its violation.
         constants: the values of names that the text does not define.
+        record: the black box that is recorded when it fails; None for none.
     """
 
     text: str
@@ -42,6 +43,7 @@ class RequestedFormula:
     description: str = ''
     severity: Severity = Severity.WARNING
     constants: Constants = NO_CONSTANTS
+    record: BlackBoxOptions | None = None
 
     @property
     def closed_text(self) -> str:

@@ -10,7 +10,7 @@ from typing import Any
 
 import yaml
 
-from dyknow_common import ExitCode, InlineText
+from dyknow_common import BlackBoxOptions, ExitCode, InlineText, format_duration
 from dyknow_configuration.errors import ConfigurationError
 from dyknow_configuration.robot import RequestedFormula, RobotConfiguration, Severity, TextSource
 
@@ -86,11 +86,18 @@ def _document(robot: RobotConfiguration, folder: Path) -> dict[str, Any]:
     return {key: part for key, part in parts.items() if part}
 
 
-def _formula(formula: RequestedFormula) -> Mapping[str, str]:
+def _formula(formula: RequestedFormula) -> Mapping[str, Any]:
     description = {'description': formula.description} if formula.description else {}
     severity = {} if formula.severity is Severity.WARNING else {'severity': str(formula.severity)}
     name = formula.name or formula.text
-    return {'name': name, 'formula': formula.text, **description, **severity}
+    record = {} if formula.record is None else {'record': _record(formula.record)}
+    return {'name': name, 'formula': formula.text, **description, **severity, **record}
+
+
+def _record(options: BlackBoxOptions) -> Mapping[str, Any]:
+    topics = {'topics': list(options.topics)} if options.topics else {}
+    times = {'before': options.before, 'after': options.after}
+    return {**topics, **{name: format_duration(time) for name, time in times.items()}}
 
 
 def _yaml_text(document: Mapping[str, Any]) -> str:

@@ -30,6 +30,7 @@ TYPES: dict[str, tuple[type, ...]] = {
 WRONG = (
     'bad_object_name', 'bare_duration', 'boolean_for_object', 'formula_without_name', 'no_field',
     'no_list_of_objects', 'no_mapping', 'number_for_object', 'parameter_of_no_type',
+    'record_of_number', 'record_unknown_key', 'record_without_unit',
     'topic_and_stream', 'unknown_feature_key', 'unknown_key', 'unknown_node', 'unknown_severity',
     'unknown_source_key', 'unknown_type', 'unknown_unit_of_time',
 )  # fmt: skip
@@ -38,7 +39,9 @@ WRONG = (
 ACCEPTED = """\
 objects: {A: [a1], B: }
 sorts:
-formulas: [{name: a, formula: 'always x.y = 1', severity: error}, more.yaml]
+formulas: [{name: a, formula: 'always x.y = 1', severity: error}, more.yaml,
+  {name: b, formula: 'x.y = 1', record: true},
+  {name: c, formula: 'x.y = 1', record: {topics: [/a], before: 5 s, after: 0 s}}]
 features:
   Empty:
   F: {of: [A, B], type: boolean, from: [{topic: /a, field: b, max_lead: 1.5min, where: {A: c}}]}

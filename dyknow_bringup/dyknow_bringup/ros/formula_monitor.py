@@ -114,6 +114,7 @@ class FormulaMonitor(DyKnowNode):
             on_verdict=lambda answer: self._on_verdict(index, answer),
             on_feedback=lambda progress: self._on_progress(index, progress),
             name=monitored.name,
+            record=monitored.formula.record,
             timeout=self._timeout,
             wait=self._wait,
         )
