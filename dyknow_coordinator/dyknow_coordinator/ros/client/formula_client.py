@@ -245,8 +245,11 @@ class FormulaClient:
             partial(self._end, monitor, on_verdict),
             on_interruption and partial(_notify, self._node, on_interruption),
         )
-        self._attempts.add(monitor.call)
-        monitor.call.call.accepted.add_done_callback(lambda _: monitor.accepted.set_result(None))
+        return self._added(monitor, monitor.call)
+
+    def _added(self, monitor: Monitor, call: FormulaAttempts) -> Monitor:
+        self._attempts.add(call)
+        call.call.accepted.add_done_callback(lambda _: monitor.accepted.set_result(None))
         return monitor
 
     def _send_formula(
