@@ -4,8 +4,9 @@ from setuptools.command.easy_install import ScriptWriter
 from dyknow_common.executables import script_template
 
 PACKAGE = 'dyknow_reactions'
+NODES = ('black_box_recorder',)
 
-ScriptWriter.template = script_template()
+ScriptWriter.template = script_template(NODES)
 
 setup(
     name=PACKAGE,
@@ -23,4 +24,9 @@ setup(
     maintainer_email='maintainers@dyknow.org',
     description='What follows from verdicts: black boxes, triggers and guards.',
     license='Apache-2.0',
+    entry_points={
+        'console_scripts': [
+            'black_box_recorder = dyknow_reactions.ros.black_box.black_box_recorder:main',
+        ],
+    },
 )

@@ -100,7 +100,7 @@ def test_the_keys_are_those_of_the_reader() -> None:
     assert properties['formula'] == {*FORMULA_KEYS}
     template = next(each for each in DEFINITIONS['stream']['oneOf'] if 'properties' in each)
     assert {*template['properties']} == {*TEMPLATE_KEYS}
-    assert {*SCHEMA['properties']['nodes']['properties']} == {*PACKAGES}
+    assert {*SCHEMA['properties']['nodes']['properties']} == {*PACKAGES, 'black_box_recorder'}
     assert DEFINITIONS['feature']['properties']['type']['enum'] == [*ValueType]
     assert DEFINITIONS['formula']['properties']['severity']['enum'] == [*Severity]
 

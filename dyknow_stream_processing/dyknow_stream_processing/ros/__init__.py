@@ -20,7 +20,12 @@ from dyknow_stream_processing.ros.messages.sample_messages import (
 from dyknow_stream_processing.ros.stream_proxy import StreamProxy
 from dyknow_stream_processing.ros.topics.node_topics import NodeTopics
 from dyknow_stream_processing.ros.topics.process_pauses import PAUSES
-from dyknow_stream_processing.ros.topics.publications import publishers_of
+from dyknow_stream_processing.ros.topics.publications import (
+    Publication,
+    find_publication,
+    next_request,
+    publishers_of,
+)
 from dyknow_stream_processing.ros.topics.sequence_gaps import SequenceGaps
 from dyknow_stream_processing.ros.topics.topic_sources import source_type
 
@@ -28,12 +33,15 @@ __all__ = [
     'PAUSES',
     'FieldReader',
     'NodeTopics',
+    'Publication',
     'SampleWriter',
     'SequenceGaps',
     'StreamProxy',
     'extractor',
+    'find_publication',
     'message_class',
     'message_conversion',
+    'next_request',
     'publishers_of',
     'sample_fields',
     'sample_to_message',

@@ -257,11 +257,16 @@ def _topics(names: Sequence[str]) -> list[str]:
     """Return the topics of the numbers of formulas."""
     topics: list[str] = []
     for name in names:
-        word = re.sub(r'[^A-Za-z0-9]+', '_', name).strip('_')[:_MAX_NAME].strip('_')
-        # Parts of names of topics begin with a letter.
-        word = word if word[:1].isalpha() else f'formula_{word}'.rstrip('_')
+        word = topic_word(name)
         numbered = (word if number == 1 else f'{word}_{number}' for number in count(1))
         topics.append(
             next(topic for each in numbered if (topic := f'{VERDICTS}/{each}') not in topics)
         )
     return topics
+
+
+def topic_word(name: str) -> str:
+    """Return the name of a formula as the last part of the name of a topic."""
+    word = re.sub(r'[^A-Za-z0-9]+', '_', name).strip('_')[:_MAX_NAME].strip('_')
+    # Parts of names of topics begin with a letter.
+    return word if word[:1].isalpha() else f'formula_{word}'.rstrip('_')
