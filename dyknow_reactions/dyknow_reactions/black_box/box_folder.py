@@ -147,7 +147,8 @@ def _write_bag(
     path.parent.mkdir(exist_ok=True)
     writer = Writer(path, version=_BAG_VERSION, storage_plugin=StoragePlugin.MCAP)
     writer.set_compression(CompressionMode.STORAGE, CompressionFormat.ZSTD)
-    writer.set_custom_data(BLACK_BOX, content.text)
+    for key, text in content.custom_data.items():
+        writer.set_custom_data(key, text)
     with writer:
         connections = {
             topic: writer.add_connection(

@@ -204,7 +204,7 @@ class FailureWatch:
             key,
             failure,
             watched.status,
-            failure.time - before,
+            min(failure.time - before, now),
             max(now, failure.time) + after,
             max(now, failure.time) + before + after,
         )

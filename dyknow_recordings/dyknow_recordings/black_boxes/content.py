@@ -1,6 +1,7 @@
 """Black boxes: bags that know the formula that failed, and what its states are made of.
 
-The content is a text of JSON in the `custom_data` of the bag's metadata. A check of the bag needs
+The content is JSON in the `custom_data` of the bag's metadata, as base64: the library that writes
+YAML folds long texts with backslashes incorrectly. A check of the bag needs
 nothing else: the formula has its sorts, and its state stream names the source of each feature.
 
 A bag may begin after the first state of its formula. Then only what holds of any suffix of the
@@ -14,6 +15,7 @@ states is a verdict of the formula:
 from __future__ import annotations
 
 import json
+from base64 import b64decode, b64encode
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field, fields, replace
 from pathlib import Path
@@ -104,6 +106,15 @@ class BlackBoxContent:
         return json.dumps(asdict(self), ensure_ascii=False)
 
     @property
+    def custom_data(self) -> Mapping[str, str]:
+        """The content for the metadata of a bag, with texts for people."""
+        return {
+            BLACK_BOX: b64encode(self.text.encode()).decode(),
+            f'{BLACK_BOX}_formula': _plain(self.formula),
+            f'{BLACK_BOX}_explanation': _plain(self.explanation),
+        }
+
+    @property
     def files(self) -> MonitoringFiles:
         """What the check of the bag needs beside the formula.
 
@@ -167,6 +178,10 @@ class BlackBoxContent:
         return (f"the running system decided that '{self.name}' is false{at}",)
 
 
+def _plain(text: str) -> str:
+    return text.replace('\\', '/')
+
+
 def _is_invariant(formula: Formula) -> bool:
     """Return True if the formula is false whenever it is false from a later state on."""
     match formula:
@@ -203,10 +218,13 @@ def read_black_box(path: Path) -> BlackBoxContent | None:
         information = yaml.safe_load(text)['rosbag2_bagfile_information']
         if path != folder and path.name not in information['relative_file_paths']:
             return None
-        content = json.loads(information['custom_data'][BLACK_BOX])
+        content = json.loads(b64decode(information['custom_data'][BLACK_BOX], validate=True))
         known = {each.name for each in fields(BlackBoxContent)}
         return _checked(BlackBoxContent(**{key: content[key] for key in content if key in known}))
-    except (yaml.YAMLError, ValueError, LookupError, TypeError, RecursionError, DyKnowError):
+    except (
+        yaml.YAMLError, ValueError, LookupError, TypeError, AttributeError, RecursionError,
+        DyKnowError,
+    ):  # fmt: skip
         raise RecordingError(
             f'{path}: the content of the black box in {_METADATA} is damaged; name its formula and '
             'configuration by options'

@@ -185,7 +185,7 @@ class BlackBoxRecorder(DyKnowNode):
         offers = {each: self._topics.offer(each) for each in origin.topics}
         topics = {topic: offer for topic, offer in offers.items() if offer is not None}
         messages = [each for each in messages if each.topic in topics]
-        states = [each for each in messages if each.topic == origin.status.state_stream]
+        states = [each for each in messages if each.topic == origin.state_stream]
         versions, configuration = _versions(), self._configuration
         folder = self._folder
 

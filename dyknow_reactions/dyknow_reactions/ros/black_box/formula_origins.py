@@ -39,10 +39,11 @@ class FormulaOrigins:
     def note(self, key: FormulaKey, status: EvaluationStatus) -> FormulaOrigin:
         """Process the status of a formula, and return what is known of it."""
         found = self._found.setdefault(key, FormulaOrigin(status))
-        if status.states_progressed:
-            found.status = status
         if status.state_stream and status.state_stream != found.state_stream:
             self._find_streams(status, found)
+        # After the end, there is no state stream any more.
+        if status.states_progressed and status.state_stream in {'', found.state_stream}:
+            found.status = status
         is_canonical = status.phase not in {EvaluationPhase.GROUNDING, EvaluationPhase.ENDED}
         if found.domains is None and is_canonical:
             found.domains = {}
