@@ -199,8 +199,9 @@ def test_an_episode_has_a_box(
     evaluations.wait_for_nothing()
 
 
+@pytest.mark.usefixtures('batteries')
 def test_a_request_writes_what_there_is(
-    system: System, recorder: Recorder, batteries: Batteries, evaluations: Evaluations
+    system: System, recorder: Recorder, evaluations: Evaluations
 ) -> None:
     recorder.start()
     monitored = Monitored(system.client, INVARIANT, name='power', record=recorded(after=0.2))
@@ -220,8 +221,9 @@ def test_a_request_writes_what_there_is(
     evaluations.wait_for_nothing()
 
 
+@pytest.mark.usefixtures('batteries')
 def test_limits_of_memory_are_told(
-    system: System, recorder: Recorder, batteries: Batteries, evaluations: Evaluations
+    system: System, recorder: Recorder, evaluations: Evaluations
 ) -> None:
     recorder.start(memory_messages=30)
     monitored = Monitored(system.client, INVARIANT, name='power', record=recorded(after=0.2))
@@ -240,8 +242,9 @@ def test_limits_of_memory_are_told(
     evaluations.wait_for_nothing()
 
 
+@pytest.mark.usefixtures('batteries')
 def test_a_folder_that_is_too_small_is_an_error(
-    system: System, recorder: Recorder, batteries: Batteries, evaluations: Evaluations
+    system: System, recorder: Recorder, evaluations: Evaluations
 ) -> None:
     recorder.start(folder_bytes=1000)
     monitored = Monitored(system.client, INVARIANT, name='power', record=recorded(after=0.2))
@@ -253,8 +256,9 @@ def test_a_folder_that_is_too_small_is_an_error(
     (report,) = recorder.wait_for_reports(1)
     assert (report.path, report.error) == ('', answer.exit_status.message)
     system.client.spin_until(
-        lambda: recorder.diagnosis is not None
-        and recorder.diagnosis.level == DiagnosticStatus.ERROR,
+        lambda: (
+            recorder.diagnosis is not None and recorder.diagnosis.level == DiagnosticStatus.ERROR
+        ),
         'an error in the diagnostics',
     )
     monitored.cancel()
@@ -289,6 +293,6 @@ def test_a_snapshot_service_without_its_type_is_refused(system: System) -> None:
     launcher.stop(NODE)
     assert ended.last_lines.splitlines()[-1] == (
         "snapshot_service is '/rosbag2_recorder/snapshot', but its type "
-        'rosbag2_interfaces/srv/Snapshot is not installed; install ros-jazzy-rosbag2-interfaces, or '
-        'leave out the parameter'
+        'rosbag2_interfaces/srv/Snapshot is not installed; install '
+        'ros-jazzy-rosbag2-interfaces, or leave out the parameter'
     )

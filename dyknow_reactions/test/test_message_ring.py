@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from itertools import pairwise
 
 from hypothesis import given
 from hypothesis import strategies as st
@@ -34,7 +35,7 @@ class Naive:
 
     def forget(self, topic: str, before: int) -> None:
         of_topic = [each for each in self.held if each.topic == topic]
-        for earlier, later in zip(of_topic, of_topic[1:], strict=False):
+        for earlier, later in pairwise(of_topic):
             if later.time <= before:
                 self.held = [each for each in self.held if each is not earlier]
 
@@ -95,9 +96,7 @@ def test_a_ring_is_like_a_list(
     st.integers(0, 50),
     st.integers(0, 10),
 )
-def test_drops_of_a_time_are_counted(
-    steps: list[tuple[str, int]], first: int, spans: int
-) -> None:
+def test_drops_of_a_time_are_counted(steps: list[tuple[str, int]], first: int, spans: int) -> None:
     ring, naive = MessageRing(1000, 3), Naive(1000, 3)
     now = 0
     for topic, step in steps:

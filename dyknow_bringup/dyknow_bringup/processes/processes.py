@@ -135,9 +135,7 @@ def _recorder(configuration: SystemConfiguration) -> list[Process]:
     if configuration.recorder is None:
         return []
     given = {**configuration.parameters.get(RECORDER, {}), **configuration.recorder}
-    return [
-        Process('dyknow_reactions', RECORDER, given, params_file=configuration.params_file)
-    ]
+    return [Process('dyknow_reactions', RECORDER, given, params_file=configuration.params_file)]
 
 
 def robot_processes(
