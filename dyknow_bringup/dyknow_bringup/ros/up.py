@@ -231,8 +231,8 @@ def _add_settings(parser: argparse.ArgumentParser) -> None:
         '--record',
         type=Path,
         metavar='FOLDER',
-        help='record black boxes into this folder (default: only if a formula of the robot.yaml asks '
-        'for one, into ~/.ros/dyknow/black_boxes)',
+        help='record black boxes into this folder (default: only if a formula of the robot.yaml '
+        'asks for one, into ~/.ros/dyknow/black_boxes)',
     )
     parser.add_argument('--namespace', default='', help='of all nodes (default: none)')
     parser.add_argument('--use-sim-time', action='store_true', help='take time from /clock')

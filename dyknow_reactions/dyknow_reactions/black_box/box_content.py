@@ -144,8 +144,8 @@ def first_state(
     """Return the valid time of the first recorded state of a formula, and if it is its first one.
 
     Example: 3 states up to 30 were progressed. Of the recorded states, with numbers 4, 5, 6,
-    and 7, the one with the number 6 is valid at 30. So the formula began with the number 4, which is
-    recorded. Had 5 states been progressed, it would have begun with the number 2.
+    and 7, the one with the number 6 is valid at 30. So the formula began with the number 4, which
+    is recorded. Had 5 states been progressed, it would have begun with the number 2.
 
     Args:
         states: that are recorded, in their order.
