@@ -4,7 +4,7 @@ from setuptools.command.easy_install import ScriptWriter
 from dyknow_common.executables import script_template
 
 PACKAGE = 'dyknow_reactions'
-NODES = ('guard',)
+NODES = ('black_box_recorder', 'guard')
 
 ScriptWriter.template = script_template(NODES)
 
@@ -26,6 +26,7 @@ setup(
     license='Apache-2.0',
     entry_points={
         'console_scripts': [
+            'black_box_recorder = dyknow_reactions.ros.black_box.black_box_recorder:main',
             'guard = dyknow_reactions.ros.guard.guard:main',
         ],
     },

@@ -1,5 +1,6 @@
 """The parts that every package of DyKnow shares."""
 
+from dyknow_common.black_box import MAX_RECORDED_NS, MAX_RECORDED_TOPICS, BlackBoxOptions
 from dyknow_common.builders.field_builder import (
     FieldBuilder,
     computed_field,
@@ -107,6 +108,8 @@ __all__ = [
     'MAX_DIGITS',
     'MAX_DURATION_NS',
     'MAX_FORMULA_PARTS',
+    'MAX_RECORDED_NS',
+    'MAX_RECORDED_TOPICS',
     'MAX_STREAM_PARTS',
     'MAX_TOPIC_LENGTH',
     'MAX_WORDS',
@@ -117,6 +120,7 @@ __all__ = [
     'SSL_WORDS',
     'ArrayElements',
     'ArraySlice',
+    'BlackBoxOptions',
     'ComputedField',
     'ConstraintBuilder',
     'ConstraintKind',

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
-from dyknow_common import read_text
+from dyknow_common import BlackBoxOptions, read_text
 from dyknow_configuration.documents.composed_text import checked_text
 from dyknow_configuration.documents.yaml_values import YamlValue, read_yaml
 from dyknow_configuration.errors import ConfigurationError
@@ -15,7 +15,18 @@ from dyknow_configuration.triggers.reading import NO_TRIGGERS, Triggers, read_ev
 from dyknow_configuration.triggers.trigger import FormulaTriggers
 from dyknow_reasoning import NO_CONSTANTS, Constants, check_types, parse_formula
 
-FORMULA_KEYS: Final = ('name', 'formula', 'description', 'severity', 'every_state', 'margin', 'on')
+FORMULA_KEYS: Final = (
+    'name',
+    'formula',
+    'description',
+    'severity',
+    'every_state',
+    'margin',
+    'on',
+    'record',
+)
+
+_RECORD_KEYS: Final = ('topics', 'before', 'after')
 
 
 def read_formulas(
@@ -87,6 +98,7 @@ def _formula(
         every_state='every_state' in stated and stated['every_state'].truth(),
         margin='margin' in stated and stated['margin'].truth(),
         on=_events(stated, triggers),
+        record=_record(stated['record']) if 'record' in stated else None,
     )
 
 
@@ -100,3 +112,25 @@ def _events(stated: Mapping[str, YamlValue], triggers: Triggers) -> FormulaTrigg
             needed = f"trigger '{trigger.name}' uses {{margin}}; add margin: true to the formula"
             raise stated['on'].error(needed)
     return found
+
+
+def _record(value: YamlValue) -> BlackBoxOptions | None:
+    """Return the black box that a formula asks for; None for `false`.
+
+    Raises:
+        ConfigurationError: with the place of the fault.
+    """
+    if not (value.is_mapping or isinstance(value.plain(), bool)):
+        raise value.expected('true, or a mapping with some of the keys topics, before, after,')
+    if not value.is_mapping:
+        return BlackBoxOptions() if value.truth() else None
+    given: dict[str, Any] = {}
+    for key, each in value.mapping(_RECORD_KEYS).items():
+        if key == 'topics':
+            read: Any = tuple(topic.text('the name of a topic') for topic in each.one_or_more())
+        else:
+            read = each.duration()
+        given[key] = read
+        # The fault is shown at its value.
+        each.read(lambda _: BlackBoxOptions(**{key: read}), '')  # noqa: B023 - called at once
+    return BlackBoxOptions(**given)

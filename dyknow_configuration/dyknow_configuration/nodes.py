@@ -18,6 +18,9 @@ PACKAGES: Final = {
 }
 """The packages of the seven nodes of DyKnow."""
 
+_CONFIGURED: Final = (*PACKAGES, 'black_box_recorder')
+"""The nodes whose parameters a file may give."""
+
 _FILES: Final = {
     'stream_manager': 'streams',
     'ontology_manager': 'ontologies',
@@ -36,8 +39,8 @@ def read_parameters(value: YamlValue) -> dict[str, dict[str, ParameterValue]]:
     found: dict[str, dict[str, ParameterValue]] = {}
     for name, parameters in value.entries('a mapping from nodes to their parameters'):
         node = name.text()
-        if node not in PACKAGES:
-            raise name.error(unknown('node', node, PACKAGES))
+        if node not in _CONFIGURED:
+            raise name.error(unknown('node', node, _CONFIGURED))
         found[node] = {}
         for parameter, given in parameters.entries('a mapping from parameters to values'):
             if parameter.text() == _FILES.get(node):

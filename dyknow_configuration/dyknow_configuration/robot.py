@@ -8,7 +8,7 @@ from enum import StrEnum
 from itertools import product
 from pathlib import Path
 
-from dyknow_common import NANOSECONDS, InlineText, ValueType
+from dyknow_common import NANOSECONDS, BlackBoxOptions, InlineText, ValueType
 from dyknow_configuration.triggers.trigger import FormulaTriggers
 from dyknow_reasoning import NO_CONSTANTS, Constants, FieldReference, parse_formula, walk
 
@@ -39,6 +39,7 @@ class RequestedFormula:
         every_state: True to ask it at every state.
         margin: True to compute how far it is from the change of its verdict.
         on: what is done when its verdict changes.
+        record: the black box that is recorded when it fails; None for none.
     """
 
     text: str
@@ -49,6 +50,7 @@ class RequestedFormula:
     every_state: bool = False
     margin: bool = False
     on: FormulaTriggers = ()
+    record: BlackBoxOptions | None = None
 
     @property
     def closed_text(self) -> str:

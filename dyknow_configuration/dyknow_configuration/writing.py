@@ -10,7 +10,7 @@ from typing import Any
 
 import yaml
 
-from dyknow_common import ExitCode, InlineText
+from dyknow_common import BlackBoxOptions, ExitCode, InlineText, format_duration
 from dyknow_configuration.errors import ConfigurationError
 from dyknow_configuration.robot import RequestedFormula, RobotConfiguration, Severity, TextSource
 from dyknow_configuration.triggers.reading import trigger_document
@@ -98,7 +98,9 @@ def _formula(formula: RequestedFormula) -> Mapping[str, Any]:
     name = formula.name or formula.text
     flags = {key: True for key in ('every_state', 'margin') if getattr(formula, key)}
     on = {'on': _events(formula.on)} if formula.on else {}
-    return {'name': name, 'formula': formula.text, **description, **severity, **flags, **on}
+    record = {} if formula.record is None else {'record': _record(formula.record)}
+    stated = {**description, **severity, **flags, **on, **record}
+    return {'name': name, 'formula': formula.text, **stated}
 
 
 def _events(triggers: FormulaTriggers) -> dict[str, list[Any]]:
@@ -107,6 +109,12 @@ def _events(triggers: FormulaTriggers) -> dict[str, list[Any]]:
         written = each.name if each.is_named else trigger_document(each)
         found.setdefault(str(event), []).append(written)
     return found
+
+
+def _record(options: BlackBoxOptions) -> Mapping[str, Any]:
+    topics = {'topics': list(options.topics)} if options.topics else {}
+    times = {'before': options.before, 'after': options.after}
+    return {**topics, **{name: format_duration(time) for name, time in times.items()}}
 
 
 def _yaml_text(document: Mapping[str, Any]) -> str:

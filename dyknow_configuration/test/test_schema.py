@@ -34,7 +34,8 @@ WRONG = (
     'bad_object_name', 'bare_duration', 'boolean_for_object', 'formula_without_name',
     'guard_without_input', 'list_for_message', 'no_action', 'no_field', 'no_list_of_objects',
     'no_mapping', 'no_type_of_message', 'number_for_object', 'number_in_command',
-    'parameter_of_no_type', 'topic_and_stream', 'two_actions', 'unknown_action',
+    'parameter_of_no_type', 'record_of_number', 'record_unknown_key', 'record_without_unit',
+    'topic_and_stream', 'two_actions', 'unknown_action',
     'unknown_feature_key', 'unknown_guard_key', 'unknown_key', 'unknown_node', 'unknown_severity',
     'unknown_source_key', 'unknown_type', 'unknown_unit_of_time',
 )  # fmt: skip
@@ -48,6 +49,8 @@ formulas:
   - name: b
     formula: x.y = 1
     on: {violation: {run: [a, b]}, clear: [{cancel_goal: /a}, {cancel_goal: {action: /a}}]}
+  - {name: c, formula: x.y = 1, record: true}
+  - {name: d, formula: x.y = 1, record: {topics: [/a], before: 5 s, after: 0 s}}
   - more.yaml
 features:
   Empty:
@@ -142,7 +145,7 @@ def test_the_keys_are_those_of_the_reader() -> None:
         }
     template = next(each for each in DEFINITIONS['stream']['oneOf'] if 'properties' in each)
     assert {*template['properties']} == {*TEMPLATE_KEYS}
-    assert {*SCHEMA['properties']['nodes']['properties']} == {*PACKAGES}
+    assert {*SCHEMA['properties']['nodes']['properties']} == {*PACKAGES, 'black_box_recorder'}
     assert DEFINITIONS['feature']['properties']['type']['enum'] == [*ValueType]
     assert DEFINITIONS['formula']['properties']['severity']['enum'] == [*Severity]
 

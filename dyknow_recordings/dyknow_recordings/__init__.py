@@ -1,6 +1,7 @@
 """Recordings of robots, and formulas over them, without ROS."""
 
 from dyknow_configuration import RequestedFormula
+from dyknow_recordings.black_boxes.content import BLACK_BOX, BlackBoxContent, read_black_box
 from dyknow_recordings.errors import RecordingError
 from dyknow_recordings.evaluation.episodes import EpisodeStart, Every
 from dyknow_recordings.evaluation.evaluation import evaluate_recording
@@ -31,7 +32,9 @@ from dyknow_recordings.reporting.judgement import Judgement
 from dyknow_recordings.reporting.pictures.files import PictureFiles
 
 __all__ = [
+    'BLACK_BOX',
     'Bag',
+    'BlackBoxContent',
     'Episode',
     'EpisodeStart',
     'Every',
@@ -60,4 +63,5 @@ __all__ = [
     'in_order',
     'load_vocabulary',
     'open_recording',
+    'read_black_box',
 ]

@@ -6,7 +6,9 @@ import argparse
 import sys
 from collections.abc import Iterator, Sequence
 from contextlib import AbstractContextManager, closing
+from dataclasses import replace
 from pathlib import Path
+from typing import Final
 
 from dyknow_common import DyKnowError, duration_option
 from dyknow_common.executables import (
@@ -26,6 +28,7 @@ from dyknow_configuration import (
     warn_of_notes,
 )
 from dyknow_reasoning import add_domain_option, read_domains
+from dyknow_recordings.black_boxes.content import BlackBoxContent, read_black_box
 from dyknow_recordings.errors import RecordingError
 from dyknow_recordings.evaluation.episodes import Every
 from dyknow_recordings.evaluation.vocabulary import MonitoringFiles
@@ -44,6 +47,11 @@ from dyknow_recordings.reporting.outputs import (
     print_notes,
 )
 from dyknow_recordings.reporting.pictures.files import PictureFiles
+
+_CONFIGURATION: Final = (
+    'config', 'ontology', 'annotations', 'streams', 'bridges', 'formulas', 'formula',
+)  # fmt: skip
+"""The options in whose place a black box has its own."""
 
 
 def add_check_options(parser: argparse.ArgumentParser) -> None:
@@ -231,6 +239,10 @@ def _draws(options: argparse.Namespace) -> bool:
 
 
 def _jobs(options: argparse.Namespace) -> tuple[RecordingJob, ...]:
+    if not any(getattr(options, name) for name in _CONFIGURATION):
+        boxes = {path: box for path in options.recording if (box := read_black_box(path))}
+        if len(boxes) == len(set(options.recording)):
+            return tuple(_box_job(options, path, boxes[path]) for path in options.recording)
     files, formulas = _configuration(options)
     return tuple(
         RecordingJob(
@@ -244,6 +256,25 @@ def _jobs(options: argparse.Namespace) -> tuple[RecordingJob, ...]:
             margins=options.margins,
         )
         for path in options.recording
+    )
+
+
+def _box_job(options: argparse.Namespace, path: Path, box: BlackBoxContent) -> RecordingJob:
+    """Return the check of a black box by itself."""
+    if options.begin is not None or options.every != Every.FIRST:
+        raise RecordingError(
+            f'{path}: the black box says from which states its formula is evaluated; leave out '
+            '--begin and --every, or name the formula'
+        )
+    files = box.files
+    return RecordingJob(
+        str(path),
+        path,
+        (box.requested,),
+        replace(files, domains={**files.domains, **read_domains(options.domain)}),
+        keep_signals=_draws(options),
+        margins=options.margins or box.margin,
+        black_box=box,
     )
 
 

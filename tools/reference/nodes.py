@@ -18,6 +18,7 @@ from dyknow_bringup.ros.formula_markers import FormulaMarkers
 from dyknow_bringup.security.interfaces import DYKNOW_NODE, engine_interfaces, node_interfaces
 from dyknow_common.ros import DyKnowNode
 from dyknow_coordinator.ros.stream_reasoning_coordinator import StreamReasoningCoordinator
+from dyknow_reactions.ros.black_box.black_box_recorder import BlackBoxRecorder
 from dyknow_reasoning.ros.stream_reasoning_engine import StreamReasoningEngine
 from dyknow_semantics.ros.ontology_manager import OntologyManager
 from dyknow_semantics.ros.semantic_matching_engine import SemanticMatchingEngine
@@ -34,14 +35,15 @@ NODES = (
     StreamSemanticsManager,
     SemanticMatchingEngine,
     FormulaMarkers,
+    BlackBoxRecorder,
 )
 
 ENGINE = 'stream_processing_engine'
 SAMPLE, VIOLATION = 'dyknow_interfaces/msg/Sample', 'dyknow_interfaces/msg/ConstraintViolation'
 
 INTRODUCTION = """\
-The seven nodes of DyKnow, and `formula_markers`. Names that begin with `~/` are within the name
-of the node: `~/evaluate_formula` of the coordinator is
+The seven nodes of DyKnow, `formula_markers` and `black_box_recorder`. Names that begin with `~/`
+are within the name of the node: `~/evaluate_formula` of the coordinator is
 `/stream_reasoning_coordinator/evaluate_formula`. In names, `*` stands for any text. Parameters
 are read at the start, from a params file, the `nodes` of a [robot.yaml](../configuration.md), or
 `--ros-args -p NAME:=VALUE`. [Limits](../limits.md) explains those that bound what a request may

@@ -20,6 +20,7 @@ CONFIGURATION: Final = {
     'reasoner': ('', 'structural, hermit or pellet; the last two need Java'),
     'params_file': ('', 'ROS file of parameters of the nodes; it takes precedence over the others'),
     'engines': ('1', 'number of stream processing engines'),
+    'record': ('', 'folder of black boxes, which are recorded where formulas ask for them'),
 }
 """The arguments that configure one system, with their defaults and descriptions."""
 
@@ -33,7 +34,7 @@ def configuration(values: Mapping[str, str]) -> SystemConfiguration:
     Raises:
         DyKnowError: if a file or a value is wrong.
     """
-    store, params_file = values['store'], values['params_file']
+    store, params_file, record = values['store'], values['params_file'], values['record']
     files = SystemConfiguration(
         ontologies=_files(values['ontology']),
         annotations=_files(values['annotations']),
@@ -43,6 +44,7 @@ def configuration(values: Mapping[str, str]) -> SystemConfiguration:
         reasoner=values['reasoner'],
         params_file=Path(params_file).resolve() if params_file else None,
         engines=_number('engines', values['engines']),
+        recorder={'folder': str(Path(record).resolve())} if record else None,
     )
     return with_robot(files, Path(values['config']).resolve()) if values['config'] else files
 

@@ -15,6 +15,9 @@ from dyknow_configuration import PACKAGES, ParameterValue
 ENGINE: Final = 'stream_processing_engine'
 """The executable of an engine, and the name of the first one."""
 
+RECORDER: Final = 'black_box_recorder'
+"""The executable that records black boxes, and its name."""
+
 MAX_ENGINES: Final = 32
 """The most stream processing engines of a system."""
 
@@ -64,6 +67,7 @@ class SystemConfiguration:
         params_file: a file of parameters, as ROS has them, which takes precedence over all others.
         engines: the number of stream processing engines.
         guards: their names, each with the robot.yaml that describes it.
+        recorder: parameters of the recorder of black boxes; None: it is not started.
 
     Raises:
         BringupError: NOT_FOUND, with the path of a file that does not exist; for a wrong number.
@@ -79,6 +83,7 @@ class SystemConfiguration:
     params_file: Path | None = None
     engines: int = 1
     guards: Mapping[str, Path] = field(default_factory=dict)
+    recorder: Mapping[str, ParameterValue] | None = None
 
     def __post_init__(self) -> None:
         """Check the files and the number of engines."""
@@ -95,7 +100,7 @@ class SystemConfiguration:
 
 
 def dyknow_processes(configuration: SystemConfiguration) -> tuple[Process, ...]:
-    """Return the nodes of DyKnow: seven, and the further stream processing engines."""
+    """Return the nodes of DyKnow: seven, further engines, and the recorder of black boxes."""
     store = configuration.store
     parameters = {
         'stream_manager': _parameters(streams=configuration.streams),
@@ -121,7 +126,18 @@ def dyknow_processes(configuration: SystemConfiguration) -> tuple[Process, ...]:
     ]
     engine = next(each for each in nodes if each.executable == ENGINE)
     numbers = range(2, configuration.engines + 1)
-    return (*nodes, *(replace(engine, node=f'{ENGINE}_{number}') for number in numbers))
+    return (
+        *nodes,
+        *(replace(engine, node=f'{ENGINE}_{number}') for number in numbers),
+        *_recorder(configuration),
+    )
+
+
+def _recorder(configuration: SystemConfiguration) -> list[Process]:
+    if configuration.recorder is None:
+        return []
+    given = {**configuration.parameters.get(RECORDER, {}), **configuration.recorder}
+    return [Process('dyknow_reactions', RECORDER, given, params_file=configuration.params_file)]
 
 
 def guard_processes(configuration: SystemConfiguration) -> tuple[Process, ...]:

@@ -19,6 +19,8 @@ from dyknow_stream_processing import parse_specification, specifications_by_sink
 def with_robot(configuration: SystemConfiguration, path: Path) -> SystemConfiguration:
     """Return a configuration with what a robot.yaml describes added to it.
 
+    The recorder of black boxes is started if a formula asks for one.
+
     The nodes read files: the texts of the robot are written to a folder that exists as long as this
     process.
 
@@ -31,6 +33,9 @@ def with_robot(configuration: SystemConfiguration, path: Path) -> SystemConfigur
             f"{path}: 'domains' is for recordings only, as a running system takes the objects of "
             "its ontologies; list them as 'objects' instead"
         )
+    if configuration.recorder is not None or any(each.record for each in robot.formulas):
+        recorder = {'robot': str(path.absolute()), **(configuration.recorder or {})}
+        configuration = replace(configuration, recorder=recorder)
     guards = {each.name: path.resolve() for each in robot.guards}
     written = added(configuration, write_texts(robot, temporary_folder(), path.stem))
     return replace(written, guards=guards)

@@ -120,6 +120,7 @@ class FormulaMonitor(DyKnowNode):
             name=monitored.name,
             every_state=monitored.formula.every_state,
             margin=monitored.formula.margin,
+            record=monitored.formula.record,
             timeout=self._timeout,
             wait=self._wait,
         )

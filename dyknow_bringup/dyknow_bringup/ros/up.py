@@ -172,6 +172,7 @@ def _configuration(chosen: argparse.Namespace) -> SystemConfiguration:
         reasoner=chosen.reasoner,
         params_file=chosen.params_file and chosen.params_file.resolve(),
         engines=chosen.engines,
+        recorder=chosen.record and {'folder': str(chosen.record.resolve())},
     )
     return files if chosen.robot is None else with_robot(files, chosen.robot)
 
@@ -240,6 +241,13 @@ def _add_settings(parser: argparse.ArgumentParser) -> None:
         default=1,
         metavar='N',
         help='number of stream processing engines (default: 1)',
+    )
+    parser.add_argument(
+        '--record',
+        type=Path,
+        metavar='FOLDER',
+        help='record black boxes into this folder (default: only if a formula of the robot.yaml '
+        'asks for one, into ~/.ros/dyknow/black_boxes)',
     )
     parser.add_argument('--namespace', default='', help='of all nodes (default: none)')
     parser.add_argument('--use-sim-time', action='store_true', help='take time from /clock')

@@ -9,6 +9,8 @@ from typing import Final
 ENGINE: Final = 'stream_processing_engine'
 COORDINATOR: Final = 'stream_reasoning_coordinator'
 
+RECORDER: Final = 'black_box_recorder'
+
 SERVICES: Final = {
     ENGINE: ('list_streams', 'stream_create_from_spec', 'stream_destroy'),
     'stream_manager': (
@@ -132,7 +134,9 @@ DYKNOW_NODE: Final = ROS_NODE | Interfaces(
 )
 """Any node with the base class `DyKnowNode`."""
 
-START: Final = PLAIN_NODE | Interfaces(subscribes=frozenset(f'{node}/status' for node in SERVICES))
+START: Final = PLAIN_NODE | Interfaces(
+    subscribes=frozenset(f'{node}/status' for node in (*SERVICES, RECORDER))
+)
 """`dyknow up`, which shows how the seven nodes have started."""
 
 MONITOR: Final = Interfaces(
@@ -177,6 +181,24 @@ def engine_interfaces(
         | frozenset(map(streams_of, others))
         | frozenset(f'{each}/heartbeat' for each in others),
         serves=_services('~', *SERVICES[ENGINE]),
+    )
+
+
+def recorder_interfaces(topics: Collection[str], engines: Collection[str]) -> Interfaces:
+    """Return the interfaces of the recorder of black boxes, which reads topics of any kind.
+
+    Args:
+        topics: that streams are made from, and those that formulas record.
+        engines: the absolute names of the engines.
+    """
+    return DYKNOW_NODE | Interfaces(
+        publishes=frozenset({'~/black_boxes', '/diagnostics'}),
+        subscribes=_watched('ontology_manager')
+        | frozenset(topics)
+        | frozenset(map(streams_of, engines))
+        | {f'{COORDINATOR}/evaluations', f'{COORDINATOR}/verdicts/*', 'stream_manager/streams'},
+        serves=frozenset({'~/save'}),
+        requests=frozenset({'ontology_manager/concept_get_instances'}),
     )
 
 

@@ -18,6 +18,7 @@ from dyknow_bringup.security.interfaces import (
     ENGINE,
     MONITOR,
     PLAIN_NODE,
+    RECORDER,
     ROS_NODE,
     START,
     Interfaces,
@@ -26,6 +27,7 @@ from dyknow_bringup.security.interfaces import (
     engine_interfaces,
     guard_interfaces,
     node_interfaces,
+    recorder_interfaces,
 )
 from dyknow_bringup.security.policy import Enclave, policy_text
 from dyknow_bringup.simulation.fleet import vehicle_names
@@ -85,6 +87,7 @@ class SecuredSystem:
                 for each in engines
             ),
             *(self.node(name, used) for name, used in node_interfaces(engines).items()),
+            self.node(RECORDER, recorder_interfaces(self.topics, engines)),
             self.node('dyknow_up', START),
             self._enclave('dyknow_client', dict.fromkeys(_COMMAND_NODES, PLAIN_NODE | COMMANDS)),
             self._enclave('dyknow_admin', {_ROS2_NODES: ROS_NODE | administration(engines)}),

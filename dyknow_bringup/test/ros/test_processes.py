@@ -16,6 +16,7 @@ from dyknow_bringup.processes.processes import (
     ros_arguments,
     uav_simulation,
 )
+from dyknow_bringup.processes.robot import with_robot
 from dyknow_bringup.resources import executable_path, scenario_names, scenario_path
 
 
@@ -131,3 +132,17 @@ def test_robots_that_would_share_what_is_their_own(values: dict[str, str], words
 
 def test_a_namespace_that_begins_like_another() -> None:
     assert len(robots(robot_arguments(robots='robot1,robot10'))) == 14
+
+
+def test_the_recorder_is_started_where_a_formula_has_a_black_box(tmp_path: Path) -> None:
+    robot = tmp_path / 'robot.yaml'
+    text = 'formulas: [{name: a, formula: \'always "/a".b < 1\', record: %s}]'
+    for recorded, names in (('true', ['black_box_recorder']), ('false', [])):
+        robot.write_text(text % recorded, encoding='utf-8')
+        processes = dyknow_processes(with_robot(SystemConfiguration(), robot))
+        found = [each for each in processes if each.package == 'dyknow_reactions']
+        assert [each.name for each in found] == names
+        assert [each.parameters for each in found] == [{'robot': str(robot)}] * len(names)
+    folder = SystemConfiguration(recorder={'folder': '/boxes'})
+    (*_, recorder) = dyknow_processes(with_robot(folder, robot))
+    assert recorder.parameters == {'robot': str(robot), 'folder': '/boxes'}

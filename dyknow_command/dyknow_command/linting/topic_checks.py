@@ -103,6 +103,9 @@ def _uses(inputs: LintInputs) -> Iterator[TopicUse]:
         for topic, _ in references_of(formula):
             index = max(0, formula.requested.text.find(topic))
             yield TopicUse(topic, formula.place(index))
+        if formula.requested.record is not None:
+            for topic in formula.requested.record.topics:
+                yield TopicUse(absolute_topic(topic), formula.place(0), is_shared=True)
 
 
 def _stream_uses(inputs: LintInputs, source: TextSource) -> Iterator[TopicUse]:

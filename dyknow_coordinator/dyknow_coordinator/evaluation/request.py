@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from dyknow_common import NO_CONSTRAINTS, StreamConstraints
+from dyknow_common import NO_CONSTRAINTS, BlackBoxOptions, StreamConstraints
 from dyknow_coordinator.grounding.feature_sources import Grounding
 
 
@@ -23,6 +23,7 @@ class EvaluationRequest:
         restart_on_change: restart when a sort in the formula gains or loses objects.
         margin: compute the margin.
         every_state: ask it at every state, until the timeout or a cancellation.
+        record: the black box that is recorded when it fails; None for none.
         delay_s: the part of the timeout that had passed when the request was received, as the
             process was stopped.
     """
@@ -38,4 +39,5 @@ class EvaluationRequest:
     restart_on_change: bool = False
     margin: bool = False
     every_state: bool = False
+    record: BlackBoxOptions | None = None
     delay_s: float = 0.0

@@ -9,6 +9,7 @@ from itertools import chain
 from dyknow_common import NO_CONSTRAINTS, DyKnowError, StreamConstraints, cached_by_text
 from dyknow_coordinator.grounding.feature_sources import FeatureSource
 from dyknow_stream_processing import (
+    TF_STATIC,
     FreeNames,
     SinkDeclaration,
     StreamDeclaration,
@@ -91,6 +92,21 @@ class KnownStreams:
         Streams that are declared within others are included.
         """
         return self._origins(_source_names(source))
+
+    def topics(self, sources: Iterable[FeatureSource]) -> tuple[str, ...]:
+        """Return the topics that sources are made from, without those of streams in between."""
+        found = {
+            name
+            for source in sources
+            for name in self.origins(source)
+            if name.startswith('/') and not self._is_made(name)
+        }
+        # Transforms are read from both topics of tf2.
+        return tuple(sorted(found | {TF_STATIC} if '/tf' in found else found))
+
+    def _is_made(self, topic: str) -> bool:
+        stream = self._by_topic.get(topic)
+        return stream is not None and bool(stream.specification)
 
     def is_overdue(self, source: FeatureSource, silences: Mapping[str, int]) -> bool:
         """Return True if a stream that a source is made from should have had a sample by now.

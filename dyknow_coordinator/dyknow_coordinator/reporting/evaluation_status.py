@@ -6,7 +6,15 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from enum import IntEnum
 
-from dyknow_common import DyKnowError, ExitCode, Margin, Verdict, round_duration, round_time
+from dyknow_common import (
+    BlackBoxOptions,
+    DyKnowError,
+    ExitCode,
+    Margin,
+    Verdict,
+    round_duration,
+    round_time,
+)
 from dyknow_coordinator.evaluation.evaluation import EvaluationPhase
 from dyknow_coordinator.evaluation.standing import StandingVerdicts
 from dyknow_coordinator.grounding.feature_sources import SymbolGrounding
@@ -28,6 +36,8 @@ class EvaluationStatus:
     formula_group_id: int = 0
     state_stream: str = ''
     groundings: tuple[SymbolGrounding, ...] = ()
+    topics: tuple[str, ...] = ()
+    record: BlackBoxOptions | None = None
     events: tuple[str, ...] = ()
     states_progressed: int = 0
     latest_valid_time: int | None = None

@@ -22,6 +22,7 @@ from dyknow_coordinator.ros.reporting.episode_messages import (
     verdicts_to_message,
 )
 from dyknow_coordinator.ros.reporting.evaluation_messages import (
+    black_box_from_message,
     error_from_status,
     symbol_grounding_from_message,
     symbol_grounding_to_message,
@@ -56,6 +57,7 @@ def request_from_message(
         restart_on_change=getattr(message, 'restart_on_change', False),
         margin=message.margin,
         every_state=getattr(message, 'every_state', False),
+        record=black_box_from_message(getattr(message, 'record', ())),
     )
 
 

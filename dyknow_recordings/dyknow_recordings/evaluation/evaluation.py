@@ -105,7 +105,9 @@ class RecordingEvaluation:
         self._pending: list[StateGroup] = []
         with closing(load_vocabulary(files, recording.contents)) as vocabulary:
             self._vocabulary_notes = tuple(vocabulary.notes)
-            grounder = FormulaGrounder(vocabulary, self._streams)
+            grounder = FormulaGrounder(
+                vocabulary, self._streams, states=files.states, constraints=files.constraints
+            )
             self._requests = [self._ground(grounder, each) for each in formulas]
         grounded = [each.grounded.inputs for each in self._requests if each.grounded]
         self._fields = self._streams.prepare(

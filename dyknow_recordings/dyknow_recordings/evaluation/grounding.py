@@ -6,8 +6,9 @@ from collections.abc import Coroutine, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, TypeVar
 
-from dyknow_common import NO_CONSTRAINTS, Symbol
+from dyknow_common import NO_CONSTRAINTS, StreamConstraints, Symbol
 from dyknow_coordinator import (
+    Candidates,
     CandidateSearch,
     FeatureSource,
     FormulaInputs,
@@ -53,9 +54,20 @@ class FormulaGrounder:
     Args:
         vocabulary: of the formulas.
         streams: of the recording.
+        states: the specification of the states of the only formula; empty: its sources are found.
+        constraints: of the states.
     """
 
-    def __init__(self, vocabulary: Vocabulary, streams: RecordedStreams) -> None:
+    def __init__(
+        self,
+        vocabulary: Vocabulary,
+        streams: RecordedStreams,
+        *,
+        states: str = '',
+        constraints: StreamConstraints = NO_CONSTRAINTS,
+    ) -> None:
+        self._states = states
+        self._constraints = constraints
         self._vocabulary = vocabulary
         self._streams = streams
         self._search = CandidateSearch(self._matching_sources, streams.fields)
@@ -85,7 +97,7 @@ class FormulaGrounder:
             group.add_formula(text, text, margin=margin and text is texts[0])
         symbols = tuple(group.symbols())
         domains = {sort: self._vocabulary.instances(sort) for sort in sort_names(symbols)}
-        candidates = _finished(self._search.find(symbols, Grounding.AUTO))
+        candidates = self._candidates(symbols)
         group.begin(domains)
         features = tuple(map(str, feature_symbols(group.symbols())))
         # A recording without annotations, such as a table, has features for fields.
@@ -95,10 +107,15 @@ class FormulaGrounder:
         candidates = replace(candidates, found=(*candidates.found, *more))
         candidates.choose(features)
         inputs = FormulaInputs(
-            symbols, Grounding.AUTO, features, candidates, domains, NO_CONSTRAINTS
+            symbols, Grounding.AUTO, features, candidates, domains, self._constraints
         )
         units = _finished(feature_units(symbols, self._query)) if margin else None
         return GroundedFormula(texts[0], texts[1] if trigger else '', inputs, units)
+
+    def _candidates(self, symbols: Sequence[Symbol]) -> Candidates:
+        if self._states:
+            return Candidates(parse_sources([self._states]))
+        return _finished(self._search.find(symbols, Grounding.AUTO))
 
     def _completed(self, text: str, constants: Constants) -> str:
         """Return the canonical text of a formula, with all sorts, and numbers without units."""

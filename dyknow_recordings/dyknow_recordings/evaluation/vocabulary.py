@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Final, Protocol
 
-from dyknow_common import ExitCode
+from dyknow_common import NO_CONSTRAINTS, ExitCode, StreamConstraints
 from dyknow_configuration import TextSource
 from dyknow_recordings.errors import RecordingError
 
@@ -24,6 +24,8 @@ class MonitoringFiles:
         streams: files in the stream language.
         bridges: files of bridge rules between the ontologies.
         domains: the objects of sorts, which take precedence over those of the ontologies.
+        states: the specification of the states of the only formula; empty: it is grounded.
+        constraints: of the states of all formulas.
     """
 
     ontologies: tuple[TextSource, ...] = ()
@@ -31,6 +33,8 @@ class MonitoringFiles:
     streams: tuple[TextSource, ...] = ()
     bridges: tuple[TextSource, ...] = ()
     domains: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+    states: str = ''
+    constraints: StreamConstraints = NO_CONSTRAINTS
 
 
 NO_FILES: Final = MonitoringFiles()

@@ -9,6 +9,7 @@ from pathlib import Path
 from dyknow_common import DyKnowError, ExitCode
 from dyknow_common.executables import error_text
 from dyknow_configuration import RequestedFormula
+from dyknow_recordings.black_boxes.content import BlackBoxContent
 from dyknow_recordings.errors import RecordingError
 from dyknow_recordings.evaluation.episodes import FIRST_BEGIN, EpisodeStart, Every
 from dyknow_recordings.evaluation.evaluation import evaluate_recording
@@ -34,6 +35,7 @@ class RecordingJob:
         every: `first`, `state`, or the formula of a trigger.
         keep_signals: True to keep the signals of the states, for pictures.
         margins: True to compute the margins of the formulas.
+        black_box: the content of the recording if it is one that is to be checked by itself.
     """
 
     name: str
@@ -44,6 +46,7 @@ class RecordingJob:
     every: str = Every.FIRST.value
     keep_signals: bool = False
     margins: bool = False
+    black_box: BlackBoxContent | None = None
 
     def run(self) -> JobResult:
         """Check the recording. A fault of any kind is an error of this recording alone."""
@@ -62,9 +65,13 @@ class RecordingJob:
             return error
         except Exception as error:  # noqa: BLE001 - other recordings are checked all the same
             return RecordingError(f'{self.path}: {error_text(error)}', ExitCode.INTERNAL_ERROR)
+        if self.black_box is not None:
+            report = self.black_box.judged(report)
         return replace(report, recording=self.name)
 
     def _start(self, start_time: int) -> EpisodeStart:
+        if self.black_box is not None:
+            return self.black_box.start
         begin = FIRST_BEGIN if self.begin is None else start_time + self.begin
         if self.every in {Every.FIRST, Every.STATE}:
             return EpisodeStart(begin, Every(self.every))

@@ -24,6 +24,7 @@ from dyknow_stream_processing.ros.topics.process_pauses import PAUSES
 from dyknow_stream_processing.ros.topics.publications import (
     Publication,
     find_publication,
+    next_request,
     publishers_of,
 )
 from dyknow_stream_processing.ros.topics.sequence_gaps import SequenceGaps
@@ -42,6 +43,7 @@ __all__ = [
     'find_publication',
     'message_class',
     'message_conversion',
+    'next_request',
     'publishers_of',
     'sample_fields',
     'sample_to_message',

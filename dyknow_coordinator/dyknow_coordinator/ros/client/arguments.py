@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from numbers import Real
+from types import NoneType, UnionType
 from typing import Final
 
-from dyknow_common import StreamConstraints
+from dyknow_common import BlackBoxOptions, StreamConstraints
 from dyknow_coordinator.grounding.feature_sources import Grounding
 from dyknow_coordinator.plans.plan import Plan
 
-_TYPES: Final[Mapping[str, tuple[type, str]]] = {
+_TYPES: Final[Mapping[str, tuple[type | UnionType, str]]] = {
     'formula': (str, 'a text in the formula language'),
     'name': (str, 'a text'),
     'timeout': (Real, 'a number of seconds'),
@@ -18,6 +19,7 @@ _TYPES: Final[Mapping[str, tuple[type, str]]] = {
     'grounding': (Grounding, 'a member of Grounding, such as Grounding.AUTO'),
     'constraints': (StreamConstraints, 'a StreamConstraints'),
     'plan': (Plan, 'a Plan'),
+    'record': (BlackBoxOptions | NoneType, 'a BlackBoxOptions or None'),
 }
 """The type of each argument, and the words for it."""
 
@@ -29,6 +31,7 @@ def check_request(
     constraints: object,
     wait: object,
     name: object = '',
+    record: object = None,
 ) -> None:
     """Check the types of the arguments of a request; raises like `check_arguments`."""
     check_arguments(
@@ -38,6 +41,7 @@ def check_request(
         constraints=constraints,
         wait=wait,
         name=name,
+        record=record,
     )
 
 

@@ -17,7 +17,14 @@ from rclpy.node import Node
 from rclpy.qos import QoSProfile
 from rclpy.task import Future
 
-from dyknow_common import NO_CONSTRAINTS, SECOND_NS, DyKnowError, ExitCode, StreamConstraints
+from dyknow_common import (
+    NO_CONSTRAINTS,
+    SECOND_NS,
+    BlackBoxOptions,
+    DyKnowError,
+    ExitCode,
+    StreamConstraints,
+)
 from dyknow_common.ros import (
     SERVICE,
     NodeAdapter,
@@ -37,7 +44,10 @@ from dyknow_coordinator.ros.client.blocking import helper_node, refuse_in_callba
 from dyknow_coordinator.ros.client.formula_attempts import FormulaAttempts, answer_of_goal
 from dyknow_coordinator.ros.client.plan_monitor import PlanMonitor
 from dyknow_coordinator.ros.plans.plan_messages import plan_to_goal, verdict_from_message
-from dyknow_coordinator.ros.reporting.evaluation_messages import error_from_status
+from dyknow_coordinator.ros.reporting.evaluation_messages import (
+    black_box_to_message,
+    error_from_status,
+)
 
 COORDINATOR: Final = 'stream_reasoning_coordinator'
 
@@ -91,6 +101,7 @@ class FormulaClient:
     - name: shown to operators; by default the formula.
     - restart_on_change: restart when a sort of the formula gains or loses objects.
     - every_state: ask the formula at every state, until the timeout or `Monitor.cancel`.
+    - record: the black box that is recorded when the formula fails; None for none.
 
     Args:
         node: any node; the client has callback groups of its own.
@@ -210,6 +221,7 @@ class FormulaClient:
         grounding: Grounding = Grounding.AUTO,
         constraints: StreamConstraints = NO_CONSTRAINTS,
         margin: bool = False,
+        record: BlackBoxOptions | None = None,
         wait: float = 5.0,
     ) -> Monitor:
         """Evaluate a formula from now on, in the background.
@@ -217,15 +229,15 @@ class FormulaClient:
         `on_verdict` (may be `async`) gets the answer or an error; `on_feedback`, reports meanwhile.
         With `on_interruption`, which gets the error, broken constraints are not the end of it.
         """
-        check_request(formula, timeout, grounding, constraints, wait, name)
-        monitor, refusal = Monitor(), self._refusal(timeout, constraints)
-        if refusal is not None:
+        check_request(formula, timeout, grounding, constraints, wait, name, record)
+        monitor = Monitor()
+        if (refusal := self._refusal(timeout, constraints)) is not None:
             monitor.accepted.set_result(None)
             self._end(monitor, on_verdict, Answer(error=refusal))
             return monitor
         goal = _request(MonitorFormula.Goal, formula, timeout, grounding, constraints)
         goal.name, goal.margin, goal.every_state = name, margin, every_state
-        goal.restart_on_change = restart_on_change
+        goal.restart_on_change, goal.record = restart_on_change, black_box_to_message(record)
         monitor.call = FormulaAttempts(
             self._adapter,
             timeout,
@@ -233,8 +245,11 @@ class FormulaClient:
             partial(self._end, monitor, on_verdict),
             on_interruption and partial(_notify, self._node, on_interruption),
         )
-        self._attempts.add(monitor.call)
-        monitor.call.call.accepted.add_done_callback(lambda _: monitor.accepted.set_result(None))
+        return self._added(monitor, monitor.call)
+
+    def _added(self, monitor: Monitor, call: FormulaAttempts) -> Monitor:
+        self._attempts.add(call)
+        call.call.accepted.add_done_callback(lambda _: monitor.accepted.set_result(None))
         return monitor
 
     def _send_formula(

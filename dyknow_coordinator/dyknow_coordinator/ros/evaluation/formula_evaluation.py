@@ -98,6 +98,7 @@ class FormulaEvaluation(Evaluation):
         self._is_preparing = False
         self._units: dict[str, str] = {}
         self._last_groundings: tuple[SymbolGrounding, ...] = ()
+        self._last_topics: tuple[str, ...] = ()
 
     def groundings(self, limit: int | None = None) -> tuple[SymbolGrounding, ...]:
         """Return the streams of its first ground features; after the end, the last ones."""
@@ -105,6 +106,10 @@ class FormulaEvaluation(Evaluation):
             return self._last_groundings[:limit]
         states = self._group.states
         return states.inputs.candidates.symbol_groundings(states.chosen[:limit])
+
+    def _topics(self) -> tuple[str, ...]:
+        """Return the topics that its states are made from; after the end, the last ones."""
+        return self._last_topics if self._group is None else self._group.states.topics
 
     @property
     def title(self) -> str:
@@ -263,6 +268,8 @@ class FormulaEvaluation(Evaluation):
             formula_group_id=group.group_id if group else 0,
             state_stream=group.states.stream.topic if group else '',
             groundings=self.groundings(_MAX_SHOWN),
+            topics=self._topics(),
+            record=request.record,
             events=self.history.latest,
             states_progressed=progress.states_progressed,
             latest_valid_time=time_to_nanoseconds(progress.latest_valid_time) or None,
@@ -367,6 +374,7 @@ class FormulaEvaluation(Evaluation):
     def _leave(self) -> None:
         if self._group is not None:
             self._last_groundings, group = self.groundings(), self._group
+            self._last_topics = self._topics()
             self._group = None
             group.leave(self)
 

@@ -32,6 +32,7 @@ from dyknow_common.ros import time_to_nanoseconds
 from dyknow_coordinator.errors import CoordinationError
 from dyknow_coordinator.evaluation.evaluation import EvaluationPhase
 from dyknow_coordinator.grounding.feature_sources import Candidates, FeatureSource
+from dyknow_coordinator.grounding.known_streams import KnownStreams
 from dyknow_coordinator.grounding.source_choice import (
     TRANSIENT,
     SourceChoice,
@@ -99,6 +100,17 @@ class StateSupervisor:
         self.stream = self._new_stream(name)
         # Streams that will be used, or were used and have not been unsubscribed from.
         self._others: list[StateStream] = []
+        self._topics: tuple[str, ...] = ()
+        self._topics_of: tuple[KnownStreams, tuple[FeatureSource, ...]] | None = None
+
+    @property
+    def topics(self) -> tuple[str, ...]:
+        """The topics that the streams in use are made from."""
+        known = self._context.streams.known
+        # The status is read more often than streams change.
+        if self._topics_of != (known, self.chosen):
+            self._topics_of, self._topics = (known, self.chosen), known.topics(self.chosen)
+        return self._topics
 
     @property
     def waits_for(self) -> str:

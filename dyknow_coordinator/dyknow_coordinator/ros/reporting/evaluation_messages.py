@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any, Final
 
+from dyknow_interfaces.msg import BlackBoxRequest, ExitStatus
 from dyknow_interfaces.msg import EvaluationStatus as StatusMessage
-from dyknow_interfaces.msg import ExitStatus
 from dyknow_interfaces.msg import SymbolGrounding as GroundingMessage
 
-from dyknow_common import DyKnowError, ExitCode, Verdict
+from dyknow_common import BlackBoxOptions, DyKnowError, ExitCode, Verdict
 from dyknow_common.ros import (
     fill_exit_status,
     margin_from_message,
     margin_to_message,
+    nanoseconds_to_duration,
     nanoseconds_to_time,
     time_to_nanoseconds,
 )
@@ -51,6 +53,8 @@ def status_to_message(status: EvaluationStatus) -> StatusMessage:
         phase=int(status.phase),
         started=nanoseconds_to_time(status.started),
         groundings=[symbol_grounding_to_message(each) for each in status.groundings],
+        topics=list(status.topics),
+        record=black_box_to_message(status.record),
         events=list(status.events),
         latest_valid_time=nanoseconds_to_time(status.latest_valid_time or 0),
         margin=margin_to_message(status.margin),
@@ -78,6 +82,8 @@ def status_from_message(message: StatusMessage) -> EvaluationStatus:
         phase=EvaluationPhase(message.phase),
         started=time_to_nanoseconds(message.started),
         groundings=tuple(symbol_grounding_from_message(each) for each in message.groundings),
+        topics=tuple(message.topics),
+        record=black_box_from_message(message.record),
         events=tuple(message.events),
         latest_valid_time=time_to_nanoseconds(message.latest_valid_time) or None,
         margin=margin_from_message(message.margin),
@@ -85,6 +91,35 @@ def status_from_message(message: StatusMessage) -> EvaluationStatus:
         decided_at=time_to_nanoseconds(message.decided_at) or None,
         error=error_from_status(message.exit_status),
         episodes=verdicts_from_message(message.episodes) if message.every_state else None,
+    )
+
+
+def black_box_to_message(options: BlackBoxOptions | None) -> list[BlackBoxRequest]:
+    """Return the BlackBoxRequest messages of a goal or a status: one, or none."""
+    if options is None:
+        return []
+    return [
+        BlackBoxRequest(
+            topics=list(options.topics),
+            before=nanoseconds_to_duration(options.before),
+            after=nanoseconds_to_duration(options.after),
+        )
+    ]
+
+
+def black_box_from_message(messages: Sequence[Any]) -> BlackBoxOptions | None:
+    """Return the black box that a goal asks for, or a status reports.
+
+    Raises:
+        DyKnowError: if a value is out of range.
+    """
+    if not messages:
+        return None
+    (message,) = messages
+    return BlackBoxOptions(
+        tuple(message.topics),
+        time_to_nanoseconds(message.before),
+        time_to_nanoseconds(message.after),
     )
 
 

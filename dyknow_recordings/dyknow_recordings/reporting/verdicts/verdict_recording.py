@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import heapq
 import os
-import re
 import sys
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
@@ -16,7 +15,7 @@ from typing import Any, Final
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
 
 from dyknow_common import SECOND_NS, DyKnowError
-from dyknow_coordinator import EvaluationStatus
+from dyknow_coordinator import EvaluationStatus, verdict_token
 from dyknow_recordings.errors import RecordingError
 from dyknow_recordings.evaluation.results import RecordingReport
 from dyknow_recordings.markers.fences import Point
@@ -52,7 +51,6 @@ _REPORTER: Final = 'dyknow check'
 _MAX_TICKS: Final = 10_000
 """The number of regular reports, and of sets of markers; in longer recordings they are rarer."""
 
-_MAX_NAME: Final = 60
 
 TimedMessage = tuple[int, str, Any]
 """A log time in nanoseconds, a topic and a message."""
@@ -257,9 +255,7 @@ def _topics(names: Sequence[str]) -> list[str]:
     """Return the topics of the numbers of formulas."""
     topics: list[str] = []
     for name in names:
-        word = re.sub(r'[^A-Za-z0-9]+', '_', name).strip('_')[:_MAX_NAME].strip('_')
-        # Parts of names of topics begin with a letter.
-        word = word if word[:1].isalpha() else f'formula_{word}'.rstrip('_')
+        word = verdict_token(name)
         numbered = (word if number == 1 else f'{word}_{number}' for number in count(1))
         topics.append(
             next(topic for each in numbered if (topic := f'{VERDICTS}/{each}') not in topics)

@@ -1,0 +1,278 @@
+"""What a black box knows beside its messages: the formula, and what its states are made of."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any, NamedTuple
+
+from dyknow_common import NO_CONSTRAINTS, DyKnowError, StreamConstraints
+from dyknow_coordinator import (
+    EvaluationStatus,
+    KnownStream,
+    KnownStreams,
+    feature_symbols,
+    parse_sources,
+    sort_names,
+)
+from dyknow_reactions.black_box.failures import OpenBox
+from dyknow_reasoning import (
+    Always,
+    And,
+    Forall,
+    Formula,
+    FormulaGroup,
+    Interval,
+    parse_formula,
+    parts,
+)
+from dyknow_recordings import BlackBoxContent
+from dyknow_stream_processing import (
+    SinkDeclaration,
+    StreamDeclaration,
+    StreamReference,
+    free_names,
+    in_namespace,
+    made,
+    parse_specification,
+)
+
+
+class RecordedStateNumber(NamedTuple):
+    """A state of a state stream: the stream, its number in it, and its valid time."""
+
+    stream_id: int
+    number: int
+    valid_time: int
+
+
+@dataclass(frozen=True, slots=True)
+class StateOrigin:
+    """What the states of a formula are made of.
+
+    Args:
+        states: the specification of its state stream.
+        constraints: of the state stream.
+        streams: a text for each stream that it names.
+    """
+
+    states: str = ''
+    constraints: StreamConstraints = NO_CONSTRAINTS
+    streams: tuple[str, ...] = ()
+
+
+def state_origin(topic: str, known: KnownStreams, namespace: str) -> StateOrigin | None:
+    """Return what the states on a topic are made of, with absolute names; None if it is unknown.
+
+    Args:
+        topic: the state stream.
+        known: all streams.
+        namespace: of their relative topics.
+
+    Raises:
+        DyKnowError: for a stream that cannot be written as a text by itself.
+    """
+    states = known.get(topic.rpartition('/')[2])
+    if states is None or not states.specification:
+        return None
+    texts: dict[str, str] = {}
+    pending = sorted(free_names(parse_specification(states.specification)).streams)
+    while pending:
+        name = pending.pop()
+        stream = known.get(name)
+        if stream is None or name in texts:
+            continue
+        texts[name] = stream_text(stream, namespace)
+        if stream.specification:
+            pending += sorted(free_names(parse_specification(stream.specification)).streams)
+    specification = in_namespace(states.specification, namespace, '/')
+    return StateOrigin(specification, states.constraints, tuple(texts.values()))
+
+
+def stream_text(stream: KnownStream, namespace: str) -> str:
+    """Return a text in the stream language whose only sink is a stream, by its name.
+
+    Raises:
+        DyKnowError: if its specification has another stream of this name in it.
+    """
+    name = stream.name
+    if not stream.specification:
+        return f'stream {name} = "{stream.topic}";\nsink {name}'
+    parsed = parse_specification(in_namespace(stream.specification, namespace, '/'))
+    declared = {each.name: each.stream for each in parsed.declared(StreamDeclaration)}
+    term = made(parsed)
+    if isinstance(term, StreamReference) and not term.is_topic and term.name == name in declared:
+        own = declared[name]
+        term = replace(own, constraints=own.constraints.merged(term.constraints))
+    elif name in declared and declared[name] != term:
+        raise DyKnowError(f"the stream '{name}' contains another stream of this name")
+    term = replace(term, constraints=term.constraints.merged(stream.constraints))
+    others = [
+        str(each)
+        for each in parsed.declarations
+        if not isinstance(each, SinkDeclaration)
+        and not (isinstance(each, StreamDeclaration) and each.name == name)
+    ]
+    return ';\n'.join([*others, f'stream {name} = {term}', f'sink {name}'])
+
+
+def sorts_of(formula: str) -> Sequence[str]:
+    """Return the sorts in a canonical formula.
+
+    Raises:
+        DyKnowError: if it is no formula.
+    """
+    group = FormulaGroup()
+    group.add_formula(formula, formula)
+    return tuple(sort_names(tuple(group.symbols())))
+
+
+def objects_fault(formula: str, domains: Mapping[str, Sequence[str]], states: str) -> str:
+    """Return why objects are not those of the states of a formula; empty if they are."""
+    group = FormulaGroup()
+    group.add_formula(formula, formula)
+    group.begin({sort: tuple(objects) for sort, objects in domains.items()})
+    needed = {str(each) for each in feature_symbols(group.symbols())}
+    if needed == {each.feature for each in parse_sources([states])}:
+        return ''
+    return 'the objects have changed since the formula was requested; give them by --domain'
+
+
+def first_state(
+    states: Sequence[RecordedStateNumber], progressed: int, latest: int | None, requested: int
+) -> tuple[int | None, bool]:
+    """Return the valid time of the first recorded state of a formula, and if it is its first one.
+
+    Example: 3 states up to 30 were progressed. Of the recorded states, with numbers 4, 5, 6,
+    and 7, the one with the number 6 is valid at 30. So the formula began with the number 4, which
+    is recorded. Had 5 states been progressed, it would have begun with the number 2.
+
+    Args:
+        states: that are recorded, in their order.
+        progressed: the number of states of the formula ...
+        latest: ... up to the one that is valid at this time; None before its first one.
+        requested: the time at which the formula was requested. All times are in nanoseconds.
+    """
+    last = next((each for each in states if each.valid_time == latest), None)
+    if last is None or not progressed:
+        return min(
+            (each.valid_time for each in states if each.valid_time >= requested), default=None
+        ), False
+    first = last.number - progressed + 1
+    own = [each for each in states if each.stream_id == last.stream_id and each.number >= first]
+    return own[0].valid_time, own[0].number == first
+
+
+def horizon(formula: str) -> int:
+    """Return the time that a verdict about one state looks ahead and back at most, nanoseconds.
+
+    Operators without an end are left out.
+
+    Raises:
+        DyKnowError: if it is no formula.
+    """
+    return _horizon(_body(parse_formula(formula)))
+
+
+def _body(formula: Formula) -> Formula:
+    """Return what an invariant says of each state."""
+    match formula:
+        case Forall():
+            return _body(formula.body)
+        case Always() if formula.interval == Interval():
+            return formula.body
+    return formula
+
+
+def _horizon(part: Any) -> int:
+    end = interval.end if isinstance(interval := getattr(part, 'interval', None), Interval) else 0
+    found = [_horizon(each) for each in parts(part)]
+    if isinstance(part, And):
+        return max(found)
+    return (end or 0) + max(found, default=0)
+
+
+@dataclass(slots=True)
+class FormulaOrigin:
+    """What is known of the states of a formula while it is watched.
+
+    Args:
+        status: the latest one with a state, or the first.
+        state_stream: whose origin is known.
+        origin: of these states.
+        domains: the objects of each sort; None before they are known.
+        topics: all that were recorded for it.
+        faults: why something is not known.
+    """
+
+    status: EvaluationStatus
+    state_stream: str = ''
+    origin: StateOrigin = field(default_factory=StateOrigin)
+    domains: Mapping[str, Sequence[str]] | None = None
+    topics: set[str] = field(default_factory=set)
+    faults: set[str] = field(default_factory=set)
+
+
+def content_of(
+    box: OpenBox,
+    origin: FormulaOrigin,
+    states: Sequence[RecordedStateNumber],
+    versions: Mapping[str, str],
+    configuration: Mapping[str, str],
+) -> BlackBoxContent:
+    """Return the content of a black box.
+
+    Args:
+        box: the box.
+        origin: of its formula.
+        states: that are recorded.
+        versions: of the programs.
+        configuration: texts that the system was configured with.
+    """
+    status, failure, latest = box.status, box.failure, origin.status
+    begin, is_complete = first_state(
+        states, latest.states_progressed, latest.latest_valid_time, status.started
+    )
+    return BlackBoxContent(
+        name=status.name,
+        formula=status.formula,
+        reason=failure.reason,
+        verdict='false' if failure.reason in {'false', 'episode'} else '',
+        explanation=failure.explanation,
+        decided_at=failure.decided_at,
+        every_state=status.episodes is not None,
+        margin=status.margin is not None,
+        begin=begin,
+        is_complete=is_complete,
+        states=origin.origin.states,
+        constraints=str(_with_phase(origin.origin.constraints, begin, box.begin)),
+        streams=origin.origin.streams,
+        domains=origin.domains or {},
+        faults=_faults(status.formula, origin),
+        versions=versions,
+        configuration=configuration,
+    )
+
+
+def _faults(formula: str, origin: FormulaOrigin) -> Sequence[str]:
+    faults = set(origin.faults)
+    if not origin.origin.states:
+        faults.add('the streams of the formula are not known')
+    elif origin.domains is not None:
+        faults.add(objects_fault(formula, origin.domains, origin.origin.states))
+    return sorted(faults - {''})
+
+
+def _with_phase(constraints: StreamConstraints, state: int | None, begin: int) -> StreamConstraints:
+    """Return constraints under which periodic states have the valid times that they had.
+
+    Args:
+        constraints: of the states.
+        state: the valid time of one of them, nanoseconds.
+        begin: of the recording.
+    """
+    period = constraints.sample_period
+    if period is None or state is None or constraints.start_time is not None:
+        return constraints
+    before = max(state - begin, 0) // period + 1
+    return replace(constraints, start_time=max(state - before * period, state % period))

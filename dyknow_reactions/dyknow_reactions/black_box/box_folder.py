@@ -1,0 +1,185 @@
+"""The folder of black boxes: bags of rosbag2, which appear when they are complete."""
+
+from __future__ import annotations
+
+import re
+import shutil
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from itertools import count
+from pathlib import Path
+from typing import Final
+
+from rosbags.interfaces import (
+    Qos,
+    QosDurability,
+    QosHistory,
+    QosLiveliness,
+    QosReliability,
+    QosTime,
+)
+from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer, WriterError
+
+from dyknow_common import SECOND_NS, DyKnowError, ExitCode
+from dyknow_reactions.black_box.definitions import typestore_of
+from dyknow_reactions.black_box.message_ring import SerialisedMessage
+from dyknow_recordings import BLACK_BOX, BlackBoxContent
+
+_BAG_VERSION: Final = 9
+_MAX_NAME: Final = 60
+_UNLIMITED: Final = QosTime(2147483647, 4294967295)
+_OVERHEAD: Final = 100_000
+"""The bytes of a bag beside its messages, about: definitions, content and metadata."""
+
+
+@dataclass(frozen=True, slots=True)
+class TopicOffer:
+    """A topic, as its publishers offer it.
+
+    Args:
+        message_type: such as `nav_msgs/msg/Odometry`.
+        offers: of each publisher: whether it is reliable, whether it keeps messages for later
+            subscribers, and how many it keeps.
+    """
+
+    message_type: str
+    offers: tuple[tuple[bool, bool, int], ...]
+
+
+class BoxFolder:
+    """A folder with black boxes. The oldest are removed where new ones need their place.
+
+    Args:
+        folder: made with the first box.
+        owner: a name that no other process that writes to the folder has.
+        max_bytes: of all boxes.
+        max_boxes: their number.
+    """
+
+    def __init__(self, folder: Path, owner: str, max_bytes: int, max_boxes: int) -> None:
+        self._folder = folder
+        self._drafts = folder / f'.writing_{_word(owner)}'
+        self._max_bytes = max_bytes
+        self._max_boxes = max_boxes
+        self.removed = 0
+        """The number of boxes that were removed for new ones."""
+
+    def write(
+        self,
+        content: BlackBoxContent,
+        time: int,
+        messages: Sequence[SerialisedMessage],
+        topics: Mapping[str, TopicOffer],
+    ) -> Path:
+        """Write a box; return its path.
+
+        Args:
+            content: what the box knows beside its messages.
+            time: of the failure, nanoseconds since the epoch.
+            messages: in the order of their times.
+            topics: of all messages.
+
+        Raises:
+            DyKnowError: UNAVAILABLE, if it cannot be written.
+        """
+        size = sum(len(each.data) for each in messages) + len(content.text) + _OVERHEAD
+        if size > self._max_bytes:
+            raise DyKnowError(
+                f'the black box of up to {size} bytes does not fit in {self._folder}, which may '
+                f"have {self._max_bytes} (the limit 'folder_bytes'); raise it, or record less",
+                ExitCode.UNAVAILABLE,
+            )
+        try:
+            self._prepare(size)
+            path = self._path(content.name, time)
+            _write_bag(self._drafts / path.name, content, messages, topics)
+            (self._drafts / path.name).rename(path)
+        except (OSError, WriterError) as error:
+            reason = getattr(error, 'strerror', None) or error
+            text = f'cannot write to {self._folder}: {reason}'
+            raise DyKnowError(text, ExitCode.UNAVAILABLE) from None
+        finally:
+            shutil.rmtree(self._drafts, ignore_errors=True)
+        return path
+
+    def _prepare(self, size: int) -> None:
+        self._folder.mkdir(parents=True, exist_ok=True)
+        # What another run has left unfinished.
+        shutil.rmtree(self._drafts, ignore_errors=True)
+        self._make_room(size)
+
+    def _make_room(self, size: int) -> None:
+        """Remove the oldest boxes until there is room for another one."""
+        boxes = sorted(self._boxes(), key=lambda each: each.stat().st_mtime_ns)
+        sizes = {box: _size(box) for box in boxes}
+        while boxes and (
+            sum(sizes.values()) + size > self._max_bytes or len(boxes) >= self._max_boxes
+        ):
+            oldest = boxes.pop(0)
+            del sizes[oldest]
+            shutil.rmtree(oldest)
+            self.removed += 1
+
+    def _boxes(self) -> list[Path]:
+        """Return the black boxes in the folder, and nothing else that is there."""
+        found = []
+        for each in self._folder.iterdir():
+            metadata = each / 'metadata.yaml'
+            is_bag = (each / f'{each.name}.mcap').is_file() and metadata.is_file()
+            if is_bag and BLACK_BOX in metadata.read_text(encoding='utf-8', errors='replace'):
+                found.append(each)
+        return found
+
+    def _path(self, name: str, time: int) -> Path:
+        moment = datetime.fromtimestamp(max(time, 0) // SECOND_NS, UTC)
+        stem = f'{moment:%Y-%m-%dT%H-%M-%S}_{_word(name)}'
+        names = (stem if number == 1 else f'{stem}_{number}' for number in count(1))
+        return next(path for each in names if not (path := self._folder / each).exists())
+
+
+def _write_bag(
+    path: Path,
+    content: BlackBoxContent,
+    messages: Sequence[SerialisedMessage],
+    topics: Mapping[str, TopicOffer],
+) -> None:
+    path.parent.mkdir(exist_ok=True)
+    writer = Writer(path, version=_BAG_VERSION, storage_plugin=StoragePlugin.MCAP)
+    writer.set_compression(CompressionMode.STORAGE, CompressionFormat.ZSTD)
+    for key, text in content.custom_data.items():
+        writer.set_custom_data(key, text)
+    with writer:
+        connections = {
+            topic: writer.add_connection(
+                topic,
+                offer.message_type,
+                typestore=typestore_of(offer.message_type),
+                offered_qos_profiles=[_quality(*each) for each in offer.offers],
+            )
+            for topic, offer in topics.items()
+        }
+        for each in messages:
+            writer.write(connections[each.topic], each.time, each.data)
+
+
+def _quality(reliable: bool, latched: bool, depth: int) -> Qos:  # noqa: FBT001 - of a TopicOffer
+    return Qos(
+        QosHistory.KEEP_LAST,
+        depth,
+        QosReliability.RELIABLE if reliable else QosReliability.BEST_EFFORT,
+        QosDurability.TRANSIENT_LOCAL if latched else QosDurability.VOLATILE,
+        _UNLIMITED,
+        _UNLIMITED,
+        QosLiveliness.AUTOMATIC,
+        _UNLIMITED,
+        avoid_ros_namespace_conventions=False,
+    )
+
+
+def _size(folder: Path) -> int:
+    return sum(each.stat().st_size for each in folder.iterdir() if each.is_file())
+
+
+def _word(name: str) -> str:
+    return re.sub(r'[^A-Za-z0-9]+', '_', name).strip('_')[:_MAX_NAME] or 'formula'

@@ -1,0 +1,126 @@
+"""Topics whose messages are received as they are, without being decoded."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection
+from dataclasses import dataclass
+from functools import partial
+from typing import Any, Final
+
+from rclpy.qos import DurabilityPolicy, ReliabilityPolicy
+
+from dyknow_common import SECOND_NS, DyKnowError, one_line
+from dyknow_common.ros import DyKnowNode, LogOnce, RCLError
+from dyknow_reactions.black_box.box_folder import TopicOffer
+from dyknow_stream_processing.ros import (
+    Publication,
+    find_publication,
+    message_class,
+    next_request,
+)
+
+_STEP_BACK_NS: Final = SECOND_NS
+"""The least step back of simulated time after which the messages of before are forgotten."""
+
+
+@dataclass(slots=True)
+class _RawTopic:
+    """A topic with its subscription, once it has a publisher."""
+
+    request: Publication | None = None
+    subscription: Any = None
+    latest: int = 0
+    fault: str = ''
+    offer: TopicOffer | None = None
+
+
+class RawTopics:
+    """Subscriptions to topics of any type, which follow their publishers as they come and go.
+
+    Args:
+        node: that subscribes.
+        on_message: receives topic, time of receipt (nanoseconds), data, and if the topic is
+            latched.
+        on_restart: receives a topic whose time has jumped back.
+    """
+
+    def __init__(
+        self,
+        node: DyKnowNode,
+        on_message: Callable[[str, int, bytes, bool], None],
+        on_restart: Callable[[str], None],
+    ) -> None:
+        self._node = node
+        self._on_message = on_message
+        self._on_restart = on_restart
+        self._topics: dict[str, _RawTopic] = {}
+        self._log = LogOnce()
+
+    @property
+    def faults(self) -> list[str]:
+        """Why topics are not received."""
+        return [each.fault for each in self._topics.values() if each.fault]
+
+    def offer(self, topic: str) -> TopicOffer | None:
+        """Return how a topic was offered; None if it never had a publisher."""
+        held = self._topics.get(topic)
+        return None if held is None else held.offer
+
+    def follow(self, topics: Collection[str]) -> list[str]:
+        """Subscribe to these topics and no others; return those that are not followed any more."""
+        gone = [each for each in self._topics if each not in topics]
+        for topic in gone:
+            self._unsubscribe(self._topics.pop(topic))
+        for topic in topics:
+            held = self._topics.setdefault(topic, _RawTopic())
+            try:
+                self._refresh(topic, held)
+                held.fault = ''
+            except (DyKnowError, RCLError) as error:
+                held.fault = f'{topic} is not recorded: {one_line(error)}'
+        for fault in self._log.new(self.faults):
+            self._node.get_logger().warning(fault)
+        return gone
+
+    def _refresh(self, topic: str, held: _RawTopic) -> None:
+        found = find_publication(self._node, topic)
+        if found is None:
+            return
+        request = next_request(held.request, found)
+        offers = tuple(
+            (
+                info.qos_profile.reliability is ReliabilityPolicy.RELIABLE,
+                info.qos_profile.durability is DurabilityPolicy.TRANSIENT_LOCAL,
+                info.qos_profile.depth,
+            )
+            for info in self._node.get_publishers_info_by_topic(topic)
+        )
+        held.offer = TopicOffer(request.type_name, offers)
+        is_suited = held.request is not None and request.suits(held.request)
+        if held.subscription is None or not is_suited:
+            self._unsubscribe(held)
+            held.subscription = self._node.create_subscription(
+                message_class(request.type_name),
+                topic,
+                partial(self._receive, topic, held),
+                request.quality_of_service,
+                raw=True,
+                callback_group=self._node.reentrant,
+            )
+        held.request = request
+
+    def _unsubscribe(self, held: _RawTopic) -> None:
+        if held.subscription is not None:
+            self._node.destroy_subscription(held.subscription)
+            held.subscription = None
+
+    def _receive(self, topic: str, held: _RawTopic, data: bytes, info: Any) -> None:
+        now = self._node.now()
+        is_simulated = bool(self._node.get_parameter('use_sim_time').value)
+        received = now if is_simulated else min(info.get('received_timestamp') or now, now)
+        if now < held.latest - _STEP_BACK_NS:
+            held.latest = 0
+            self._on_restart(topic)
+        held.latest = max(held.latest, received)
+        is_latched = held.request is not None and held.request.latched
+        self._on_message(topic, held.latest, bytes(data), is_latched)

@@ -1,0 +1,168 @@
+"""Boxes in their folder: complete, bounded, and nothing else is touched."""
+
+from __future__ import annotations
+
+import errno
+from pathlib import Path
+
+import pytest
+from rosbags.rosbag2 import Writer
+
+from dyknow_common import SECOND_NS, DyKnowError, ExitCode, StreamConstraints
+from dyknow_coordinator import KnownStream, KnownStreams
+from dyknow_reactions.black_box.box_content import (
+    RecordedStateNumber,
+    first_state,
+    horizon,
+    objects_fault,
+    state_origin,
+    stream_text,
+)
+from dyknow_reactions.black_box.box_folder import BoxFolder, TopicOffer
+from dyknow_reactions.black_box.message_ring import SerialisedMessage
+from dyknow_recordings import Bag, BlackBoxContent, read_black_box
+from dyknow_stream_processing import parse_specification, specifications_by_sink
+
+S = SECOND_NS
+CONTENT = BlackBoxContent('too fast', 'a.b < 1')
+TOPICS = {'/a': TopicOffer('std_msgs/msg/Bool', ((True, False, 10),))}
+MESSAGES = [SerialisedMessage(number, '/a', b'\x00\x01\x00\x00\x01') for number in (5, 7)]
+
+
+def test_a_box_is_a_bag(tmp_path: Path) -> None:
+    folder = BoxFolder(tmp_path / 'new' / 'boxes', '/robot/recorder', 10**9, 5)
+    path = folder.write(CONTENT, 1_000_000_000 * S, MESSAGES, TOPICS)
+    assert path == tmp_path / 'new' / 'boxes' / '2001-09-09T01-46-40_too_fast'
+    assert folder.write(CONTENT, 1_000_000_000 * S, MESSAGES, TOPICS).name == f'{path.name}_2'
+    assert read_black_box(path) == read_black_box(path / f'{path.name}.mcap')
+    with Bag(path) as bag:
+        assert [(each.log_time, each.data) for each in bag.messages()] == [
+            (each.time, each.data) for each in MESSAGES
+        ]
+        assert bag.contents['/a'].publishers == 1
+        assert bag.faults == ()
+    assert {each.name for each in path.parent.iterdir()} == {path.name, f'{path.name}_2'}
+
+
+def test_the_oldest_boxes_make_room_and_other_files_stay(tmp_path: Path) -> None:
+    (tmp_path / 'mine').mkdir()
+    (tmp_path / 'mine' / 'mine.mcap').write_bytes(b'x')
+    (tmp_path / 'mine' / 'metadata.yaml').write_text('other')
+    folder = BoxFolder(tmp_path, 'a', 10**9, 2)
+    paths = [folder.write(CONTENT, number * S, MESSAGES, TOPICS) for number in range(4)]
+    assert [path.exists() for path in paths] == [False, False, True, True]
+    assert folder.removed == 2
+    assert (tmp_path / 'mine' / 'mine.mcap').exists()
+
+
+def test_the_bytes_of_a_folder_are_bounded(tmp_path: Path) -> None:
+    folder = BoxFolder(tmp_path, 'a', 120_000, 50)
+    paths = [folder.write(CONTENT, number * S, MESSAGES, TOPICS) for number in range(10)]
+    size = sum(each.stat().st_size for each in tmp_path.rglob('*') if each.is_file())
+    assert size <= 120_000
+    assert folder.removed == sum(not path.exists() for path in paths) > 0
+
+
+def test_what_cannot_be_written_is_an_error(tmp_path: Path) -> None:
+    (tmp_path / 'file').write_text('')
+    folder = BoxFolder(tmp_path / 'file' / 'boxes', 'a', 10**9, 5)
+    with pytest.raises(
+        DyKnowError, match=r'cannot write to .*file/boxes: Not a directory'
+    ) as error:
+        folder.write(CONTENT, 0, MESSAGES, TOPICS)
+    assert error.value.code is ExitCode.UNAVAILABLE
+    with pytest.raises(DyKnowError, match=r"the limit 'folder_bytes'"):
+        BoxFolder(tmp_path, 'a', 10, 5).write(CONTENT, 0, MESSAGES, TOPICS)
+
+
+def test_a_full_disk_is_an_error_and_leaves_nothing(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def full(*_: object) -> None:
+        raise OSError(errno.ENOSPC, 'No space left on device')
+
+    monkeypatch.setattr(Writer, 'write', full)
+    with pytest.raises(DyKnowError, match=r'cannot write to .*: No space left on device'):
+        BoxFolder(tmp_path, 'a', 10**9, 5).write(CONTENT, 0, MESSAGES, TOPICS)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_type_without_a_definition_is_an_error(tmp_path: Path) -> None:
+    topics = {'/a': TopicOffer('no_such/msg/Type', ())}
+    with pytest.raises(DyKnowError, match='no_such/msg/Type is not defined; install its package'):
+        BoxFolder(tmp_path, 'a', 10**9, 5).write(CONTENT, 0, MESSAGES, topics)
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    ('progressed', 'latest', 'expected'),
+    [
+        (3, 30, (10, True)),
+        (2, 30, (20, True)),
+        (5, 30, (10, False)),
+        (3, 99, (20, False)),
+        (0, None, (20, False)),
+    ],
+)
+def test_the_first_recorded_state(
+    progressed: int, latest: int | None, expected: tuple[int, bool]
+) -> None:
+    states = [RecordedStateNumber(7, number, (number - 3) * 10) for number in (4, 5, 6, 7)]
+    assert first_state(states, progressed, latest, 15) == expected
+
+
+def test_no_recorded_state() -> None:
+    assert first_state([], 3, 30, 0) == (None, False)
+
+
+@pytest.mark.parametrize(
+    'specification',
+    [
+        'stream s = select x as y from "/a";\nsink s',
+        'select x as y from "b"',
+        'stream t = select x as y from "/a";\nstream s = t with max_gap = 2 s;\nsink s',
+        'sink sync("/a", u)',
+    ],
+)
+def test_the_text_of_a_stream_has_it_for_its_sink(specification: str) -> None:
+    added = StreamConstraints(max_delay=S)
+    text = stream_text(KnownStream('s', specification, constraints=added), '/robot')
+    (name,) = specifications_by_sink(parse_specification(text))
+    assert name == 's'
+    assert 'max_delay = 1 s' in text
+    assert '"b"' not in text
+
+
+def test_what_states_are_made_of() -> None:
+    known = KnownStreams(
+        [
+            KnownStream('states', 'stream f = select p as F from a;\nsink sync(f)'),
+            KnownStream('a', 'stream a = select x as p from b;\nsink a'),
+            KnownStream('b', topic='/other/topic'),
+            KnownStream('c', 'select x from "/c"'),
+        ],
+        lambda _: True,
+    )
+    found = state_origin('/dyknow/streams/states', known, '/')
+    assert found is not None
+    assert found.streams == (
+        'stream a = select x as p from b;\nsink a',
+        'stream b = "/other/topic";\nsink b',
+    )
+    assert objects_fault('F[o] < 1', {}, found.states) != ''
+    assert objects_fault('F < 1', {}, found.states) == ''
+    assert state_origin('/dyknow/streams/none', known, '/') is None
+
+
+@pytest.mark.parametrize(
+    ('formula', 'expected'),
+    [
+        ('always a.b < 1', 0),
+        ('forall u in UAV: always (P[u] -> eventually[0 s, 5 s] Q[u])', 5),
+        ('always (P -> (Q until[0 s, 5 s] always[0 s, 3 s] Q))', 8),
+        ('always (P -> once[0 s, 2 s] Q)', 2),
+        ('always (P -> eventually Q)', 0),
+    ],
+)
+def test_the_horizon_of_a_formula(formula: str, expected: int) -> None:
+    assert horizon(formula) == expected * S

@@ -1,0 +1,131 @@
+"""Which failures open a box, how long it is open, and which are refused."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from dyknow_common import SECOND_NS, BlackBoxOptions, ExitCode, Verdict
+from dyknow_coordinator import (
+    CoordinationError,
+    EvaluationPhase,
+    EvaluationStatus,
+    StandingVerdicts,
+    ViolationEpisode,
+)
+from dyknow_reactions.black_box.failures import REPORT_DELAY_NS, FailureWatch
+
+S = SECOND_NS
+OPTIONS = BlackBoxOptions(before=10 * S, after=2 * S)
+RUNNING = EvaluationStatus('a', 'x.y < 1', EvaluationPhase.RUNNING, 5 * S, record=OPTIONS)
+FALSE = replace(
+    RUNNING, phase=EvaluationPhase.ENDED, verdict=Verdict.FALSE, decided_at=29 * S, explanation='b'
+)
+KEY = 'a', 5 * S
+
+
+def violated(status: EvaluationStatus, *begins: int) -> EvaluationStatus:
+    episodes = tuple(ViolationEpisode(each, each, each, 1, True, 'c') for each in begins)
+    verdicts = StandingVerdicts(episode_count=len(begins), latest_episodes=episodes)
+    return replace(status, episodes=verdicts)
+
+
+def test_a_false_formula_opens_a_box() -> None:
+    watch = FailureWatch(0, 5)
+    assert watch.update([RUNNING], 20 * S) == []
+    assert watch.kept_from(KEY, 20 * S) == 10 * S - REPORT_DELAY_NS
+    assert watch.update([FALSE], 30 * S) == []
+    box = watch.watched[KEY].box
+    assert box is not None
+    assert (box.begin, box.end, box.failure.reason) == (19 * S, 32 * S, 'false')
+    # What the box needs is kept, and nothing else.
+    assert watch.kept_from(KEY, 31 * S) == 19 * S
+    assert watch.update([FALSE], 31 * S) == []
+    assert watch.due(32 * S - 1) == []
+    assert watch.due(32 * S) == [box]
+    assert not watch.watched
+    assert watch.update([FALSE], 33 * S) == []
+    assert not watch.watched
+
+
+def test_a_box_outlasts_the_report_of_its_formula() -> None:
+    watch = FailureWatch(0, 5)
+    watch.update([RUNNING], 20 * S)
+    watch.update([FALSE], 30 * S)
+    watch.update([], 31 * S)
+    assert len(watch.due(32 * S)) == 1
+    assert not watch.watched
+
+
+def test_a_formula_that_ends_without_a_failure_is_not_recorded() -> None:
+    for status in (
+        replace(FALSE, verdict=Verdict.TRUE),
+        replace(FALSE, verdict=Verdict.UNDECIDED, error=CoordinationError('t', ExitCode.TIMEOUT)),
+        replace(FALSE, record=None),
+    ):
+        watch = FailureWatch(0, 5)
+        watch.update([RUNNING], 20 * S)
+        assert watch.update([status], 30 * S) == []
+        assert watch.due(99 * S) == []
+
+
+def test_a_violation_is_recorded_around_its_report() -> None:
+    watch = FailureWatch(0, 5)
+    watch.update([RUNNING], 20 * S)
+    error = CoordinationError('late', ExitCode.CONSTRAINT_VIOLATION)
+    ended = replace(FALSE, verdict=Verdict.UNDECIDED, decided_at=None, error=error)
+    watch.update([ended], 30 * S)
+    (box,) = watch.due(32 * S)
+    assert (box.begin, box.failure.explanation) == (20 * S, 'late')
+
+
+def test_later_failures_extend_a_box_up_to_a_limit() -> None:
+    watch = FailureWatch(0, 5)
+    watch.update([violated(RUNNING)], 20 * S)
+    watch.update([violated(RUNNING, 29 * S)], 30 * S)
+    watch.update([violated(RUNNING, 29 * S, 31 * S)], 31 * S)
+    box = watch.watched[KEY].box
+    assert box is not None
+    assert (box.begin, box.end, box.failures) == (19 * S, 33 * S, 2)
+    begins = [29 * S, 31 * S]
+    for second in range(32, 43):
+        begins.append(second * S)
+        assert watch.due(second * S) == ([box] if second == 42 else [])
+        watch.update([violated(RUNNING, *begins)], second * S)
+    # The first failure was reported at 30 s; the last episode has a box of its own.
+    assert box.end == 42 * S
+    assert watch.watched[KEY].box not in {None, box}
+
+
+def test_failures_before_the_start_are_not_recorded() -> None:
+    watch = FailureWatch(10 * S, 5)
+    assert watch.update([violated(RUNNING, 7 * S)], 20 * S) == []
+    assert watch.watched[KEY].box is None
+    assert watch.update([replace(FALSE, name='b')], 30 * S) == []
+
+
+def test_a_failure_that_was_never_seen_to_run_is_told() -> None:
+    watch = FailureWatch(0, 5)
+    (lost,) = watch.update([FALSE], 30 * S)
+    assert lost.error == 'the formula has failed before its topics could be recorded'
+    assert watch.update([FALSE], 31 * S) == []
+
+
+def test_no_more_boxes_than_the_limit_within_a_minute() -> None:
+    watch = FailureWatch(0, 2)
+    watch.update([RUNNING], 20 * S)
+    for now in (30, 40):
+        boxes, lost = watch.request('a', now * S)
+        assert (len(boxes), lost) == (1, [])
+        assert len(watch.due(now * S + 2 * S)) == 1
+    boxes, (lost_one,) = watch.request('', 50 * S)
+    assert boxes == []
+    assert lost_one.error.startswith('2 black boxes have been written within a minute')
+    assert len(watch.request('a', 90 * S)[0]) == 1
+    assert watch.request('b', 91 * S) == ([], [])
+
+
+def test_a_clock_that_jumps_back_closes_boxes() -> None:
+    watch = FailureWatch(0, 2)
+    watch.update([RUNNING], 20 * S)
+    watch.request('a', 30 * S)
+    assert len(watch.due(1 * S)) == 1

@@ -1,0 +1,1 @@
+"""Black boxes: bags that know the formula that failed."""

@@ -1,0 +1,251 @@
+"""Black boxes: bags that know the formula that failed, and what its states are made of.
+
+The content is JSON in the `custom_data` of the bag's metadata, as base64: the library that writes
+YAML folds long texts with backslashes incorrectly. A check of the bag needs
+nothing else: the formula has its sorts, and its state stream names the source of each feature.
+
+A bag may begin after the first state of its formula. Then only what holds of any suffix of the
+states is a verdict of the formula:
+
+    always F, with F about the present and the future    false from a later state: false
+    the same formula asked at every state                the verdict from each state
+    eventually[0 s, 5 s] F, or F with past operators     unknown: the states before may decide it
+"""
+
+from __future__ import annotations
+
+import json
+from base64 import b64decode, b64encode
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, field, fields, replace
+from pathlib import Path
+from typing import Any, Final
+
+import yaml
+
+from dyknow_common import (
+    NO_CONSTRAINTS,
+    DyKnowError,
+    ExitCode,
+    InlineText,
+    Verdict,
+    round_time,
+)
+from dyknow_configuration import RequestedFormula
+from dyknow_reasoning import (
+    Always,
+    And,
+    Forall,
+    Formula,
+    Historically,
+    Interval,
+    Once,
+    Previous,
+    Since,
+    parse_formula,
+    parts,
+)
+from dyknow_recordings.errors import RecordingError
+from dyknow_recordings.evaluation.episodes import FIRST_BEGIN, EpisodeStart, Every
+from dyknow_recordings.evaluation.results import FormulaReport, RecordingReport
+from dyknow_recordings.evaluation.vocabulary import MonitoringFiles
+from dyknow_stream_processing import made, parse_specification
+
+BLACK_BOX: Final = 'dyknow_black_box'
+"""The key of the content in the metadata of a bag."""
+
+_METADATA: Final = 'metadata.yaml'
+_PAST: Final = (Historically, Once, Previous, Since)
+
+
+@dataclass(frozen=True, slots=True)
+class BlackBoxContent:
+    """What a black box knows beside its messages.
+
+    Args:
+        name: of the formula, for people.
+        formula: its canonical text, with all sorts.
+        reason: why it was written: `false`, `violation`, `episode` or `request`.
+        verdict: of the running system.
+        explanation: of the verdict, or the error in its place.
+        decided_at: the valid time of the deciding state, nanoseconds; None without one.
+        every_state: True if the formula was asked at every state.
+        margin: True if its margin was computed.
+        begin: the valid time of the first state of the formula in the bag; None if it is unknown.
+        is_complete: True if the formula had no state before.
+        states: the specification of its states.
+        constraints: of its states.
+        streams: a text in the stream language for each stream that these are made of.
+        domains: the objects of each sort.
+        faults: why a part is missing.
+        versions: of the programs.
+        configuration: texts that the system was configured with, for people.
+    """
+
+    name: str
+    formula: str
+    reason: str = ''
+    verdict: str = ''
+    explanation: str = ''
+    decided_at: int | None = None
+    every_state: bool = False
+    margin: bool = False
+    begin: int | None = None
+    is_complete: bool = False
+    states: str = ''
+    constraints: str = ''
+    streams: Sequence[str] = ()
+    domains: Mapping[str, Sequence[str]] = field(default_factory=dict)
+    faults: Sequence[str] = ()
+    versions: Mapping[str, str] = field(default_factory=dict)
+    configuration: Mapping[str, str] = field(default_factory=dict)
+
+    @property
+    def text(self) -> str:
+        """The content as a text of JSON."""
+        return json.dumps(asdict(self), ensure_ascii=False)
+
+    @property
+    def custom_data(self) -> Mapping[str, str]:
+        """The content for the metadata of a bag, with texts for people."""
+        return {
+            BLACK_BOX: b64encode(self.text.encode()).decode(),
+            f'{BLACK_BOX}_formula': _plain(self.formula),
+            f'{BLACK_BOX}_explanation': _plain(self.explanation),
+        }
+
+    @property
+    def files(self) -> MonitoringFiles:
+        """What the check of the bag needs beside the formula.
+
+        Raises:
+            DyKnowError: if the constraints are no constraints.
+        """
+        constraints = NO_CONSTRAINTS
+        if self.constraints:
+            stated = parse_specification(f'sink states with {self.constraints}')
+            constraints = made(stated).constraints
+        return MonitoringFiles(
+            streams=tuple(InlineText('black box', each) for each in self.streams),
+            domains={sort: tuple(objects) for sort, objects in self.domains.items()},
+            states=self.states,
+            constraints=constraints,
+        )
+
+    @property
+    def requested(self) -> RequestedFormula:
+        """The formula to check."""
+        return RequestedFormula(self.formula, self.name)
+
+    @property
+    def start(self) -> EpisodeStart:
+        """From when the formula is evaluated."""
+        every = Every.STATE if self.every_state else Every.FIRST
+        return EpisodeStart(FIRST_BEGIN if self.begin is None else self.begin, every)
+
+    def judged(self, report: RecordingReport) -> RecordingReport:
+        """Return the results of a check without a verdict that states before the bag may change.
+
+        A note says so if the verdict is another one than that of the running system.
+        """
+        (found,) = report.formulas
+        if found.error is None and (fault := self._missing_states(found)):
+            error = RecordingError(fault, ExitCode.NOT_FOUND)
+            return replace(report, formulas=(replace(found, episodes=(), error=error),))
+        notes = [*report.notes, *self.faults, *self._difference(found)]
+        return replace(report, notes=tuple(notes))
+
+    def _missing_states(self, found: FormulaReport) -> str:
+        """Return why the states of the bag cannot decide the formula; empty if they can."""
+        parsed = parse_formula(found.formula)
+        looks_back = _looks_back(parsed)
+        if not looks_back and (self.every_state or _is_invariant(parsed)):
+            return ''
+        begin = found.episodes[0].begin if found.episodes else None
+        if self.is_complete and (self.every_state or begin in {None, self.begin}):
+            return ''
+        reason = 'looks back to earlier states' if looks_back else 'depends on its first state'
+        return (
+            'the black box begins after the first state of the formula, whose verdict '
+            f"{reason}; record more with a longer 'before'"
+        )
+
+    def _difference(self, found: FormulaReport) -> Sequence[str]:
+        decided = [each for each in found.episodes if each.verdict is Verdict.FALSE]
+        if self.verdict != 'false' or self.decided_at in {each.decided_at for each in decided}:
+            return ()
+        at = '' if self.decided_at is None else f' at {round_time(self.decided_at)}'
+        return (f"the running system decided that '{self.name}' is false{at}",)
+
+
+def _plain(text: str) -> str:
+    return text.replace('\\', '/')
+
+
+def _is_invariant(formula: Formula) -> bool:
+    """Return True if the formula is false whenever it is false from a later state on."""
+    match formula:
+        case Forall():
+            return _is_invariant(formula.body)
+        case And():
+            return _is_invariant(formula.left) and _is_invariant(formula.right)
+        case Always():
+            return formula.interval == Interval()
+    return False
+
+
+def _looks_back(formula: Any) -> bool:
+    return isinstance(formula, _PAST) or any(map(_looks_back, parts(formula)))
+
+
+def read_black_box(path: Path) -> BlackBoxContent | None:
+    """Return what a bag knows of a formula; None if it is no black box.
+
+    Args:
+        path: of the folder of the bag, or of its file.
+
+    Raises:
+        RecordingError: if the metadata is that of a black box, and damaged.
+    """
+    folder = path if path.is_dir() else path.parent
+    try:
+        text = (folder / _METADATA).read_text(encoding='utf-8')
+    except (OSError, ValueError):
+        return None
+    if BLACK_BOX not in text:
+        return None
+    try:
+        information = yaml.safe_load(text)['rosbag2_bagfile_information']
+        if path != folder and path.name not in information['relative_file_paths']:
+            return None
+        content = json.loads(b64decode(information['custom_data'][BLACK_BOX], validate=True))
+        known = {each.name for each in fields(BlackBoxContent)}
+        return _checked(BlackBoxContent(**{key: content[key] for key in content if key in known}))
+    except (
+        yaml.YAMLError, ValueError, LookupError, TypeError, AttributeError, RecursionError,
+        DyKnowError,
+    ):  # fmt: skip
+        raise RecordingError(
+            f'{path}: the content of the black box in {_METADATA} is damaged; name its formula and '
+            'configuration by options'
+        ) from None
+
+
+def _checked(content: BlackBoxContent) -> BlackBoxContent:
+    """Return a content whose values have the types that a check relies on.
+
+    Raises:
+        TypeError: if one has not.
+    """
+    texts = (content.name, content.formula, content.states, content.constraints)
+    times = (content.begin, content.decided_at)
+    objects = [name for names in content.domains.values() for name in names]
+    is_typed = (
+        all(isinstance(each, str) for each in (*texts, *content.streams, *content.faults, *objects))
+        and all(each is None or type(each) is int for each in times)
+        and not isinstance(content.streams, str)
+    )
+    if not is_typed:
+        raise TypeError
+    parse_formula(content.formula)
+    return content

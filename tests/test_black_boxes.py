@@ -1,0 +1,298 @@
+"""Black boxes of a running system, which a check of the bag alone judges as the system did."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from dyknow_interfaces.msg import BlackBoxReport, BlackBoxRequest, ExitStatus, FormulaResult
+from dyknow_interfaces.srv import SaveBlackBox
+from rclpy.qos import DurabilityPolicy, QoSProfile
+
+from commands import command
+from dyknow_bringup.processes.processes import Process
+from dyknow_common.ros import nanoseconds_to_duration, time_to_nanoseconds
+from dyknow_configuration import ParameterValue
+from dyknow_recordings import BlackBoxContent, open_recording, read_black_box
+from evaluations import Evaluations, Monitored
+from system import SOON_NOTICED, Batteries, SharedSystem, System
+
+INVARIANT = 'forall u in UAV: always Power[u] < 150'
+RECOVERY = (
+    'forall u in UAV: always (Power[u] > 150 -> '
+    'Power[u] < 260 until[0 s, 1 s] always[0 s, 500 ms] Power[u] <= 150)'
+)
+NODE = 'black_box_recorder'
+SECOND = 1_000_000_000
+
+
+@pytest.fixture(scope='module')
+def system(shared_system: SharedSystem) -> System:
+    return shared_system.get(parameters=SOON_NOTICED, composition=False)
+
+
+class Recorder:
+    """A recorder, and what it reports."""
+
+    def __init__(self, system: System, folder: Path) -> None:
+        self.folder = folder
+        self.reports: list[BlackBoxReport] = []
+        self.diagnosis: DiagnosticStatus | None = None
+        self._system = system
+        self._subscriptions: list[Any] = []
+
+    def start(self, **parameters: ParameterValue) -> None:
+        given = {'folder': str(self.folder), **parameters}
+        self._system.launcher.start(Process('dyknow_reactions', NODE, given))
+        node = self._system.client.node
+        latched = QoSProfile(depth=20, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+        self._subscriptions = [
+            node.create_subscription(
+                BlackBoxReport, f'{NODE}/black_boxes', self.reports.append, latched
+            ),
+            node.create_subscription(
+                DiagnosticArray, '/diagnostics', self._hear, QoSProfile(depth=20)
+            ),
+        ]
+        self.diagnosis = None
+        self._system.client.spin_until(lambda: self.diagnosis is not None, 'the recorder')
+
+    def stop(self) -> None:
+        for each in self._subscriptions:
+            self._system.client.node.destroy_subscription(each)
+        self._system.launcher.stop(NODE)
+
+    def wait_for_memory(self, formulas: int = 1) -> None:
+        """Waits until messages of so many formulas are in memory, for a while."""
+        self._system.client.spin_until(
+            lambda: self.value('formulas') == formulas and self.value('messages in memory') > 20,
+            'messages in the memory of the recorder',
+            instead=lambda: self.diagnosis,
+        )
+
+    def value(self, key: str) -> int:
+        values = {} if self.diagnosis is None else {e.key: e.value for e in self.diagnosis.values}
+        return int(values.get(key, 0))
+
+    def wait_for_reports(self, count: int) -> list[BlackBoxReport]:
+        self._system.client.spin_until(
+            lambda: len(self.reports) >= count,
+            f'{count} reports of black boxes',
+            instead=lambda: self.diagnosis,
+        )
+        return self.reports
+
+    def _hear(self, array: DiagnosticArray) -> None:
+        for each in array.status:
+            if each.name.endswith(f'{NODE}: black boxes'):
+                self.diagnosis = each
+
+
+@pytest.fixture
+def recorder(system: System, tmp_path: Path) -> Iterator[Recorder]:
+    recorder = Recorder(system, tmp_path / 'boxes')
+    yield recorder
+    recorder.stop()
+
+
+def recorded(before: float = 10.0, after: float = 1.0, topics: tuple[str, ...] = ()) -> Any:
+    """Return the field `record` of a goal."""
+    times = {'before': before, 'after': after}
+    durations = {
+        name: nanoseconds_to_duration(round(time * SECOND)) for name, time in times.items()
+    }
+    return [BlackBoxRequest(topics=list(topics), **durations)]
+
+
+def checked(path: str) -> tuple[int, dict[str, Any]]:
+    """Return the exit code and the results of `dyknow check` of a black box alone."""
+    done = subprocess.run(
+        [*command('dyknow'), 'check', path, '--json'], capture_output=True, text=True, check=False
+    )
+    assert done.stderr == ''
+    return done.returncode, json.loads(done.stdout)
+
+
+def content(path: str) -> BlackBoxContent:
+    found = read_black_box(Path(path))
+    assert found is not None
+    return found
+
+
+@pytest.mark.parametrize('formula', [INVARIANT, RECOVERY])
+def test_a_false_formula_has_the_same_verdict_offline(
+    system: System,
+    recorder: Recorder,
+    batteries: Batteries,
+    evaluations: Evaluations,
+    formula: str,
+) -> None:
+    recorder.start()
+    # The topics are recorded, and the states made, before the first state of the formula.
+    other = Monitored(
+        system.client, 'forall u in UAV: Power[u] < 999', every_state=True, record=recorded()
+    )
+    evaluations.wait_for_state()
+    recorder.wait_for_memory()
+    monitored = Monitored(system.client, formula, name='power', record=recorded())
+    (_, status) = evaluations.wait_for_state(2)
+    assert set(status.topics) == {'/uav1/battery', '/uav2/battery'}
+    recorder.wait_for_memory(2)
+    batteries.power['uav2'] = 240.0
+    result = monitored.result()
+    assert result.verdict == FormulaResult.FALSE
+    (report,) = recorder.wait_for_reports(1)
+    assert (report.name, report.reason, report.error) == ('power', 'false', '')
+    assert report.dropped == 0
+    other.cancel()
+    other.result()
+    code, document = checked(report.path)
+    (found,) = document['formulas']
+    (episode,) = found['episodes']
+    assert (code, found['outcome'], document['notes']) == (1, 'false', [])
+    assert episode['decided_at_ns'] == time_to_nanoseconds(result.decided_at)
+    assert episode['explanation'] == result.explanation
+    with open_recording(Path(report.path)) as recording:
+        names = {each.name for each in recording.topics}
+        assert {'/uav1/battery', '/uav2/battery', status.state_stream} <= names
+        assert '/stream_reasoning_coordinator/evaluations' in names
+        assert sum(each.message_count for each in recording.topics) == report.messages
+        after = recording.end_time - time_to_nanoseconds(result.decided_at)
+    assert after > SECOND
+    found_content = content(report.path)
+    assert found_content.domains == {'UAV': ['uav1', 'uav2']}
+    assert found_content.is_complete
+    evaluations.wait_for_nothing()
+
+
+def test_an_episode_has_a_box(
+    system: System, recorder: Recorder, batteries: Batteries, evaluations: Evaluations
+) -> None:
+    recorder.start()
+    monitored = Monitored(
+        system.client,
+        'forall u in UAV: Power[u] < 150',
+        name='always low',
+        every_state=True,
+        record=recorded(after=0.5),
+    )
+    evaluations.wait_for_state()
+    recorder.wait_for_memory()
+    batteries.power['uav1'] = 240.0
+    (report,) = recorder.wait_for_reports(1)
+    batteries.power['uav1'] = 100.0
+    assert (report.reason, report.error) == ('episode', '')
+    (status,) = evaluations.running
+    (episode,) = status.episodes.latest_episodes
+    monitored.cancel()
+    monitored.result()
+    code, document = checked(report.path)
+    (found,) = document['formulas']
+    failed = [each for each in found['episodes'] if each['verdict'] == 'false']
+    assert (code, failed[0]['begin_ns']) == (1, time_to_nanoseconds(episode.begin))
+    assert failed[0]['explanation'] == episode.explanation
+    evaluations.wait_for_nothing()
+
+
+@pytest.mark.usefixtures('batteries')
+def test_a_request_writes_what_there_is(
+    system: System, recorder: Recorder, evaluations: Evaluations
+) -> None:
+    recorder.start()
+    monitored = Monitored(system.client, INVARIANT, name='power', record=recorded(after=0.2))
+    evaluations.wait_for_state()
+    recorder.wait_for_memory()
+    answer = system.client.call(SaveBlackBox, f'{NODE}/save', name='power')
+    assert answer.exit_status.code == ExitStatus.SUCCESS
+    (path,) = answer.paths
+    answer = system.client.call(SaveBlackBox, f'{NODE}/save', name='pwer')
+    assert answer.exit_status.code == ExitStatus.NOT_FOUND
+    assert answer.exit_status.message == (
+        "no formula of 'pwer' is monitored with a black box (there are: power)"
+    )
+    monitored.cancel()
+    monitored.result()
+    assert checked(path)[1]['formulas'][0]['outcome'] == 'undecided'
+    evaluations.wait_for_nothing()
+
+
+@pytest.mark.usefixtures('batteries')
+def test_limits_of_memory_are_told(
+    system: System, recorder: Recorder, evaluations: Evaluations
+) -> None:
+    recorder.start(memory_messages=30)
+    monitored = Monitored(system.client, INVARIANT, name='power', record=recorded(after=0.2))
+    evaluations.wait_for_state()
+    system.client.spin_until(
+        lambda: recorder.value('removed by the limits of memory') > 10, 'drops'
+    )
+    assert recorder.diagnosis is not None
+    assert recorder.diagnosis.level == DiagnosticStatus.WARN
+    (path,) = system.client.call(SaveBlackBox, f'{NODE}/save').paths
+    (report,) = recorder.wait_for_reports(1)
+    assert report.path == path
+    assert report.dropped > 0
+    monitored.cancel()
+    monitored.result()
+    evaluations.wait_for_nothing()
+
+
+@pytest.mark.usefixtures('batteries')
+def test_a_folder_that_is_too_small_is_an_error(
+    system: System, recorder: Recorder, evaluations: Evaluations
+) -> None:
+    recorder.start(folder_bytes=1000)
+    monitored = Monitored(system.client, INVARIANT, name='power', record=recorded(after=0.2))
+    evaluations.wait_for_state()
+    recorder.wait_for_memory()
+    answer = system.client.call(SaveBlackBox, f'{NODE}/save', name='power')
+    assert answer.exit_status.code == ExitStatus.UNAVAILABLE
+    assert "which may have 1000 (the limit 'folder_bytes')" in answer.exit_status.message
+    (report,) = recorder.wait_for_reports(1)
+    assert (report.path, report.error) == ('', answer.exit_status.message)
+    system.client.spin_until(
+        lambda: (
+            recorder.diagnosis is not None and recorder.diagnosis.level == DiagnosticStatus.ERROR
+        ),
+        'an error in the diagnostics',
+    )
+    monitored.cancel()
+    monitored.result()
+    evaluations.wait_for_nothing()
+
+
+def test_a_recorder_that_is_killed_and_started_again(
+    system: System, recorder: Recorder, batteries: Batteries, evaluations: Evaluations
+) -> None:
+    recorder.start()
+    monitored = Monitored(system.client, INVARIANT, name='power', record=recorded(after=0.2))
+    evaluations.wait_for_state()
+    recorder.wait_for_memory()
+    system.launcher.kill(NODE)
+    recorder.diagnosis = None
+    recorder.start()
+    recorder.wait_for_memory()
+    batteries.power['uav1'] = 240.0
+    result = monitored.result()
+    (report, *_) = recorder.wait_for_reports(1)
+    (found,) = checked(report.path)[1]['formulas']
+    assert found['episodes'][0]['decided_at_ns'] == time_to_nanoseconds(result.decided_at)
+    evaluations.wait_for_nothing()
+
+
+def test_a_snapshot_service_without_its_type_is_refused(system: System) -> None:
+    launcher = system.launcher
+    process = Process('dyknow_reactions', NODE, {'snapshot_service': '/rosbag2_recorder/snapshot'})
+    assert launcher.start(process).wait() == 1
+    (ended,) = launcher.ended()
+    launcher.stop(NODE)
+    assert ended.last_lines.splitlines()[-1] == (
+        "snapshot_service is '/rosbag2_recorder/snapshot', but its type "
+        'rosbag2_interfaces/srv/Snapshot is not installed; install '
+        'ros-jazzy-rosbag2-interfaces, or leave out the parameter'
+    )
