@@ -218,8 +218,8 @@ def test_a_tree_without_a_node_says_so() -> None:
 
 def test_formulas_of_a_robot_by_name() -> None:
     formulas = named_formulas(Example('rover').configuration)
-    assert formulas['distance'] == 'forall r in Rover: always Ahead[r] > 0.3 m'
-    assert formulas['aisle'].startswith('let ')
+    assert formulas['distance'].endswith(' in forall r in Rover: always Ahead[r] > 0.3 m')
+    assert formulas['distance'].startswith('let ')
 
 
 @pytest.mark.parametrize(
@@ -235,5 +235,7 @@ def test_the_tree_of_the_rover(faults: tuple[str, ...], code: int, words: str) -
         with running([sys.executable, str(SIMULATE), 'rover', *faults], environment):
             line = [sys.executable, str(FOLDER / 'behaviour_trees' / 'deliver.py'), configuration]
             done = output_of(line, environment)
+            while 'has not answered' in done.stdout:  # The machine is busy: no verdict.
+                done = output_of(line, environment)
     assert done.returncode == code, done.stdout + done.stderr
     assert words in done.stdout

@@ -130,16 +130,15 @@ class StreamReasoningCoordinator(DyKnowNode):
         ChangeListener(self, clients.version_topics, self._on_semantics_changed)
         SilenceMonitor(self._shared, self._groups, self._settings.silence_limit_s)
         for remote in clients.nodes:
-            for changes in remote.on_found, remote.on_lost:
-                changes.append(self._update_status)
+            remote.on_found.append(self._update_status)
+            remote.on_lost.append(self._update_status)
         clients.stream_reasoning_engine.on_lost.append(self._on_reasoning_engine_lost)
         self._update_status()
         self.serve(EvaluateFormula, self._evaluate)
         self.serve(CancelEvaluation, self._cancel)
         self._monitoring = CancellingActionServer(self, MonitorFormula, self._monitor)
         self._plan_monitoring = PlanMonitoring(self, self.start, limits)
-        service = f'{self.get_fully_qualified_name()}/evaluate_formula'
-        ClientWatch(self, service, self._on_clients_gone)
+        ClientWatch(self, self.resolve_service_name('~/evaluate_formula'), self._on_clients_gone)
 
     def destroy_node(self) -> None:
         """Destroy the action servers, then the node."""
