@@ -224,7 +224,10 @@ def test_formulas_of_a_robot_by_name() -> None:
 
 @pytest.mark.parametrize(
     ('faults', 'code', 'words'),
-    [((), 0, 'is > 7.5'), (('--fault', 'collision'), 1, 'distance: Ahead[rover] = 0.25')],
+    [
+        ((), 0, 'is > 7.5'),
+        (('--fault', 'collision'), 1, 'distance: for r = rover: Ahead[rover] = 0.25'),
+    ],
 )
 def test_the_tree_of_the_rover(faults: tuple[str, ...], code: int, words: str) -> None:
     configuration = str(Example('rover').configuration)
