@@ -8,12 +8,13 @@ import shutil
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
+from importlib.util import find_spec
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any, Self
+from typing import TYPE_CHECKING, Any, Self
 
-from selenium.webdriver import Chrome, ChromeOptions
-from selenium.webdriver.chrome.service import Service
+if TYPE_CHECKING:
+    from selenium.webdriver import Chrome
 
 LIMIT_S = 60.0
 """Seconds after which a wait for a page has failed."""
@@ -38,13 +39,18 @@ FLAGS = (
 
 
 def missing_programs() -> list[str]:
-    """Return the programs that a browser needs and this machine does not have."""
-    return [each for each in ('chromium', 'chromedriver') if shutil.which(each) is None]
+    """Return what a browser needs and this machine does not have."""
+    missing = [each for each in ('chromium', 'chromedriver') if shutil.which(each) is None]
+    return missing if find_spec('selenium') else [*missing, 'selenium']
 
 
 @contextmanager
 def open_browser() -> Iterator[Browser]:
     """Start Chromium with an empty profile, and stop it afterwards."""
+    # The other system tests need no selenium.
+    from selenium.webdriver import Chrome, ChromeOptions  # noqa: PLC0415
+    from selenium.webdriver.chrome.service import Service  # noqa: PLC0415
+
     options = ChromeOptions()
     options.binary_location = shutil.which('chromium') or ''
     options.set_capability('goog:loggingPrefs', {'browser': 'ALL', 'performance': 'ALL'})

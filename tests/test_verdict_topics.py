@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 from math import isnan
 from typing import Any
 
@@ -12,7 +13,10 @@ from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 
 from dyknow_common import Verdict
 from dyknow_common.ros import time_to_nanoseconds
+from dyknow_coordinator import EvaluationPhase, EvaluationStatus
+from dyknow_coordinator.ros.reporting.verdict_publishers import VerdictPublishers
 from evaluations import COORDINATOR, Evaluations, Monitored
+from reporter import Reporter
 from system import Batteries, Client, System
 
 VERDICTS = f'/{COORDINATOR}/verdicts'
@@ -173,3 +177,22 @@ def test_an_error_is_on_the_topic(client: Client) -> None:
     )
     assert 'Pwer' in verdicts.heard[-1].exit_status.message
     verdicts.close()
+
+
+def test_topics_are_limited_and_removed(monkeypatch: pytest.MonkeyPatch) -> None:
+    reporter, statuses = Reporter(), dict[str, EvaluationStatus]()
+    node = reporter._node
+    warnings: list[str] = []
+    monkeypatch.setattr(node.get_logger(), 'warning', warnings.append)
+    running = EvaluationStatus('power', POWER, EvaluationPhase.RUNNING, started=1)
+    statuses |= {'1': running, '2': replace(running, name='speed')}
+    VerdictPublishers(node, lambda: statuses, 1)
+    reporter.until(lambda: topics(reporter.client) == {'power'}, 'one topic')
+    assert warnings
+    assert 'the verdicts of speed' in warnings[0]
+    assert "'verdict_topic_limit'" in warnings[0]
+    del statuses['1']
+    reporter.until(lambda: topics(reporter.client) == {'speed'}, 'room for the other one')
+    statuses.clear()
+    reporter.until(lambda: not topics(reporter.client), 'no topic')
+    reporter.close()

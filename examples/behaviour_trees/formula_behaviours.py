@@ -32,9 +32,10 @@ class FormulaRun:
         name: that operators see; it is also the name of the topic with its verdicts.
         formula: in the formula language.
         options: of `FormulaClient.monitor`.
+        retries: evaluate the formula anew after an interruption, such as a violation.
     """
 
-    def __init__(self, client, name, formula, options):
+    def __init__(self, client, name, formula, options, *, retries=False):
         self.name = name
         self.progress = None
         self.interruption = None
@@ -42,10 +43,8 @@ class FormulaRun:
             formula,
             name=name,
             on_feedback=self._on_feedback,
-            **{
-                each: self._on_interruption if each == 'on_interruption' else option
-                for each, option in options.items()
-            },
+            on_interruption=self._on_interruption if retries else None,
+            **options,
         )
 
     @property
@@ -148,7 +147,7 @@ class FormulaHolds(FormulaBehaviour, Behaviour):
     def __init__(self, name, formula, **options):
         super().__init__(name)
         self.formula = formula
-        self.options = {**options, 'every_state': True, 'on_interruption': None}
+        self.options = {**options, 'every_state': True}
         self._run = None
 
     def setup(self, **kwargs):
@@ -180,7 +179,7 @@ class FormulaHolds(FormulaBehaviour, Behaviour):
         return Status.SUCCESS
 
     def _start(self):
-        self._run = FormulaRun(self.client, self.name, self.formula, self.options)
+        self._run = FormulaRun(self.client, self.name, self.formula, self.options, retries=True)
 
 
 class FormulaGuard(FormulaBehaviour, Decorator):

@@ -139,8 +139,8 @@ class StreamReasoningCoordinator(DyKnowNode):
 
     def _follow_nodes(self, clients: ServiceClients) -> None:
         for remote in clients.nodes:
-            for changes in remote.on_found, remote.on_lost:
-                changes.append(self._update_status)
+            remote.on_found.append(self._update_status)
+            remote.on_lost.append(self._update_status)
         clients.stream_reasoning_engine.on_lost.append(self._on_reasoning_engine_lost)
         self._update_status()
 
