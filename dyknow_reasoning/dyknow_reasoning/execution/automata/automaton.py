@@ -66,11 +66,14 @@ class Move:
         kept: the clocks that its bounds count from; the number after the last clock is the time of
             the present state.
         select: picks these from a tuple of times.
+        is_alike: True if the target is undecided, and has the atoms and the open windows without an
+            end of the location before, which is not the initial one.
     """
 
     target: Location
     kept: tuple[int, ...]
     select: Callable[[Times], Times]
+    is_alike: bool
 
 
 @dataclass(eq=False, slots=True)
@@ -130,7 +133,7 @@ class Automaton:
         halves = halves_after(location.node, gap, times, store)
         optimistic, pessimistic = (self.apart(half, past) for half in halves)
         self.has_grown = True
-        return self._move(optimistic), self._move(pessimistic)
+        return self._move(location, optimistic), self._move(location, pessimistic)
 
     def apart(self, node: Node, past: int) -> Node:
         """Return a node with the negations of some atoms, given as bits, in slots of their own."""
@@ -155,14 +158,14 @@ class Automaton:
         progression.begin(symbol, times)
         node = progression.advance(location.node, fresh=location is self.initial)
         questions = progression.chronology.asked.items()
-        move = self._move(node)
+        move = self._move(location, node)
         self.has_grown = True
         self._found += 1
         location.moves[symbol] = _grafted(location.moves.get(symbol), questions, move)
         return move
 
-    def _move(self, node: Node) -> Move:
-        """Return the move to the location of a node, with its clocks renumbered."""
+    def _move(self, before: Location, node: Node) -> Move:
+        """Return the move from a location to that of a node, with its clocks renumbered."""
         bounds = bounds_of(node)
         kept = tuple(sorted({bound.state for bound in bounds}))
         numbers = {state: number for number, state in enumerate(kept)}
@@ -172,12 +175,18 @@ class Automaton:
         if target is None:
             target = self._locations[node] = _location(node, len(kept))
             self.max_size = max(self.max_size, node.size)
-        return Move(target, kept, _selection(kept))
+        is_alike = before is not self.initial and _are_alike(before, target)
+        return Move(target, kept, _selection(kept), is_alike)
 
 
 def _location(node: Node, clocks: int) -> Location:
     verdict = node.value if type(node) is Constant else None
     return Location(node, clocks, verdict, tuple(dict.fromkeys(map(sides, node.unbounded))))
+
+
+def _are_alike(before: Location, target: Location) -> bool:
+    same_atoms = target.node.mask == before.node.mask
+    return target.verdict is None and same_atoms and target.unbounded == before.unbounded
 
 
 def _grafted(
