@@ -162,7 +162,9 @@ class SymbolSequence:
     def values(self) -> Sequence[int]:
         """The symbols."""
         symbols = self.symbols
-        return symbols.tobytes() if symbols.dtype == np.uint8 else cast('list[int]', symbols.tolist())
+        return (
+            symbols.tobytes() if symbols.dtype == np.uint8 else cast('list[int]', symbols.tolist())
+        )
 
     @cached_property
     def _changes(self) -> list[int]:
