@@ -135,15 +135,7 @@ class BlockProgression:
         times, values, jumps = self._times, sequence.values, sequence.jumps
         while index < end and skipped >= _FEW_STATES:
             before = index
-            edges, deadlines = jumps.get(location, _NO_JUMP)
-            at = bisect_right(edges, index)
-            if not at % 2:
-                index = edges[at]
-                if index > end:
-                    index = end
-            for clock, offset in deadlines:
-                if clocks[clock] + offset <= times[index - 1]:
-                    index = before
+            index = _end_of_jump(jumps.get(location, _NO_JUMP), clocks, times, (index, end))
             if index == before:
                 index = self._skip(location, clocks, sequence, index, end)
             skipped += (index - before - skipped) / 8
@@ -235,6 +227,27 @@ class BlockProgression:
     @cached_property
     def _is_regular(self) -> bool:
         return 4 * len(self._irregular) < len(self._step_vector)
+
+
+def _end_of_jump(jump: Jump, clocks: Times, times: Sequence[int], states: tuple[int, int]) -> int:
+    """Return the index of the next state that may change a location; the first one in doubt.
+
+    Args:
+        jump: from the location.
+        clocks: its clocks.
+        times: the valid times of all states.
+        states: the indices of the first state and of the end.
+    """
+    index, end = states
+    edges, deadlines = jump
+    at = bisect_right(edges, index)
+    if at % 2:
+        return index
+    found = min(edges[at], end)
+    for clock, offset in deadlines:
+        if clocks[clock] + offset <= times[found - 1]:
+            return index
+    return found
 
 
 def _is_idle(decision: Decision | None, location: Location) -> bool:
