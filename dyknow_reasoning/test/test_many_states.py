@@ -238,6 +238,48 @@ def test_more_states_than_a_block_has(kind: str, objects: int) -> None:
         compare(found, objects, batches)
 
 
+def runs(generator: np.random.Generator, states: int, length: int) -> np.ndarray[Any, Any]:
+    """Truths that stay the same for some states, of an average length."""
+    return (generator.random(states) < 1 / length).cumsum() % 2 == 1
+
+
+@pytest.mark.parametrize('odd', [False, None, np.nan])
+@pytest.mark.parametrize(
+    ('atoms', 'objects', 'states'),
+    [
+        (2, 1, 5000),
+        (2, 60, 300),
+        (8, 2, 900),
+        (9, 3, 900),
+        (12, 2, 900),
+        (13, 2, 900),
+        (70, 1, 900),
+    ],
+)
+def test_long_runs_of_states_that_change_nothing(
+    atoms: int, objects: int, states: int, odd: Column
+) -> None:
+    """Windows open, close and expire between states; a value is odd near the end."""
+    generator = np.random.default_rng([atoms, objects, states])
+    columns: dict[str, Column] = {}
+    for number in range(objects):
+        columns[f'P[o{number}]'] = runs(generator, states, 40)
+        columns[f'Q[o{number}]'] = runs(generator, states, 60)
+        for atom in range(2, atoms):
+            columns[f'Q{atom}[o{number}]'] = ~runs(generator, states, 9 * states)
+    late = int(generator.integers(states // 2, states))
+    columns['P[o0]'] = [*columns['P[o0]'][:late].tolist(), odd, *columns['P[o0]'][late + 1 :]]
+    q = ' and '.join(['Q[x]', *(f'Q{atom}[x]' for atom in range(2, atoms))])
+    found = [
+        f'forall x in Thing: always (P[x] -> eventually[0 ns, 700 ns] ({q}))',
+        f'exists x in Thing: always[0 ns, {2 * states} ns] (P[x] -> eventually[9 ns, 300 ns] {q})',
+        f'exists x in Thing: always (P[x] -> always[0 ns, 90 ns] P[x] or eventually ({q}))',
+        f'exists x in Thing: (P[x] or {q}) until[50 ns, {2 * states} ns] ({q} and not P[x])',
+    ]
+    for times in (np.arange(states) * PERIOD, generator.integers(1, 7, states).cumsum()):
+        compare(found, objects, [(times, columns)])
+
+
 @pytest.mark.parametrize('few', [0, 8, 1 << 30])
 def test_each_state_may_be_the_first_after_a_window(
     few: int, monkeypatch: pytest.MonkeyPatch

@@ -8,7 +8,7 @@ clock. Where few states can be skipped, it looks up its configurations in their 
 
 from __future__ import annotations
 
-from bisect import bisect_left
+from bisect import bisect_left, bisect_right
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -19,7 +19,12 @@ import numpy as np
 
 from dyknow_reasoning.execution.automata.automaton import Decision, Guard, Location, Move, Times
 from dyknow_reasoning.execution.automata.instance_states import InstanceVerdict
-from dyknow_reasoning.execution.recorded_symbols import RecordedSymbols, SymbolSequence
+from dyknow_reasoning.execution.recorded_symbols import (
+    Deadlines,
+    Jump,
+    RecordedSymbols,
+    SymbolSequence,
+)
 from dyknow_reasoning.execution.single_instance import SingleInstance
 from dyknow_reasoning.execution.vectors.atom_vectors import Array
 
@@ -27,6 +32,7 @@ _MAX_LOOK_UPS = 2048
 _FEW_STATES = 8
 """If fewer can be skipped on average, the table is faster."""
 _NONE = frozenset[int]()
+_NO_JUMP: Jump = (0,), ()
 _MAX_SYMBOLS = 16
 """The most symbols for which the effect of a location with clocks is worked out together."""
 
@@ -125,23 +131,22 @@ class BlockProgression:
             skipped: the number of states that are skipped on average; it is returned, too.
         """
         index, end = states
-        location, clocks, initial = (
-            single.location,
-            single.clocks,
-            single.template.automaton.initial,
-        )
-        while index < end and skipped >= _FEW_STATES and location is not initial:
+        location, clocks = single.location, single.clocks
+        times, values, jumps = self._times, sequence.values, sequence.jumps
+        while index < end and skipped >= _FEW_STATES:
             before = index
-            index = self._skip(location, clocks, sequence, index, end)
+            index = _end_of_jump(jumps.get(location, _NO_JUMP), clocks, times, (index, end))
+            if index == before:
+                index = self._skip(location, clocks, sequence, index, end)
             skipped += (index - before - skipped) / 8
             if index == end:
                 break
-            now = (*clocks, self._times[index])
-            move = location.moves.get(sequence.values[index])
+            now = (*clocks, times[index])
+            move = location.moves.get(values[index])
             while type(move) is Guard:
                 answer = now[move.later] - now[move.earlier] > move.more_than
                 move = move.yes if answer else move.no
-            if type(move) is not Move or not _is_like(move.target, location):
+            if type(move) is not Move or not move.is_alike:
                 break
             location, clocks = move.target, move.select(now)
             index += 1
@@ -158,7 +163,10 @@ class BlockProgression:
                 moves = location.moves.items()
                 known = frozenset(symbol for symbol, move in moves if _is_idle(move, location))
                 self._idle[location] = len(location.moves), known
-            return sequence.next_other(index, end, known) if known else index
+            if not known:
+                return index
+            sequence.keep_jump(location, known, ())
+            return sequence.next_other(index, end, known)
         times = (*clocks, self._times[index])
         symbol = sequence.values[index]
         skip = self._skips.get(location)
@@ -169,6 +177,8 @@ class BlockProgression:
             if until is None or skip is None:
                 return index
             self._skips[location] = skip
+        if not skip.answers:
+            sequence.keep_jump(location, skip.symbols, skip.deadlines)
         found = sequence.next_other(index, end, skip.symbols)
         if self._times[found - 1] < until:
             return found
@@ -219,13 +229,25 @@ class BlockProgression:
         return 4 * len(self._irregular) < len(self._step_vector)
 
 
-def _is_like(target: Location, location: Location) -> bool:
-    """Return True for an undecided location with the atoms and the open windows of another one."""
-    return target is location or (
-        target.verdict is None
-        and target.node.mask == location.node.mask
-        and target.unbounded == location.unbounded
-    )
+def _end_of_jump(jump: Jump, clocks: Times, times: Sequence[int], states: tuple[int, int]) -> int:
+    """Return the index of the next state that may change a location; the first one in doubt.
+
+    Args:
+        jump: from the location.
+        clocks: its clocks.
+        times: the valid times of all states.
+        states: the indices of the first state and of the end.
+    """
+    index, end = states
+    edges, deadlines = jump
+    at = bisect_right(edges, index)
+    if at % 2:
+        return index
+    found = min(edges[at], end)
+    for clock, offset in deadlines:
+        if clocks[clock] + offset <= times[found - 1]:
+            return index
+    return found
 
 
 def _is_idle(decision: Decision | None, location: Location) -> bool:
@@ -246,7 +268,7 @@ class _IdleSymbols:
     """
 
     symbols: frozenset[int]
-    deadlines: tuple[tuple[int, int], ...]
+    deadlines: Deadlines
     answers: tuple[tuple[int, int, int, bool], ...]
 
     def until(self, times: Times) -> float | None:

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from bisect import bisect_left, bisect_right
+from bisect import bisect_right
 from collections.abc import Iterable, Mapping, Sequence
 from functools import cached_property
-from typing import Any
+from typing import Any, TypeAlias, cast
 
 import numpy as np
 
 from dyknow_reasoning.errors import ReasoningError
+from dyknow_reasoning.execution.automata.automaton import Location
+from dyknow_reasoning.execution.automata.instance_states import FormulaInstance
 from dyknow_reasoning.execution.instance_pool import InstancePool
 from dyknow_reasoning.execution.recording import Recording
 from dyknow_reasoning.execution.single_instance import SingleInstance
@@ -31,6 +33,13 @@ from dyknow_reasoning.progression.nodes import slots
 
 _MAX_TABLE_BITS = 12
 
+Deadlines: TypeAlias = tuple[tuple[int, int], ...]
+"""Clocks of a location, and the nanoseconds after each."""
+
+Jump: TypeAlias = tuple[Sequence[int], Deadlines]
+"""The indices at which states that may change a location begin and end, in turn. The others change
+nothing before the deadlines. The last index is the end of all states."""
+
 
 class RecordedSymbols:
     """Evaluates the atoms of instances over some states of a recording, each atom once.
@@ -48,10 +57,16 @@ class RecordedSymbols:
         self._fields = _StateFields(recording, states)
         self._truths: dict[Any, Truths] = {}
         self._found: dict[Any, SymbolSequence] = {}
+        self._of: dict[tuple[FormulaInstance, int], SymbolSequence] = {}
 
     def of(self, single: SingleInstance) -> SymbolSequence:
         """Return the symbols of an instance: the truth of the atoms that it depends on now."""
-        return self.of_atoms(single.instance.atoms, single.mask, single.instance.kinds)
+        key = single.instance, single.mask
+        found = self._of.get(key)
+        if found is None:
+            instance, mask = key
+            found = self._of[key] = self.of_atoms(instance.atoms, mask, instance.kinds)
+        return found
 
     def of_atoms(self, atoms: Sequence[Atom], mask: int, kinds: Kinds) -> SymbolSequence:
         """Return the truth of the atoms in a mask."""
@@ -139,18 +154,22 @@ class SymbolSequence:
         self.symbols = symbols
         self._width = 1 << mask.bit_length()
         self._has_table = mask.bit_length() <= _MAX_TABLE_BITS
-        self._others: dict[frozenset[int], Sequence[int]] = {}
+        self.jumps: dict[Location, Jump] = {}
+        """For locations that instances with these symbols have been at."""
+        self._edges: dict[frozenset[int], list[int]] = {}
 
     @cached_property
-    def values(self) -> list[int]:
+    def values(self) -> Sequence[int]:
         """The symbols."""
-        found: list[int] = self.symbols.tolist()
-        return found
+        symbols = self.symbols
+        return (
+            symbols.tobytes() if symbols.dtype == np.uint8 else cast('list[int]', symbols.tolist())
+        )
 
     @cached_property
     def _changes(self) -> list[int]:
-        """The indices of the states whose symbol is not that of the state before."""
-        return _indices(self.symbols[1:] != self.symbols[:-1], 1)
+        """The indices of the states whose symbol is not that of the state before, and the end."""
+        return self._indices(self.symbols[1:] != self.symbols[:-1], 1)
 
     def next_other(self, index: int, end: int, known: frozenset[int]) -> int:
         """Return the index of the next state whose symbol is not one of the known; else the end.
@@ -158,24 +177,40 @@ class SymbolSequence:
         If there are many atoms, it may return that of an earlier state.
         """
         if self._has_table:
-            others = self._others.get(known)
-            if others is None:
-                is_other = np.ones(self._width, bool)
-                is_other[list(known)] = False
-                others = _indices(is_other[self.symbols])
-                self._others[known] = others
-            at = bisect_left(others, index)
+            edges = self._edges_of(known)
+            at = bisect_right(edges, index)
+            if at % 2:
+                return index
         elif self.values[index] in known:
-            others = self._changes
-            at = bisect_right(others, index)
+            edges = self._changes
+            at = bisect_right(edges, index)
         else:
             return index
-        if at == len(others):
-            return end
-        found = others[at]
+        found = edges[at]
         return found if found < end else end  # Faster than min().
 
+    def keep_jump(self, location: Location, known: frozenset[int], deadlines: Deadlines) -> None:
+        """Keep a jump from a location, if there are few atoms.
 
-def _indices(chosen: Array, first: int = 0) -> list[int]:
-    found: list[int] = (np.flatnonzero(chosen) + first).tolist()
-    return found
+        Args:
+            location: the location.
+            known: symbols that change nothing there.
+            deadlines: before these.
+        """
+        if self._has_table:
+            self.jumps[location] = self._edges_of(known), deadlines
+
+    def _edges_of(self, known: frozenset[int]) -> list[int]:
+        """Return the indices at which states with other symbols begin and end, in turn."""
+        edges = self._edges.get(known)
+        if edges is None:
+            is_other = np.ones(self._width, bool)
+            is_other[list(known)] = False
+            changes = np.diff(is_other.take(self.symbols), prepend=False)
+            edges = self._edges[known] = self._indices(changes)
+        return edges
+
+    def _indices(self, chosen: Array, first: int = 0) -> list[int]:
+        found: list[int] = (np.flatnonzero(chosen) + first).tolist()
+        found.append(len(self.symbols))
+        return found

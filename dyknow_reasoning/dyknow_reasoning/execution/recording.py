@@ -9,7 +9,12 @@ from typing import Any
 import numpy as np
 
 from dyknow_reasoning.errors import ReasoningError
-from dyknow_reasoning.execution.vectors.atom_vectors import Array, Columns, column_vector
+from dyknow_reasoning.execution.vectors.atom_vectors import (
+    Array,
+    Columns,
+    column_vector,
+    is_masked,
+)
 from dyknow_reasoning.execution.vectors.instance_vectors import MAX_VECTOR_TIME
 from dyknow_reasoning.progression.atoms import Values
 
@@ -92,7 +97,7 @@ def _vector(times: Iterable[Any]) -> Array:
         raise ReasoningError(f'the valid times have {times.ndim} dimensions; give one time a state')
     if times.size and times.dtype.kind not in 'iuO':
         raise _not_integers(times.dtype.name)
-    if times.dtype.kind == 'O' or isinstance(times, np.ma.MaskedArray):
+    if times.dtype.kind == 'O' or is_masked(times):
         times = np.fromiter(_integers(times.tolist()), object)
     small = times.min(initial=0) >= -MAX_VECTOR_TIME and times.max(initial=0) <= MAX_VECTOR_TIME
     return times.astype(int if small else object)

@@ -70,11 +70,14 @@ class Move:
         kept: the clocks that its bounds count from; the number after the last clock is the time of
             the present state.
         select: picks these from a tuple of times.
+        is_alike: True if the target is undecided, and has the atoms and the open windows without an
+            end of the location before, which is not fresh.
     """
 
     target: Location
     kept: tuple[int, ...]
     select: Callable[[Times], Times]
+    is_alike: bool
 
 
 @dataclass(eq=False, slots=True)
@@ -145,7 +148,7 @@ class Automaton:
         halves = halves_after(location.node, gap, times, store)
         optimistic, pessimistic = (self.apart(half, past) for half in halves)
         self.has_grown = True
-        return self._move(optimistic), self._move(pessimistic)
+        return self._move(location, optimistic), self._move(location, pessimistic)
 
     def apart(self, node: Node, past: int) -> Node:
         """Return a node with the negations of some atoms, given as bits, in slots of their own."""
@@ -177,14 +180,14 @@ class Automaton:
             known = location.moves
             node = progression.advance(location.node, fresh=location.is_fresh)
         questions = progression.chronology.asked.items()
-        move = self._move(node)
+        move = self._move(location, node)
         self.has_grown = True
         self._found += 1
         known[symbol] = _grafted(known.get(symbol), questions, move)
         return move
 
-    def _move(self, node: Node) -> Move:
-        """Return the move to the location of a node, with its clocks renumbered."""
+    def _move(self, before: Location, node: Node) -> Move:
+        """Return the move from a location to that of a node, with its clocks renumbered."""
         bounds = bounds_of(node)
         kept = tuple(sorted({bound.state for bound in bounds}))
         numbers = {state: number for number, state in enumerate(kept)}
@@ -195,7 +198,8 @@ class Automaton:
             is_fresh = type(node) is Remembering and node.is_fresh
             target = self._locations[node] = _location(node, len(kept), is_fresh=is_fresh)
             self.max_size = max(self.max_size, node.size)
-        return Move(target, kept, _selection(kept))
+        is_alike = not before.is_fresh and _are_alike(before, target)
+        return Move(target, kept, _selection(kept), is_alike)
 
 
 def _location(node: Node, clocks: int, *, is_fresh: bool) -> Location:
@@ -211,6 +215,11 @@ def _followed(decisions: Mapping[int, Decision], symbol: int, times: Times) -> M
         answer = times[found.later] - times[found.earlier] > found.more_than
         found = found.yes if answer else found.no
     return found if type(found) is Move else None
+
+
+def _are_alike(before: Location, target: Location) -> bool:
+    same_atoms = target.node.mask == before.node.mask
+    return target.verdict is None and same_atoms and target.unbounded == before.unbounded
 
 
 def _grafted(

@@ -98,17 +98,12 @@ class Configurations:
     def step(self, before: Configuration, symbol: int, elapsed: int) -> Configuration:
         """Return the configuration after a state that comes `elapsed` ns after the previous one."""
         times = (*(-age - elapsed for age in before.ages), 0)
-        location = before.location
-        move = self._automaton.move(location, symbol, times)
-        target = move.target
-        after = self.at(target, tuple(-time for time in move.select(times)))
+        move = self._automaton.move(before.location, symbol, times)
+        after = self.at(move.target, tuple(-time for time in move.select(times)))
         if elapsed not in self._steps:
             self._steps.add(elapsed)
             self._automaton.has_grown = True
-        same_atoms = target.node.mask == location.node.mask
-        has_begun = not location.is_fresh
-        same_windows = has_begun and target.unbounded == location.unbounded
-        if same_atoms and same_windows and target.verdict is None:
+        if move.is_alike:
             before.row(elapsed)[symbol] = after.row(elapsed)
             self._entries += 1
             self._automaton.has_grown |= self._entries > _MAX_ENTRIES

@@ -224,8 +224,8 @@ def _integer_for(slot: int) -> type:
 
 def column_vector(column: Iterable[Any]) -> Array:
     """Return a column of a recording as a vector of numbers or booleans, or else of objects."""
-    if isinstance(column, np.ma.MaskedArray):
-        unmasked: Array = column.data.astype(object)
+    if isinstance(column, np.ndarray) and is_masked(column):
+        unmasked: Array = np.asarray(column).astype(object)
         unmasked[np.ma.getmaskarray(column)] = None
         return unmasked
     if isinstance(column, np.ndarray):
@@ -237,6 +237,11 @@ def column_vector(column: Iterable[Any]) -> Array:
     if types == {int} and min(values) >= -_MAX_INT and max(values) <= _MAX_INT:
         return np.array(values, int)
     return _object_vector(values)
+
+
+def is_masked(column: Array) -> bool:
+    """Return True for an array of `numpy.ma`, which is imported for the arrays of others alone."""
+    return type(column) is not np.ndarray and isinstance(column, np.ma.MaskedArray)
 
 
 def _plain(column: Array) -> Array:
