@@ -136,7 +136,7 @@ class FormulaTable:
             'plan': _shortened(' / '.join(filter(None, (status.plan, status.action)))),
             'state': outcome(status),
             'kind': _kind(status, diagnosis.level),
-            'text': _shortened(diagnosis.text),
+            'text': _shortened(diagnosis.text.removeprefix(f'{outcome(status)}: ')),
             'margin': '' if status.margin is None else str(status.margin),
             'states': status.states_progressed,
             'since': max(self._now - status.started, 0) // SECOND_NS,

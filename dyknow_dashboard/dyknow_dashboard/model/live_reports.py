@@ -13,7 +13,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Any, Final
 
-from dyknow_common import Verdict
+from dyknow_common import ExitCode, Verdict
 from dyknow_coordinator import EvaluationStatus, StandingVerdicts
 from dyknow_recordings import Episode, FormulaReport
 from dyknow_recordings.evaluation.observation import StateSignals
@@ -22,6 +22,9 @@ from dyknow_recordings.reporting.pictures.timeline import Span, segments
 _OBJECTS: Final = 'for '
 """The beginning of an explanation that names the objects which decide a formula."""
 
+_ENDS: Final = frozenset({ExitCode.CANCELLED, ExitCode.TIMEOUT})
+"""The ends of a formula without a verdict that are no errors."""
+
 
 def live_report(status: EvaluationStatus, signals: StateSignals | None = None) -> FormulaReport:
     """Return the report of an evaluation as it stands, with the signals of its states if known."""
@@ -29,11 +32,12 @@ def live_report(status: EvaluationStatus, signals: StateSignals | None = None) -
         episodes = [_only_episode(status)]
     else:
         episodes = list(_standing_episodes(status, status.episodes))
+    error = status.error
     return FormulaReport(
         status.name,
         status.formula,
         tuple(episodes),
-        status.error,
+        None if error is not None and error.code in _ENDS else error,
         status.states_progressed,
         status.groundings,
         events=status.events,

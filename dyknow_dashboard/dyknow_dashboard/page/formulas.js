@@ -86,9 +86,10 @@ class FormulaRow {
     this.answer = make('p', {role: 'status'});
     this.cancel = make('button', {type: 'button', onclick: () => this.ask('cancel')}, 'Cancel');
     this.save = make('button', {type: 'button', onclick: () => this.ask('save')}, 'Save black box');
-    const actions = make('div', {class: 'actions'}, this.cancel, this.save);
-    this.body.append(make('p', {}, this.whole), this.why, this.facts, this.residual, actions,
-      this.answer, this.panels, this.margins, this.tables);
+    this.actions = make('div', {class: 'actions'}, this.cancel, this.save);
+    this.unseen = make('p', {class: 'soft', hidden: true}, 'Signals are shown of the states that come while the formula is open; none has come.');
+    this.body.append(make('p', {}, this.whole), this.why, this.facts, this.residual, this.actions,
+      this.answer, this.unseen, this.panels, this.margins, this.tables);
   }
 
   async ask(action) {
@@ -116,6 +117,7 @@ class FormulaRow {
     setText(this.facts, facts.filter(Boolean).join('; '));
     this.cancel.hidden = !row.is_running || this.list.readOnly;
     this.save.hidden = !this.list.canSave || this.list.readOnly;
+    this.actions.hidden = this.cancel.hidden && this.save.hidden;
     this.drawStrip(row.strip);
   }
 
@@ -142,6 +144,7 @@ class FormulaRow {
       details.waits_for && details.explanation ? `waits for: ${details.waits_for}` : '',
     ];
     setText(this.residual, parts.filter(Boolean).join('\n'));
+    this.unseen.hidden = Boolean(this.drawing?.panels.length);
     this.fillTables(details);
     this.drawMargins(details.margins);
   }
@@ -185,6 +188,7 @@ class FormulaRow {
       return make('figure', {}, make('figcaption', {}, ...objects, make('span', {}, ...names)), this.plots[number]);
     }), ...(message.omitted ? [make('p', {class: 'soft'}, `${message.omitted} more are not shown`)] : []));
     this.plots.forEach((plot) => VISIBLE.observe(plot));
+    this.unseen.hidden = Boolean(this.plots.length);
     this.redraw(true);
   }
 
