@@ -19,10 +19,11 @@ from typing import Any, Final
 from dyknow_common import Value
 from dyknow_dashboard.model.concepts import ConceptTable
 from dyknow_dashboard.model.formulas import FormulaTable, MonitoredEvaluation
+from dyknow_dashboard.model.graph import graph
 from dyknow_dashboard.model.health import HealthTable
 from dyknow_dashboard.model.live_signals import LiveSignals
 from dyknow_dashboard.model.requests import Interest
-from dyknow_dashboard.model.streams import StreamTable, graph
+from dyknow_dashboard.model.streams import StreamTable
 
 MAX_DRAWN: Final = 40
 """The number of formulas whose signals are kept at a time, for all pages together."""
@@ -73,18 +74,16 @@ class Board:
         opened = dict.fromkeys(key for page in pages for key in page.interest.opened)
         kept = list(opened)[:MAX_DRAWN]
         self._signals = {key: each for key, each in self._signals.items() if key in kept}
-        found = (self.formulas.get(key) for key in kept)
-        return {
-            each.status.state_stream
-            for each in found
-            if each is not None and each.is_reported and each.status.state_stream
-        }
+        for key in kept:
+            evaluation = self.formulas.get(key)
+            if evaluation is not None:
+                self._signals_of(evaluation)
+        return {each.topic for each in self._signals.values()}
 
     def add_state(self, topic: str, valid_time: int, fields: Mapping[str, Value]) -> None:
         """Add a state on a topic to the signals of all opened formulas that use it."""
-        for key, signals in self._signals.items():
-            evaluation = self.formulas.get(key)
-            if evaluation is not None and evaluation.status.state_stream == topic:
+        for signals in self._signals.values():
+            if signals.topic == topic:
                 signals.add(valid_time, fields)
 
     def changes(self, page: PageState) -> Iterator[dict[str, Any]]:
@@ -145,12 +144,9 @@ class Board:
         """Return the signals of an evaluation, which are kept from its opening on."""
         key, status = evaluation.key, evaluation.status
         signals = self._signals.get(key)
-        if not status.state_stream:
-            return signals
         domains = self.concepts.domains
-        if signals is None or signals.domains is not domains:
-            if signals is None and len(self._signals) >= MAX_DRAWN:
-                return None
+        is_outdated = signals is None or signals.domains is not domains
+        if status.state_stream and is_outdated and (signals or len(self._signals) < MAX_DRAWN):
             signals = LiveSignals(status, domains, status.started)
             self._signals[key] = signals
         return signals

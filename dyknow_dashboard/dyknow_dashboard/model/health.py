@@ -64,13 +64,10 @@ class HealthTable:
             if each.name in self._diagnoses or len(self._diagnoses) < MAX_DIAGNOSES:
                 self._diagnoses[each.name] = now, each
 
-    def is_alive(self, name: str) -> bool:
-        """Return True if a node whose name ends like this is alive."""
-        return any(each.state.alive for each in self._nodes if each.name.endswith(f'/{name}'))
-
     def document(self) -> dict[str, Any]:
         """Return all nodes, and the diagnoses of others."""
-        ours = {f'{each.name}: node' for each in self._nodes}
+        # The coordinator tells there of the nodes and the formulas, which the page has anyway.
+        ours = tuple(f'{each.name}: ' for each in self._nodes)
         return {
             'nodes': [_row(each) for each in self._nodes],
             'diagnoses': [
@@ -80,7 +77,7 @@ class HealthTable:
                     'message': each.message,
                 }
                 for _, each in self._diagnoses.values()
-                if each.name not in ours
+                if not each.name.startswith(ours)
             ],
         }
 

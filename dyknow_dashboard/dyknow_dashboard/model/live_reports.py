@@ -14,7 +14,7 @@ from collections.abc import Iterator
 from typing import Any, Final
 
 from dyknow_common import ExitCode, Verdict
-from dyknow_coordinator import EvaluationStatus, StandingVerdicts
+from dyknow_coordinator import EvaluationPhase, EvaluationStatus, StandingVerdicts
 from dyknow_recordings import Episode, FormulaReport
 from dyknow_recordings.evaluation.observation import StateSignals
 from dyknow_recordings.reporting.pictures.timeline import Span, segments
@@ -64,7 +64,7 @@ def _only_episode(status: EvaluationStatus) -> Episode:
         status.verdict,
         status.decided_at,
         status.explanation,
-        residual_formula=status.residual_formula,
+        residual_formula='' if status.phase is EvaluationPhase.ENDED else status.residual_formula,
         presumably_false=status.presumably_false,
         objects=_deciding_objects(status.explanation),
     )

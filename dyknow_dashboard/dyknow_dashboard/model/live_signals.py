@@ -11,7 +11,7 @@ import numpy as np
 from dyknow_common import SECOND_NS, DyKnowError, Value
 from dyknow_coordinator import EvaluationStatus
 from dyknow_dashboard.model.live_reports import live_report
-from dyknow_recordings.evaluation.observation import Signal, SignalRecorder, terms_of
+from dyknow_recordings.evaluation.observation import Signal, SignalRecorder, StateSignals, terms_of
 from dyknow_recordings.reporting.pictures.figures import PageFigures
 from dyknow_recordings.reporting.pictures.panels import Panel, last_shown, marks, panels
 from dyknow_recordings.reporting.pictures.timeline import Span
@@ -35,6 +35,8 @@ class LiveSignals:
 
     def __init__(self, status: EvaluationStatus, domains: Domains, origin: int) -> None:
         self.domains = domains
+        self.topic = status.state_stream
+        """The topic of the states; it remains when the evaluation has ended."""
         self.latest = origin
         """The valid time of the latest state."""
         self.shape: tuple[Any, ...] = ()
@@ -58,8 +60,9 @@ class LiveSignals:
     def update(self, status: EvaluationStatus) -> None:
         """Use a later status of the evaluation."""
         self._status = status
+        self.topic = status.state_stream or self.topic
         try:
-            self._panels, self._omitted = panels(live_report(status, self._recorder.result()))
+            self._panels, self._omitted = panels(live_report(status, self._signals()))
         except DyKnowError:  # The objects of a sort are not known yet.
             self._panels, self._omitted = [], 0
         self.shape = tuple(
@@ -93,7 +96,7 @@ class LiveSignals:
         }
 
     def _document(self, found: Sequence[Panel]) -> dict[str, Any]:
-        report = live_report(self._status, self._recorder.result())
+        report = live_report(self._status, self._signals())
         begin = max(self._origin, self.latest - WINDOW_NS)
         whole = Span(begin, max(self.latest, begin + SECOND_NS))
         shown = marks(report, whole)
@@ -102,8 +105,22 @@ class LiveSignals:
         figures.add(list(found), shown)
         document = figures.document()
         (formula,) = document['formulas']
-        formula['range'] = [self._seconds(begin), self._seconds(last_shown(whole, shown))]
+        # The deciding state itself may be missing: its stream ends with the evaluation.
+        end = max([last_shown(whole, shown), *(each.time for each in shown.deciding)])
+        formula['range'] = [self._seconds(begin), self._seconds(end)]
         return document
+
+    def _signals(self) -> StateSignals:
+        """Return the signals, with their values at the deciding states."""
+        found = self._recorder.result()
+        episodes = self._status.episodes
+        times = [each.decided_at for each in episodes.latest_episodes] if episodes else []
+        deciding = {
+            time: {each.name: _value_at(each, time) for each in found.signals.values()}
+            for time in (*times, self._status.decided_at)
+            if time is not None
+        }
+        return StateSignals(found.signals, found.domains, deciding, found.omitted)
 
     def _seconds(self, time: int) -> float:
         return round((time - self._origin) / SECOND_NS, 6)
@@ -114,6 +131,12 @@ class LiveSignals:
             't': [self._seconds(int(each)) for each in signal.times[first:]],
             'v': [_number(float(each)) for each in signal.values[first:]],
         }
+
+
+def _value_at(signal: Signal, time: int) -> float:
+    index = int(np.searchsorted(signal.times, time))
+    is_known = index < len(signal.times) and signal.times[index] == time
+    return float(signal.values[index]) if is_known else math.nan
 
 
 def _number(value: float) -> float | None:

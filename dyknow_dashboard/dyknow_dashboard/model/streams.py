@@ -1,4 +1,4 @@
-"""Streams as the page shows them, and the graph from topics to formulas."""
+"""Streams as the page shows them."""
 
 from __future__ import annotations
 
@@ -12,13 +12,8 @@ from dyknow_stream_processing.reporting.stream_report import StreamReport, Strea
 MAX_STREAMS: Final = 500
 """The number of streams that are shown."""
 
-MAX_NODES: Final = 300
-"""The number of nodes of the graph."""
-
-_OWN: Final = '_'
+OWN: Final = '_'
 """The beginning of the names of the streams that the coordinator makes."""
-
-_LAYERS: Final = ('topic', 'stream', 'states', 'formula')
 
 
 class StreamTable:
@@ -46,7 +41,7 @@ def _row(report: StreamReport, stand_ins: Mapping[str, list[str]]) -> dict[str, 
     is_flowing = report.state is StreamState.FLOWING
     return {
         'name': report.name,
-        'is_own': report.name.startswith(_OWN),
+        'is_own': report.name.startswith(OWN),
         'state': report.state.name.lower(),
         'message': report.message,
         'rate': round(report.flow.rate, 1) if is_flowing else None,
@@ -80,49 +75,3 @@ def source_of(specification: str) -> str:
     """Return the stream that a stream of a feature is made of: the last word before `where`."""
     source = specification.rpartition(' from ')[2].partition(' where ')[0]
     return source.partition(' with ')[0].strip().strip('"')
-
-
-def graph(reports: Sequence[StreamReport], evaluations: Sequence[EvaluationStatus]) -> Any:
-    """Return the nodes and edges from topics over streams and states to formulas.
-
-    Streams without a formula and registered topics are left out if there are too many nodes.
-    """
-    nodes: dict[str, dict[str, Any]] = {}
-    edges: dict[tuple[str, str], None] = {}
-    made = {each.topic: each for each in reports if each.topic}
-
-    def add_stream(report: StreamReport) -> str:
-        key = f'stream {report.name}'
-        if key not in nodes:
-            layer = 'states' if report.name.startswith(_OWN) else 'stream'
-            nodes[key] = _node(key, layer, report.name, report.state.name.lower())
-            for source in report.sources:
-                edges[add_topic(source.topic), key] = None
-        return key
-
-    def add_topic(topic: str) -> str:
-        if topic in made and made[topic].state is not StreamState.REGISTERED:
-            return add_stream(made[topic])
-        key = f'topic {topic}'
-        nodes.setdefault(key, _node(key, 'topic', topic, ''))
-        return key
-
-    for number, status in enumerate(evaluations):
-        key = f'formula {number}'
-        nodes[key] = _node(key, 'formula', status.name, '')
-        if status.state_stream:
-            edges[add_topic(status.state_stream), key] = None
-    for report in reports:
-        if report.state is not StreamState.REGISTERED and len(nodes) < MAX_NODES:
-            add_stream(report)
-    kept = dict(list(nodes.items())[:MAX_NODES])
-    return {
-        'layers': list(_LAYERS),
-        'nodes': list(kept.values()),
-        'edges': [[*each] for each in edges if each[0] in kept and each[1] in kept],
-        'hidden': len(nodes) - len(kept),
-    }
-
-
-def _node(key: str, layer: str, name: str, state: str) -> dict[str, Any]:
-    return {'id': key, 'layer': _LAYERS.index(layer), 'name': name, 'state': state}

@@ -64,12 +64,14 @@ class KeyedTable {
   }
 
   add(row) {
-    const cells = this.heads.map((head) => make('td', {'data-label': head}));
-    const entry = {element: make('tr', {}, ...cells), cells};
+    const texts = this.heads.map(() => make('span'));
+    const cells = this.heads.map((head, number) => make('td', {'data-label': head}, texts[number]));
+    const entry = {element: make('tr', {}, ...cells), cells, texts};
     if (row.more) {
       entry.summary = make('summary');
       entry.more = make('div', {class: 'more'});
-      cells[0].append(make('details', {}, entry.summary, entry.more));
+      cells[0].replaceChildren(make('details', {}, entry.summary, entry.more));
+      entry.summary.append(texts[0]);
       entry.values = row.more.map(([label]) => {
         const value = make('dd');
         const line = make('dl', {}, make('dt', {}, label), value);
@@ -84,9 +86,9 @@ class KeyedTable {
   fill(entry, row) {
     row.cells.forEach((cell, number) => {
       const {text, kind} = typeof cell === 'object' ? cell : {text: cell, kind: ''};
-      const shown = number === 0 && entry.summary ? entry.summary : entry.cells[number];
-      setText(shown, String(text));
-      setClass(shown, String(text) ? kind ?? '' : 'blank');
+      setText(entry.texts[number], String(text));
+      setClass(entry.texts[number], kind ?? '');
+      setClass(entry.cells[number], String(text) ? '' : 'blank');
     });
     (row.more ?? []).forEach(([, text], number) => {
       setText(entry.values[number].value, text);

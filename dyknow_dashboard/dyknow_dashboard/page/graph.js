@@ -3,7 +3,7 @@
 
 const SVG = 'http://www.w3.org/2000/svg';
 const BOX = {width: 190, height: 30, across: 64, down: 12, head: 26};
-const MAX_LABEL = 27;
+const MAX_LABEL = 25;
 
 function svg(tag, attributes, ...children) {
   const made = document.createElementNS(SVG, tag);
@@ -77,7 +77,7 @@ class Graph {
       places.set(node.id, [2 + column * (BOX.width + BOX.across), BOX.head + (row + free) * (BOX.height + BOX.down)]);
     }));
     const heads = graph.layers.map((name, column) => svg('text',
-      {x: 2 + column * (BOX.width + BOX.across), y: 14, class: 'layer'}, `${name === 'states' ? 'states' : `${name}s`}`));
+      {x: 2 + column * (BOX.width + BOX.across), y: 14, class: 'layer'}, name === 'states' ? name : `${name}s`));
     this.edges = graph.edges.map(([from, to]) => this.edge(from, to, places));
     this.nodes = layers.flat().map((node) => this.node(node, places.get(node.id)));
     const picture = svg('svg', {viewBox: `0 0 ${width} ${height}`, width, height},
