@@ -7,9 +7,9 @@ import json
 import socket
 import threading
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, Self
 
 from dyknow_common import DyKnowError, ExitCode
 from dyknow_dashboard.model.board import Board
@@ -92,6 +92,74 @@ class Served:
         content = document if isinstance(document, bytes) else json.dumps(document).encode()
         status, _, body = self.request('POST', f'/api/{action}', content, **headers)
         return status, json.loads(body)
+
+
+class PageConnection:
+    """The WebSocket of a page, as RFC 6455 has it.
+
+    Attributes:
+        status: of the response to the handshake: 101 if the connection is open.
+        closed: the code and the reason with which the server has ended it.
+    """
+
+    def __init__(self, served: Served, **headers: str) -> None:
+        self._connection = socket.create_connection(('127.0.0.1', served.port), TIMEOUT_S)
+        self._file = self._connection.makefile('rb')
+        self.closed: tuple[int, str] | None = None
+        sent = {
+            'Host': served.host,
+            'Upgrade': 'websocket',
+            'Connection': 'Upgrade',
+            'Sec-WebSocket-Key': 'dGhlIHNhbXBsZSBub25jZQ==',
+            'Sec-WebSocket-Version': '13',
+            **headers,
+        }
+        lines = ['GET /live HTTP/1.1', *(f'{name}: {value}' for name, value in sent.items())]
+        self._connection.sendall('\r\n'.join([*lines, '', '']).encode())
+        self.status = int(self._file.readline().split()[1])
+        while self._file.readline().strip():
+            pass
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._file.close()
+        self._connection.close()
+
+    def send(self, message: str | bytes) -> None:
+        """Send a text or bytes."""
+        content = message if isinstance(message, bytes) else message.encode()
+        head = bytes([0x82 if isinstance(message, bytes) else 0x81])
+        length = len(content)
+        mask = bytes(4)  # It changes nothing.
+        size = bytes([0x80 | length]) if length < 126 else b'\xff' + length.to_bytes(8)
+        with suppress(ConnectionError):  # The server has ended the connection.
+            self._connection.sendall(head + size + mask + content)
+
+    def receive(self) -> Any:
+        """Return the document of the next message; None at the end."""
+        while True:
+            try:
+                head = self._file.read(2)
+            except ConnectionError:
+                return None
+            if len(head) < 2:
+                return None
+            length = head[1] & 0x7F
+            if length > 125:
+                length = int.from_bytes(self._file.read(2 if length == 126 else 8))
+            content = self._file.read(length)
+            if head[0] & 0xF == 8:
+                self.closed = int.from_bytes(content[:2]), content[2:].decode()
+                return None
+            if head[0] & 0xF == 1:
+                return json.loads(content)
+
+    def receive_all(self) -> None:
+        """Receive until the server ends the connection."""
+        while self.receive() is not None:
+            pass
 
 
 @contextmanager

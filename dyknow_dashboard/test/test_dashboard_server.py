@@ -3,20 +3,23 @@
 from __future__ import annotations
 
 import asyncio
+import gc
 import json
 import re
 import time
+import warnings
 from collections.abc import Callable, Iterator
+from contextlib import ExitStack
+from dataclasses import replace
 from importlib import resources
 from typing import Any
 
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
-from served import TIMEOUT_S, Served, serving
-from tornado.httpclient import HTTPClientError, HTTPRequest
-from tornado.websocket import WebSocketClientConnection, websocket_connect
+from served import TIMEOUT_S, PageConnection, Served, serving
 
+from dyknow_coordinator import EvaluationPhase, EvaluationStatus
 from dyknow_dashboard.errors import DashboardError
 from dyknow_dashboard.model.board import Board
 from dyknow_dashboard.server.guards import RateLimit, is_loopback, is_own_host, is_same_origin
@@ -176,19 +179,6 @@ def test_any_bytes_get_a_4xx_or_a_closed_connection(served: Served, content: byt
     assert not received or received.startswith(b'HTTP/1.1 4')
 
 
-def in_client(served: Served, work: Callable[[Callable[..., Any]], Any], **headers: str) -> Any:
-    """Runs a coroutine that opens WebSockets."""
-
-    async def connect(**more: str) -> WebSocketClientConnection:
-        url = f'ws://{served.host}/live'
-        return await websocket_connect(HTTPRequest(url, headers={**headers, **more}))
-
-    async def run() -> Any:
-        return await asyncio.wait_for(work(connect), TIMEOUT_S)
-
-    return asyncio.run(run())
-
-
 def until(condition: Callable[[], bool]) -> None:
     end = time.monotonic() + TIMEOUT_S
     while not condition():
@@ -197,18 +187,13 @@ def until(condition: Callable[[], bool]) -> None:
 
 
 def test_a_page_receives_what_changes(served: Served) -> None:
-    async def work(connect: Callable[..., Any]) -> list[str]:
-        page = await connect(Origin=f'http://{served.host}')
-        kinds = [json.loads(await page.read_message())['type'] for _ in range(3)]
+    with PageConnection(served, Origin=f'http://{served.host}') as page:
+        assert page.status == 101
+        assert [page.receive()['type'] for _ in range(3)] == ['hello', 'formulas', 'nodes']
         served.run(lambda: served.board.formulas.update([], 1))
-        kinds.append(json.loads(await page.read_message())['type'])
-        await page.write_message(json.dumps({'view': 'graph', 'opened': []}))
-        kinds.append(json.loads(await page.read_message())['type'])
-        page.close()
-        return kinds
-
-    expected = ['hello', 'formulas', 'nodes', 'formulas', 'graph']
-    assert in_client(served, work) == expected
+        assert page.receive()['type'] == 'formulas'
+        page.send(json.dumps({'view': 'graph', 'opened': []}))
+        assert page.receive()['type'] == 'graph'
     until(lambda: served.changes[-1] == 0)
     assert served.changes[0] == 1
 
@@ -218,64 +203,65 @@ def test_a_page_receives_what_changes(served: Served) -> None:
     ['{', '[]', '{"view": "map", "opened": []}', '{"view": "graph"}', b'\xff\xfe', 'x' * 1000],
 )
 def test_a_wrong_message_ends_the_connection(served: Served, message: str | bytes) -> None:
-    async def work(connect: Callable[..., Any]) -> tuple[int | None, str | None]:
-        page = await connect()
-        await page.write_message(message, binary=isinstance(message, bytes))
-        while await page.read_message() is not None:
-            pass
-        return page.close_code, page.close_reason
-
-    code, reason = in_client(served, work)
-    assert code == 1008
-    assert reason
+    with PageConnection(served) as page:
+        page.send(message)
+        page.receive_all()
+        assert page.closed is not None
+        code, reason = page.closed
+        assert code == 1008
+        assert reason
 
 
 def test_an_oversized_frame_ends_the_connection(served: Served) -> None:
-    async def work(connect: Callable[..., Any]) -> int | None:
-        page = await connect()
-        await page.write_message('x' * (MAX_FRAME + 1))
-        while await page.read_message() is not None:
-            pass
-        code: int | None = page.close_code
-        return code
-
-    assert in_client(served, work) in {1009, None}
+    with PageConnection(served) as page:
+        page.send('x' * (MAX_FRAME + 1))
+        page.receive_all()
     until(lambda: not served.server.pages.sockets)
 
 
 def test_too_many_messages_end_the_connection(served: Served) -> None:
-    async def work(connect: Callable[..., Any]) -> str | None:
-        page = await connect()
+    with PageConnection(served) as page:
         for _ in range(200):
-            page.write_message(json.dumps({'view': 'graph', 'opened': []}))
-        while await page.read_message() is not None:
-            pass
-        reason: str | None = page.close_reason
-        return reason
-
-    assert in_client(served, work) == 'too many messages'
+            page.send(json.dumps({'view': 'graph', 'opened': []}))
+        page.receive_all()
+    until(lambda: not served.server.pages.sockets)
 
 
 def test_a_page_of_another_site_gets_no_socket(served: Served) -> None:
-    async def work(connect: Callable[..., Any]) -> int:
-        with pytest.raises(HTTPClientError) as caught:
-            await connect(Origin='http://evil.example')
-        return int(caught.value.code)
-
-    assert in_client(served, work) == 403
+    for origin in ('http://evil.example', 'null', f'http://{served.host}.evil.example'):
+        with PageConnection(served, Origin=origin) as page:
+            assert page.status == 403
 
 
 def test_one_page_too_many(served: Served) -> None:
-    async def work(connect: Callable[..., Any]) -> int:
-        pages = [await connect() for _ in range(MAX_PAGES)]
-        with pytest.raises(HTTPClientError) as caught:
-            await connect()
-        for each in pages:
-            each.close()
-        return int(caught.value.code)
-
-    assert in_client(served, work) == 503
+    with ExitStack() as stack:
+        for _ in range(MAX_PAGES):
+            assert stack.enter_context(PageConnection(served)).status == 101
+        with PageConnection(served) as page:
+            assert page.status == 503
     until(lambda: not served.server.pages.sockets)
+    with PageConnection(served) as page:
+        assert page.status == 101
+
+
+def test_a_page_that_takes_nothing_costs_no_memory(served: Served) -> None:
+    """The server waits until a page has taken what it was sent, and keeps nothing for it."""
+    status = EvaluationStatus('x' * 500, 'true', EvaluationPhase.RUNNING, 1)
+    many = [replace(status, started=number) for number in range(300)]
+    with PageConnection(served) as page:
+        assert page.receive()['type'] == 'hello'
+        (socket_of_page,) = served.server.pages.sockets
+
+        def change() -> int:
+            served.board.formulas.update(many, 1)
+            return len(socket_of_page.ws_connection.stream._write_buffer)
+
+        end = time.monotonic() + 12
+        sizes = []
+        while time.monotonic() < end and len(sizes) < 40:
+            sizes.append(served.run(change))
+            time.sleep(0.25)
+        assert max(sizes) < 2_000_000, 'about two reports'
 
 
 def test_a_port_that_is_taken(served: Served) -> None:
@@ -286,6 +272,9 @@ def test_a_port_that_is_taken(served: Served) -> None:
 
     with pytest.raises(DashboardError, match=r'cannot listen on 127.0.0.1:\d+: .*--port'):
         asyncio.run(start())
+    # tornado leaves the socket to the garbage collector.
+    with warnings.catch_warnings(action='ignore'):
+        gc.collect()
 
 
 def test_hosts_and_origins() -> None:
@@ -296,7 +285,9 @@ def test_hosts_and_origins() -> None:
     assert is_same_origin('https://robot:80', 'Robot:80')
     assert not is_same_origin('http://robot:81', 'robot:80')
     assert not is_same_origin('file://robot:80', 'robot:80')
-    assert [each for each in ('127.0.0.1', 'localhost', '::1', '10.0.0.3') if is_loopback(each)] == [
+    assert [
+        each for each in ('127.0.0.1', 'localhost', '::1', '10.0.0.3') if is_loopback(each)
+    ] == [
         '127.0.0.1',
         'localhost',
         '::1',
