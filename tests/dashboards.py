@@ -21,8 +21,9 @@ LIMIT_S = 60.0
 """Seconds after which a wait for a page has failed."""
 
 FLAGS = (
-    '--headless', '--no-sandbox', '--disable-gpu', '--disable-quic', '--no-first-run', '--hide-scrollbars',
-    '--disable-background-networking', '--disable-component-update', '--disable-sync',
+    '--headless', '--no-sandbox', '--disable-gpu', '--disable-quic', '--no-first-run',
+    '--hide-scrollbars', '--disable-background-networking', '--disable-component-update',
+    '--disable-sync',
 )  # fmt: skip
 
 HAS_BROWSER = bool(shutil.which('chromium') and shutil.which('chromedriver'))
@@ -100,7 +101,9 @@ class LivePage:
     def formula(self, name: str) -> Any:
         """Return the element of a formula; None if it is not shown."""
         for each in self.all('details.formula'):
-            if name in {each.find_element(By.CSS_SELECTOR, part).text for part in ('.name', 'code')}:
+            if name in {
+                each.find_element(By.CSS_SELECTOR, part).text for part in ('.name', 'code')
+            }:
                 return each
         return None
 

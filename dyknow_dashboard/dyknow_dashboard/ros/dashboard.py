@@ -195,10 +195,9 @@ def _announce(options: ServerOptions, port: int) -> None:
 
 
 def _port(text: str) -> int:
-    port = int(text)
-    if not 0 <= port <= _MAX_PORT:
-        raise ValueError(text)
-    return port
+    if not (text.isascii() and text.isdecimal() and int(text[:9]) <= _MAX_PORT):
+        raise argparse.ArgumentTypeError(f"'{text}' is no port; give a number up to {_MAX_PORT}")
+    return int(text)
 
 
 def add_dashboard_options(parser: argparse.ArgumentParser) -> None:

@@ -37,7 +37,7 @@ _STATUSES: Final = {
 _CHANGING: Final = frozenset({'ask', 'cancel', 'save'})
 
 
-class Operator(Protocol):
+class SystemOperator(Protocol):
     """Carries out what an operator asks for. All methods raise DyKnowError if that fails."""
 
     async def ask(self, asked: AskedFormula) -> None:
@@ -63,7 +63,7 @@ class ServedSystem:
     """
 
     board: Board
-    operator: Operator
+    operator: SystemOperator
     names: frozenset[str]
     limit: RateLimit
     read_only: bool

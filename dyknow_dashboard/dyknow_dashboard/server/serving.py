@@ -22,7 +22,7 @@ from dyknow_dashboard.server.requests import (
     ActionHandler,
     FileHandler,
     MissingHandler,
-    Operator,
+    SystemOperator,
     ServedSystem,
 )
 from dyknow_recordings.reporting.pictures.libraries import plotly_script
@@ -80,7 +80,7 @@ class DashboardServer:
     def __init__(
         self,
         board: Board,
-        operator: Operator,
+        operator: SystemOperator,
         options: ServerOptions,
         on_change: Callable[[], None],
     ) -> None:
