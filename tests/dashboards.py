@@ -63,7 +63,9 @@ class LivePage:
         self.driver = driver
 
     def show(self, url: str, width: int = 1400, height: int = 1000, *, dark: bool = False) -> None:
-        """Load the page."""
+        """Load the page, and forget the errors of those before."""
+        self.driver.get('about:blank')
+        self.errors()
         metrics = {'width': width, 'height': height, 'deviceScaleFactor': 1, 'mobile': width < 600}
         self.driver.execute_cdp_cmd('Emulation.setDeviceMetricsOverride', metrics)
         scheme = {'name': 'prefers-color-scheme', 'value': 'dark' if dark else 'light'}

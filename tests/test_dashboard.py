@@ -217,7 +217,7 @@ def test_the_surge_of_the_demonstration(page: LivePage) -> None:
             page.until(lambda: 'decides' in figure.text, 'the decisive signal is the first')
             assert 'Power[uav2]' in figure.text
             assert demo.wait(LIMIT * 2) == 0
-    assert page.errors() == []
+        assert page.errors() == []
 
 
 def test_a_page_for_others_is_announced_with_a_warning() -> None:

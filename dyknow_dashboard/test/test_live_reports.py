@@ -124,13 +124,13 @@ def test_the_drawing_of_a_decided_formula() -> None:
     assert deciding['time'] == 10
     assert deciding['values']['Power[uav2]'] == 10
     assert drawing['signals'][0]['t'] == [*range(11)]
-    assert formula['range'] == [0, 10]
+    assert formula['range'] == [-0.1, 10.1]
 
 
 def test_the_pending_window_of_an_undecided_formula() -> None:
     (formula,) = signals_of(UNDECIDED, *range(11)).drawing()['formulas']
     assert formula['marks']['pending'] == [[10, 13]]
-    assert formula['range'] == [0, 13]
+    assert formula['range'] == [-0.13, 13.13]
 
 
 def test_points_continue_a_drawing() -> None:

@@ -41,20 +41,18 @@ class MonitoredEvaluation:
     Args:
         key: identifies it among all evaluations.
         status: the latest one.
-        is_reported: True if the coordinator still reports it.
         margins: valid time in nanoseconds, and the bounds of the margin.
     """
 
     key: str
     status: EvaluationStatus
-    is_reported: bool = True
     margins: deque[tuple[int, float, float]] = field(
         default_factory=lambda: deque(maxlen=MAX_MARGINS)
     )
 
     def update(self, status: EvaluationStatus) -> None:
         """Use a later status."""
-        self.status, self.is_reported = status, True
+        self.status = status
         time, margin = status.latest_valid_time, status.margin
         is_new = not self.margins or (time is not None and self.margins[-1][0] < time)
         if margin is not None and time is not None and is_new:
@@ -157,7 +155,6 @@ def _keyed(statuses: Iterable[EvaluationStatus]) -> Iterable[tuple[str, Evaluati
 
 def _retire(evaluation: MonitoredEvaluation) -> None:
     """Note that the coordinator reports an evaluation no more: it has ended, or was lost."""
-    evaluation.is_reported = False
     if evaluation.status.phase is not EvaluationPhase.ENDED:
         lost = DyKnowError(
             'the coordinator no longer reports it: it was restarted, or has ended the evaluation',

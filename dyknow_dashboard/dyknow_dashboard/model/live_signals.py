@@ -19,6 +19,9 @@ from dyknow_recordings.reporting.pictures.timeline import Span
 WINDOW_NS: Final = 120 * SECOND_NS
 """The time for which signals are kept and shown."""
 
+_MARGIN: Final = 0.01
+"""The share of the time that is left free at both sides."""
+
 Domains = Mapping[str, tuple[str, ...]]
 
 
@@ -107,7 +110,8 @@ class LiveSignals:
         (formula,) = document['formulas']
         # The deciding state itself may be missing: its stream ends with the evaluation.
         end = max([last_shown(whole, shown), *(each.time for each in shown.deciding)])
-        formula['range'] = [self._seconds(begin), self._seconds(end)]
+        margin = round((end - begin) * _MARGIN)
+        formula['range'] = [self._seconds(begin - margin), self._seconds(end + margin)]
         return document
 
     def _signals(self) -> StateSignals:

@@ -24,7 +24,7 @@ class FormulaList {
     const seen = new Set(rows.map((each) => each.id));
     for (const [id, row] of this.rows) {
       if (!seen.has(id)) {
-        row.element.remove();
+        row.remove();
         this.rows.delete(id);
       }
     }
@@ -90,6 +90,11 @@ class FormulaRow {
     this.unseen = make('p', {class: 'soft', hidden: true}, 'Signals are shown of the states that come while the formula is open; none has come.');
     this.body.append(make('p', {}, this.whole), this.why, this.facts, this.residual, this.actions,
       this.answer, this.unseen, this.panels, this.margins, this.tables);
+  }
+
+  remove() {
+    for (const plot of this.element.querySelectorAll('.js-plotly-plot')) Plotly.purge(plot);
+    this.element.remove();
   }
 
   async ask(action) {

@@ -50,8 +50,10 @@ class Tables {
       key: each.name,
       cells: [each.name, {text: each.level, kind: `word ${LEVELS[each.level]}`}, each.message],
     })));
-    const missing = message.nodes.filter((each) => each.level === 'error');
+    // A node that was not found yet warns for some seconds.
+    const missing = message.nodes.filter((each) => !each.alive && each.level === 'error');
     const bad = message.nodes.filter((each) => each.level !== 'ok');
+    $('old').hidden = !missing.some((each) => each.name.endsWith('/stream_reasoning_coordinator'));
     const health = $('health');
     health.hidden = !message.nodes.length;
     setText(health, missing.length ? `${missing.length} of ${message.nodes.length} nodes missing`

@@ -12,7 +12,7 @@ import os
 import signal
 import sys
 from collections.abc import Awaitable, Callable, Iterator
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from functools import partial
 from threading import Thread
 from typing import Any, Final
@@ -47,10 +47,19 @@ class NodeThread:
 
     Args:
         loop: of the thread of the server.
+        namespace: of the node; empty: as its arguments say.
+        on_end: called in the thread of the server when the thread has ended.
+
+    Attributes:
+        fault: the error that has ended the thread.
     """
 
-    def __init__(self, loop: asyncio.AbstractEventLoop, namespace: str) -> None:
+    def __init__(
+        self, loop: asyncio.AbstractEventLoop, namespace: str, on_end: Callable[[], None]
+    ) -> None:
+        self.fault: Exception | None = None
         self._loop = loop
+        self._on_end = on_end
         name = f'dyknow_dashboard_{os.getpid()}'
         self.node = Node(name, namespace=namespace or None, start_parameter_services=False)
         self.adapter = NodeAdapter(self.node)
@@ -104,8 +113,13 @@ class NodeThread:
             raise DashboardError('the nodes have not answered', ExitCode.TIMEOUT) from None
 
     def _spin(self) -> None:
-        with suppress(ExternalShutdownException):
+        try:
             self._executor.spin()
+        except ExternalShutdownException:
+            pass
+        except Exception as error:  # noqa: BLE001 - the main thread raises it
+            self.fault = error
+        self.deliver(self._on_end)
 
 
 class ThreadedOperator:
@@ -145,7 +159,7 @@ async def _serve(options: ServerOptions, namespace: str) -> None:
     for number in (signal.SIGINT, signal.SIGTERM):
         loop.add_signal_handler(number, stopped.set)
     board = Board()
-    with _running_node(loop, namespace) as thread:
+    with _running_node(loop, namespace, stopped.set) as thread:
         operations = Operations(thread.adapter)
 
         def attend() -> None:
@@ -161,6 +175,8 @@ async def _serve(options: ServerOptions, namespace: str) -> None:
         _announce(options, port)
         await stopped.wait()
         await server.stop()
+        if thread.fault is not None:
+            raise thread.fault
         await thread.call(partial(_close, operations))
 
 
@@ -169,8 +185,10 @@ async def _close(operations: Operations) -> None:
 
 
 @contextmanager
-def _running_node(loop: asyncio.AbstractEventLoop, namespace: str) -> Iterator[NodeThread]:
-    thread = NodeThread(loop, namespace)
+def _running_node(
+    loop: asyncio.AbstractEventLoop, namespace: str, on_end: Callable[[], None]
+) -> Iterator[NodeThread]:
+    thread = NodeThread(loop, namespace, on_end)
     try:
         yield thread
     finally:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import suppress
 from functools import partial
 from typing import Any, Final
 
@@ -17,6 +18,7 @@ from dyknow_common.ros import (
     NO_SUBSCRIPTION_EVENTS,
     STREAM,
     NodeAdapter,
+    ros_errors,
     time_to_nanoseconds,
 )
 from dyknow_coordinator.ros.reporting.evaluation_messages import status_from_message
@@ -36,7 +38,7 @@ from dyknow_stream_processing.ros.messages.stream_report_messages import report_
 
 PERIOD_S: Final = 1.0
 
-_MAX_EARLY: Final = 100
+_MAX_ENTRIES: Final = 100
 """The number of entries of a message of `/diagnostics` that are read."""
 
 
@@ -88,7 +90,9 @@ class SystemReader:
             self._adapter.node.destroy_subscription(self._states.pop(topic))
         for topic in topics - self._states.keys():
             on_state = partial(self._on_state, topic)
-            self._states[topic] = self._subscribe(Sample, topic, on_state, STREAM)
+            # A report may name a topic that cannot exist: there is nothing to show of it.
+            with suppress(DyKnowError), ros_errors():
+                self._states[topic] = self._subscribe(Sample, topic, on_state, STREAM)
 
     def _begin(self) -> None:
         self._nodes = SystemNodes(self._adapter)
@@ -138,7 +142,7 @@ class SystemReader:
     def _on_diagnostics(self, message: Any) -> None:
         parts = [
             DiagnosedPart(each.name, each.level[0], each.message)
-            for each in message.status[:_MAX_EARLY]
+            for each in message.status[:_MAX_ENTRIES]
         ]
         self._deliver(partial(self._board.health.diagnose, parts, self._now()))
 
@@ -180,7 +184,7 @@ class SystemReader:
             texts = {text: faults.get(text, '') for text in annotations}
             self._deliver(partial(concepts.update, matcher, texts))
             self._semantics = semantics
-        except (DyKnowError, KeyError) as error:  # KeyError: no page is open any more.
+        except Exception as error:  # noqa: BLE001 - it would end the executor
             self._deliver(partial(concepts.fail, str(error)))
         finally:
             self._is_reading = False

@@ -22,8 +22,8 @@ from dyknow_dashboard.server.requests import (
     ActionHandler,
     FileHandler,
     MissingHandler,
-    SystemOperator,
     ServedSystem,
+    SystemOperator,
 )
 from dyknow_recordings.reporting.pictures.libraries import plotly_script
 
