@@ -9,11 +9,13 @@ from dyknow_common import SECOND_NS, DyKnowError, ExitCode, Verdict
 from dyknow_coordinator import (
     EvaluationPhase,
     EvaluationStatus,
+    Grounding,
     StandingVerdicts,
+    SymbolGrounding,
     ViolationEpisode,
 )
 from dyknow_dashboard.model.live_reports import live_report, strip
-from dyknow_dashboard.model.live_signals import WINDOW_NS, LiveSignals
+from dyknow_dashboard.model.live_signals import WINDOW_NS, LiveSignals, domains_of
 from dyknow_recordings.reporting.pictures.timeline import Span
 
 UNDECIDED = EvaluationStatus(
@@ -163,6 +165,18 @@ def test_old_states_are_forgotten() -> None:
     assert times[-1] == 999.9
     assert times[-1] - times[0] == WINDOW_NS / SECOND_NS
     assert len(times) == WINDOW_NS // SECOND_NS * 10 + 1
+
+
+def test_the_objects_are_those_of_the_streams() -> None:
+    groundings = tuple(
+        SymbolGrounding(f'Power[{name}]', Grounding.SEMANTIC, 'select a from b', ())
+        for name in ('uav1', 'pad1', 'uav2')
+    )
+    status = replace(UNDECIDED, groundings=groundings)
+    assert domains_of(status, {}) == {'UAV': ('uav1', 'pad1', 'uav2')}
+    known = {'UAV': ('uav0', 'uav1', 'uav2')}
+    assert domains_of(status, known) == {'UAV': ('uav1', 'uav2')}
+    assert domains_of(replace(status, formula='always ('), known) == {}
 
 
 def test_a_sort_without_objects_has_no_panels() -> None:

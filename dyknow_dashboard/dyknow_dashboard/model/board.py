@@ -21,7 +21,7 @@ from dyknow_dashboard.model.concepts import ConceptTable
 from dyknow_dashboard.model.formulas import FormulaTable, MonitoredEvaluation
 from dyknow_dashboard.model.graph import graph
 from dyknow_dashboard.model.health import HealthTable
-from dyknow_dashboard.model.live_signals import LiveSignals
+from dyknow_dashboard.model.live_signals import LiveSignals, domains_of
 from dyknow_dashboard.model.requests import Interest
 from dyknow_dashboard.model.streams import StreamTable
 
@@ -123,7 +123,7 @@ class Board:
 
     def _details(self, shown: _Shown, evaluation: MonitoredEvaluation) -> Iterator[dict[str, Any]]:
         key, status = evaluation.key, evaluation.status
-        signals = self._signals_of(evaluation)
+        signals = self._signals.get(key)
         if shown.version != self.formulas.version:
             shown.version = self.formulas.version
             details = self.formulas.details(evaluation)
@@ -144,9 +144,10 @@ class Board:
         """Return the signals of an evaluation, which are kept from its opening on."""
         key, status = evaluation.key, evaluation.status
         signals = self._signals.get(key)
-        domains = self.concepts.domains
-        is_outdated = signals is None or signals.domains is not domains
-        if status.state_stream and is_outdated and (signals or len(self._signals) < MAX_DRAWN):
+        if not status.state_stream or (signals is None and len(self._signals) >= MAX_DRAWN):
+            return signals
+        domains = domains_of(status, self.concepts.domains)
+        if signals is None or signals.domains != domains:
             signals = LiveSignals(status, domains, status.started)
             self._signals[key] = signals
         return signals

@@ -8,9 +8,10 @@ from typing import Any, Final
 
 import numpy as np
 
-from dyknow_common import SECOND_NS, DyKnowError, Value
+from dyknow_common import SECOND_NS, DyKnowError, SymbolKind, Value
 from dyknow_coordinator import EvaluationStatus
 from dyknow_dashboard.model.live_reports import live_report
+from dyknow_reasoning import parse_formula, symbols_of
 from dyknow_recordings.evaluation.observation import Signal, SignalRecorder, StateSignals, terms_of
 from dyknow_recordings.reporting.pictures.figures import PageFigures
 from dyknow_recordings.reporting.pictures.panels import Panel, last_shown, marks, panels
@@ -23,6 +24,32 @@ _MARGIN: Final = 0.01
 """The share of the time that is left free at both sides."""
 
 Domains = Mapping[str, tuple[str, ...]]
+
+
+def domains_of(status: EvaluationStatus, known: Domains) -> dict[str, tuple[str, ...]]:
+    """Return the objects of each sort of a formula: those that its streams are about.
+
+    They were fixed when it was asked; the ontology may have others now, or is not read yet.
+
+    Args:
+        status: of its evaluation.
+        known: the objects of each sort in the ontology, as far as they are known.
+    """
+    try:
+        symbols = symbols_of(parse_formula(status.formula))
+    except DyKnowError:
+        return {}
+    found = dict.fromkeys(
+        name
+        for each in status.groundings
+        for name in each.symbol.partition('[')[2].removesuffix(']').split(', ')
+        if name
+    )
+    return {
+        each.name: tuple(name for name in found if name in known.get(each.name, found))
+        for each in symbols
+        if each.kind is SymbolKind.SORT
+    }
 
 
 class LiveSignals:
