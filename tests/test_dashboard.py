@@ -227,6 +227,16 @@ def test_a_page_for_others_is_announced_with_a_warning() -> None:
             assert b'<title>DyKnow</title>' in response.read()
 
 
+def test_a_port_that_is_taken() -> None:
+    environment = private_environment()
+    with dashboard(environment) as address:
+        port = address.rpartition(':')[2]
+        done = output_of(command('dyknow', 'dashboard', '--port', port), environment)
+    assert done.returncode == 2
+    assert f'cannot listen on 127.0.0.1:{port}: ' in done.stderr
+    assert 'Traceback' not in done.stderr
+
+
 def test_a_port_that_is_no_number() -> None:
     done = output_of(command('dyknow', 'dashboard', '--port', '99999'), private_environment())
     assert done.returncode == 2

@@ -9,6 +9,7 @@ import math
 from collections import Counter, deque
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
+from hashlib import blake2b
 from typing import Any, Final
 
 from dyknow_common import SECOND_NS, DyKnowError, ExitCode, round_time
@@ -103,6 +104,7 @@ class FormulaTable:
         """Return what is shown of an evaluation that is open."""
         status = evaluation.status
         return {
+            'name': status.name,
             'explanation': _reason(status),
             'residual': '' if status.phase is EvaluationPhase.ENDED else status.residual_formula,
             'waits_for': status.waits_for,
@@ -149,7 +151,8 @@ def _keyed(statuses: Iterable[EvaluationStatus]) -> Iterable[tuple[str, Evaluati
     seen: Counter[tuple[int, str]] = Counter()
     for each in statuses:
         identity = each.started, each.name
-        yield f'{each.started}-{seen[identity]}-{each.name}', each
+        name = blake2b(each.name.encode(), digest_size=8).hexdigest()
+        yield f'{each.started}-{seen[identity]}-{name}', each
         seen[identity] += 1
 
 

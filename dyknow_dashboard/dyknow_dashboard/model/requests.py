@@ -12,8 +12,11 @@ from dyknow_common import shortened
 from dyknow_dashboard.errors import DashboardError
 from dyknow_dashboard.model.typed_formulas import check_length
 
-MAX_NAME: Final = 1000
-"""The number of characters of a name that a page may send."""
+MAX_NAME: Final = 10_000
+"""The number of characters of a name that a page may send: a formula may be its own name."""
+
+MAX_KEY: Final = 100
+"""The number of characters of the key of an evaluation."""
 
 MAX_TIMEOUT_S: Final = 7 * 86_400.0
 
@@ -142,7 +145,7 @@ def interest(document: Mapping[str, Any]) -> Interest:
         )
     if len(opened) > MAX_OPEN:
         raise DashboardError(f'a page may open at most {MAX_OPEN} formulas')
-    if not all(isinstance(each, str) and len(each) <= 2 * MAX_NAME for each in opened):
+    if not all(isinstance(each, str) and len(each) <= MAX_KEY for each in opened):
         raise DashboardError("'opened' is not a list of keys of evaluations")
     return Interest(view, tuple(dict.fromkeys(opened)))
 

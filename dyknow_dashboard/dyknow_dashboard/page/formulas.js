@@ -99,7 +99,7 @@ class FormulaRow {
 
   async ask(action) {
     setText(this.answer, 'asked…');
-    const answer = await request(action, {name: this.row.name});
+    const answer = await request(action, {name: this.fullName ?? this.row.name});
     const done = action === 'cancel' ? `cancelled ${answer.cancelled}` : `saved: ${answer.paths?.join(', ')}`;
     setText(this.answer, answer.error ?? done);
   }
@@ -142,6 +142,7 @@ class FormulaRow {
   }
 
   details(details) {
+    this.fullName = details.name;
     setText(this.why, details.explanation || details.waits_for || this.row.text);
     const parts = [
       details.decided_at ? `decided at ${details.decided_at}` : '',

@@ -73,7 +73,8 @@ class NodeThread:
 
     def stop(self) -> None:
         """End the thread; the context must be shut down."""
-        self._thread.join(timeout=REQUEST_TIMEOUT_S)
+        if self._thread.ident is not None:  # It was started.
+            self._thread.join(timeout=REQUEST_TIMEOUT_S)
         self._executor.shutdown()
         self.node.destroy_node()
 
@@ -213,7 +214,8 @@ def _announce(options: ServerOptions, port: int) -> None:
 
 
 def _port(text: str) -> int:
-    if not (text.isascii() and text.isdecimal() and int(text[:9]) <= _MAX_PORT):
+    is_number = text.isascii() and text.isdecimal() and len(text) <= len(str(_MAX_PORT))
+    if not (is_number and int(text) <= _MAX_PORT):
         raise argparse.ArgumentTypeError(f"'{text}' is no port; give a number up to {_MAX_PORT}")
     return int(text)
 
