@@ -11,7 +11,7 @@ setup(
     name=PACKAGE,
     version='0.1.0',
     packages=find_packages(exclude=['test']),
-    package_data={PACKAGE: ['py.typed']},
+    package_data={PACKAGE: ['py.typed', 'page/*']},
     data_files=[
         ('share/ament_index/resource_index/packages', [f'resource/{PACKAGE}']),
         (f'share/{PACKAGE}', ['package.xml']),
@@ -23,4 +23,5 @@ setup(
     maintainer_email='maintainers@dyknow.org',
     description='A live page of formulas, streams and nodes.',
     license='Apache-2.0',
+    entry_points={'console_scripts': ['dashboard = dyknow_dashboard.ros.dashboard:main']},
 )

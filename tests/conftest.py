@@ -41,6 +41,7 @@ SCHEDULE = (
     ('test_hung_nodes', 'test_failures'),
     ('test_stand_ins', 'test_change', 'test_every_state'),
     ('test_black_boxes',),
+    ('test_dashboard',),
     ('test_callers',),
     ('test_forged_messages',),
     ('test_demonstration',),

@@ -17,7 +17,12 @@ from system import LIMIT, Client, private_environment
 
 EXECUTABLES = {
     script.name: package
-    for package in (*dict.fromkeys(PACKAGES.values()), 'dyknow_bringup', 'dyknow_command')
+    for package in (
+        *dict.fromkeys(PACKAGES.values()),
+        'dyknow_bringup',
+        'dyknow_dashboard',
+        'dyknow_command',
+    )
     for script in distribution(package).entry_points.select(group='console_scripts')
 }
 NODES = {*PACKAGES, 'dyknow_nodes', 'formula_markers', 'formula_monitor', 'uav_simulation'}

@@ -43,6 +43,7 @@ ROSDEP_KEYS = {
     'rdflib': 'python3-rdflib',
     'rich': 'python3-rich',
     'rosbags': 'python3-rosbags-pip',
+    'tornado': 'python3-tornado',
     'yaml': 'python3-yaml',
 }
 """The rosdep keys of Python packages; a ROS package has its own name for a key."""

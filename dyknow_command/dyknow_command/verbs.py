@@ -41,6 +41,7 @@ VERBS: Final[Mapping[str, Verb]] = {
     'evaluations': Verb('dyknow_coordinator.ros.evaluations', 'show what is being evaluated'),
     'streams': Verb('dyknow_stream_processing.ros.streams', 'show the streams and their timing'),
     'semantics': Verb('dyknow_semantics.ros.semantics', 'show ontologies and what streams mean'),
+    'dashboard': Verb('dyknow_dashboard.ros.dashboard', 'serve a live page of a running system'),
     'check': Verb(
         'dyknow_recordings.check', 'check formulas over recordings, without ROS', needs_ros=False
     ),

@@ -202,3 +202,19 @@ def test_without_a_report_nothing_is_kept() -> None:
     start = EpisodeStart(every=Every.STATE)
     report = evaluate_recording(source, [RequestedFormula('"/a".p > 0')], start=start)
     assert report.formulas[0].signals is None
+
+
+@settings(max_examples=60, deadline=None)
+@given(STEPS, st.integers(1, 10**7), st.lists(st.integers(1, 60), max_size=20))
+def test_a_signal_with_a_window_keeps_the_values_in_it(
+    steps: list[int], window: int, blocks: list[int]
+) -> None:
+    times = [int(each) for each in np.cumsum(steps)]
+    values = [float(each) for each in steps]
+    terms = terms_of(['a < 1'], {})
+    found = SignalRecorder(terms, {}, window)
+    feed(found, times, blocks, a=values)
+    known = zip(times, values, strict=True)
+    expected = [each for each in known if each[0] >= times[-1] - window]
+    shown = signal(found, 'a')
+    assert list(zip(shown.times.tolist(), shown.values.tolist(), strict=True)) == expected

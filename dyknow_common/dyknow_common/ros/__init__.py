@@ -8,7 +8,12 @@ from dyknow_common.ros.commands import (
     run_with_node,
 )
 from dyknow_common.ros.deadlines import TICK_PERIOD_S
-from dyknow_common.ros.executor import Background, NodeExecutor, supports_node_executor
+from dyknow_common.ros.executor import (
+    Background,
+    NodeExecutor,
+    node_executor,
+    supports_node_executor,
+)
 from dyknow_common.ros.liveliness import Heartbeats, PublisherWatch, TopicOwner
 from dyknow_common.ros.node import (
     NODE_TYPE,
@@ -96,6 +101,7 @@ __all__ = [
     'margin_to_message',
     'nanoseconds_to_duration',
     'nanoseconds_to_time',
+    'node_executor',
     'only_from',
     'only_owner',
     'only_publishers_of',

@@ -1,1 +1,1 @@
-"""The nodes."""
+"""The ROS layer: the reports of a running system, what operators ask for, and the command."""

@@ -129,14 +129,20 @@ class SignalRecorder:
     Args:
         terms: the features of the states and what is calculated of them.
         domains: the objects of each sort.
+        window: how long a value is kept, in nanoseconds; None: for ever.
     """
 
-    def __init__(self, terms: Iterable[Term], domains: Mapping[str, tuple[str, ...]]) -> None:
+    def __init__(
+        self,
+        terms: Iterable[Term],
+        domains: Mapping[str, tuple[str, ...]],
+        window: int | None = None,
+    ) -> None:
         named = {str(each): each for each in terms}
         self._terms = dict(list(named.items())[:MAX_SIGNALS])
         self._omitted = len(named) - len(self._terms)
         self._domains = domains
-        self._signals = {name: _GrowingSignal(name) for name in self._terms}
+        self._signals = {name: _GrowingSignal(name, window) for name in self._terms}
         self._times: list[int] = []
         features = (str(each) for term in self._terms.values() for each in features_of(term))
         self._single: dict[str, list[Any]] = {name: [] for name in features}
@@ -244,6 +250,7 @@ class _GrowingSignal:
     """A signal in bounded memory: long ones keep the extremes of each span of time."""
 
     name: str
+    window: int | None = None
     times: Times = field(default_factory=lambda: np.empty(0, np.int64))
     values: Numbers = field(default_factory=lambda: np.empty(0))
     width: int = 1
@@ -262,6 +269,9 @@ class _GrowingSignal:
         """Add the values of some states."""
         self.times = np.concatenate([self.times, times])
         self.values = np.concatenate([self.values, values])
+        if self.window is not None:
+            first = np.searchsorted(self.times, self.times[-1] - self.window)
+            self.times, self.values = self.times[first:], self.values[first:]
         if len(self.times) > MAX_POINTS:
             self._thin_out()
 

@@ -88,6 +88,8 @@ class FormulaReport:
         events: the changes of its streams, for people.
         waits_for: why no more states came, if that is known.
         signals: of the states, if they were to be kept.
+        last_state: the valid time of its last state in nanoseconds, if neither the episodes nor the
+            signals tell it.
     """
 
     name: str
@@ -101,6 +103,7 @@ class FormulaReport:
     events: tuple[str, ...] = ()
     waits_for: str = ''
     signals: StateSignals | None = None
+    last_state: int | None = None
 
     @property
     def outcome(self) -> Outcome:

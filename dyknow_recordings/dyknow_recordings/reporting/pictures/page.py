@@ -60,7 +60,7 @@ def report_page(
         sections='\n'.join(sections),
         plotly=plotly_script(),
         data=data,
-        script=_resource('page.js'),
+        script=_resource('drawing.js') + _resource('page.js'),
     )
 
 

@@ -84,7 +84,8 @@ def extent(report: RecordingReport) -> Span:
 
 def last_state(formula: FormulaReport, whole: Span) -> int:
     """Return the valid time of the last state of a formula; the end if that is not known."""
-    return max((*_signal_times(formula), *_episode_times(formula)), default=whole.end)
+    known = () if formula.last_state is None else (formula.last_state,)
+    return max((*_signal_times(formula), *_episode_times(formula), *known), default=whole.end)
 
 
 def segments(formula: FormulaReport, whole: Span) -> list[OutcomeSegment]:

@@ -1,0 +1,153 @@
+"""All that the page shows, and the part of it that each page still lacks.
+
+A page asks for what has changed when it is ready to receive it, so no page has a queue:
+
+    page                                     board
+    changes(view)                       ->   all formulas, and the streams if it shows them
+    changes 0.2 s later                 ->   nothing
+    changes after the next report       ->   all formulas
+    changes with a formula opened       ->   its details and its drawing
+    changes 0.2 s later                 ->   the points of the states since then
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import dataclass, field
+from typing import Any, Final
+
+from dyknow_common import Value
+from dyknow_dashboard.model.concepts import ConceptTable
+from dyknow_dashboard.model.formulas import FormulaTable, MonitoredEvaluation
+from dyknow_dashboard.model.graph import graph
+from dyknow_dashboard.model.health import HealthTable
+from dyknow_dashboard.model.live_signals import LiveSignals, domains_of
+from dyknow_dashboard.model.requests import Interest
+from dyknow_dashboard.model.streams import StreamTable
+
+MAX_DRAWN: Final = 40
+"""The number of formulas whose signals are kept at a time, for all pages together."""
+
+
+@dataclass(slots=True)
+class _Shown:
+    """What a page has of an opened formula."""
+
+    version: int = -1
+    shape: tuple[Any, ...] | None = None
+    latest: int = 0
+    signals: LiveSignals | None = None
+
+
+@dataclass(slots=True)
+class PageState:
+    """What a page has: the versions of the tables, and how far its drawings are.
+
+    Args:
+        interest: what it shows.
+    """
+
+    interest: Interest = field(default_factory=Interest)
+    versions: dict[str, Any] = field(default_factory=dict)
+    opened: dict[str, _Shown] = field(default_factory=dict)
+
+    def show(self, interest: Interest) -> None:
+        """Use what the page shows now."""
+        self.interest = interest
+        self.opened = {key: shown for key, shown in self.opened.items() if key in interest.opened}
+
+
+class Board:
+    """The state of the system, as the latest reports tell it."""
+
+    def __init__(self) -> None:
+        self.formulas = FormulaTable()
+        self.streams = StreamTable()
+        self.health = HealthTable()
+        self.concepts = ConceptTable()
+        self.can_save = False
+        """True if a black box recorder runs."""
+        self._signals: dict[str, LiveSignals] = {}
+
+    def state_topics(self, pages: Iterable[PageState]) -> set[str]:
+        """Return the topics of the states that pages need, and forget other signals."""
+        opened = dict.fromkeys(key for page in pages for key in page.interest.opened)
+        kept = list(opened)[:MAX_DRAWN]
+        self._signals = {key: each for key, each in self._signals.items() if key in kept}
+        for key in kept:
+            evaluation = self.formulas.get(key)
+            if evaluation is not None:
+                self._signals_of(evaluation)
+        return {each.topic for each in self._signals.values()}
+
+    def add_state(self, topic: str, valid_time: int, fields: Mapping[str, Value]) -> None:
+        """Add a state on a topic to the signals of all opened formulas that use it."""
+        for signals in self._signals.values():
+            if signals.topic == topic:
+                signals.add(valid_time, fields)
+
+    def changes(self, page: PageState) -> Iterator[dict[str, Any]]:
+        """Yield the messages that a page lacks, which it is then assumed to have."""
+        for name, version, document in self._tables(page.interest.view):
+            if page.versions.get(name) != version:
+                page.versions[name] = version
+                yield {'type': name, **document()}
+        for key in page.interest.opened:
+            evaluation = self.formulas.get(key)
+            if evaluation is None:
+                page.opened.pop(key, None)
+            else:
+                yield from self._details(page.opened.setdefault(key, _Shown()), evaluation)
+
+    def _tables(self, view: str) -> Iterator[tuple[str, Any, Callable[[], dict[str, Any]]]]:
+        formulas, streams = self.formulas, self.streams
+        health = self.health
+        yield (
+            'formulas',
+            (formulas.version, self.can_save),
+            lambda: {
+                'rows': formulas.rows(),
+                'hidden': formulas.hidden,
+                'can_save': self.can_save,
+            },
+        )
+        # A page tells at all times which nodes are missing.
+        yield 'nodes', health.version, health.document
+        both = streams.version, formulas.version
+        if view == 'streams':
+            yield 'streams', both, lambda: streams.document(formulas.running())
+        elif view == 'graph':
+            yield 'graph', both, lambda: graph(streams.reports, formulas.running())
+        elif view == 'ontology':
+            yield 'ontology', self.concepts.version, self.concepts.document
+
+    def _details(self, shown: _Shown, evaluation: MonitoredEvaluation) -> Iterator[dict[str, Any]]:
+        key, status = evaluation.key, evaluation.status
+        signals = self._signals.get(key)
+        if shown.version != self.formulas.version:
+            shown.version = self.formulas.version
+            details = self.formulas.details(evaluation)
+            yield {'type': 'details', 'id': key, **details}
+            if signals is not None:
+                signals.update(status)
+        if signals is None:
+            return
+        if shown.signals is not signals or shown.shape != signals.shape:
+            drawing = signals.drawing()
+            shown.signals, shown.shape, shown.latest = signals, signals.shape, signals.latest
+            yield {'type': 'drawing', 'id': key, **drawing}
+        elif shown.latest != signals.latest:
+            yield {'type': 'points', 'id': key, **signals.points(shown.latest)}
+            shown.latest = signals.latest
+
+    def _signals_of(self, evaluation: MonitoredEvaluation) -> LiveSignals | None:
+        """Return the signals of an evaluation, which are kept from its opening on."""
+        key, status = evaluation.key, evaluation.status
+        signals = self._signals.get(key)
+        if not status.state_stream or (signals is None and len(self._signals) >= MAX_DRAWN):
+            return signals
+        domains = domains_of(status, self.concepts.domains)
+        if signals is None or signals.domains != domains:
+            signals = LiveSignals(status, domains, status.started)
+            self._signals[key] = signals
+        return signals

@@ -1,0 +1,212 @@
+"""The formulas that are evaluated or were lately, with the history of their margins.
+
+The coordinator reports an evaluation for some time after its end; the page keeps it longer.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import Counter, deque
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field, replace
+from hashlib import blake2b
+from typing import Any, Final
+
+from dyknow_common import SECOND_NS, DyKnowError, ExitCode, round_time
+from dyknow_coordinator import EvaluationPhase, EvaluationStatus, Level, diagnose
+from dyknow_coordinator.reporting.evaluation_status import outcome
+from dyknow_dashboard.model.live_reports import strip
+from dyknow_recordings.reporting.pictures.timeline import Span
+
+STRIP_NS: Final = 300 * SECOND_NS
+"""The time that the verdicts over time are shown for."""
+
+MAX_ENDED: Final = 30
+"""The number of evaluations that are kept though the coordinator no longer reports them."""
+
+MAX_SHOWN: Final = 300
+"""The number of evaluations that are shown."""
+
+MAX_MARGINS: Final = 600
+"""The number of margins that are kept of an evaluation: one for each second."""
+
+_SILENCE_NS: Final = 5 * SECOND_NS
+_MAX_TEXT: Final = 600
+"""The number of characters of a text in a row; the details have all of it."""
+
+
+@dataclass(slots=True)
+class MonitoredEvaluation:
+    """An evaluation as the page knows it.
+
+    Args:
+        key: identifies it among all evaluations.
+        status: the latest one.
+        margins: valid time in nanoseconds, and the bounds of the margin.
+    """
+
+    key: str
+    status: EvaluationStatus
+    margins: deque[tuple[int, float, float]] = field(
+        default_factory=lambda: deque(maxlen=MAX_MARGINS)
+    )
+
+    def update(self, status: EvaluationStatus) -> None:
+        """Use a later status."""
+        self.status = status
+        time, margin = status.latest_valid_time, status.margin
+        is_new = not self.margins or (time is not None and self.margins[-1][0] < time)
+        if margin is not None and time is not None and is_new:
+            self.margins.append((time, margin.lower, margin.upper))
+
+
+class FormulaTable:
+    """All evaluations that the page shows, the running ones in the order of their requests."""
+
+    def __init__(self) -> None:
+        self._known: dict[str, MonitoredEvaluation] = {}
+        self._now = 0
+        self.version = 0
+        self.hidden = 0
+        """The number of evaluations that are not shown, as there are too many."""
+
+    def update(self, statuses: Sequence[EvaluationStatus], now: int) -> None:
+        """Take a report of the coordinator, of a time in nanoseconds."""
+        self._now = now
+        self.hidden = max(len(statuses) - MAX_SHOWN, 0)
+        known, reported = self._known, dict(_keyed(statuses[:MAX_SHOWN]))
+        for key, status in reported.items():
+            evaluation = known.get(key) or MonitoredEvaluation(key, status)
+            known[key] = evaluation
+            evaluation.update(status)
+        gone = [key for key in known if key not in reported]
+        for key in gone:
+            _retire(known[key])
+        for key in gone[: max(len(gone) - MAX_ENDED, 0)]:
+            del known[key]
+        self.version += 1
+
+    def get(self, key: str) -> MonitoredEvaluation | None:
+        """Return an evaluation; None if it is not known any more."""
+        return self._known.get(key)
+
+    def running(self) -> list[EvaluationStatus]:
+        """Return the status of each evaluation that has not ended."""
+        found = (each.status for each in self._known.values())
+        return [each for each in found if each.phase is not EvaluationPhase.ENDED]
+
+    def rows(self) -> list[dict[str, Any]]:
+        """Return a row for each evaluation, the running ones first."""
+        ordered = sorted(self._known.values(), key=_rank)
+        return [self._row(each) for each in ordered]
+
+    def details(self, evaluation: MonitoredEvaluation) -> dict[str, Any]:
+        """Return what is shown of an evaluation that is open."""
+        status = evaluation.status
+        return {
+            'name': status.name,
+            'explanation': _reason(status),
+            'residual': '' if status.phase is EvaluationPhase.ENDED else status.residual_formula,
+            'waits_for': status.waits_for,
+            'decided_at': '' if status.decided_at is None else round_time(status.decided_at),
+            'episodes': [] if status.episodes is None else list(_episodes(status)),
+            'groundings': [
+                {
+                    'symbol': each.symbol,
+                    'stream': each.stream,
+                    'stand_ins': list(each.stand_ins),
+                }
+                for each in status.groundings
+            ],
+            'events': list(status.events),
+            'margins': [
+                [round((time - status.started) / SECOND_NS, 3), _finite(lower), _finite(upper)]
+                for time, lower, upper in evaluation.margins
+            ],
+        }
+
+    def _row(self, evaluation: MonitoredEvaluation) -> dict[str, Any]:
+        status = evaluation.status
+        diagnosis = diagnose(status, self._now, _SILENCE_NS)
+        whole = Span(self._now - STRIP_NS, self._now)
+        return {
+            'id': evaluation.key,
+            'name': _shortened(status.name),
+            'formula': _shortened(status.formula),
+            'plan': _shortened(' / '.join(filter(None, (status.plan, status.action)))),
+            'state': outcome(status),
+            'kind': _kind(status, diagnosis.level),
+            'text': _shortened(diagnosis.text.removeprefix(f'{outcome(status)}: ')),
+            'margin': '' if status.margin is None else str(status.margin),
+            'states': status.states_progressed,
+            'since': max(self._now - status.started, 0) // SECOND_NS,
+            'every_state': status.episodes is not None,
+            'is_running': status.phase is not EvaluationPhase.ENDED,
+            'strip': strip(status, whole),
+        }
+
+
+def _keyed(statuses: Iterable[EvaluationStatus]) -> Iterable[tuple[str, EvaluationStatus]]:
+    """Yield evaluations with keys that later reports give them, too."""
+    seen: Counter[tuple[int, str]] = Counter()
+    for each in statuses:
+        identity = each.started, each.name
+        name = blake2b(each.name.encode(), digest_size=8).hexdigest()
+        yield f'{each.started}-{seen[identity]}-{name}', each
+        seen[identity] += 1
+
+
+def _retire(evaluation: MonitoredEvaluation) -> None:
+    """Note that the coordinator reports an evaluation no more: it has ended, or was lost."""
+    if evaluation.status.phase is not EvaluationPhase.ENDED:
+        lost = DyKnowError(
+            'the coordinator no longer reports it: it was restarted, or has ended the evaluation',
+            ExitCode.UNAVAILABLE,
+        )
+        evaluation.status = replace(evaluation.status, phase=EvaluationPhase.ENDED, error=lost)
+
+
+def _rank(evaluation: MonitoredEvaluation) -> tuple[bool, int]:
+    has_ended = evaluation.status.phase is EvaluationPhase.ENDED
+    return has_ended, -evaluation.status.started if has_ended else evaluation.status.started
+
+
+def _kind(status: EvaluationStatus, level: Level) -> str:
+    """Return what the colour shows: true, false, error, undecided or warning."""
+    word = outcome(status)
+    if word in {'true', 'false', 'cancelled'}:
+        return {'cancelled': 'undecided'}.get(word, word)
+    if word == 'violated':
+        return 'false'
+    if status.error is not None:
+        return 'undecided' if status.error.code is ExitCode.TIMEOUT else 'error'
+    if status.episodes is not None and status.episodes.holds and level is Level.OK:
+        return 'true'
+    return 'undecided' if level is Level.OK else 'warning'
+
+
+def _reason(status: EvaluationStatus) -> str:
+    if status.error is not None:
+        return status.error.message
+    if status.explanation:
+        return status.explanation
+    return '' if status.episodes is None else status.episodes.text
+
+
+def _episodes(status: EvaluationStatus) -> Iterable[dict[str, Any]]:
+    episodes = () if status.episodes is None else status.episodes.latest_episodes
+    for each in reversed(episodes):
+        yield {
+            'begin': round_time(each.begin),
+            'end': round_time(each.end) if each.has_ended else '',
+            'states': each.states,
+            'explanation': each.text,
+        }
+
+
+def _finite(value: float) -> float | None:
+    return float(f'{value:.7g}') if math.isfinite(value) else None
+
+
+def _shortened(text: str) -> str:
+    return text if len(text) <= _MAX_TEXT else f'{text[:_MAX_TEXT]}…'

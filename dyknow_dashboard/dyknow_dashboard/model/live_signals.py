@@ -1,0 +1,174 @@
+"""The signals of a formula that a page has open, as the drawing of its panels."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any, Final
+
+import numpy as np
+
+from dyknow_common import SECOND_NS, DyKnowError, SymbolKind, Value
+from dyknow_coordinator import EvaluationStatus
+from dyknow_dashboard.model.live_reports import live_report
+from dyknow_reasoning import parse_formula, symbols_of
+from dyknow_recordings.evaluation.observation import Signal, SignalRecorder, StateSignals, terms_of
+from dyknow_recordings.reporting.pictures.figures import PageFigures
+from dyknow_recordings.reporting.pictures.panels import Panel, last_shown, marks, panels
+from dyknow_recordings.reporting.pictures.timeline import Span
+
+WINDOW_NS: Final = 120 * SECOND_NS
+"""The time for which signals are kept and shown."""
+
+_MARGIN: Final = 0.01
+"""The share of the time that is left free at both sides."""
+
+Domains = Mapping[str, tuple[str, ...]]
+
+
+def domains_of(status: EvaluationStatus, known: Domains) -> dict[str, tuple[str, ...]]:
+    """Return the objects of each sort of a formula: those that its streams are about.
+
+    They were fixed when it was asked; the ontology may have others now, or is not read yet.
+
+    Args:
+        status: of its evaluation.
+        known: the objects of each sort in the ontology, as far as they are known.
+    """
+    try:
+        symbols = symbols_of(parse_formula(status.formula))
+    except DyKnowError:
+        return {}
+    found = dict.fromkeys(
+        name
+        for each in status.groundings
+        for name in each.symbol.partition('[')[2].removesuffix(']').split(', ')
+        if name
+    )
+    return {
+        each.name: tuple(name for name in found if name in known.get(each.name, found))
+        for each in symbols
+        if each.kind is SymbolKind.SORT
+    }
+
+
+class LiveSignals:
+    """The signals of one formula over the last states, and what is drawn of them.
+
+    Times in drawings are seconds since `origin`.
+
+    Args:
+        status: of the evaluation.
+        domains: the objects of each sort.
+        origin: a valid time in nanoseconds.
+    """
+
+    def __init__(self, status: EvaluationStatus, domains: Domains, origin: int) -> None:
+        self.domains = domains
+        self.topic = status.state_stream
+        """The topic of the states; it remains when the evaluation has ended."""
+        self.latest = origin
+        """The valid time of the latest state."""
+        self.shape: tuple[Any, ...] = ()
+        """It is the same as long as `points` can continue a drawing."""
+        self._origin = origin
+        self._status = status
+        self._panels: list[Panel] = []
+        self._omitted = 0
+        try:
+            terms = terms_of([status.formula], domains)
+        except DyKnowError:  # The objects of a sort are not known yet.
+            terms = []
+        self._recorder = SignalRecorder(terms, domains, WINDOW_NS)
+
+    def add(self, valid_time: int, fields: Mapping[str, Value]) -> None:
+        """Add a state; one that is not later than those before is not drawn."""
+        columns = {name: (value,) for name, value in fields.items()}
+        self._recorder.states((valid_time,), columns)
+        self.latest = max(self.latest, valid_time)
+
+    def update(self, status: EvaluationStatus) -> None:
+        """Use a later status of the evaluation."""
+        self._status = status
+        self.topic = status.state_stream or self.topic
+        try:
+            self._panels, self._omitted = panels(live_report(status, self._signals()))
+        except DyKnowError:  # The objects of a sort are not known yet.
+            self._panels, self._omitted = [], 0
+        self.shape = tuple(
+            (each.objects, each.is_decisive, *((one.name, one.words) for one in each.signals))
+            for each in self._panels
+        )
+
+    def drawing(self) -> dict[str, Any]:
+        """Return the whole drawing, in the form of the pages of a check."""
+        self.update(self._status)
+        captions = [
+            {
+                'objects': each.objects,
+                'is_decisive': each.is_decisive and bool(each.objects),
+                'names': [one.name for one in each.signals],
+            }
+            for each in self._panels
+        ]
+        return {**self._document(self._panels), 'captions': captions, 'omitted': self._omitted}
+
+    def points(self, since: int) -> dict[str, Any]:
+        """Return the part of the drawing that is later than a valid time, with all marks.
+
+        Its signals are in the order of those of the drawing.
+        """
+        signals = self._recorder.result().signals
+        names = dict.fromkeys(one.name for each in self._panels for one in each.signals)
+        return {
+            **self._document([]),
+            'signals': [self._points(signals[name], since) for name in names],
+        }
+
+    def _document(self, found: Sequence[Panel]) -> dict[str, Any]:
+        report = live_report(self._status, self._signals())
+        begin = max(self._origin, self.latest - WINDOW_NS)
+        whole = Span(begin, max(self.latest, begin + SECOND_NS))
+        shown = marks(report, whole)
+        figures = PageFigures()
+        figures.begin_recording(Span(self._origin, self._origin + 1))
+        figures.add(list(found), shown)
+        document = figures.document()
+        (formula,) = document['formulas']
+        # The deciding state itself may be missing: its stream ends with the evaluation.
+        end = max([last_shown(whole, shown), *(each.time for each in shown.deciding)])
+        margin = round((end - begin) * _MARGIN)
+        formula['range'] = [self._seconds(begin - margin), self._seconds(end + margin)]
+        return document
+
+    def _signals(self) -> StateSignals:
+        """Return the signals, with their values at the deciding states."""
+        found = self._recorder.result()
+        episodes = self._status.episodes
+        times = [each.decided_at for each in episodes.latest_episodes] if episodes else []
+        deciding = {
+            time: {each.name: _value_at(each, time) for each in found.signals.values()}
+            for time in (*times, self._status.decided_at)
+            if time is not None
+        }
+        return StateSignals(found.signals, found.domains, deciding, found.omitted)
+
+    def _seconds(self, time: int) -> float:
+        return round((time - self._origin) / SECOND_NS, 6)
+
+    def _points(self, signal: Signal, since: int) -> dict[str, Any]:
+        first = int(np.searchsorted(signal.times, since, side='right'))
+        return {
+            't': [self._seconds(int(each)) for each in signal.times[first:]],
+            'v': [_number(float(each)) for each in signal.values[first:]],
+        }
+
+
+def _value_at(signal: Signal, time: int) -> float:
+    index = int(np.searchsorted(signal.times, time))
+    is_known = index < len(signal.times) and signal.times[index] == time
+    return float(signal.values[index]) if is_known else math.nan
+
+
+def _number(value: float) -> float | None:
+    return float(f'{value:.7g}') if math.isfinite(value) else None

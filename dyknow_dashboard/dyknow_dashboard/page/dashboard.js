@@ -1,0 +1,106 @@
+'use strict';
+// The page: its parts, and the connection to the server.
+
+const VIEWS = ['formulas', 'streams', 'graph', 'nodes', 'ontology'];
+const MAX_RETRY_MS = 5000;
+const TAB_KEYS = {ArrowRight: 1, ArrowLeft: -1};
+
+const list = new FormulaList($('list'), () => sendInterest());
+const tables = new Tables();
+const graphView = new Graph($('graph-view'));
+const askForm = new AskForm();
+let socket = null;
+let retry = 500;
+let view = 'formulas';
+
+const HANDLERS = {
+  hello(message) {
+    list.readOnly = message.read_only;
+    $('ask').hidden = message.read_only;
+  },
+  formulas(message) {
+    list.canSave = message.can_save;
+    list.update(message.rows);
+    $('save-all').hidden = !message.can_save || list.readOnly;
+    $('empty').hidden = Boolean(message.rows.length);
+    const running = message.rows.filter((each) => each.is_running).length;
+    setText($('count'), `${running} running${message.hidden ? `, ${message.hidden} more are not shown` : ''}`);
+  },
+  details: (message) => list.get(message.id)?.details(message),
+  drawing: (message) => list.get(message.id)?.draw(message),
+  points: (message) => list.get(message.id)?.extend(message),
+  streams: (message) => tables.showStreams(message),
+  nodes: (message) => tables.showNodes(message),
+  ontology: (message) => tables.showOntology(message),
+  graph: (message) => graphView.show(message),
+};
+
+function sendInterest() {
+  if (socket?.readyState !== WebSocket.OPEN) return;
+  // A page that nobody sees needs no signals.
+  socket.send(JSON.stringify({view, opened: document.hidden ? [] : list.opened}));
+}
+
+function connect() {
+  const scheme = location.protocol === 'https:' ? 'wss' : 'ws';
+  socket = new WebSocket(`${scheme}://${location.host}/live`);
+  socket.addEventListener('open', () => {
+    retry = 500;
+    setConnected(true, '');
+    sendInterest();
+  });
+  socket.addEventListener('message', (event) => {
+    const message = JSON.parse(event.data);
+    HANDLERS[message.type]?.(message);
+  });
+  socket.addEventListener('close', (event) => {
+    setConnected(false, event.reason);
+    setTimeout(connect, retry);
+    retry = Math.min(2 * retry, MAX_RETRY_MS);
+  });
+}
+
+function setConnected(isConnected, reason) {
+  setText($('connection'), isConnected ? 'live' : 'lost');
+  setClass($('connection'), `chip ${isConnected ? 'good' : 'bad'}`);
+  const lost = $('lost');
+  lost.hidden = isConnected;
+  const why = reason ? `: ${reason}` : '';
+  setText(lost, isConnected ? '' : `The connection to the server is lost${why}. What you see is old. Connecting again…`);
+  document.body.classList.toggle('stale', !isConnected);
+}
+
+function showView(name, focus) {
+  view = name;
+  for (const each of VIEWS) {
+    const tab = $(`tab-${each}`);
+    tab.setAttribute('aria-selected', String(each === name));
+    tab.tabIndex = each === name ? 0 : -1;
+    $(each).hidden = each !== name;
+  }
+  if (focus) $(`tab-${name}`).focus();
+  history.replaceState(null, '', `#${name}`);
+  sendInterest();
+}
+
+$('tabs').addEventListener('click', (event) => {
+  const tab = event.target.closest('[role=tab]');
+  if (tab) showView(tab.getAttribute('aria-controls'));
+});
+$('tabs').addEventListener('keydown', (event) => {
+  const step = TAB_KEYS[event.key];
+  const number = VIEWS.indexOf(view);
+  if (step) showView(VIEWS[(number + step + VIEWS.length) % VIEWS.length], true);
+  else if (event.key === 'Home') showView(VIEWS[0], true);
+  else if (event.key === 'End') showView(VIEWS.at(-1), true);
+});
+$('health').addEventListener('click', () => showView('nodes', true));
+$('save-all').addEventListener('click', async () => {
+  const answer = await request('save', {name: ''});
+  setText($('asked'), answer.error ?? `saved: ${answer.paths.join(', ')}`);
+});
+document.addEventListener('visibilitychange', sendInterest);
+addEventListener('hashchange', () => VIEWS.includes(location.hash.slice(1)) && showView(location.hash.slice(1)));
+
+if (VIEWS.includes(location.hash.slice(1))) showView(location.hash.slice(1));
+connect();

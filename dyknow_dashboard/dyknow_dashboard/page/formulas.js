@@ -1,0 +1,264 @@
+'use strict';
+// The list of formulas: a row for each, and its details with signals when it is opened.
+
+const MAX_OPEN = 8;
+const LABELLED = 0.2;
+
+class FormulaList {
+  // onOpened is called when other formulas are open than before.
+  constructor(place, onOpened) {
+    this.place = place;
+    this.onOpened = onOpened;
+    this.rows = new Map();
+    this.canSave = false;
+    this.readOnly = false;
+  }
+
+  // The keys of the opened formulas, those opened first at the beginning.
+  get opened() {
+    return [...this.rows.values()].filter((each) => each.element.open)
+      .sort((a, b) => a.openedAt - b.openedAt).map((each) => each.id);
+  }
+
+  update(rows) {
+    const seen = new Set(rows.map((each) => each.id));
+    for (const [id, row] of this.rows) {
+      if (!seen.has(id)) {
+        row.remove();
+        this.rows.delete(id);
+      }
+    }
+    let before = null;
+    for (const each of rows) {
+      let row = this.rows.get(each.id);
+      if (!row) {
+        row = new FormulaRow(each.id, this);
+        this.rows.set(each.id, row);
+      }
+      row.update(each);
+      const expected = before ? before.nextSibling : this.place.firstChild;
+      if (row.element !== expected) this.place.insertBefore(row.element, expected);
+      before = row.element;
+    }
+  }
+
+  toggled(row) {
+    if (row.element.open) {
+      row.openedAt = performance.now();
+      const opened = this.opened;
+      if (opened.length > MAX_OPEN) this.rows.get(opened[0]).element.open = false;
+    }
+    this.onOpened();
+  }
+
+  get(id) {
+    return this.rows.get(id);
+  }
+}
+
+class FormulaRow {
+  constructor(id, list) {
+    this.id = id;
+    this.list = list;
+    this.openedAt = 0;
+    this.drawing = null;
+    this.word = make('span', {class: 'word'});
+    this.name = make('span', {class: 'name'});
+    this.text = make('code');
+    this.note = make('span', {class: 'note'});
+    this.strip = make('div', {class: 'strip', role: 'img'});
+    this.body = make('div', {class: 'body'});
+    const head = make('div', {class: 'head'}, this.word, make('div', {}, this.name, this.text, this.note));
+    this.element = make('details', {class: 'formula'},
+      make('summary', {class: 'row'}, head, this.strip), this.body);
+    this.element.addEventListener('toggle', () => list.toggled(this));
+    this.fillBody();
+  }
+
+  fillBody() {
+    this.whole = make('code');
+    this.why = make('div', {class: 'why'});
+    this.facts = make('p', {class: 'soft'});
+    this.residual = make('p', {class: 'residual'});
+    this.panels = make('div', {class: 'panels'});
+    this.margins = make('div', {class: 'panels few'});
+    this.tables = make('div');
+    this.answer = make('p', {role: 'status'});
+    this.cancel = make('button', {type: 'button', onclick: () => this.ask('cancel')}, 'Cancel');
+    this.save = make('button', {type: 'button', onclick: () => this.ask('save')}, 'Save black box');
+    this.actions = make('div', {class: 'actions'}, this.cancel, this.save);
+    this.unseen = make('p', {class: 'soft', hidden: true}, 'Signals are shown of the states that come while the formula is open; none has come.');
+    this.body.append(make('p', {}, this.whole), this.why, this.facts, this.residual, this.actions,
+      this.answer, this.unseen, this.panels, this.margins, this.tables);
+  }
+
+  remove() {
+    for (const plot of this.element.querySelectorAll('.js-plotly-plot')) Plotly.purge(plot);
+    this.element.remove();
+  }
+
+  async ask(action) {
+    setText(this.answer, 'asked…');
+    const answer = await request(action, {name: this.fullName ?? this.row.name});
+    const done = action === 'cancel' ? `cancelled ${answer.cancelled}` : `saved: ${answer.paths?.join(', ')}`;
+    setText(this.answer, answer.error ?? done);
+  }
+
+  update(row) {
+    this.row = row;
+    const kind = row.kind === 'warning' ? 'undecided warning' : row.kind;
+    setText(this.word, row.state);
+    setClass(this.word, `word ${kind}`);
+    const isNamed = row.name !== row.formula;
+    setText(this.name, isNamed ? row.name : '');
+    setText(this.text, row.formula);
+    setText(this.whole, row.formula);
+    setText(this.note, row.text === row.state ? '' : row.text);
+    setClass(this.why, `why is-${row.kind}`);
+    const facts = [
+      `${row.states} states`, `since ${duration(row.since)}`, row.every_state ? 'asked at every state' : '',
+      row.margin ? `margin ${row.margin}` : '', row.plan ? `plan ${row.plan}` : '',
+    ];
+    setText(this.facts, facts.filter(Boolean).join('; '));
+    this.cancel.hidden = !row.is_running || this.list.readOnly;
+    this.save.hidden = !this.list.canSave || this.list.readOnly;
+    this.actions.hidden = this.cancel.hidden && this.save.hidden;
+    this.drawStrip(row.strip);
+  }
+
+  drawStrip(segments) {
+    const text = JSON.stringify(segments);
+    if (text === this.segments) return;
+    this.segments = text;
+    this.strip.replaceChildren(...segments.map(([start, end, outcome]) => {
+      const mark = make('i', {class: `is-${outcome}`, title: outcome}, end - start > LABELLED ? outcome : '');
+      mark.style.left = `${100 * start}%`;
+      mark.style.width = `${100 * (end - start)}%`;
+      return mark;
+    }));
+    const words = segments.slice(-6).map(([start, end, outcome]) =>
+      `${outcome} from ${ago(start)} to ${ago(end)}`);
+    this.strip.setAttribute('aria-label', words.join('; ') || 'no verdict in the last 5 minutes');
+  }
+
+  details(details) {
+    this.fullName = details.name;
+    setText(this.why, details.explanation || details.waits_for || this.row.text);
+    const parts = [
+      details.decided_at ? `decided at ${details.decided_at}` : '',
+      details.residual ? `remains: ${details.residual}` : '',
+      details.waits_for && details.explanation ? `waits for: ${details.waits_for}` : '',
+    ];
+    setText(this.residual, parts.filter(Boolean).join('\n'));
+    this.unseen.hidden = Boolean(this.drawing?.panels.length);
+    this.fillTables(details);
+    this.drawMargins(details.margins);
+  }
+
+  fillTables(details) {
+    const text = JSON.stringify([details.episodes, details.groundings, details.events]);
+    if (text === this.tabled) return;
+    this.tabled = text;
+    this.tables.replaceChildren();
+    if (details.episodes.length) {
+      this.addTable('Episodes', ['from', 'to', 'states', 'why'], details.episodes.map((each) =>
+        [each.begin, each.end || 'now', each.states, each.explanation]));
+    }
+    if (details.groundings.length) {
+      this.addTable('Streams', ['feature', 'stream in use', 'stand-ins'], details.groundings.map((each) =>
+        [each.symbol, each.stream, each.stand_ins.join('\n') || 'none']));
+    }
+    if (details.events.length) {
+      this.tables.append(make('h3', {}, 'Events'), ...details.events.map((each) => make('p', {}, each)));
+    }
+  }
+
+  addTable(title, heads, rows) {
+    const place = make('div');
+    this.tables.append(make('h3', {}, title), place);
+    new KeyedTable(place, heads, '').update(rows.map((cells, key) => ({key, cells})));
+  }
+
+  // Draws all panels anew.
+  draw(message) {
+    this.signals = message.signals;
+    this.drawing = drawingOf({...message, unit: ['s']}, 0);
+    this.drawing.axis = 'time since it was asked (s)';
+    for (const plot of this.panels.querySelectorAll('.plot')) Plotly.purge(plot);
+    this.panels.classList.toggle('few', message.captions.length <= 2);
+    this.plots = this.drawing.panels.map(() => make('div', {class: 'plot'}));
+    this.panels.replaceChildren(...message.captions.map((caption, number) => {
+      const names = caption.names.map((name) => make('span', {class: 'signal'}, name));
+      const decides = caption.is_decisive ? [' ', make('span', {class: 'word error-free'}, 'decides')] : [];
+      const objects = caption.objects ? [make('b', {}, caption.objects), ...decides, ' '] : [];
+      return make('figure', {}, make('figcaption', {}, ...objects, make('span', {}, ...names)), this.plots[number]);
+    }), ...(message.omitted ? [make('p', {class: 'soft'}, `${message.omitted} more are not shown`)] : []));
+    this.plots.forEach((plot) => VISIBLE.observe(plot));
+    this.unseen.hidden = Boolean(this.plots.length);
+    this.redraw(true);
+  }
+
+  // Adds the points of later states, and forgets those that have left the range.
+  extend(message) {
+    if (!this.drawing) return;
+    const {range, marks} = message.formulas[0];
+    Object.assign(this.drawing, {range, marks});
+    message.signals.forEach((added, number) => {
+      const signal = this.signals[number];
+      signal.t = signal.t.concat(added.t);
+      signal.v = signal.v.concat(added.v);
+      let first = 0;
+      while (first < signal.t.length - 1 && signal.t[first + 1] < range[0]) first += 1;
+      signal.t = signal.t.slice(first);
+      signal.v = signal.v.slice(first);
+    });
+    this.redraw(false);
+  }
+
+  redraw(all) {
+    if (!this.element.open) return;
+    this.drawing.panels.forEach((panel, number) => {
+      const plot = this.plots[number];
+      if (all || plot.dataset.visible) drawPanel(plot, panel, this.drawing);
+    });
+  }
+
+  drawMargins(margins) {
+    this.margins.hidden = !margins.length;
+    if (!margins.length) return;
+    if (!this.marginPlot) {
+      this.marginPlot = make('div', {class: 'plot'});
+      const names = ['at least', 'at most'].map((name) => make('span', {class: 'signal'}, name));
+      this.margins.append(make('figure', {},
+        make('figcaption', {}, make('b', {}, 'margin'), ' ', make('span', {}, ...names)), this.marginPlot));
+    }
+    const times = margins.map((each) => each[0]);
+    const signal = (name, column) => ({name, t: times, v: margins.map((each) => each[column]), words: []});
+    const panel = {
+      is_decisive: false, signals: [signal('at least', 1), signal('at most', 2)],
+      thresholds: [{value: 0, text: '0'}],
+    };
+    const marks = {deciding: [], windows: [], pending: [], gaps: [], violations: []};
+    const range = [times[0], Math.max(times.at(-1), times[0] + 1)];
+    drawPanel(this.marginPlot, panel, {axis: 'time since it was asked (s)', range, marks});
+  }
+}
+
+// Plots that are not seen are not drawn again.
+const VISIBLE = new IntersectionObserver((entries) => {
+  for (const entry of entries) {
+    if (entry.isIntersecting) entry.target.dataset.visible = 'yes';
+    else delete entry.target.dataset.visible;
+  }
+});
+
+function duration(seconds) {
+  if (seconds < 120) return `${seconds} s`;
+  if (seconds < 7200) return `${Math.floor(seconds / 60)} min`;
+  return `${Math.floor(seconds / 3600)} h`;
+}
+
+function ago(place) {
+  const seconds = Math.round(300 * (1 - place));
+  return seconds ? `${seconds} s ago` : 'now';
+}

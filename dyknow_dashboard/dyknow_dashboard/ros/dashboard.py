@@ -1,0 +1,252 @@
+"""The command `dyknow dashboard`: a live page of a running system.
+
+The main thread runs the server and owns the board; another thread runs the node. They exchange
+functions to call: reports of the node go to the board, requests of pages to the node.
+"""
+
+from __future__ import annotations
+
+import argparse
+import asyncio
+import os
+import signal
+import sys
+from collections.abc import Awaitable, Callable, Iterator
+from contextlib import contextmanager
+from functools import partial
+from threading import Thread
+from typing import Any, Final
+
+import rclpy
+from rclpy.executors import ExternalShutdownException
+from rclpy.node import Node
+from rclpy.signals import SignalHandlerOptions
+
+from dyknow_common import ExitCode
+from dyknow_common.executables import SUCCESS, describe
+from dyknow_common.ros import NodeAdapter, command_main, node_executor
+from dyknow_dashboard.errors import DashboardError
+from dyknow_dashboard.model.board import Board
+from dyknow_dashboard.model.requests import AskedFormula
+from dyknow_dashboard.ros.operations import Operations
+from dyknow_dashboard.ros.system_reader import SystemReader
+from dyknow_dashboard.server.guards import is_loopback
+from dyknow_dashboard.server.serving import DashboardServer, ServerOptions
+from dyknow_recordings.reporting.pictures.libraries import picture_library
+
+PORT: Final = 8520
+
+REQUEST_TIMEOUT_S: Final = 40.0
+"""The time after which a page is told that a request to the nodes was not answered."""
+
+_MAX_PORT: Final = 65_535
+
+
+class NodeThread:
+    """The thread that runs the node, and calls of its coroutines from the thread of the server.
+
+    Args:
+        loop: of the thread of the server.
+        namespace: of the node; empty: as its arguments say.
+        on_end: called in the thread of the server when the thread has ended.
+
+    Attributes:
+        fault: the error that has ended the thread.
+    """
+
+    def __init__(
+        self, loop: asyncio.AbstractEventLoop, namespace: str, on_end: Callable[[], None]
+    ) -> None:
+        self.fault: Exception | None = None
+        self._loop = loop
+        self._on_end = on_end
+        name = f'dyknow_dashboard_{os.getpid()}'
+        self.node = Node(name, namespace=namespace or None, start_parameter_services=False)
+        self.adapter = NodeAdapter(self.node)
+        self._executor = node_executor()
+        self._executor.add_node(self.node)
+        self._thread = Thread(target=self._spin, name='node', daemon=True)
+
+    def start(self) -> None:
+        """Run the callbacks of the node from now on."""
+        self._thread.start()
+
+    def stop(self) -> None:
+        """End the thread; the context must be shut down."""
+        if self._thread.ident is not None:  # It was started.
+            self._thread.join(timeout=REQUEST_TIMEOUT_S)
+        self._executor.shutdown()
+        self.node.destroy_node()
+
+    def deliver(self, work: Callable[[], None]) -> None:
+        """Have the thread of the server call a function."""
+        if not self._loop.is_closed():
+            self._loop.call_soon_threadsafe(work)
+
+    def run(self, work: Callable[[], Any]) -> None:
+        """Have the thread of the node call a function."""
+        self._executor.create_task(work)
+
+    async def call(self, work: Callable[[], Awaitable[Any]]) -> Any:
+        """Return the result of a coroutine of the node, or raise its error."""
+        done = self._loop.create_future()
+
+        def finish(result: Any, error: Exception | None) -> None:
+            if done.done():
+                return
+            if error is None:
+                done.set_result(result)
+            else:
+                done.set_exception(error)
+
+        async def run() -> None:
+            try:
+                result = await work()
+            except Exception as error:  # noqa: BLE001 - the request that waits raises it
+                self.deliver(partial(finish, None, error))
+            else:
+                self.deliver(partial(finish, result, None))
+
+        self._executor.create_task(run)
+        try:
+            return await asyncio.wait_for(done, REQUEST_TIMEOUT_S)
+        except TimeoutError:
+            raise DashboardError('the nodes have not answered', ExitCode.TIMEOUT) from None
+
+    def _spin(self) -> None:
+        try:
+            self._executor.spin()
+        except ExternalShutdownException:
+            pass
+        except Exception as error:  # noqa: BLE001 - the main thread raises it
+            self.fault = error
+        self.deliver(self._on_end)
+
+
+class ThreadedOperator:
+    """Has the node carry out what pages ask for."""
+
+    def __init__(self, thread: NodeThread, operations: Operations) -> None:
+        self._thread = thread
+        self._operations = operations
+
+    async def ask(self, asked: AskedFormula) -> None:
+        """Have a formula monitored."""
+        await self._thread.call(partial(self._operations.ask, asked))
+
+    async def cancel(self, name: str) -> int:
+        """End the evaluations of a name, and return their number."""
+        return int(await self._thread.call(partial(self._operations.cancel, name)))
+
+    async def save(self, name: str) -> list[str]:
+        """Save black boxes, and return the paths of the bags."""
+        return list(await self._thread.call(partial(self._operations.save, name)))
+
+
+def dashboard(options: argparse.Namespace) -> int:
+    """Serve the page until a signal, and return the exit code."""
+    picture_library('plotly', 'dyknow dashboard')
+    served = ServerOptions(options.host, options.port, options.read_only)
+    rclpy.init(args=sys.argv, signal_handler_options=SignalHandlerOptions.NO)
+    try:
+        asyncio.run(_serve(served, options.namespace))
+    finally:
+        rclpy.try_shutdown()
+    return SUCCESS
+
+
+async def _serve(options: ServerOptions, namespace: str) -> None:
+    loop, stopped = asyncio.get_running_loop(), asyncio.Event()
+    for number in (signal.SIGINT, signal.SIGTERM):
+        loop.add_signal_handler(number, stopped.set)
+    board = Board()
+    with _running_node(loop, namespace, stopped.set) as thread:
+        operations = Operations(thread.adapter)
+
+        def attend() -> None:
+            states = server.pages.states
+            topics = frozenset(board.state_topics(states))
+            thread.run(partial(reader.attend, is_open=bool(states), topics=topics))
+
+        reader = SystemReader(thread.adapter, board, thread.deliver, attend)
+        operator = ThreadedOperator(thread, operations)
+        server = DashboardServer(board, operator, options, attend)
+        port = server.start()
+        thread.start()
+        _announce(options, port)
+        await stopped.wait()
+        await server.stop()
+        if thread.fault is not None:
+            raise thread.fault
+        await thread.call(partial(_close, operations))
+
+
+async def _close(operations: Operations) -> None:
+    operations.close()
+
+
+@contextmanager
+def _running_node(
+    loop: asyncio.AbstractEventLoop, namespace: str, on_end: Callable[[], None]
+) -> Iterator[NodeThread]:
+    thread = NodeThread(loop, namespace, on_end)
+    try:
+        yield thread
+    finally:
+        rclpy.try_shutdown()
+        thread.stop()
+
+
+def _announce(options: ServerOptions, port: int) -> None:
+    host = f'[{options.host}]' if ':' in options.host else options.host
+    print(f'open http://{host}:{port}', flush=True)  # noqa: T201 - this is a command
+    if not is_loopback(options.host):
+        may = (
+            'see the system'
+            if options.read_only
+            else 'see the system, ask formulas and cancel those of others (--read-only prevents it)'
+        )
+        print(  # noqa: T201
+            f'warning: everyone who reaches {host}:{port} can {may}; there is no password',
+            file=sys.stderr,
+            flush=True,
+        )
+
+
+def _port(text: str) -> int:
+    is_number = text.isascii() and text.isdecimal() and len(text) <= len(str(_MAX_PORT))
+    if not (is_number and int(text) <= _MAX_PORT):
+        raise argparse.ArgumentTypeError(f"'{text}' is no port; give a number up to {_MAX_PORT}")
+    return int(text)
+
+
+def add_dashboard_options(parser: argparse.ArgumentParser) -> None:
+    """Add the options of the command."""
+    parser.set_defaults(command=dashboard)
+    describe(
+        parser,
+        'Serve a live page of a running system: formulas, streams, nodes. It ends by Ctrl-C.',
+        (
+            'dyknow dashboard',
+            'dyknow dashboard --port 9000 --namespace /robot1',
+            'dyknow dashboard --host 0.0.0.0 --read-only',
+        ),
+        '0 after Ctrl-C, 2 for an error',
+    )
+    parser.add_argument(
+        '--host', default='127.0.0.1', help='address to listen on (default: 127.0.0.1)'
+    )
+    parser.add_argument(
+        '--port', type=_port, default=PORT, help=f'0 for any free one (default: {PORT})'
+    )
+    parser.add_argument(
+        '--read-only', action='store_true', help='pages can neither ask formulas nor cancel any'
+    )
+    parser.add_argument(
+        '--namespace', default='', metavar='NS', help='of the system (default: that of --ros-args)'
+    )
+
+
+def main() -> int:
+    """Run the executable dashboard."""
+    return command_main('dashboard', add_dashboard_options)

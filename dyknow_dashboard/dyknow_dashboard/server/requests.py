@@ -1,0 +1,186 @@
+"""Requests of pages over HTTP: the files of the page, and what an operator asks for.
+
+Every fault of a request is answered with a status of 400 to 499 (or 503, 504 when a node is at
+fault) and a message, never with a traceback.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Awaitable, Callable, Mapping
+from dataclasses import dataclass
+from typing import Any, Final, Protocol
+
+from tornado.ioloop import IOLoop
+from tornado.web import HTTPError, RequestHandler
+
+from dyknow_common import DyKnowError, ExitCode
+from dyknow_dashboard.model.board import Board
+from dyknow_dashboard.model.requests import (
+    AskedFormula,
+    asked_formula,
+    evaluation_name,
+    read_document,
+    typed_text,
+)
+from dyknow_dashboard.model.typed_formulas import check, proposals
+from dyknow_dashboard.server.guards import HEADERS, RateLimit, is_own_host, is_same_origin
+
+_STATUSES: Final = {
+    ExitCode.INVALID_ARGUMENT: 400,
+    ExitCode.NOT_FOUND: 404,
+    ExitCode.ALREADY_EXISTS: 409,
+    ExitCode.UNAVAILABLE: 503,
+    ExitCode.TIMEOUT: 504,
+}
+"""The statuses of HTTP of errors; that of others is 422."""
+
+_CHANGING: Final = frozenset({'ask', 'cancel', 'save'})
+
+
+class SystemOperator(Protocol):
+    """Carries out what an operator asks for. All methods raise DyKnowError if that fails."""
+
+    async def ask(self, asked: AskedFormula) -> None:
+        """Have a formula monitored."""
+
+    async def cancel(self, name: str) -> int:
+        """End the evaluations of a name, and return their number."""
+
+    async def save(self, name: str) -> list[str]:
+        """Save black boxes of a formula, or of all, and return the paths of the bags."""
+
+
+@dataclass(frozen=True, slots=True)
+class ServedSystem:
+    """What requests are about.
+
+    Args:
+        board: the state of the system.
+        operator: changes it.
+        names: of this machine, in the header `Host`.
+        limit: of requests.
+        read_only: True if pages may change nothing.
+    """
+
+    board: Board
+    operator: SystemOperator
+    names: frozenset[str]
+    limit: RateLimit
+    read_only: bool
+
+
+class GuardedHandler(RequestHandler):
+    """The base of all handlers: the headers of responses, and errors as JSON."""
+
+    system: ServedSystem
+
+    def initialize(self, system: ServedSystem) -> None:
+        """Take the arguments of the route."""
+        self.system = system
+
+    def set_default_headers(self) -> None:
+        """Set the headers of all responses."""
+        for name, value in HEADERS.items():
+            self.set_header(name, value)
+
+    def prepare(self) -> None:
+        """Refuse what a page of another site may have sent."""
+        host = self.request.host
+        if not is_own_host(host, self.system.names):
+            raise HTTPError(403, reason='the header Host does not name this machine')
+        if not is_same_origin(self.request.headers.get('Origin'), host):
+            raise HTTPError(403, reason='the request comes from another site')
+
+    def write_error(self, *_: Any, **__: Any) -> None:
+        """Send the reason of an error."""
+        self.finish({'error': self._reason})
+
+    def log_exception(self, typ: Any, value: Any, tb: Any) -> None:
+        """Print the traceback of a fault of ours, and nothing about requests that are refused."""
+        if not isinstance(value, HTTPError):
+            super().log_exception(typ, value, tb)
+
+
+class MissingHandler(GuardedHandler):
+    """Refuses unknown paths."""
+
+    def prepare(self) -> None:
+        """Refuse the request."""
+        super().prepare()
+        raise HTTPError(404, reason='there is no such page')
+
+
+class FileHandler(GuardedHandler):
+    """Serves a file of the page."""
+
+    def initialize(  # type: ignore[override]
+        self, system: ServedSystem, kind: str, content: Callable[[], bytes]
+    ) -> None:
+        """Take the arguments of the route: its type, and the function that reads it."""
+        super().initialize(system)
+        self._kind, self._content = kind, content
+
+    def get(self) -> None:
+        """Send the file."""
+        self.set_header('Content-Type', self._kind)
+        self.finish(self._content())
+
+    head = get
+
+
+class ActionHandler(GuardedHandler):
+    """Carries out a request with a document of JSON."""
+
+    def prepare(self) -> None:
+        """Refuse what a page of ours does not send."""
+        super().prepare()
+        if self.request.method != 'POST':
+            raise HTTPError(405)
+        kind = self.request.headers.get('Content-Type', '').partition(';')[0].strip().lower()
+        if kind != 'application/json':
+            raise HTTPError(415, reason='the request is not application/json')
+        if not self.system.limit.allows(IOLoop.current().time()):
+            raise HTTPError(429, reason='too many requests; wait a second')
+
+    async def post(self, action: str) -> None:
+        """Carry out the request."""
+        work = _ACTIONS.get(action)
+        if work is None:
+            raise HTTPError(404, reason='there is no such request')
+        if self.system.read_only and action in _CHANGING:
+            raise HTTPError(403, reason='the page is read-only (--read-only)')
+        try:
+            answer = await work(self.system, read_document(self.request.body))
+        except DyKnowError as error:
+            self.set_status(_STATUSES.get(error.code, 422))
+            answer = {'error': error.message}
+        self.finish(answer)
+
+
+async def _check(system: ServedSystem, document: Mapping[str, Any]) -> dict[str, Any]:
+    typed, knowledge = typed_text(document), system.board.concepts.knowledge
+    found = check(typed.text, knowledge)
+    return {**found, 'proposals': proposals(typed.text, typed.cursor, knowledge)}
+
+
+async def _ask(system: ServedSystem, document: Mapping[str, Any]) -> dict[str, Any]:
+    asked = asked_formula(document)
+    fault = check(asked.formula, None).get('fault')
+    if fault or not asked.formula.strip():
+        raise DyKnowError(fault or 'the formula is empty')
+    await system.operator.ask(asked)
+    return {}
+
+
+async def _cancel(system: ServedSystem, document: Mapping[str, Any]) -> dict[str, Any]:
+    return {'cancelled': await system.operator.cancel(evaluation_name(document))}
+
+
+async def _save(system: ServedSystem, document: Mapping[str, Any]) -> dict[str, Any]:
+    name = evaluation_name(document, allow_empty=True)
+    return {'paths': await system.operator.save(name)}
+
+
+_ACTIONS: Final[
+    Mapping[str, Callable[[ServedSystem, Mapping[str, Any]], Awaitable[dict[str, Any]]]]
+] = {'check': _check, 'ask': _ask, 'cancel': _cancel, 'save': _save}

@@ -1,0 +1,261 @@
+"""The contents of the page, and what each page lacks of them."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from typing import Any
+
+from dyknow_common import SECOND_NS, DyKnowError, ExitCode, Margin, Verdict
+from dyknow_coordinator import EvaluationPhase, EvaluationStatus, Grounding, Level, SymbolGrounding
+from dyknow_coordinator.reporting.node_status import NodeState
+from dyknow_dashboard.model.board import Board, PageState
+from dyknow_dashboard.model.formulas import MAX_ENDED, MAX_MARGINS, MAX_SHOWN
+from dyknow_dashboard.model.graph import MAX_NODES, graph
+from dyknow_dashboard.model.health import STALE_NS, DiagnosedPart, HealthTable, NodeHealth
+from dyknow_dashboard.model.requests import Interest
+from dyknow_dashboard.model.streams import source_of
+from dyknow_stream_processing.reporting.stream_report import (
+    Flow,
+    SourceReport,
+    StreamReport,
+    StreamState,
+)
+
+GROUNDING = SymbolGrounding(
+    'Power[uav1]',
+    Grounding.SEMANTIC,
+    'select power as "Power[uav1]" from uav1_power',
+    ('select power as "Power[uav1]" from spare where id = "uav1"',),
+)
+POWER = EvaluationStatus(
+    'power',
+    'always (uav1_power.power < 5)',
+    EvaluationPhase.RUNNING,
+    started=10 * SECOND_NS,
+    state_stream='/dyknow/streams/_states_1',
+    groundings=(GROUNDING,),
+    states_progressed=5,
+    latest_valid_time=20 * SECOND_NS,
+)
+STREAMS = (
+    StreamReport(
+        '_states_1', StreamState.FLOWING, topic='/dyknow/streams/_states_1', specification='...'
+    ),
+    StreamReport('spare', StreamState.WAITING, 'nobody publishes /spare', topic='/spare_power'),
+    StreamReport(
+        'uav1_power',
+        StreamState.FLOWING,
+        topic='/dyknow/streams/uav1_power',
+        drops={'max_delay': 2, 'fields': 1},
+        violations=3,
+        sources=(SourceReport('/uav1/battery'),),
+        flow=Flow(19.96, 3_000_000, 9_000_000),
+    ),
+)
+
+
+def board_of(*statuses: EvaluationStatus) -> Board:
+    board = Board()
+    board.formulas.update(statuses, 21 * SECOND_NS)
+    return board
+
+
+def messages(board: Board, page: PageState) -> dict[str, dict[str, Any]]:
+    found = list(board.changes(page))
+    json.dumps(found, allow_nan=False)
+    return {each['type']: each for each in found}
+
+
+def opened(board: Board) -> PageState:
+    (row,) = board.formulas.rows()
+    page = PageState(Interest('formulas', (row['id'],)))
+    board.state_topics([page])
+    return page
+
+
+def test_a_page_gets_what_has_changed() -> None:
+    board, page = board_of(POWER), PageState()
+    assert set(messages(board, page)) == {'formulas', 'nodes'}
+    assert messages(board, page) == {}
+    board.formulas.update([POWER], 22 * SECOND_NS)
+    assert set(messages(board, page)) == {'formulas'}
+    page.show(Interest('streams'))
+    assert set(messages(board, page)) == {'streams'}
+    assert messages(board, page) == {}
+
+
+def test_a_row() -> None:
+    (row,) = board_of(replace(POWER, margin=Margin(1, 2, 'W', 'a'))).formulas.rows()
+    assert row['name'] == 'power'
+    assert (row['state'], row['kind'], row['is_running']) == ('running', 'undecided', True)
+    assert row['margin'] == '1 to 2 W (a)'
+    assert row['since'] == 11
+
+
+def test_an_opened_formula_gets_details_then_a_drawing_then_points() -> None:
+    board = board_of(POWER)
+    page = opened(board)
+    assert board.state_topics([page]) == {'/dyknow/streams/_states_1'}
+    assert {'details', 'drawing'} < set(messages(board, page))
+    board.add_state('/dyknow/streams/_states_1', 11 * SECOND_NS, {'uav1_power.power': 1.0})
+    assert list(messages(board, page)) == ['points']
+    board.formulas.update([POWER], 22 * SECOND_NS)
+    assert 'drawing' in messages(board, page), 'now there is a panel'
+    board.add_state('/other', 12 * SECOND_NS, {'uav1_power.power': 1.0})
+    assert messages(board, page) == {}
+    board.add_state('/dyknow/streams/_states_1', 12 * SECOND_NS, {'uav1_power.power': 2.0})
+    (points,) = messages(board, page).values()
+    assert points['signals'] == [{'t': [2], 'v': [2]}]
+    assert messages(board, page) == {}
+
+
+def test_the_deciding_state_is_drawn_though_the_state_stream_ends_with_it() -> None:
+    board = board_of(POWER)
+    page = opened(board)
+    messages(board, page)
+    ended = replace(
+        POWER,
+        phase=EvaluationPhase.ENDED,
+        verdict=Verdict.FALSE,
+        decided_at=20 * SECOND_NS,
+        state_stream='',
+    )
+    board.formulas.update([ended], 22 * SECOND_NS)
+    assert board.state_topics([page]) == {'/dyknow/streams/_states_1'}
+    board.add_state('/dyknow/streams/_states_1', 20 * SECOND_NS, {'uav1_power.power': 6.0})
+    (formula,) = messages(board, page)['drawing']['formulas']
+    (deciding,) = formula['marks']['deciding']
+    assert deciding['values'] == {'uav1_power.power': 6}
+
+
+def test_signals_that_no_page_shows_are_forgotten() -> None:
+    board = board_of(POWER)
+    page = opened(board)
+    page.show(Interest())
+    assert board.state_topics([page]) == set()
+
+
+def test_a_formula_that_is_not_known_is_not_sent() -> None:
+    page = PageState(Interest('formulas', ('unknown',)))
+    assert set(messages(board_of(POWER), page)) == {'formulas', 'nodes'}
+
+
+def test_evaluations_are_kept_after_their_last_report() -> None:
+    ended = replace(POWER, phase=EvaluationPhase.ENDED, verdict=Verdict.FALSE)
+    board = board_of(ended)
+    board.formulas.update([], 60 * SECOND_NS)
+    (row,) = board.formulas.rows()
+    assert row['state'] == 'false'
+
+
+def test_an_evaluation_that_vanished_is_no_longer_running() -> None:
+    board = board_of(POWER)
+    board.formulas.update([], 60 * SECOND_NS)
+    (row,) = board.formulas.rows()
+    assert (row['state'], row['is_running']) == ('unavailable', False)
+    board.formulas.update([POWER], 61 * SECOND_NS)
+    (row,) = board.formulas.rows()
+    assert row['state'] == 'running'
+
+
+def test_the_number_of_evaluations_is_bounded() -> None:
+    board = Board()
+    for number in range(200):
+        board.formulas.update([replace(POWER, started=number)], number)
+    assert len(board.formulas.rows()) == MAX_ENDED + 1
+    many = [replace(POWER, started=number) for number in range(MAX_SHOWN + 7)]
+    board.formulas.update(many, 0)
+    assert board.formulas.hidden == 7
+    assert len(board.formulas.rows()) <= MAX_SHOWN + MAX_ENDED
+
+
+def test_evaluations_of_one_name_are_distinct() -> None:
+    board = board_of(POWER, POWER)
+    assert len({each['id'] for each in board.formulas.rows()}) == 2
+
+
+def test_margins_are_kept_over_time() -> None:
+    board = Board()
+    for second in range(MAX_MARGINS + 10):
+        margin = Margin(-1 if second else float('-inf'), second)
+        latest = (20 + second) * SECOND_NS
+        board.formulas.update([replace(POWER, latest_valid_time=latest, margin=margin)], latest)
+    (row,) = board.formulas.rows()
+    evaluation = board.formulas.get(row['id'])
+    assert evaluation is not None
+    margins = board.formulas.details(evaluation)['margins']
+    assert len(margins) == MAX_MARGINS
+    assert margins[-1] == [10 + MAX_MARGINS + 9, -1, MAX_MARGINS + 9]
+
+
+def test_kinds_of_ends() -> None:
+    kinds = {
+        ExitCode.CANCELLED: 'undecided',
+        ExitCode.TIMEOUT: 'undecided',
+        ExitCode.CONSTRAINT_VIOLATION: 'error',
+    }
+    for code, kind in kinds.items():
+        ended = replace(POWER, phase=EvaluationPhase.ENDED, error=DyKnowError('why', code))
+        (row,) = board_of(ended).formulas.rows()
+        assert (row['kind'], row['text']) == (kind, 'why')
+
+
+def test_streams() -> None:
+    board, page = board_of(POWER), PageState(Interest('streams'))
+    board.streams.update(STREAMS, ['/engine'])
+    found = messages(board, page)['streams']
+    assert found['engines'] == ['/engine']
+    own, spare, power = found['streams']
+    assert own['is_own']
+    assert spare['stand_in_for'] == ['Power[uav1]']
+    assert (spare['state'], spare['rate']) == ('waiting', None)
+    assert (power['rate'], power['dropped'], power['violations']) == (20.0, 3, 3)
+
+
+def test_the_source_of_a_stream() -> None:
+    assert source_of('select a from b') == 'b'
+    assert source_of('select a from "/b" where c = 1') == '/b'
+    assert source_of('select a from b with max_delay = 1 s') == 'b'
+
+
+def test_the_graph_from_topics_to_formulas() -> None:
+    other = replace(POWER, name='other')
+    found = graph(STREAMS, [POWER, other])
+    layers = found['layers']
+    names = {each['id']: (layers[each['layer']], each['name']) for each in found['nodes']}
+    edges = {(names[start], names[end]) for start, end in found['edges']}
+    states = 'states', 'of power, other'
+    assert edges == {
+        (('topic', '/uav1/battery'), ('stream', 'uav1_power')),
+        (('stream', 'uav1_power'), states),
+        (states, ('formula', 'power')),
+        (states, ('formula', 'other')),
+    }
+    assert ('stream', 'spare') in names.values()
+
+
+def test_the_graph_is_bounded() -> None:
+    many = [StreamReport(f's{number}', StreamState.FLOWING) for number in range(MAX_NODES + 9)]
+    found = graph(many, [POWER])
+    assert len(found['nodes']) == MAX_NODES
+    assert found['hidden'] > 0
+    known = {each['id'] for each in found['nodes']}
+    assert all({*edge} <= known for edge in found['edges'])
+
+
+def test_health() -> None:
+    table = HealthTable()
+    alive = NodeHealth('/manager', NodeState(True, Level.OK, 'running'))
+    gone = NodeHealth('/engine', NodeState(False, Level.OK, 'running', 7 * SECOND_NS))
+    table.diagnose([DiagnosedPart('driver: battery', 1, 'low')], 0)
+    table.diagnose([DiagnosedPart('/manager: node', 0, 'ok')], 0)
+    table.update([alive, gone], 0)
+    document = table.document()
+    assert [each['level'] for each in document['nodes']] == ['ok', 'error']
+    assert document['nodes'][1]['message'].startswith('gone for 7')
+    assert document['diagnoses'] == [
+        {'name': 'driver: battery', 'level': 'warning', 'message': 'low'}
+    ]
+    table.update([alive], STALE_NS)
+    assert table.document()['diagnoses'] == []

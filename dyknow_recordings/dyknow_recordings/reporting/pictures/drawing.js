@@ -1,0 +1,100 @@
+'use strict';
+// Draws the signals of a formula with plotly, for reports and the live page.
+
+// A drawing has an axis (its title), a range of time, marks and panels. The data stores a signal of
+// several formulas once; a drawing has the signals themselves.
+function drawingOf(data, number) {
+  const formula = data.formulas[number];
+  return {
+    axis: `time (${data.unit[formula.recording]})`, range: formula.range, marks: formula.marks,
+    panels: formula.panels.map((panel) => ({
+      ...panel, signals: panel.signals.map((index) => data.signals[index]),
+    })),
+  };
+}
+
+const COLOURS = ['#3987e5', '#c98500', '#9085e9'];
+const isTouched = matchMedia('(pointer: coarse)').matches;
+
+function line(time, dash, width, color) {
+  return {type: 'line', x0: time, x1: time, y0: 0, y1: 1, yref: 'paper', line: {dash, width, color}};
+}
+
+function band(span, fillcolor, opacity, dash) {
+  return {
+    type: 'rect', x0: span[0], x1: span[1], y0: 0, y1: 1, yref: 'paper', layer: 'below',
+    fillcolor, opacity, line: {width: dash ? 1 : 0, dash: dash || 'solid', color: fillcolor},
+  };
+}
+
+function label(text, position) {
+  return {text, showarrow: false, font: {size: 11}, ...position};
+}
+
+function tracesOf(panel) {
+  return panel.signals.map((signal, number) => {
+    const words = signal.words.length ? signal.v.map((v) => signal.words[v] ?? v) : undefined;
+    return {
+      x: signal.t, y: signal.v, text: words, mode: 'lines', name: signal.name, showlegend: false,
+      line: {color: COLOURS[number % 3], width: 1.6, shape: words ? 'hv' : 'linear'},
+      hovertemplate: (words ? '%{text}' : '%{y}') + ' at %{x}<extra></extra>',
+    };
+  });
+}
+
+function statesOf(panel, marks) {
+  // The deciding states, as points on the signals.
+  const names = panel.signals.map((signal) => signal.name);
+  const points = !panel.is_decisive ? [] : marks.deciding.flatMap((state) =>
+    names.filter((name) => state.values[name] != null)
+      .map((name) => [state.time, state.values[name], state.verdict]));
+  return {
+    x: points.map((p) => p[0]), y: points.map((p) => p[1]), text: points.map((p) => p[2]),
+    mode: 'markers', showlegend: false, hovertemplate: '%{text}: %{y} at %{x}<extra></extra>',
+    marker: {size: 11, color: '#d55e00', line: {width: 2, color: '#ffffff'}, symbol: 'diamond'},
+  };
+}
+
+function layoutOf(panel, drawing) {
+  const marks = drawing.marks;
+  const words = panel.signals[0].words;
+  const shapes = [
+    ...(panel.is_decisive ? marks.windows : []).map((each) => band(each, '#56b4e9', 0.22, 'dash')),
+    ...marks.pending.map((each) => band(each, '#56b4e9', 0.3, 'dash')),
+    ...marks.gaps.map((each) => band(each, '#7f7f7f', 0.35)),
+    ...marks.violations.map((each) => line(each, 'dot', 2, '#9b5fc0')),
+    ...marks.deciding.map((each) => line(each.time, 'solid', 2, '#d55e00')),
+    ...panel.thresholds.map((each) => ({
+      type: 'line', x0: 0, x1: 1, xref: 'paper', y0: each.value, y1: each.value,
+      line: {dash: 'dash', width: 1.6, color: '#d55e00'},
+    })),
+  ];
+  const range = drawing.range;
+  const annotations = [
+    ...panel.thresholds.map((each) => label(each.text, {
+      x: 1, xref: 'paper', xanchor: 'right', y: each.value, yanchor: 'bottom',
+    })),
+    ...marks.deciding.slice(0, 1).map((each) => label(each.verdict, {
+      x: each.time, y: 1, yref: 'paper', yanchor: 'bottom',
+      xanchor: each.time > (range[0] + range[1]) / 2 ? 'right' : 'left',
+    })),
+  ];
+  return {
+    shapes, annotations, hovermode: 'closest', dragmode: isTouched ? false : 'zoom',
+    margin: {l: 54, r: 12, t: 20, b: 36}, paper_bgcolor: 'transparent', plot_bgcolor: 'transparent',
+    font: {size: 11, family: 'system-ui, sans-serif'},
+    xaxis: {range: [...range], title: {text: drawing.axis, standoff: 4}, zeroline: false},
+    yaxis: {
+      automargin: true, zeroline: false,
+      autorangeoptions: {include: panel.thresholds.map((each) => each.value)},
+      ...(words.length ? {tickvals: words.map((_, n) => n), ticktext: words} : {}),
+    },
+  };
+}
+
+// Draws a panel into an element, or draws it again after a change.
+function drawPanel(element, panel, drawing) {
+  const traces = [...tracesOf(panel), statesOf(panel, drawing.marks)];
+  return Plotly.react(element, traces, layoutOf(panel, drawing),
+    {responsive: true, displayModeBar: false});
+}
