@@ -207,10 +207,10 @@ def test_a_request_writes_what_there_is(
     monitored = Monitored(system.client, INVARIANT, name='power', record=recorded(after=0.2))
     evaluations.wait_for_state()
     recorder.wait_for_memory()
-    answer = system.client.call(SaveBlackBox, f'{NODE}/save', name='power')
+    answer = system.client.call(SaveBlackBox, f'{NODE}/save_black_box', name='power')
     assert answer.exit_status.code == ExitStatus.SUCCESS
     (path,) = answer.paths
-    answer = system.client.call(SaveBlackBox, f'{NODE}/save', name='pwer')
+    answer = system.client.call(SaveBlackBox, f'{NODE}/save_black_box', name='pwer')
     assert answer.exit_status.code == ExitStatus.NOT_FOUND
     assert answer.exit_status.message == (
         "no formula of 'pwer' is monitored with a black box (there are: power)"
@@ -233,7 +233,7 @@ def test_limits_of_memory_are_told(
     )
     assert recorder.diagnosis is not None
     assert recorder.diagnosis.level == DiagnosticStatus.WARN
-    (path,) = system.client.call(SaveBlackBox, f'{NODE}/save').paths
+    (path,) = system.client.call(SaveBlackBox, f'{NODE}/save_black_box').paths
     (report,) = recorder.wait_for_reports(1)
     assert report.path == path
     assert report.dropped > 0
@@ -250,7 +250,7 @@ def test_a_folder_that_is_too_small_is_an_error(
     monitored = Monitored(system.client, INVARIANT, name='power', record=recorded(after=0.2))
     evaluations.wait_for_state()
     recorder.wait_for_memory()
-    answer = system.client.call(SaveBlackBox, f'{NODE}/save', name='power')
+    answer = system.client.call(SaveBlackBox, f'{NODE}/save_black_box', name='power')
     assert answer.exit_status.code == ExitStatus.UNAVAILABLE
     assert "which may have 1000 (the limit 'folder_bytes')" in answer.exit_status.message
     (report,) = recorder.wait_for_reports(1)

@@ -197,7 +197,7 @@ def recorder_interfaces(topics: Collection[str], engines: Collection[str]) -> In
         | frozenset(topics)
         | frozenset(map(streams_of, engines))
         | {f'{COORDINATOR}/evaluations', f'{COORDINATOR}/verdicts/*', 'stream_manager/streams'},
-        serves=frozenset({'~/save'}),
+        serves=frozenset({'~/save_black_box'}),
         requests=frozenset({'ontology_manager/concept_get_instances'}),
     )
 

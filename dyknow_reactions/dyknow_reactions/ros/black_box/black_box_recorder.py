@@ -6,7 +6,7 @@ ros2 run dyknow_reactions black_box_recorder --ros-args -p folder:=/data/black_b
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any, Final
@@ -92,9 +92,7 @@ class BlackBoxRecorder(DyKnowNode):
         )
         self.create_timer(PERIOD_S, self._update, clock=self.wall_clock)
         self.create_timer(REPORT_PERIOD_S, self._report_health, clock=self.wall_clock)
-        self.create_service(
-            SaveBlackBox, '~/save', self._save_or_refuse, callback_group=self.reentrant
-        )
+        self.serve(SaveBlackBox, self._save)
 
     def destroy_node(self) -> None:
         """Write the boxes that are open, then destroy the node."""
@@ -254,20 +252,13 @@ class BlackBoxRecorder(DyKnowNode):
         report.error, report.dropped = error, dropped
         self._boxes.publish(report)
 
-    async def _save_or_refuse(self, request: Any, response: Any) -> Any:
-        try:
-            response.paths = await self._save(request.name)
-        except DyKnowError as error:
-            response.exit_status.code = int(error.code)
-            response.exit_status.message = error.message
-        return response
-
-    async def _save(self, name: str) -> Sequence[str]:
-        """Write boxes as if formulas failed now; return their paths.
+    async def _save(self, request: Any, response: Any) -> None:
+        """Write boxes as if formulas failed now.
 
         Raises:
             DyKnowError: NOT_FOUND, if no formula has the name; UNAVAILABLE, if one is not written.
         """
+        name = request.name
         boxes, lost = self._watch.request(name, self.now())
         if not boxes and not lost:
             known = listed(sorted({each for each, _ in self._watch.watched})) or 'none'
@@ -283,7 +274,7 @@ class BlackBoxRecorder(DyKnowNode):
         errors = [each.error for each in lost] + [str(error) for _, error in outcomes if error]
         if errors:
             raise DyKnowError('\n'.join(errors), ExitCode.UNAVAILABLE)
-        return [path for path, _ in outcomes if path]
+        response.paths = [path for path, _ in outcomes if path]
 
     def _report_health(self) -> None:
         faults = [*self._topics.faults, *([self._latest_fault] if self._latest_fault else [])]
