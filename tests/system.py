@@ -426,16 +426,11 @@ class Batteries:
         self._client.spin_until(lambda: self.stamp >= settled, 'regular batteries')
 
     @contextmanager
-    def in_a_process(self) -> Iterator[Callable[[], None]]:
-        """Publish from a process of its own, as this one is busy for seconds.
-
-        Yields:
-            What makes a new power known to that process.
-        """
+    def in_a_process(self) -> Iterator[None]:
+        """Publish from a process of its own, as this one is busy for seconds."""
         script = Path(__file__).with_name('telemetry_process.py')
         command = [sys.executable, str(script), *self._publishers]
         with subprocess.Popen(command, stdin=subprocess.PIPE, text=True) as process:
-            assert process.stdin is not None
             topic = next(iter(self._publishers.values())).topic_name
             self._client.spin_until(
                 lambda: self._node.count_publishers(topic) > 1, 'the publishers of the process'
@@ -443,13 +438,20 @@ class Batteries:
             self._timer.cancel()
             settled = self._present_stamp() + self.SETTLING_TIME
             self._client.spin_until(lambda: self._present_stamp() > settled, 'regular batteries')
+            told: list[str] = []
 
-            def tell() -> None:
-                print(json.dumps(self.power), file=process.stdin, flush=True)
+            def tell_changes() -> None:
+                if (line := json.dumps(self.power)) not in told[-1:]:
+                    told.append(line)
+                    print(line, file=process.stdin, flush=True)
 
-            yield tell
-        self.stamp = self._present_stamp()
-        self._timer.reset()
+            telling = self._node.create_timer(0.02, tell_changes)
+            try:
+                yield
+            finally:
+                self._node.destroy_timer(telling)
+                self.stamp = self._present_stamp()
+                self._timer.reset()
 
     def _present_stamp(self) -> int:
         return self._node.get_clock().now().nanoseconds // self.PERIOD * self.PERIOD

@@ -57,7 +57,7 @@ def free_port() -> int:
 @needs_browser
 def test_a_formula_is_asked_drawn_and_cancelled(page: LivePage, served: tuple[System, str]) -> None:
     system, address = served
-    with system.batteries.in_a_thread():
+    with system.batteries.in_a_process():
         page.show(address)
         page.until(lambda: '7 nodes ok' in page.text('#health'), 'all nodes')
         ask(page, POWER, 'draws little')
@@ -86,7 +86,7 @@ def test_a_formula_is_asked_drawn_and_cancelled(page: LivePage, served: tuple[Sy
 @needs_browser
 def test_a_standing_formula_has_its_episodes(page: LivePage, served: tuple[System, str]) -> None:
     system, address = served
-    with system.batteries.in_a_thread():
+    with system.batteries.in_a_process():
         page.show(address, 390, 844, dark=True)
         ask(page, 'forall u in UAV: Power[u] < 150', 'standing', every_state=True)
         row = page.open('standing')
@@ -131,7 +131,7 @@ def test_all_parts_fit_the_screen(
     page: LivePage, served: tuple[System, str], width: int, tmp_path: Path
 ) -> None:
     system, address = served
-    with system.batteries.in_a_thread():
+    with system.batteries.in_a_process():
         page.show(address, width)
         expected = {
             'streams': ('#streams-table', 'uav1_power'),
@@ -171,7 +171,7 @@ def test_the_page_survives_the_restart_of_every_node(
     system, address = served
     page.show(address)
     page.until(lambda: '7 nodes ok' in page.text('#health'), 'all nodes')
-    with system.batteries.in_a_thread():
+    with system.batteries.in_a_process():
         for executable in tuple(system.processes):
             with system.killed(executable):
                 page.until(lambda: 'missing' in page.text('#health'), f'{executable} is missing')
