@@ -16,7 +16,8 @@ from contextlib import contextmanager
 from dataclasses import replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any, Self
+from threading import Event, Thread
+from typing import Any, Self, TextIO
 
 import rclpy
 from diagnostic_msgs.msg import DiagnosticStatus
@@ -438,20 +439,23 @@ class Batteries:
             self._timer.cancel()
             settled = self._present_stamp() + self.SETTLING_TIME
             self._client.spin_until(lambda: self._present_stamp() > settled, 'regular batteries')
-            told: list[str] = []
-
-            def tell_changes() -> None:
-                if (line := json.dumps(self.power)) not in told[-1:]:
-                    told.append(line)
-                    print(line, file=process.stdin, flush=True)
-
-            telling = self._node.create_timer(0.02, tell_changes)
+            stopped = Event()
+            telling = Thread(target=self._tell_changes, args=(process.stdin, stopped))
+            telling.start()
             try:
                 yield
             finally:
-                self._node.destroy_timer(telling)
-                self.stamp = self._present_stamp()
+                stopped.set()
+                telling.join()
                 self._timer.reset()
+
+    def _tell_changes(self, process: TextIO, stopped: Event) -> None:
+        told = ''
+        while not stopped.wait(0.02):
+            self.stamp = self._present_stamp()
+            if (line := json.dumps(self.power)) != told:
+                told = line
+                print(line, file=process, flush=True)
 
     def _present_stamp(self) -> int:
         return self._node.get_clock().now().nanoseconds // self.PERIOD * self.PERIOD
