@@ -90,10 +90,10 @@ def test_a_guard_that_is_stopped_passes_nothing_stale(system: System, base: Guar
 @pytest.mark.parametrize(
     ('node', 'reason'),
     [
-        ('stream_reasoning_coordinator', 'stream_reasoning_coordinator: no sign of life'),
-        ('stream_reasoning_engine', 'stream_reasoning_engine: no sign of life'),
-        ('stream_manager', 'stream_manager: no sign of life'),
-        ('stream_processing_engine', 'Power[uav1] < 150: no state'),
+        ('stream_reasoning_coordinator', 'stream_reasoning_coordinator: the latest sign of life'),
+        ('stream_reasoning_engine', 'stream_reasoning_engine: the latest sign of life'),
+        ('stream_manager', 'stream_manager: the latest sign of life'),
+        ('stream_processing_engine', 'Power[uav1] < 150: the latest state'),
     ],
 )
 @pytest.mark.parametrize('end', ['SIGSTOP', 'SIGKILL'])

@@ -71,7 +71,7 @@ def test_a_clock_that_jumps(tmp_path_factory: pytest.TempPathFactory, tmp_path: 
             known = len(base.statuses)
             simulation.speed = 0
             base.assert_safe_after(time.monotonic(), TIMEOUT_S)
-            base.wait_for(GuardStatus.CLOSED, 'no state')
+            base.wait_for(GuardStatus.CLOSED, 'the latest state')
             simulation.speed = 1
             base.wait_until_open()
 

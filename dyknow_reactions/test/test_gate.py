@@ -13,14 +13,23 @@ from dyknow_reactions.guard.gate import Gate, GateState
 EXAMPLES = 20_000 if os.environ.get('DYKNOW_LONG_TESTS') else 500
 FORMULAS, NODES, TIMEOUT = ('f', 'g'), ('n', 'm'), 5
 
+AT_ONCE = st.just(0)
+Event = tuple[str, str, str, int]
+"""A kind, a name, a text, and the age of a state."""
+
 EVENTS = st.one_of(
-    st.tuples(st.just('state'), st.sampled_from(FORMULAS), st.sampled_from(['', '', '', 'bad'])),
-    st.tuples(st.just('fault'), st.sampled_from(FORMULAS), st.just('gone')),
-    st.tuples(st.just('node'), st.sampled_from(NODES), st.just('')),
-    st.tuples(st.just('interrupt'), st.just(''), st.just('paused')),
-    st.tuples(st.just('block'), st.just(''), st.sampled_from(['', 'blocked'])),
-    st.tuples(st.just('reset'), st.just(''), st.just('')),
-    st.tuples(st.just('look'), st.just(''), st.just('')),
+    st.tuples(
+        st.just('state'),
+        st.sampled_from(FORMULAS),
+        st.sampled_from(['', '', '', 'bad']),
+        st.integers(0, 7),
+    ),
+    st.tuples(st.just('fault'), st.sampled_from(FORMULAS), st.just('gone'), AT_ONCE),
+    st.tuples(st.just('node'), st.sampled_from(NODES), st.just(''), AT_ONCE),
+    st.tuples(st.just('interrupt'), st.just(''), st.just('paused'), AT_ONCE),
+    st.tuples(st.just('block'), st.just(''), st.sampled_from(['', 'blocked']), AT_ONCE),
+    st.tuples(st.just('reset'), st.just(''), st.just(''), AT_ONCE),
+    st.tuples(st.just('look'), st.just(''), st.just(''), AT_ONCE),
 )
 
 
@@ -29,13 +38,13 @@ class Reference:
     """All events so far; the conditions are evaluated anew at every instant."""
 
     latch: bool
-    log: list[tuple[int, tuple[str, str, str]]] = field(default_factory=list)
+    log: list[tuple[int, Event]] = field(default_factory=list)
     now: int = 0
     is_open: bool = False
     is_latched: bool = False
 
     def is_well(self) -> bool:
-        def latest(kinds: set[str], name: str) -> tuple[int, tuple[str, str, str]] | None:
+        def latest(kinds: set[str], name: str) -> tuple[int, Event] | None:
             found = [each for each in self.log if each[1][0] in kinds and each[1][1] in {name, ''}]
             return found[-1] if found else None
 
@@ -46,7 +55,7 @@ class Reference:
             own = latest(kinds, name)
             if found is None or own is None or found[1][0] in {'interrupt', 'fault'}:
                 return False
-            if found[1][2] or self.now - found[0] > TIMEOUT:
+            if found[1][2] or self.now - found[0] + found[1][3] > TIMEOUT:
                 return False
         block = latest({'block'}, '')
         return block is None or not block[1][2]
@@ -61,7 +70,7 @@ class Reference:
             self.now += 1
             self.look()
 
-    def take(self, event: tuple[str, str, str]) -> None:
+    def take(self, event: Event) -> None:
         self.log.append((self.now, event))
         if event[0] == 'reset' and self.is_well():
             self.is_latched = False
@@ -74,17 +83,17 @@ class Reference:
 )
 @settings(max_examples=EXAMPLES, deadline=None)
 def test_it_is_open_exactly_when_all_conditions_hold(
-    events: list[tuple[int, tuple[str, str, str]]],
+    events: list[tuple[int, Event]],
     latch: bool,  # noqa: FBT001 - drawn by hypothesis
 ) -> None:
     gate, reference = Gate(FORMULAS, NODES, TIMEOUT, latch=latch), Reference(latch)
     for wait, event in events:
         reference.advance(reference.now + wait)
-        now, (kind, name, text) = reference.now, event
+        now, (kind, name, text, age) = reference.now, event
         reference.take(event)
         match kind:
             case 'state':
-                gate.note_state(name, now, text)
+                gate.note_state(name, now, text, age=age)
             case 'fault':
                 gate.note_fault(name, now, text)
             case 'node':
@@ -121,11 +130,11 @@ def test_the_reasons() -> None:
     gate.note_state('f', 4)
     assert (gate.state, gate.reason) == (GateState.OPEN, '')
     assert not gate.is_open(7)
-    assert gate.reason == 'n: no sign of life for more than 5 ns'
+    assert gate.reason == 'n: the latest sign of life is older than 5 ns'
     gate.note_node('n', 9)
     assert gate.is_open(9)
     gate.note_node('n', 10)
-    assert gate.reason == 'f: no state for more than 5 ns'
+    assert gate.reason == 'f: the latest state is older than 5 ns'
     gate.interrupt(11, 'the clock has jumped')
     assert gate.reason == 'the clock has jumped'
     gate.block(12, 'nobody publishes /cmd_vel_in')

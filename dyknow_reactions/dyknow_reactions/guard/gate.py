@@ -9,7 +9,7 @@ which it holds, and each node of DyKnow has given a recent sign of life. With a 
     100 ms    a state, the formula holds          open
     200 ms    a state, the formula does not hold  closed: Ahead[rover] is 0.2
     250 ms    a state, the formula holds          open; with a latch, latched until `reset`
-    551 ms    (no state has come since)           closed: no state for more than 300 ms
+    551 ms    (no state has come since)           closed: the latest state is older than 300 ms
 
 All times are those of one monotonic clock, in nanoseconds. Each method first closes the gate if
 something became too old before its time, so a latch does not depend on when it is looked at.
@@ -37,7 +37,8 @@ class _Known:
     """What is known of a formula or a node.
 
     Args:
-        time: of the latest state or sign of life; None if there is none that counts.
+        time: at which the latest state was valid, or of the latest sign of life; None if there is
+            none that counts.
         failure: why a formula does not hold, or cannot be asked; empty if it holds.
     """
 
@@ -68,10 +69,17 @@ class Gate:
         """Why it is closed; empty while it is open."""
         self.update(0)
 
-    def note_state(self, formula: str, now: int, failure: str = '') -> None:
-        """Take a state of a formula; `failure` says why the formula does not hold."""
+    def note_state(self, formula: str, now: int, failure: str = '', *, age: int = 0) -> None:
+        """Take a state of a formula.
+
+        Args:
+            formula: its name.
+            now: the time.
+            failure: why the formula does not hold; empty if it does.
+            age: the time since the state was valid: one that has waited may be out of date.
+        """
         self.update(now)
-        self._formulas[formula] = _Known(now, failure)
+        self._formulas[formula] = _Known(now - age, failure)
         self.update(now)
 
     def note_fault(self, formula: str, now: int, reason: str) -> None:
@@ -143,5 +151,5 @@ class Gate:
             if known.time is None:
                 return self._interruption or f'{name}: no {what} has come'
             if now - known.time > self._timeout:
-                return f'{name}: no {what} for more than {format_duration(self._timeout)}'
+                return f'{name}: the latest {what} is older than {format_duration(self._timeout)}'
         return ''

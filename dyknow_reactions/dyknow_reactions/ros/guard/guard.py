@@ -36,6 +36,7 @@ from dyknow_reactions.ros.guard.guard_diagnostics import GuardDiagnostics
 from dyknow_reactions.ros.guard.guarded_formulas import (
     CommandFormulas,
     CommandStates,
+    GuardClock,
     WatchedStates,
 )
 from dyknow_reactions.ros.guard.node_pulses import WATCHED, NodePulses
@@ -118,15 +119,16 @@ class GuardNode(DyKnowNode):
     def _watch_formulas(self) -> None:
         services = StateServices(self, FormulaClient(self), RemoteNode(self, 'ontology_manager'))
         self._client, self._states = services.client, list[FormulaStates]()
+        clock = GuardClock(self._now, lambda valid_time: max(self.now() - valid_time, 0))
         for each in self._guard.formulas:
             command = self._commands.get(each.name)
             title = f'{self.get_fully_qualified_name()}: {each.name}'
             if command is None:
-                watched = WatchedStates(each.name, self._gate, self._now, self._settle)
+                watched = WatchedStates(each.name, self._gate, clock, self._settle)
                 text = str(asked_of_each_state(parse_formula(each.text, each.constants)))
                 self._states.append(FormulaStates(services, text, title, watched, every_state=True))
             elif command.state_formula:
-                tried = CommandStates(each.name, command, self._gate, self._now, self._settle)
+                tried = CommandStates(each.name, command, self._gate, clock, self._settle)
                 self._states.append(
                     FormulaStates(services, command.state_formula, title, tried, every_state=False)
                 )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from typing import NamedTuple
 
 from dyknow_common import Value
 from dyknow_reactions.guard.command_formulas import CommandFormula
@@ -13,6 +14,18 @@ Settle = Callable[[int], None]
 """Called with the monotonic time after each change of the gate, in nanoseconds."""
 
 
+class GuardClock(NamedTuple):
+    """The clocks of a guard, in nanoseconds.
+
+    Args:
+        now: returns the monotonic time.
+        age: returns the time that has passed since a valid time, at least 0.
+    """
+
+    now: Callable[[], int]
+    age: Callable[[int], int]
+
+
 class WatchedStates:
     """A formula that must hold at every state.
 
@@ -20,11 +33,11 @@ class WatchedStates:
         name: of the formula in the gate.
         gate: is informed of each state.
         settle: called afterwards.
-        now: returns the monotonic time, in nanoseconds.
+        clock: of the guard.
     """
 
-    def __init__(self, name: str, gate: Gate, now: Callable[[], int], settle: Settle) -> None:
-        self._name, self._gate, self._now, self._settle = name, gate, now, settle
+    def __init__(self, name: str, gate: Gate, clock: GuardClock, settle: Settle) -> None:
+        self._name, self._gate, self._clock, self._settle = name, gate, clock, settle
         self._formula: WatchedFormula | None = None
 
     def begin(self, formula: str, domains: Mapping[str, Sequence[str]]) -> None:
@@ -38,13 +51,13 @@ class WatchedStates:
         if is_after_gap:
             self._formula.gap()
         failure = self._formula.failure(valid_time, values)
-        now = self._now()
-        self._gate.note_state(self._name, now, failure)
+        now = self._clock.now()
+        self._gate.note_state(self._name, now, failure, age=self._clock.age(valid_time))
         self._settle(now)
 
     def fail(self, reason: str) -> None:
         """Close the gate."""
-        now = self._now()
+        now = self._clock.now()
         self._gate.note_fault(self._name, now, reason)
         self._settle(now)
 
@@ -53,25 +66,25 @@ class CommandStates:
     """A formula over commands and states; the arguments are those of `WatchedStates`."""
 
     def __init__(
-        self, name: str, formula: CommandFormula, gate: Gate, now: Callable[[], int], settle: Settle
+        self, name: str, formula: CommandFormula, gate: Gate, clock: GuardClock, settle: Settle
     ) -> None:
         self._name, self._formula, self._gate = name, formula, gate
-        self._now, self._settle = now, settle
+        self._clock, self._settle = clock, settle
 
     def begin(self, _formula: str, domains: Mapping[str, Sequence[str]]) -> None:
         """Begin with other states; the history of commands begins anew."""
         self._formula.begin(domains)
 
-    def receive(self, _valid_time: int, values: Mapping[str, Value], *, is_after_gap: bool) -> None:  # noqa: ARG002
+    def receive(self, valid_time: int, values: Mapping[str, Value], *, is_after_gap: bool) -> None:  # noqa: ARG002
         """Keep the values of a state."""
         self._formula.set_state(values)
-        now = self._now()
-        self._gate.note_state(self._name, now)
+        now = self._clock.now()
+        self._gate.note_state(self._name, now, age=self._clock.age(valid_time))
         self._settle(now)
 
     def fail(self, reason: str) -> None:
         """Close the gate."""
-        now = self._now()
+        now = self._clock.now()
         self._gate.note_fault(self._name, now, reason)
         self._settle(now)
 
