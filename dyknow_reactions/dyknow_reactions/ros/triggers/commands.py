@@ -104,7 +104,7 @@ class _Process:
             self._poll_later()
             return
         self._is_over = True
-        self._errors.seek(0)
-        last = ' '.join(self._errors.read()[-SHOWN:].decode(errors='replace').split())
+        self._errors.seek(max(0, self._errors.seek(0, os.SEEK_END) - SHOWN))
+        last = ' '.join(self._errors.read(SHOWN).decode(errors='replace').split())
         self._errors.close()
         self._end(f'exit code {code}{f": {last}" if last else ""}' if code else '')
