@@ -41,7 +41,7 @@ from dyknow_bringup.security.policy import policy_text
 from dyknow_bringup.security.systems import SecuredSystem
 from dyknow_bringup.simulation.fleet import vehicle_names
 from dyknow_bringup.simulation.missions import load_mission
-from dyknow_common import Verdict
+from dyknow_common import BlackBoxOptions, Verdict
 from dyknow_coordinator.ros import FormulaClient
 from policies import GraphRecorder, Use, rules
 from system import LIMIT, POLL, Client, private_environment
@@ -55,6 +55,9 @@ NOT_USED_HERE = {'/clock'}
 NEVER_USED = {'/dyknow_admin'}
 """The enclave for people, who may do more than they do."""
 
+RECORDER = '/black_box_recorder'
+"""The enclave of the recorder, which may read all topics of the robot, and reads some."""
+
 
 @contextmanager
 def fleet(environment: dict[str, str], folder: Path) -> Iterator[None]:
@@ -66,6 +69,7 @@ def fleet(environment: dict[str, str], folder: Path) -> Iterator[None]:
         '--annotations', *map(str, configuration.annotations),
         '--streams', *map(str, configuration.streams),
         '--logs', str(folder),
+        '--record', str(folder / 'black_boxes'),
     )  # fmt: skip
     with running(line, environment), Launcher(folder, environment=environment) as launcher:
         launcher.start_all(
@@ -144,7 +148,7 @@ def asking(enclave: str, domain: int) -> Iterator[None]:
         monitor = client.monitor_plan(plan, wait=LIMIT)
         reported = node.executor.create_task(monitor.started, plan.actions[0].name)
         answered = node.executor.create_task(partial(client.evaluate, FORMULA, wait=LIMIT))
-        monitored = client.monitor(FORMULA, wait=LIMIT).outcome
+        monitored = client.monitor(FORMULA, wait=LIMIT, record=BlackBoxOptions()).outcome
         with ThreadPoolExecutor() as threads:
             waited = threads.submit(client.evaluate_blocking, FORMULA, wait=LIMIT)
             yield
@@ -201,7 +205,7 @@ def test_nodes_use_what_their_policy_permits_and_nothing_is_permitted_that_none_
             'stream_semantics_manager/add_semantic_specification',
             ssl_statement='stream unknown contains Power[uav1] = power',
         )
-        everything = {rule.enclave for rule in permitted} - NEVER_USED
+        everything = {rule.enclave for rule in permitted} - NEVER_USED - {RECORDER}
 
         def is_everything_used() -> bool:
             run_commands()
@@ -214,7 +218,7 @@ def test_nodes_use_what_their_policy_permits_and_nothing_is_permitted_that_none_
             pause=POLL,
         )
     assert_permitted(recorder, permitted)
-    assert set(recorder.names) == everything, recorder.names
+    assert set(recorder.names) == everything | {RECORDER}, recorder.names
 
 
 def test_two_robots_use_what_their_policy_permits(tmp_path: Path) -> None:

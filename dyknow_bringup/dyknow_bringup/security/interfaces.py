@@ -11,6 +11,8 @@ COORDINATOR: Final = 'stream_reasoning_coordinator'
 
 RECORDER: Final = 'black_box_recorder'
 
+RECORDER_SERVICES: Final = ('save_black_box',)
+
 SERVICES: Final = {
     ENGINE: ('list_streams', 'stream_create_from_spec', 'stream_destroy'),
     'stream_manager': (
@@ -197,7 +199,7 @@ def recorder_interfaces(topics: Collection[str], engines: Collection[str]) -> In
         | frozenset(topics)
         | frozenset(map(streams_of, engines))
         | {f'{COORDINATOR}/evaluations', f'{COORDINATOR}/verdicts/*', 'stream_manager/streams'},
-        serves=frozenset({'~/save_black_box'}),
+        serves=frozenset(f'~/{service}' for service in RECORDER_SERVICES),
         requests=frozenset({'ontology_manager/concept_get_instances'}),
     )
 
@@ -293,6 +295,7 @@ def administration(engines: Collection[str]) -> Interfaces:
     """Return what changes a running system: all services of its nodes, with their parameters."""
     nodes = {node: services for node, services in SERVICES.items() if node != ENGINE}
     nodes.update(dict.fromkeys(engines, SERVICES[ENGINE]))
+    nodes[RECORDER] = RECORDER_SERVICES
     return Interfaces(
         requests=frozenset().union(
             *(_services(node, *names, *PARAMETER_SERVICES) for node, names in nodes.items())
