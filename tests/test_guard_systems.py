@@ -41,7 +41,7 @@ def test_the_end_of_the_process_of_all_nodes(one_process: System, tmp_path: Path
         else:
             with system.stopped(NODES) if end == 'SIGSTOP' else system.killed(NODES):
                 base.assert_safe_after(event, TIMEOUT_S)
-                base.wait_for(GuardStatus.CLOSED, 'no ')
+                base.wait_for(GuardStatus.CLOSED)
             system.client.wait_for_coordinator()
             system.client.spin_until(
                 lambda: system.streams() >= system.fleet_streams, 'the streams', pause=0.1
