@@ -2,31 +2,17 @@
 
 from __future__ import annotations
 
-import shutil
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import Any
 
 from selenium.common.exceptions import StaleElementReferenceException
-from selenium.webdriver import Chrome, ChromeOptions
-from selenium.webdriver.chrome.service import Service
 from selenium.webdriver.common.by import By
 
+from browser import LIMIT_S, Browser
 from commands import command, running
-
-LIMIT_S = 60.0
-"""Seconds after which a wait for a page has failed."""
-
-FLAGS = (
-    '--headless', '--no-sandbox', '--disable-gpu', '--disable-quic', '--no-first-run',
-    '--hide-scrollbars', '--disable-background-networking', '--disable-component-update',
-    '--disable-sync',
-)  # fmt: skip
-
-HAS_BROWSER = bool(shutil.which('chromium') and shutil.which('chromedriver'))
 
 
 @contextmanager
@@ -40,37 +26,17 @@ def dashboard(environment: dict[str, str], port: int = 0, *arguments: str) -> It
         yield said.split()[1]
 
 
-@contextmanager
-def chromium() -> Iterator[LivePage]:
-    """Chromium with an empty profile."""
-    options = ChromeOptions()
-    options.binary_location = shutil.which('chromium') or ''
-    options.set_capability('goog:loggingPrefs', {'browser': 'ALL'})
-    with TemporaryDirectory(ignore_cleanup_errors=True) as profile:
-        for flag in (*FLAGS, f'--user-data-dir={profile}'):
-            options.add_argument(flag)
-        driver = Chrome(options, Service(shutil.which('chromedriver')))
-        try:
-            yield LivePage(driver)
-        finally:
-            driver.quit()
-
-
 class LivePage:
     """The page in a browser."""
 
-    def __init__(self, driver: Chrome) -> None:
-        self.driver = driver
+    def __init__(self, browser: Browser) -> None:
+        self._browser = browser
+        self.driver = browser.driver
 
     def show(self, url: str, width: int = 1400, height: int = 1000, *, dark: bool = False) -> None:
         """Load the page, and forget the errors of those before."""
         self.driver.get('about:blank')
-        self.errors()
-        metrics = {'width': width, 'height': height, 'deviceScaleFactor': 1, 'mobile': width < 600}
-        self.driver.execute_cdp_cmd('Emulation.setDeviceMetricsOverride', metrics)
-        scheme = {'name': 'prefers-color-scheme', 'value': 'dark' if dark else 'light'}
-        self.driver.execute_cdp_cmd('Emulation.setEmulatedMedia', {'features': [scheme]})
-        self.driver.get(url)
+        self._browser.open(url, width, height, dark=dark)
 
     def until(self, condition: Callable[[], Any], what: str, limit: float = LIMIT_S) -> Any:
         """Wait for a condition, and return its value."""
@@ -138,5 +104,4 @@ class LivePage:
     @property
     def is_wider_than_the_screen(self) -> bool:
         """True if the page scrolls to the side."""
-        script = 'return document.documentElement.scrollWidth > innerWidth'
-        return bool(self.driver.execute_script(script))
+        return self._browser.overflow() > 0

@@ -14,11 +14,10 @@ import pytest
 from selenium.webdriver.common.by import By
 from selenium.webdriver.common.keys import Keys
 
+from browser import Browser
 from commands import command, output_of
-from dashboards import HAS_BROWSER, LivePage, chromium, dashboard
+from dashboards import LivePage, dashboard
 from system import LIMIT, System, private_environment
-
-needs_browser = pytest.mark.skipif(not HAS_BROWSER, reason='needs chromium and chromedriver')
 
 POWER = 'forall u in UAV: always (Power[u] < 150)'
 
@@ -27,9 +26,8 @@ DISCONNECTED = 'WebSocket connection to'
 
 
 @pytest.fixture(scope='module')
-def page() -> Iterator[LivePage]:
-    with chromium() as browser:
-        yield browser
+def page(browser: Browser) -> LivePage:
+    return LivePage(browser)
 
 
 @pytest.fixture(scope='module')
@@ -54,7 +52,6 @@ def free_port() -> int:
         return int(probe.getsockname()[1])
 
 
-@needs_browser
 def test_a_formula_is_asked_drawn_and_cancelled(page: LivePage, served: tuple[System, str]) -> None:
     system, address = served
     with system.batteries.in_a_process():
@@ -83,7 +80,6 @@ def test_a_formula_is_asked_drawn_and_cancelled(page: LivePage, served: tuple[Sy
     assert page.errors() == []
 
 
-@needs_browser
 def test_a_standing_formula_has_its_episodes(page: LivePage, served: tuple[System, str]) -> None:
     system, address = served
     with system.batteries.in_a_process():
@@ -103,7 +99,6 @@ def test_a_standing_formula_has_its_episodes(page: LivePage, served: tuple[Syste
     assert page.errors() == []
 
 
-@needs_browser
 def test_faults_and_completions_as_one_types(page: LivePage, served: tuple[System, str]) -> None:
     _, address = served
     page.show(address)
@@ -125,7 +120,6 @@ def test_faults_and_completions_as_one_types(page: LivePage, served: tuple[Syste
     assert page.errors() == []
 
 
-@needs_browser
 @pytest.mark.parametrize('width', [390, 1400])
 def test_all_parts_fit_the_screen(
     page: LivePage, served: tuple[System, str], width: int, tmp_path: Path
@@ -147,7 +141,6 @@ def test_all_parts_fit_the_screen(
     assert page.errors() == []
 
 
-@needs_browser
 def test_the_tabs_by_keyboard(page: LivePage, served: tuple[System, str]) -> None:
     page.show(served[1])
     page.find('#tab-formulas').send_keys(Keys.ARROW_RIGHT)
@@ -164,7 +157,6 @@ def test_the_tabs_by_keyboard(page: LivePage, served: tuple[System, str]) -> Non
     assert names == 0, 'all that takes the focus has a name'
 
 
-@needs_browser
 def test_the_page_survives_the_restart_of_every_node(
     page: LivePage, served: tuple[System, str]
 ) -> None:
@@ -187,7 +179,6 @@ def test_the_page_survives_the_restart_of_every_node(
     assert page.errors() == []
 
 
-@needs_browser
 def test_the_page_survives_the_restart_of_its_server(page: LivePage) -> None:
     environment, port = private_environment(), free_port()
     with dashboard(environment, port) as address:
@@ -200,7 +191,6 @@ def test_the_page_survives_the_restart_of_its_server(page: LivePage) -> None:
     assert page.errors(DISCONNECTED) == []
 
 
-@needs_browser
 def test_the_surge_of_the_demonstration(page: LivePage) -> None:
     environment = private_environment()
     with dashboard(environment) as address:

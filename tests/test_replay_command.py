@@ -7,14 +7,6 @@ from functools import partial
 from pathlib import Path
 
 from dyknow_interfaces.msg import ExitStatus, FormulaResult
-from rosbags.interfaces import (
-    Qos,
-    QosDurability,
-    QosHistory,
-    QosLiveliness,
-    QosReliability,
-    QosTime,
-)
 from rosbags.rosbag2 import Writer
 from rosbags.typesys import Stores, get_typestore
 from rosgraph_msgs.msg import Clock
@@ -22,6 +14,7 @@ from sensor_msgs.msg import BatteryState
 from std_msgs.msg import Bool
 
 from commands import command, output_of, running
+from dyknow_bringup.recordings.recording import OFFERED
 from dyknow_bringup.resources import share
 from dyknow_common import SECOND_NS
 from system import Client, System, private_environment
@@ -50,22 +43,11 @@ def test_a_recording_is_replayed_with_its_clock() -> None:
 
 def test_topics_of_several_publishers_have_several_again(tmp_path: Path) -> None:
     """Otherwise, an engine would take their messages for those of one that stamps in order."""
-    profile = Qos(
-        history=QosHistory.KEEP_LAST,
-        depth=10,
-        reliability=QosReliability.RELIABLE,
-        durability=QosDurability.VOLATILE,
-        deadline=QosTime(0, 0),
-        lifespan=QosTime(0, 0),
-        liveliness=QosLiveliness.AUTOMATIC,
-        liveliness_lease_duration=QosTime(0, 0),
-        avoid_ros_namespace_conventions=False,
-    )
     types, kind = get_typestore(Stores.ROS2_JAZZY), 'std_msgs/msg/Bool'
     with Writer(tmp_path / 'bag', version=9) as writer:
         for topic, count in (('/one', 1), ('/several', 3)):
             connection = writer.add_connection(
-                topic, kind, typestore=types, offered_qos_profiles=[profile] * count
+                topic, kind, typestore=types, offered_qos_profiles=[OFFERED] * count
             )
             data = types.serialize_cdr(types.types[kind](True), kind)
             writer.write(connection, SECOND_NS, data)

@@ -32,7 +32,7 @@ STORAGES: Final = {
 
 _BAG_VERSION: Final = 9
 _UNLIMITED: Final = QosTime(0, 0)
-_OFFERED: Final = Qos(
+OFFERED: Final = Qos(
     history=QosHistory.KEEP_LAST,
     depth=10,
     reliability=QosReliability.RELIABLE,
@@ -43,6 +43,7 @@ _OFFERED: Final = Qos(
     liveliness_lease_duration=_UNLIMITED,
     avoid_ros_namespace_conventions=False,
 )
+"""What the publishers of a recording offer."""
 
 
 def record(
@@ -75,7 +76,7 @@ def record(
                 f'/{topic(vehicle, channel)}',
                 message_type,
                 typestore=types,
-                offered_qos_profiles=[_OFFERED],
+                offered_qos_profiles=[OFFERED],
             )
             for vehicle in vehicles
             for channel, message_type in MESSAGE_TYPES.items()
