@@ -149,13 +149,12 @@ class FormulaMonitor(DyKnowNode):
         """Set the outcome at each begin and end of an episode."""
         before, monitored.verdicts = monitored.verdicts, verdicts
         for episode, has_ended in verdicts.changes(before):
-            since = f'from {round_time(episode.begin)}'
             monitored.margin = episode.worst or monitored.margin
             if has_ended:
-                past = f'it was violated {since} to {round_time(episode.end)}: {episode.text}'
-                self._set(monitored, HOLDS, past)
+                self._set(monitored, HOLDS, episode.past_text)
             else:
-                self._set(monitored, VIOLATED, f'{since} on: {episode.text}')
+                begun = f'from {round_time(episode.begin)} on: {episode.text}'
+                self._set(monitored, VIOLATED, begun)
 
     def _on_verdict(self, index: int, answer: Answer) -> None:
         monitored, error = self.formulas[index], answer.error

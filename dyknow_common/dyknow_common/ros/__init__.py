@@ -21,6 +21,7 @@ from dyknow_common.ros.node import (
     STARTED_AT,
     DyKnowNode,
     fill_exit_status,
+    is_time_simulated,
     snake_case,
 )
 from dyknow_common.ros.process import run
@@ -47,6 +48,7 @@ from dyknow_common.ros.time_messages import (
     nanoseconds_to_time,
     time_to_nanoseconds,
 )
+from dyknow_common.ros.topics.diagnostics import DiagnosticsPublisher
 from dyknow_common.ros.topics.direct_topics import DirectPublisher, DirectSubscription
 from dyknow_common.ros.topics.guards import (
     MessageGuard,
@@ -75,6 +77,7 @@ __all__ = [
     'VIOLATIONS',
     'Background',
     'CommandNode',
+    'DiagnosticsPublisher',
     'DirectPublisher',
     'DirectSubscription',
     'DyKnowNode',
@@ -97,6 +100,7 @@ __all__ = [
     'constraints_to_message',
     'fill_exit_status',
     'full_name',
+    'is_time_simulated',
     'margin_from_message',
     'margin_to_message',
     'nanoseconds_to_duration',

@@ -7,7 +7,7 @@ import traceback
 from collections.abc import Awaitable, Callable, Mapping
 from difflib import get_close_matches
 from inspect import isawaitable
-from typing import Any, ClassVar
+from typing import Any, ClassVar, cast
 
 from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 from rcl_interfaces.msg import (
@@ -17,7 +17,7 @@ from rcl_interfaces.msg import (
     SetParametersResult,
 )
 from rclpy.callback_groups import ReentrantCallbackGroup
-from rclpy.clock import Clock, ClockType
+from rclpy.clock import Clock, ClockType, ROSClock
 from rclpy.node import Node
 
 from dyknow_common.errors import DyKnowError, ExitCode, one_line, shortened
@@ -324,6 +324,12 @@ class DyKnowNode(Node):
     def now(self) -> int:
         """Return the time of the node's ROS clock in nanoseconds."""
         return int(self.get_clock().now().nanoseconds)
+
+
+def is_time_simulated(node: Node) -> bool:
+    """Return True if the time of a node is that of the topic /clock."""
+    # The clock of a node is a ROSClock, but rclpy declares it as a Clock.
+    return bool(cast('ROSClock', node.get_clock()).ros_time_is_active)
 
 
 def loaded_text(counts: Mapping[str, int]) -> str:

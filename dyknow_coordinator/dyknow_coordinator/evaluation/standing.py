@@ -35,6 +35,12 @@ class ViolationEpisode:
         """The reason and the worst margin, for people."""
         return f'{self.explanation}{f"; at worst {self.worst}" if self.worst else ""}'
 
+    @property
+    def past_text(self) -> str:
+        """The times of an episode that has ended, and its reason, for people."""
+        begin, end = round_time(self.begin), round_time(self.end)
+        return f'it was violated from {begin} to {end}: {self.text}'
+
 
 @dataclass(frozen=True, slots=True)
 class StandingVerdicts:

@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
-from functools import partial
-from typing import Any, Final
+from typing import Final
 
 from dyknow_interfaces.srv import SaveBlackBox
 
 from dyknow_common.ros import NodeAdapter, RemoteNode, snake_case
-from dyknow_coordinator import Level
-from dyknow_coordinator.reporting.node_status import NodeState
+from dyknow_coordinator.ros.reporting.watched_nodes import WatchedNodes
 from dyknow_dashboard.model.health import NodeHealth
 
 COORDINATOR: Final = 'stream_reasoning_coordinator'
@@ -41,21 +39,17 @@ class SystemNodes:
 
     def __init__(self, adapter: NodeAdapter) -> None:
         self._adapter = adapter
-        self._started = self._now()
-        self._lost: dict[str, int] = {}
-        self._remotes: dict[str, RemoteNode] = {}
+        self._watched = WatchedNodes(adapter)
         for name in NEEDED:
             self._watch(name)
 
     def release(self) -> None:
         """End the subscriptions."""
-        for each in self._remotes.values():
-            each.release()
-        self._remotes.clear()
+        self._watched.release()
 
     def remote(self, name: str) -> RemoteNode:
         """Return one of the nodes that a system needs."""
-        return self._remotes[self.absolute(name)]
+        return self._watched[self.absolute(name)]
 
     def find_engines(self, names: Iterable[str]) -> None:
         """Watch the engines that run."""
@@ -64,11 +58,14 @@ class SystemNodes:
 
     def health(self) -> Iterator[NodeHealth]:
         """Yield the health of each node."""
-        for name, remote in self._remotes.items():
-            yield self._health(name, remote)
-        if len(self._remotes) == len(NEEDED):
-            absent = self._now() - self._started
-            yield NodeHealth(self.absolute(_ENGINE), NodeState(absent=absent))
+        found = list(self._watched)
+        for name, remote in found:
+            state = self._watched.state(name, remote.latest, alive=remote.alive)
+            values = () if remote.latest is None else remote.latest.values
+            yield NodeHealth(name, state, tuple((each.key, each.value) for each in values))
+        if len(found) == len(NEEDED):
+            engine = self.absolute(_ENGINE)
+            yield NodeHealth(engine, self._watched.state(engine, None, alive=False))
 
     def can_save(self) -> bool:
         """Return True if a black box recorder offers its service."""
@@ -82,27 +79,5 @@ class SystemNodes:
 
     def _watch(self, name: str) -> None:
         full = self.absolute(name)
-        if full in self._remotes:
-            return
-        remote = RemoteNode(self._adapter, full)
-        self._remotes[full] = remote
-        remote.on_lost.append(partial(self._note_loss, full))
-        remote.on_found.append(partial(self._note_return, full))
-
-    def _note_loss(self, name: str) -> None:
-        self._lost[name] = self._now()
-
-    def _note_return(self, name: str) -> None:
-        self._lost.pop(name, None)
-
-    def _health(self, name: str, remote: RemoteNode) -> NodeHealth:
-        absent = self._now() - self._lost.get(name, self._started)
-        latest: Any = remote.latest
-        if latest is None:
-            return NodeHealth(name, NodeState(remote.alive, absent=absent))
-        level = Level(min(latest.level[0], Level.ERROR))
-        state = NodeState(remote.alive, level, latest.message, absent)
-        return NodeHealth(name, state, tuple((each.key, each.value) for each in latest.values))
-
-    def _now(self) -> int:
-        return int(self._adapter.wall_clock.now().nanoseconds)
+        if full not in self._watched:
+            self._watched.add(full, RemoteNode(self._adapter, full))

@@ -133,9 +133,8 @@ class FormulaEvents:
         for episode, has_ended in verdicts.changes(before):
             least = episode.worst or margin
             if has_ended:
-                past = f'it was violated from {round_time(episode.begin)}'
-                text = f'{past} to {round_time(episode.end)}: {episode.text}'
-                yield self._report(TriggerEvent.CLEAR, text, now, least, Verdict.TRUE)
+                past = episode.past_text
+                yield self._report(TriggerEvent.CLEAR, past, now, least, Verdict.TRUE)
             else:
                 yield self._report(TriggerEvent.FALSE, episode.text, episode.decided_at, least)
 

@@ -5,12 +5,11 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator
 
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 from dyknow_interfaces.msg import EvaluationStatusArray
-from rclpy.qos import QoSProfile
 
 from dyknow_common import SECOND_NS
-from dyknow_common.ros import LATCHED, DyKnowNode
+from dyknow_common.ros import LATCHED, DiagnosticsPublisher, DyKnowNode
 from dyknow_coordinator.reporting.evaluation_status import EvaluationStatus, details, diagnose
 from dyknow_coordinator.ros.reporting.change_batch import ChangeBatch
 from dyknow_coordinator.ros.reporting.evaluation_messages import status_to_message
@@ -20,9 +19,6 @@ PERIOD_S = 1.0
 
 COLLECTION_S = 0.2
 """Time in which changes are collected."""
-
-DIAGNOSTICS = QoSProfile(depth=1)
-"""The profile of diagnostic_updater."""
 
 
 class EvaluationsReport:
@@ -50,7 +46,7 @@ class EvaluationsReport:
         self._silence_limit_ns = round(silence_limit_s * SECOND_NS)
         self._changes = ChangeBatch(node, COLLECTION_S, self._publish_changes)
         self._evaluations = node.create_publisher(EvaluationStatusArray, '~/evaluations', LATCHED)
-        self._diagnostics = node.create_publisher(DiagnosticArray, '/diagnostics', DIAGNOSTICS)
+        self._diagnostics = DiagnosticsPublisher(node)
         node.create_timer(PERIOD_S, self._publish_periodically, clock=node.wall_clock)
         # Publish an empty report too, so observers know that the coordinator is alive.
         self.publish_soon()
@@ -61,12 +57,12 @@ class EvaluationsReport:
 
     def _publish_periodically(self) -> None:
         watched = self._evaluations.get_subscription_count() > 0
-        diagnosed = self._diagnostics.get_subscription_count() > 0
+        diagnosed = self._diagnostics.has_subscribers
         statuses = list(self._statuses()) if watched or diagnosed else []
         if watched:
             self._publish_evaluations(statuses)
         if diagnosed:
-            self._publish_diagnostics(statuses)
+            self._diagnostics.publish([*self._nodes(), *self._diagnoses(statuses)])
 
     def _publish_changes(self) -> None:
         self._publish_evaluations(self._statuses())
@@ -78,11 +74,6 @@ class EvaluationsReport:
                 evaluations=[status_to_message(status) for status in statuses],
             )
         )
-
-    def _publish_diagnostics(self, statuses: Iterable[EvaluationStatus]) -> None:
-        array = DiagnosticArray(status=[*self._nodes(), *self._diagnoses(statuses)])
-        array.header.stamp = self._node.get_clock().now().to_msg()
-        self._diagnostics.publish(array)
 
     def _diagnoses(self, statuses: Iterable[EvaluationStatus]) -> Iterator[DiagnosticStatus]:
         now, reporter = self._node.now(), self._node.get_fully_qualified_name()

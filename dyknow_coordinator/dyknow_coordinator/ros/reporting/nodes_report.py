@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
-from functools import partial
 from typing import Any, Final
 
 from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 from std_msgs.msg import Bool
 
 from dyknow_common.ros import LATCHED, NODE_TYPE, DyKnowNode, RemoteNode
-from dyknow_coordinator.reporting.evaluation_status import Level
-from dyknow_coordinator.reporting.node_status import NodeState, diagnose_node, has_loaded
+from dyknow_coordinator.reporting.node_status import diagnose_node, has_loaded
+from dyknow_coordinator.ros.reporting.watched_nodes import WatchedNodes
 
 PERIOD_S: Final = 1.0
 
@@ -41,12 +40,15 @@ class NodesReport:
     ) -> None:
         self._node = node
         self._engines = engines
-        self._started = self._wall_time()
-        self._lost: dict[str, int] = {}
-        self._remotes: dict[str, RemoteNode] = {}
+        logger = node.get_logger()
+        self._watched = WatchedNodes(
+            node,
+            on_lost=lambda name: logger.error(f'node {name} is gone'),
+            on_return=lambda name: logger.info(f'node {name} is back'),
+        )
         self._needed = tuple(remotes)
         for remote in self._needed:
-            self._watch(self._absolute(remote.name), remote)
+            self._watched.add(self._absolute(remote.name), remote)
         self._known_engines: set[str] = set()
         self._is_ready: bool | None = None
         self._ready = node.create_publisher(Bool, '~/ready', LATCHED)
@@ -56,7 +58,7 @@ class NodesReport:
         """Yield the diagnostics of all nodes, the coordinator first."""
         own = self._node.latest_status
         yield self._status(own.name, own, alive=True)
-        for name, remote in self._remotes.items():
+        for name, remote in self._watched:
             yield self._status(name, remote.latest, alive=remote.alive)
         if not self._known_engines:
             yield self._status(self._absolute(ENGINE), None, alive=False)
@@ -76,28 +78,10 @@ class NodesReport:
     def _find_engines(self) -> None:
         for name in set(self._engines()) - self._known_engines:
             self._known_engines.add(name)
-            self._watch(name, RemoteNode(self._node, name))
-
-    def _watch(self, name: str, remote: RemoteNode) -> None:
-        self._remotes[name] = remote
-        remote.on_lost.append(partial(self._on_lost, name))
-        remote.on_found.append(partial(self._on_found, name))
-
-    def _on_lost(self, name: str) -> None:
-        self._lost[name] = self._wall_time()
-        self._node.get_logger().error(f'node {name} is gone')
-
-    def _on_found(self, name: str) -> None:
-        if self._lost.pop(name, None) is not None:
-            self._node.get_logger().info(f'node {name} is back')
+            self._watched.add(name, RemoteNode(self._node, name))
 
     def _status(self, name: str, latest: Any, *, alive: bool) -> DiagnosticStatus:
-        absent = self._wall_time() - self._lost.get(name, self._started)
-        state = NodeState(alive, absent=absent)
-        if latest is not None:
-            level = Level(min(latest.level[0], Level.ERROR))
-            state = NodeState(alive, level, latest.message, absent)
-        diagnosis = diagnose_node(state)
+        diagnosis = diagnose_node(self._watched.state(name, latest, alive=alive))
         values = [] if latest is None else latest.values
         return DiagnosticStatus(
             level=bytes([diagnosis.level]),
@@ -109,6 +93,3 @@ class NodesReport:
 
     def _absolute(self, name: str) -> str:
         return self._node.resolve_topic_name(f'{name}/status').removesuffix('/status')
-
-    def _wall_time(self) -> int:
-        return int(self._node.wall_clock.now().nanoseconds)

@@ -11,7 +11,7 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any, Final
 
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from diagnostic_msgs.msg import DiagnosticStatus
 from dyknow_interfaces.msg import BlackBoxReport, EvaluationStatusArray, Sample
 from dyknow_interfaces.srv import SaveBlackBox
 from rclpy.qos import DurabilityPolicy, QoSProfile
@@ -22,6 +22,7 @@ from dyknow_common import DyKnowError, ExitCode, listed, round_duration
 from dyknow_common.ros import (
     LATCHED,
     Background,
+    DiagnosticsPublisher,
     DyKnowNode,
     nanoseconds_to_time,
     only_owner,
@@ -79,9 +80,7 @@ class BlackBoxRecorder(DyKnowNode):
         self._latest_fault = ''
         self._reported_drops = 0
         self._boxes = self.create_publisher(BlackBoxReport, '~/black_boxes', BOXES)
-        self._diagnostics = self.create_publisher(
-            DiagnosticArray, '/diagnostics', QoSProfile(depth=1)
-        )
+        self._diagnostics = DiagnosticsPublisher(self)
         self.create_subscription(
             EvaluationStatusArray,
             f'{settings.coordinator}/evaluations',
@@ -303,9 +302,7 @@ class BlackBoxRecorder(DyKnowNode):
             hardware_id='none',
             values=list(self.latest_status.values),
         )
-        array = DiagnosticArray(status=[status])
-        array.header.stamp = self.get_clock().now().to_msg()
-        self._diagnostics.publish(array)
+        self._diagnostics.publish([status])
 
 
 def _report(status: EvaluationStatus, reason: str, time: int) -> BlackBoxReport:

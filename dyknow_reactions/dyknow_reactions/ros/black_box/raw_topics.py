@@ -10,7 +10,7 @@ from typing import Any, Final
 from rclpy.qos import DurabilityPolicy, ReliabilityPolicy
 
 from dyknow_common import SECOND_NS, DyKnowError, one_line
-from dyknow_common.ros import DyKnowNode, LogOnce, RCLError
+from dyknow_common.ros import DyKnowNode, LogOnce, RCLError, is_time_simulated
 from dyknow_reactions.black_box.box_folder import TopicOffer
 from dyknow_stream_processing.ros import (
     Publication,
@@ -87,15 +87,8 @@ class RawTopics:
         if found is None:
             return
         request = next_request(held.request, found)
-        offers = tuple(
-            (
-                info.qos_profile.reliability is ReliabilityPolicy.RELIABLE,
-                info.qos_profile.durability is DurabilityPolicy.TRANSIENT_LOCAL,
-                info.qos_profile.depth,
-            )
-            for info in self._node.get_publishers_info_by_topic(topic)
-        )
-        held.offer = TopicOffer(request.type_name, offers)
+        if held.request is None or held.request.publishers != found.publishers:
+            held.offer = TopicOffer(request.type_name, self._offers(topic))
         is_suited = held.request is not None and request.suits(held.request)
         if held.subscription is None or not is_suited:
             self._unsubscribe(held)
@@ -109,6 +102,17 @@ class RawTopics:
             )
         held.request = request
 
+    def _offers(self, topic: str) -> tuple[tuple[bool, bool, int], ...]:
+        profiles = [info.qos_profile for info in self._node.get_publishers_info_by_topic(topic)]
+        return tuple(
+            (
+                each.reliability is ReliabilityPolicy.RELIABLE,
+                each.durability is DurabilityPolicy.TRANSIENT_LOCAL,
+                each.depth,
+            )
+            for each in profiles
+        )
+
     def _unsubscribe(self, held: _RawTopic) -> None:
         if held.subscription is not None:
             self._node.destroy_subscription(held.subscription)
@@ -116,8 +120,11 @@ class RawTopics:
 
     def _receive(self, topic: str, held: _RawTopic, data: bytes, info: Any) -> None:
         now = self._node.now()
-        is_simulated = bool(self._node.get_parameter('use_sim_time').value)
-        received = now if is_simulated else min(info.get('received_timestamp') or now, now)
+        received = (
+            now
+            if is_time_simulated(self._node)
+            else min(info.get('received_timestamp') or now, now)
+        )
         if now < held.latest - _STEP_BACK_NS:
             held.latest = 0
             self._on_restart(topic)

@@ -21,6 +21,7 @@ from dyknow_common.ros import (
     DyKnowNode,
     RemoteNode,
     Throttle,
+    is_time_simulated,
     only_owner,
     run,
     topic_fault,
@@ -183,17 +184,12 @@ class GuardNode(DyKnowNode):
 
     def _tick(self) -> None:
         now = self._now()
-        if self._jumps.has_jumped(self.now(), now, is_simulated=self._is_time_simulated):
+        if self._jumps.has_jumped(self.now(), now, is_simulated=is_time_simulated(self)):
             self._gate.interrupt(now, 'the clock of the guard has jumped')
         self._gate.block(now, self._passage.obstacle)
         self._settle(now)
         if self._gate.state is not GateState.OPEN and now - self._last_sent >= self._guard.period:
             self._send_safe(now)
-
-    @property
-    def _is_time_simulated(self) -> bool:
-        clock: Any = self.get_clock()
-        return bool(clock.ros_time_is_active)
 
     def _settle(self, now: int) -> None:
         """Do what follows from a change of the gate."""

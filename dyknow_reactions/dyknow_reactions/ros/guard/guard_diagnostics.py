@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
-from rclpy.qos import QoSProfile
+from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 
-from dyknow_common.ros import DyKnowNode
+from dyknow_common.ros import DiagnosticsPublisher, DyKnowNode
 from dyknow_configuration import RequestedGuard
 from dyknow_reactions.guard.gate import Gate, GateState
 
@@ -21,9 +20,7 @@ class GuardDiagnostics:
     def __init__(self, node: DyKnowNode, guard: RequestedGuard) -> None:
         self._node = node
         self._guard = guard
-        self._publisher = node.create_publisher(
-            DiagnosticArray, '/diagnostics', QoSProfile(depth=1)
-        )
+        self._diagnostics = DiagnosticsPublisher(node)
 
     def publish(self, gate: Gate, passed: int, refused: int, bypass: str) -> None:
         """Publish the state; `bypass` says who can publish the output beside the guard."""
@@ -41,6 +38,4 @@ class GuardDiagnostics:
         values = [KeyValue(key=key, value=value) for key, value in counts.items()]
         name = self._node.get_fully_qualified_name()
         status = DiagnosticStatus(level=level, name=name, message=text, values=values)
-        array = DiagnosticArray(status=[status])
-        array.header.stamp = self._node.get_clock().now().to_msg()
-        self._publisher.publish(array)
+        self._diagnostics.publish([status])

@@ -6,13 +6,12 @@ import threading
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, Final, Self
 
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 from rclpy.node import Node
-from rclpy.qos import QoSProfile
 from rclpy.task import Future
 
 from dyknow_common import SECOND_NS, DyKnowError, round_duration, round_time
-from dyknow_common.ros import NodeAdapter
+from dyknow_common.ros import DiagnosticsPublisher, NodeAdapter
 from dyknow_configuration import RequestedFormula, Trigger, TriggerKind
 from dyknow_coordinator import Answer, Progress
 from dyknow_reactions.ros.triggers.actions import (
@@ -92,8 +91,7 @@ class Triggers:
             self.close()
             raise
         if self._runs.uses:
-            qos = QoSProfile(depth=1)
-            self._diagnostics = node.create_publisher(DiagnosticArray, '/diagnostics', qos)
+            self._diagnostics = DiagnosticsPublisher(node)
             clock = self._adapter.wall_clock
             self._timer = node.create_timer(REPORT_PERIOD_S, self._publish, clock=clock)
 
@@ -136,7 +134,7 @@ class Triggers:
             self._actions.clear()
             if self._timer is not None:
                 self._node.destroy_timer(self._timer)
-                self._node.destroy_publisher(self._diagnostics)
+                self._diagnostics.destroy()
             self._adapter.close()
 
     def _events_of(self, formula: RequestedFormula) -> FormulaEvents:
@@ -215,9 +213,7 @@ class Triggers:
             logger.error(text)
 
     def _publish(self) -> None:
-        array = DiagnosticArray(status=[self._status(use) for use in self._runs.uses])
-        array.header.stamp = self._node.get_clock().now().to_msg()
-        self._diagnostics.publish(array)
+        self._diagnostics.publish(self._status(use) for use in self._runs.uses)
 
     def _status(self, use: TriggerUse) -> DiagnosticStatus:
         numbers = {'runs': use.runs, 'failures': use.failures, 'ignored events': use.ignored}

@@ -22,16 +22,16 @@ from __future__ import annotations
 import time
 from collections import deque
 from collections.abc import Callable
-from typing import Any, ClassVar, Final, cast
+from typing import Any, ClassVar, Final
 from weakref import WeakKeyDictionary, proxy
 
 from rclpy.callback_groups import ReentrantCallbackGroup
-from rclpy.clock import Clock, ClockType, ROSClock
+from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
 
 from dyknow_common import NANOSECONDS, SECOND_NS
-from dyknow_common.ros import Heartbeats
+from dyknow_common.ros import Heartbeats, is_time_simulated
 from dyknow_stream_processing.ros.messages.message_types import type_name_of
 from dyknow_stream_processing.ros.topics.message_listener import MessageListener
 from dyknow_stream_processing.ros.topics.process_pauses import PauseWait, is_pause_recent
@@ -78,8 +78,7 @@ class NodeTopics:
     @property
     def is_time_simulated(self) -> bool:
         """True if the time of the node is that of the topic /clock."""
-        # The clock of a node is a ROSClock, but rclpy declares it as a Clock.
-        return bool(cast('ROSClock', self._node.get_clock()).ros_time_is_active)
+        return is_time_simulated(self._node)
 
     @classmethod
     def of(cls, node: Node) -> NodeTopics:
