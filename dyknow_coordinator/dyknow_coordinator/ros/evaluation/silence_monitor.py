@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Iterable
 from typing import Final
 
@@ -10,6 +11,7 @@ from dyknow_common.ros import LogOnce
 from dyknow_coordinator.grounding.source_choice import silent_topics
 from dyknow_coordinator.ros.context import CoordinatorContext
 from dyknow_coordinator.ros.evaluation.evaluation_group import EvaluationGroup, EvaluationGroups
+from dyknow_stream_processing.ros import PAUSES
 
 PERIOD_S: Final = 0.5
 
@@ -52,8 +54,10 @@ class SilenceMonitor:
         stream = known.get(group.states.stream.name)
         if stream is None:
             return
-        oldest = self._context.node.now() - round(self._limit_s * SECOND_NS)
-        since = self._first_seen[stream.name]
+        since, now = self._first_seen[stream.name], self._context.node.now()
+        # What was received during a pause of this process is reported after it.
+        paused = PAUSES.delay(now - since, time.monotonic_ns())
+        oldest = now - paused - round(self._limit_s * SECOND_NS)
         for silent in silent_topics(group.states.chosen, known, stream.received, since, oldest):
             group.states.replace_silent(
                 silent.sources,
