@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections import deque
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any, Final, NamedTuple
 
@@ -100,7 +101,7 @@ class TopicSources:
         self._topics = NodeTopics.of(node)
         self._names = TopicNames(node)
         self._sources: dict[str, tuple[_Source, Callable[[], None]]] = {}
-        self._held: list[_Arrival] = []
+        self._held: deque[_Arrival] = deque()
         backward = JumpThreshold(min_forward=None, min_backward=Duration(nanoseconds=-1))
         self._jumps = node.get_clock().create_jump_callback(
             backward, post_callback=self._on_jump_back
@@ -181,7 +182,7 @@ class TopicSources:
             self._valid_times.get(topic),
             self._dataflow,
             self._schedule,
-            self._hold,
+            self._arrive,
         )
         remove = self._topics.listen(
             topic, source, self._quality_of_service, self._message_types.get(topic)
@@ -197,21 +198,25 @@ class TopicSources:
     def _on_jump_back(self, jump: Any) -> None:
         """Discard all samples: a simulation or a recording starts again."""
         now = self._node.get_clock().now().nanoseconds
-        self._release(self._held, now)
-        self._held = []
+        while self._held:
+            self._release_first(now)
         distance = round_duration(-jump.delta.nanoseconds)
         text = f'the clock was set back by {distance}; all streams restart'
         self._clear()
         self._dataflow.restart(Violation('', ViolationKind.VALID_TIME_ORDER, now, now, 0, 0, text))
         self.refresh()
 
-    def _hold(self, arrival: _Arrival) -> bool:
-        """Hold a sample until simulated time advances; return False if it must not wait."""
-        if not self._topics.is_time_simulated or len(self._held) >= MAX_HELD:
-            return False
-        self._held.append(arrival)
-        self._schedule()
-        return True
+    def _arrive(self, arrival: _Arrival) -> None:
+        """Process a sample, after those that are held; hold it if simulated time is behind it."""
+        now = arrival.time
+        # Simulated time may have advanced, and the timer that releases them has not yet run.
+        self._release(now)
+        is_ahead = arrival.valid_time - now > self._dataflow.max_lead
+        if is_ahead and self._topics.is_time_simulated and len(self._held) < MAX_HELD:
+            self._held.append(arrival)
+            self._schedule()
+        else:
+            arrival.source.push(arrival, now)
 
     def _schedule(self) -> None:
         deadline = self._dataflow.next_deadline()
@@ -221,16 +226,18 @@ class TopicSources:
             self._topics.timed_calls.schedule(self._advance, self._held[0].time + 1)
 
     def _advance(self, now: int) -> None:
-        due = [arrival for arrival in self._held if arrival.time < now]
-        self._held = self._held[len(due) :]
-        self._release(due, now)
+        self._release(now)
         self._dataflow.advance(now)
         self._schedule()
 
-    def _release(self, held: Iterable[_Arrival], now: int) -> None:
-        """Process samples that were held."""
-        for arrival in held:
-            arrival.source.push(arrival, now)
+    def _release(self, now: int) -> None:
+        """Process the samples that have been held since an earlier time than now."""
+        while self._held and self._held[0].time < now:
+            self._release_first(now)
+
+    def _release_first(self, now: int) -> None:
+        arrival = self._held.popleft()
+        arrival.source.push(arrival, now)
 
 
 class _Arrival(NamedTuple):
@@ -252,7 +259,7 @@ class _Source:
     valid_time_field: str | None
     dataflow: Dataflow
     schedule: Callable[[], None]
-    hold: Callable[[_Arrival], bool]
+    arrive: Callable[[_Arrival], None]
     received: int = 0
     latest: int | None = None
     delay: int = 0
@@ -309,9 +316,7 @@ class _Source:
                     f"topic '{self.topic}' leaves its stamps at zero: the time of receipt is used"
                 )
             valid_time = now
-        arrival = _Arrival(self, message, valid_time, now)
-        if not (valid_time - now > self.dataflow.max_lead and self.hold(arrival)):
-            self.push(arrival, now)
+        self.arrive(_Arrival(self, message, valid_time, now))
 
     def push(self, arrival: _Arrival, now: int) -> None:
         """Push a sample into the dataflow, with the fields that it needs now."""
