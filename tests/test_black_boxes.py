@@ -208,7 +208,7 @@ def test_a_request_writes_what_there_is(
     evaluations.wait_for_state()
     recorder.wait_for_memory()
     answer = system.client.call(SaveBlackBox, f'{NODE}/save_black_box', name='power')
-    assert answer.exit_status.code == ExitStatus.SUCCESS
+    assert answer.exit_status.code == ExitStatus.SUCCESS, answer.exit_status.message
     (path,) = answer.paths
     answer = system.client.call(SaveBlackBox, f'{NODE}/save_black_box', name='pwer')
     assert answer.exit_status.code == ExitStatus.NOT_FOUND
@@ -217,7 +217,8 @@ def test_a_request_writes_what_there_is(
     )
     monitored.cancel()
     monitored.result()
-    assert checked(path)[1]['formulas'][0]['outcome'] == 'undecided'
+    (found,) = checked(path)[1]['formulas']
+    assert found['outcome'] == 'undecided', (found['error'], found['events'])
     evaluations.wait_for_nothing()
 
 
@@ -281,6 +282,7 @@ def test_a_recorder_that_is_killed_and_started_again(
     result = monitored.result()
     (report, *_) = recorder.wait_for_reports(1)
     (found,) = checked(report.path)[1]['formulas']
+    assert found['error'] is None, (found['error'], found['events'])
     assert found['episodes'][0]['decided_at_ns'] == time_to_nanoseconds(result.decided_at)
     evaluations.wait_for_nothing()
 

@@ -9,9 +9,12 @@ import pytest
 from rosbags.rosbag2 import Writer
 
 from dyknow_common import SECOND_NS, DyKnowError, ExitCode, StreamConstraints
-from dyknow_coordinator import KnownStream, KnownStreams
+from dyknow_coordinator import EvaluationPhase, EvaluationStatus, KnownStream, KnownStreams
 from dyknow_reactions.black_box.box_content import (
+    FormulaOrigin,
     RecordedStateNumber,
+    StateOrigin,
+    content_of,
     first_state,
     horizon,
     objects_fault,
@@ -19,6 +22,7 @@ from dyknow_reactions.black_box.box_content import (
     stream_text,
 )
 from dyknow_reactions.black_box.box_folder import BoxFolder, TopicOffer
+from dyknow_reactions.black_box.failures import FormulaFailure, OpenBox
 from dyknow_reactions.black_box.message_ring import SerialisedMessage
 from dyknow_recordings import Bag, BlackBoxContent, read_black_box
 from dyknow_stream_processing import parse_specification, specifications_by_sink
@@ -166,3 +170,15 @@ def test_what_states_are_made_of() -> None:
 )
 def test_the_horizon_of_a_formula(formula: str, expected: int) -> None:
     assert horizon(formula) == expected * S
+
+
+def test_a_box_says_that_its_objects_are_unknown() -> None:
+    """It is written nevertheless: the messages may be all that is left of a failure."""
+    status = EvaluationStatus(
+        'low', 'forall u in UAV: (always (Power[u] < 1))', EvaluationPhase.RUNNING, S
+    )
+    box = OpenBox(('low', S), FormulaFailure('false', 9 * S), status, 5 * S, 9 * S, 9 * S)
+    origin = FormulaOrigin(status, origin=StateOrigin('select x as "Power[a]" from "/a"'))
+    origin.objects_fault = 'the ontology manager does not answer'
+    content = content_of(box, origin, [], {}, {})
+    assert (content.domains, list(content.faults)) == ({}, [origin.objects_fault])

@@ -202,7 +202,8 @@ class FormulaOrigin:
         origin: of these states.
         domains: the objects of each sort; None before they are known.
         topics: all that were recorded for it.
-        faults: why something is not known.
+        objects_fault: why the objects are not known.
+        faults: why something else is not known.
     """
 
     status: EvaluationStatus
@@ -210,6 +211,7 @@ class FormulaOrigin:
     origin: StateOrigin = field(default_factory=StateOrigin)
     domains: Mapping[str, Sequence[str]] | None = None
     topics: set[str] = field(default_factory=set)
+    objects_fault: str = 'the objects of the sorts were not known yet'
     faults: set[str] = field(default_factory=set)
 
 
@@ -258,7 +260,9 @@ def _faults(formula: str, origin: FormulaOrigin) -> Sequence[str]:
     faults = set(origin.faults)
     if not origin.origin.states:
         faults.add('the streams of the formula are not known')
-    elif origin.domains is not None:
+    if origin.domains is None:
+        faults.add(origin.objects_fault)
+    elif origin.origin.states:
         faults.add(objects_fault(formula, origin.domains, origin.origin.states))
     return sorted(faults - {''})
 

@@ -172,7 +172,7 @@ class BlackBoxRecorder(DyKnowNode):
         if self._snapshot is not None:
             self.spawn(self._take_snapshot, box, self._snapshot)
         else:
-            self.spawn(self._write, box, *self._selected(box))
+            self.spawn(self._write, box, self._origins.search(box.key), *self._selected(box))
 
     def _selected(self, box: OpenBox) -> tuple[Any, int, int]:
         """Return a function that writes a box, and the numbers of its messages and of the drops."""
@@ -199,7 +199,10 @@ class BlackBoxRecorder(DyKnowNode):
             )
         return write, len(messages), sum(dropped.values())
 
-    async def _write(self, box: OpenBox, write: Any, messages: int, dropped: int) -> None:
+    async def _write(
+        self, box: OpenBox, search: Future, write: Any, messages: int, dropped: int
+    ) -> None:
+        await search
         try:
             path = await self._background.run(write)
         except DyKnowError as error:

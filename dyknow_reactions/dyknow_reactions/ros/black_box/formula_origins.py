@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from typing import Final
 
 from dyknow_interfaces.srv import ConceptGetInstances
+from rclpy.task import Future
 
 from dyknow_common import DyKnowError
 from dyknow_common.ros import DyKnowNode, RemoteNode
@@ -14,7 +15,10 @@ from dyknow_coordinator.ros.streams_mirror import StreamsMirror
 from dyknow_reactions.black_box.box_content import FormulaOrigin, sorts_of, state_origin
 from dyknow_reactions.black_box.failures import FormulaKey
 
-_UNRESOLVED: Final = 'the objects of the sorts are not known: '
+SEARCH_ATTEMPTS: Final = 3
+"""How often the ontology manager is asked for the objects of a formula's sorts."""
+
+RETRY_DELAY_S: Final = 1.0
 
 
 class FormulaOrigins:
@@ -32,6 +36,7 @@ class FormulaOrigins:
         self._streams = StreamsMirror(node, f'{manager}/streams', namespace, lambda: None)
         self._ontology = RemoteNode(node, ontology, services=[ConceptGetInstances])
         self._found: dict[FormulaKey, FormulaOrigin] = {}
+        self._searches: dict[FormulaKey, Future] = {}
 
     def __getitem__(self, key: FormulaKey) -> FormulaOrigin:
         return self._found[key]
@@ -45,14 +50,23 @@ class FormulaOrigins:
         if status.states_progressed and status.state_stream in {'', found.state_stream}:
             found.status = status
         is_canonical = status.phase not in {EvaluationPhase.GROUNDING, EvaluationPhase.ENDED}
-        if found.domains is None and is_canonical:
-            found.domains = {}
-            self._node.spawn(self._find_objects, status.formula, found)
+        if is_canonical and key not in self._searches:
+            self._searches[key] = Future()
+            self._node.spawn(self._find_objects, status.formula, found, self._searches[key])
         return found
+
+    def search(self, key: FormulaKey) -> Future:
+        """Return the search for the objects of a formula's sorts; it ends whatever it finds."""
+        if key in self._searches:
+            return self._searches[key]
+        ended: Future = Future()
+        ended.set_result(None)
+        return ended
 
     def keep(self, keys: Mapping[FormulaKey, object]) -> None:
         """Forget all but some formulas."""
         self._found = {key: each for key, each in self._found.items() if key in keys}
+        self._searches = {key: each for key, each in self._searches.items() if key in keys}
 
     def _find_streams(self, status: EvaluationStatus, found: FormulaOrigin) -> None:
         try:
@@ -64,12 +78,25 @@ class FormulaOrigins:
         if origin is not None:
             found.origin, found.state_stream = origin, status.state_stream
 
-    async def _find_objects(self, formula: str, found: FormulaOrigin) -> None:
+    async def _find_objects(self, formula: str, found: FormulaOrigin, search: Future) -> None:
         try:
-            domains: dict[str, tuple[str, ...]] = {}
+            for attempt in range(SEARCH_ATTEMPTS):
+                if attempt:
+                    await self._node.deadlines.after(RETRY_DELAY_S)
+                if await self._has_objects(formula, found):
+                    return
+        finally:
+            search.set_result(None)
+
+    async def _has_objects(self, formula: str, found: FormulaOrigin) -> bool:
+        """Ask for the objects of a formula's sorts; return True if they are known."""
+        domains: dict[str, tuple[str, ...]] = {}
+        try:
             for sort in sorts_of(formula):
                 answer = await self._ontology.call(ConceptGetInstances, concept_name=sort)
                 domains[sort] = tuple(answer.instances)
-            found.domains = domains
         except DyKnowError as error:
-            found.faults.add(f'{_UNRESOLVED}{error.message}')
+            found.objects_fault = f'the objects of the sorts are not known: {error.message}'
+            return False
+        found.domains, found.objects_fault = domains, ''
+        return True
