@@ -19,6 +19,9 @@ from dyknow_recordings import (
 from evaluations import Evaluations
 from system import System
 
+DISCOVERY = '8'
+"""Seconds within which the nodes have found the publishers of a replay, also on a busy machine."""
+
 
 def compare(system: System, bag: Path, formulas: Sequence[str]) -> None:
     """Compare the answers of the running system to a replay with those over the recording."""
@@ -32,7 +35,7 @@ def compare(system: System, bag: Path, formulas: Sequence[str]) -> None:
         'the states of all formulas',
         instead=evaluations.told,
     )
-    with running(command('replay', str(bag), '--clock', '--delay', '3'), system.environment):
+    with running(command('replay', str(bag), '--clock', '--delay', DISCOVERY), system.environment):
         system.client.spin_until(lambda: all(each.done() for each in asked), 'verdicts', 90.0)
     files = MonitoringFiles(
         system.configuration.ontologies,

@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from dyknow_bringup.errors import BringupError
-from dyknow_bringup.recordings.replay import Replay, Schedule
+from dyknow_bringup.recordings.replay import MAX_STEP_NS, Replay, ReplayTime, Schedule
 from dyknow_recordings import RecordedMessage
 
 times = st.integers(0, 2 * 10**18)
@@ -73,3 +73,11 @@ def test_messages_are_read_when_they_are_needed() -> None:
     replay = Replay(recording(), Schedule.at_rate(0, 0, 1.0))
     assert len(list(replay.due(3))) == 4
     assert read == [0, 1, 2, 3, 4]
+
+
+def test_the_time_of_a_replay_stands_still_with_its_process() -> None:
+    time = ReplayTime(1_000)
+    assert time.at(1_000 + MAX_STEP_NS) == 1_000 + MAX_STEP_NS
+    stalled = 1_000 + 41 * MAX_STEP_NS
+    assert time.at(stalled) == 1_000 + 2 * MAX_STEP_NS
+    assert time.at(stalled + 7) == 1_007 + 2 * MAX_STEP_NS

@@ -16,6 +16,9 @@ from dyknow_recordings import RecordedMessage
 
 _MAX_RATE = 1_000_000
 
+MAX_STEP_NS = 50_000_000
+"""The longest time by which a replay with a clock advances at once."""
+
 
 @dataclass(frozen=True, slots=True)
 class Schedule:
@@ -49,6 +52,26 @@ class Schedule:
     def log_time(self, now: int) -> int:
         """Return the log time that the replay has reached, in nanoseconds, for /clock."""
         return self.recording_start + math.floor((now - self.replay_start) * self.rate)
+
+
+class ReplayTime:
+    """The time of a replay that stands still while the process does.
+
+    Simulated time that jumps makes the messages that follow late.
+
+    Args:
+        now: the time of the wall clock, in nanoseconds.
+    """
+
+    def __init__(self, now: int) -> None:
+        self._latest = now
+        self._stood = 0
+
+    def at(self, now: int) -> int:
+        """Return the time of the replay at a time of the wall clock, both in nanoseconds."""
+        self._stood += max(now - self._latest - MAX_STEP_NS, 0)
+        self._latest = now
+        return now - self._stood
 
 
 class Replay:

@@ -8,7 +8,7 @@ from pathlib import Path
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rosgraph_msgs.msg import Clock as ClockMessage
 
-from dyknow_bringup.recordings.replay import Replay, Schedule
+from dyknow_bringup.recordings.replay import Replay, ReplayTime, Schedule
 from dyknow_common import SECOND_NS, duration_option
 from dyknow_common.executables import ERROR, describe
 from dyknow_common.ros import DyKnowNode, command_main, nanoseconds_to_time, run
@@ -49,7 +49,9 @@ class ReplayNode(DyKnowNode):
         self._clock_publisher = (
             self.create_publisher(ClockMessage, '/clock', 10) if options.clock else None
         )
-        start = self.wall_clock.now().nanoseconds + options.delay
+        now = self.wall_clock.now().nanoseconds
+        self._time = ReplayTime(now)
+        start = now + options.delay
         self._schedule = Schedule.at_rate(self._bag.start_time, start, options.rate)
         self._replay = Replay(messages, self._schedule)
         self._end = self._schedule.due(self._bag.end_time) + LINGER_NS
@@ -58,6 +60,7 @@ class ReplayNode(DyKnowNode):
     def _publish_due(self) -> None:
         now = self.wall_clock.now().nanoseconds
         if self._clock_publisher is not None:
+            now = self._time.at(now)
             time = nanoseconds_to_time(max(self._schedule.log_time(now), 1))
             self._clock_publisher.publish(ClockMessage(clock=time))
         for message in self._replay.due(now):
