@@ -18,7 +18,7 @@ from commands import command, output_of
 from dyknow_common import DyKnowError, ExitCode, Verdict
 from dyknow_configuration import ConfigurationError, RequestedFormula, read_robot
 from dyknow_coordinator import Answer, Progress, StandingVerdicts, ViolationEpisode
-from dyknow_reactions.ros.triggers import Triggers
+from dyknow_reactions.ros.triggers import Triggers, targets
 from system import Client, private_environment
 
 SECOND = 1_000_000_000
@@ -118,6 +118,12 @@ class Observed:
         return found()[0]
 
 
+@pytest.fixture(autouse=True)
+def _at_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Let no test wait for nodes that it does not start."""
+    monkeypatch.setattr(targets, 'DISCOVERY_S', 0.0)
+
+
 @pytest.fixture
 def observed(client: Client) -> Observed:
     return Observed(client)
@@ -202,7 +208,7 @@ def test_goals_are_cancelled(observed: Observed, tmp_path: Path) -> None:
 
 
 FAILURES = {
-    'nobody subscribes to /faults': PUBLISH,
+    'no node is known to subscribe to /faults': PUBLISH,
     'service /alarm is not available within 300 ms': CALL,
     'action /dock is not available within 300 ms': SEND,
     'exit code 3: no speaker': COMPLAIN,
