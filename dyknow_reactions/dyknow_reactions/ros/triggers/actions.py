@@ -11,7 +11,7 @@ from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rclpy.task import Future
 
-from dyknow_common import DyKnowError
+from dyknow_common import DyKnowError, shortened
 from dyknow_common.ros import NodeAdapter
 from dyknow_configuration import Trigger
 from dyknow_reactions.ros.triggers.message_template import template_of
@@ -239,7 +239,7 @@ class _RemoteCall:
 def _failure_of_response(response: Any) -> str:
     if getattr(response, 'success', True) is not False:
         return ''
-    reason = getattr(response, 'message', '')
+    reason = shortened(getattr(response, 'message', ''))
     return f'the service answers success: false{f" ({reason})" if reason else ""}'
 
 

@@ -239,14 +239,13 @@ class Triggers:
 
     def _status(self, use: TriggerUse) -> DiagnosticStatus:
         numbers = {'runs': use.runs, 'failures': use.failures, 'ignored events': use.ignored}
-        begun, now = use.log, self._wall_time()
-        entries = {f'{round_time(now - time)} ago': text for time, text in begun}
-        values = {**{name: str(number) for name, number in numbers.items()}, **entries}
+        now = self._wall_time()
+        entries = [(f'{round_time(now - time)} ago', text) for time, text in use.log]
         return DiagnosticStatus(
             level=bytes([use.state]),
             name=f'{self._node.get_fully_qualified_name()}: {use.name}',
             message=use.text,
-            values=[KeyValue(key=key, value=value) for key, value in values.items()],
+            values=[KeyValue(key=key, value=str(each)) for key, each in [*numbers.items(), *entries]],
         )
 
 
