@@ -282,7 +282,7 @@ def test_a_command_that_prints_much(
     files: list[Any] = []
 
     def noted(*arguments: Any, **options: Any) -> Any:
-        files.append(tempfile.TemporaryFile(*arguments, **options))
+        files.append(tempfile.TemporaryFile(*arguments, **options))  # noqa: SIM115 - of a command
         return files[-1]
 
     monkeypatch.setattr(commands, 'tempfile', SimpleNamespace(TemporaryFile=noted))

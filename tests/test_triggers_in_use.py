@@ -38,9 +38,7 @@ TRIGGERS = {
         }
     },
     'call': {'call': {'service': '/alarm', 'type': SET_BOOL, 'request': {'data': True}}},
-    'send': {
-        'send_goal': {'action': '/dock', 'type': MONITOR, 'goal': {'name': '{name} {event}'}}
-    },
+    'send': {'send_goal': {'action': '/dock', 'type': MONITOR, 'goal': {'name': '{name} {event}'}}},
     'cancel': {'cancel_goal': '/dock'},
     'run': {'run': ['sh', '-c', 'echo "$@" >> "$0"', 'LOG', 'command {name} {event}']},
     'once': {'run': ['true'], 'min_interval': '1 h'},

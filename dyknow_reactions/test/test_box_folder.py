@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import errno
-import random
+import os
 import resource
 import shutil
 import signal
@@ -179,7 +179,8 @@ def test_the_horizon_of_a_formula(formula: str, expected: int) -> None:
 
 def test_a_limit_of_the_file_system_is_an_error_and_leaves_nothing(tmp_path: Path) -> None:
     """As a full disk is, but of the kernel: also the end of the bag cannot be written."""
-    noise = [SerialisedMessage(n, '/a', random.Random(n).randbytes(1000)) for n in range(300)]
+    # Random bytes cannot be compressed.
+    noise = [SerialisedMessage(number, '/a', os.urandom(1000)) for number in range(300)]
     before = resource.getrlimit(resource.RLIMIT_FSIZE)
     handler = signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
     resource.setrlimit(resource.RLIMIT_FSIZE, (50_000, before[1]))

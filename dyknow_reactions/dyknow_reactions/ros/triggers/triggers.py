@@ -241,11 +241,14 @@ class Triggers:
         numbers = {'runs': use.runs, 'failures': use.failures, 'ignored events': use.ignored}
         now = self._wall_time()
         entries = [(f'{round_time(now - time)} ago', text) for time, text in use.log]
+        values = [*numbers.items(), *entries]
         return DiagnosticStatus(
             level=bytes([use.state]),
             name=f'{self._node.get_fully_qualified_name()}: {use.name}',
             message=use.text,
-            values=[KeyValue(key=key, value=str(each)) for key, each in [*numbers.items(), *entries]],
+            values=[
+                KeyValue(key=key, value=str(each)) for key, each in [*numbers.items(), *entries]
+            ],
         )
 
 
