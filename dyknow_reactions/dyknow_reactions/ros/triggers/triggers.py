@@ -246,9 +246,7 @@ class Triggers:
             level=bytes([use.state]),
             name=f'{self._node.get_fully_qualified_name()}: {use.name}',
             message=use.text,
-            values=[
-                KeyValue(key=key, value=str(each)) for key, each in [*numbers.items(), *entries]
-            ],
+            values=[KeyValue(key=key, value=str(value)) for key, value in values],
         )
 
 
