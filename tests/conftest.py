@@ -44,6 +44,7 @@ SCHEDULE = (
     ('test_dashboard',),
     ('test_callers',),
     ('test_forged_messages',),
+    ('test_triggers_in_use',),
     ('test_demonstration',),
     ('test_two_robots',),
     ('test_sim_time_jumps',),

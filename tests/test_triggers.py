@@ -2,23 +2,29 @@
 
 from __future__ import annotations
 
+import errno
 import json
+import os
+import tempfile
 import time
 from collections.abc import Callable
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from dyknow_interfaces.action import MonitorFormula
 from rclpy.action import ActionServer, CancelResponse, GoalResponse
+from rclpy.callback_groups import ReentrantCallbackGroup
+from rclpy.task import Future
 from std_srvs.srv import SetBool
 
 from commands import command, output_of
 from dyknow_common import DyKnowError, ExitCode, Verdict
 from dyknow_configuration import ConfigurationError, RequestedFormula, read_robot
 from dyknow_coordinator import Answer, Progress, StandingVerdicts, ViolationEpisode
-from dyknow_reactions.ros.triggers import Triggers
+from dyknow_reactions.ros.triggers import Triggers, commands, targets
 from system import Client, private_environment
 
 SECOND = 1_000_000_000
@@ -118,6 +124,12 @@ class Observed:
         return found()[0]
 
 
+@pytest.fixture(autouse=True)
+def _at_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Let no test wait for nodes that it does not start."""
+    monkeypatch.setattr(targets, 'DISCOVERY_S', 0.0)
+
+
 @pytest.fixture
 def observed(client: Client) -> Observed:
     return Observed(client)
@@ -202,7 +214,7 @@ def test_goals_are_cancelled(observed: Observed, tmp_path: Path) -> None:
 
 
 FAILURES = {
-    'nobody subscribes to /faults': PUBLISH,
+    'no node is known to subscribe to /faults': PUBLISH,
     'service /alarm is not available within 300 ms': CALL,
     'action /dock is not available within 300 ms': SEND,
     'exit code 3: no speaker': COMPLAIN,
@@ -249,6 +261,106 @@ def test_events_within_the_interval_are_ignored(observed: Observed, tmp_path: Pa
             triggers.on_answer(requested, ANSWERS['violation'])
         status = observed.wait_for_level(DiagnosticStatus.OK, 'done in attempt 1')
         assert {each.key: each.value for each in status.values}['ignored events'] == '2'
+
+
+def test_attempts_at_one_time_are_all_in_the_diagnostics(
+    observed: Observed, tmp_path: Path
+) -> None:
+    requested = formula(tmp_path, '{violation: {run: ["true"], min_interval: 1 h}}')
+    with Triggers(observed.node, [requested]) as triggers:
+        for _ in range(5):
+            triggers.on_answer(requested, ANSWERS['violation'])
+        status = observed.wait_for_level(DiagnosticStatus.OK, 'done in attempt 1')
+        entries = [each.value for each in status.values if each.key.endswith(' ago')]
+        assert len(entries) == 5, status
+
+
+def test_a_command_that_prints_much(
+    observed: Observed, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Its error output does not fill the disk, and its end is told."""
+    files: list[Any] = []
+
+    def noted(*arguments: Any, **options: Any) -> Any:
+        files.append(tempfile.TemporaryFile(*arguments, **options))  # noqa: SIM115 - of a command
+        return files[-1]
+
+    monkeypatch.setattr(commands, 'tempfile', SimpleNamespace(TemporaryFile=noted))
+    program = 'head -c 10000000 /dev/zero; head -c 10000000 /dev/zero >&2; read x <"$0"; '
+    program += 'echo the end >&2; exit 4'
+    go_on = tmp_path / 'go_on'
+    os.mkfifo(go_on)
+    words = json.dumps(['sh', '-c', program, str(go_on)])
+    requested = formula(tmp_path, f'{{false: {{run: {words}, timeout: 60 s}}}}')
+    with Triggers(observed.node, [requested]) as triggers:
+        triggers.on_progress(requested, Progress(4, SECOND, '', episodes=VIOLATED))
+        (file,) = files
+        sizes: list[int] = []
+
+        def is_emptied() -> bool:
+            sizes.append(os.fstat(file.fileno()).st_size)
+            return sizes[-1] == 0 < max(sizes)
+
+        observed.client.spin_until(is_emptied, 'the file is emptied', instead=lambda: sizes)
+        go_on.write_text('go on\n', encoding='utf-8')
+        observed.client.spin_until(lambda: triggers.is_idle, 'the end of the command')
+        (use,) = triggers.uses
+        assert use.text.startswith('exit code 4: ')
+        assert use.text.endswith('the end')
+        assert len(use.text) < 2 * commands.SHOWN
+
+
+@pytest.mark.filterwarnings('ignore:subprocess:ResourceWarning')
+def test_a_command_that_may_not_be_killed(
+    observed: Observed, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As `sudo` does, it runs as another user; that is no exception, and nothing hangs."""
+
+    def refuse(*_: int) -> None:
+        raise PermissionError(errno.EPERM, 'Operation not permitted')
+
+    requested = formula(tmp_path, '{false: {run: [sleep, "5"], timeout: 100 ms}}')
+    with Triggers(observed.node, [requested]) as triggers:
+        with monkeypatch.context() as patch:
+            patch.setattr(commands.os, 'killpg', refuse)
+            triggers.on_progress(requested, Progress(4, SECOND, '', episodes=VIOLATED))
+            observed.client.spin_until(lambda: triggers.is_idle, 'the timeout')
+        assert triggers.uses[0].text == (
+            'the command has not ended, and runs as another user who alone may kill it '
+            'within 100 ms'
+        )
+
+
+def test_a_service_that_never_answers(observed: Observed, tmp_path: Path) -> None:
+    unanswered: Future = Future()
+
+    async def respond(_: Any, response: Any) -> Any:
+        await unanswered
+        return response
+
+    observed.node.create_service(
+        SetBool, '/alarm', respond, callback_group=ReentrantCallbackGroup()
+    )
+    requested = formula(tmp_path, f'{{false: {{{CALL}, timeout: 500 ms, retries: 1}}}}')
+    with Triggers(observed.node, [requested]) as triggers:
+        triggers.on_progress(requested, Progress(4, SECOND, '', episodes=VIOLATED))
+        text = 'service /alarm has not answered within 500 ms'
+        observed.wait_for_level(DiagnosticStatus.ERROR, text)
+        assert [entry for _, entry in triggers.uses[0].log] == [f'{text}; attempt 2 in 1 s', text]
+    unanswered.set_result(None)
+
+
+def test_a_long_reason_is_shortened(observed: Observed, tmp_path: Path) -> None:
+    def respond(_: Any, response: Any) -> Any:
+        response.success, response.message = False, 'x' * 1_000_000
+        return response
+
+    observed.node.create_service(SetBool, '/alarm', respond)
+    requested = formula(tmp_path, f'{{false: {{{CALL}}}}}')
+    with Triggers(observed.node, [requested]) as triggers:
+        triggers.on_progress(requested, Progress(4, SECOND, '', episodes=VIOLATED))
+        status = observed.wait_for_level(DiagnosticStatus.ERROR, 'success: false (xxx')
+        assert len(status.message) < 300
 
 
 def test_commands_end_with_the_node(observed: Observed, tmp_path: Path) -> None:

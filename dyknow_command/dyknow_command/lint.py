@@ -6,12 +6,13 @@ import argparse
 import json
 import sys
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 
-from dyknow_command.linting.findings import Finding, in_order, robot_error
+from dyknow_command.linting.findings import Finding, FindingLevel, in_order, robot_error
 from dyknow_command.linting.inputs import LintInputs, read_inputs
 from dyknow_command.observing import add_duration_option, observe, observe_recording
-from dyknow_common import round_duration
+from dyknow_common import DyKnowError, round_duration
 from dyknow_common.executables import SUCCESS, describe
 from dyknow_configuration import ObservedTopic
 
@@ -24,7 +25,11 @@ def lint(options: argparse.Namespace) -> int:
     inputs = read_inputs(options.file)
     topics = _observed(options) if inputs.is_complete else None
     findings = in_order(
-        [*inputs.findings, *_trigger_findings(inputs), *_findings(inputs, topics, _where(options))]
+        [
+            *inputs.findings,
+            *_trigger_findings(inputs, is_live=options.live),
+            *_findings(inputs, topics, _where(options)),
+        ]
     )
     for each in findings:
         print(json.dumps(each.document) if options.json else each)  # noqa: T201 - a command
@@ -83,19 +88,32 @@ def _findings(
         yield from topic_findings(inputs, observed, where)
 
 
-def _trigger_findings(inputs: LintInputs) -> Iterator[Finding]:
-    """Yield the faults of triggers that are known where ROS is: types and their fields."""
+def _trigger_findings(inputs: LintInputs, *, is_live: bool) -> Iterator[Finding]:
+    """Yield the faults of triggers that are known where ROS is: types, their fields, targets."""
     formulas = [each.requested for each in inputs.formulas if each.requested.on]
     if not formulas:
         return
     try:
-        from dyknow_reactions.ros.triggers import check_triggers  # noqa: PLC0415
+        from dyknow_reactions.ros.triggers import (  # noqa: PLC0415
+            check_triggers,
+            observe_target_faults,
+        )
     except ImportError as error:
         sys.stderr.write(f'dyknow lint: types of triggers are not checked without ROS: {error}\n')
         return
-    for each in check_triggers(formulas):
-        path = str(getattr(each, 'path', ''))
-        yield robot_error(each, inputs.texts.get(path, ''), path)
+    errors = check_triggers(formulas)
+    for each in errors:
+        yield _finding_of(each, inputs)
+    if is_live and not errors:
+        for fault in observe_target_faults(formulas):
+            found = _finding_of(fault.error, inputs)
+            level = FindingLevel.WARNING if fault.is_missing else FindingLevel.ERROR
+            yield replace(found, level=level)
+
+
+def _finding_of(error: DyKnowError, inputs: LintInputs) -> Finding:
+    path = str(getattr(error, 'path', ''))
+    return robot_error(error, inputs.texts.get(path, ''), path)
 
 
 def _observed(options: argparse.Namespace) -> tuple[ObservedTopic, ...] | None:

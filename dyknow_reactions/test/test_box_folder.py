@@ -3,13 +3,22 @@
 from __future__ import annotations
 
 import errno
+import os
+import resource
+import shutil
+import signal
 from pathlib import Path
+from typing import Any
 
 import pytest
+from rosbags.highlevel import AnyReader
+from rosbags.interfaces import QosDurability, QosReliability
 from rosbags.rosbag2 import Writer
+from rosbags.typesys import Stores, get_typestore
 
 from dyknow_common import SECOND_NS, DyKnowError, ExitCode, StreamConstraints
 from dyknow_coordinator import EvaluationPhase, EvaluationStatus, KnownStream, KnownStreams
+from dyknow_reactions.black_box import box_folder
 from dyknow_reactions.black_box.box_content import (
     FormulaOrigin,
     RecordedStateNumber,
@@ -182,3 +191,87 @@ def test_a_box_says_that_its_objects_are_unknown() -> None:
     origin.objects_fault = 'the ontology manager does not answer'
     content = content_of(box, origin, [], {}, {})
     assert (content.domains, list(content.faults)) == ({}, [origin.objects_fault])
+
+
+def test_a_limit_of_the_file_system_is_an_error_and_leaves_nothing(tmp_path: Path) -> None:
+    """As a full disk is, but of the kernel: also the end of the bag cannot be written."""
+    # Random bytes cannot be compressed.
+    noise = [SerialisedMessage(number, '/a', os.urandom(1000)) for number in range(300)]
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    handler = signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (50_000, before[1]))
+    try:
+        with pytest.raises(DyKnowError, match=r'cannot write to .*: File too large'):
+            BoxFolder(tmp_path, 'a', 10**9, 5).write(CONTENT, 0, noise, TOPICS)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+        signal.signal(signal.SIGXFSZ, handler)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_other_readers_see_all_topics_with_their_qualities(tmp_path: Path) -> None:
+    topics = {
+        '/a': TopicOffer('std_msgs/msg/Bool', ((True, True, 1), (False, False, 10))),
+        '/b': TopicOffer('dyknow_interfaces/msg/Sample', ((False, False, 5),)),
+        # Without a message in the time of the box.
+        '/c': TopicOffer('sensor_msgs/msg/Image', ((True, False, 0),)),
+    }
+    path = BoxFolder(tmp_path, 'a', 10**9, 5).write(CONTENT, S, MESSAGES, topics)
+    with AnyReader([path], default_typestore=get_typestore(Stores.EMPTY)) as reader:
+        found = {each.topic: each for each in reader.connections}
+        assert {name: each.msgtype for name, each in found.items()} == {
+            name: each.message_type for name, each in topics.items()
+        }
+        assert [reader.deserialize(data, each.msgtype).data for each, _, data in reader.messages()]
+    profiles = {
+        name: [
+            (
+                each.reliability is QosReliability.RELIABLE,
+                each.durability is QosDurability.TRANSIENT_LOCAL,
+                each.depth,
+            )
+            for each in connection.ext.offered_qos_profiles
+        ]
+        for name, connection in found.items()
+    }
+    assert profiles == {name: list(each.offers) for name, each in topics.items()}
+
+
+def test_two_recorders_in_one_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Both write a box of one name in one second; the other one is faster."""
+    write, paths = Writer.write, list[Path]()
+
+    def write_and_be_overtaken(*arguments: Any) -> None:
+        if not paths:
+            monkeypatch.undo()
+            other = BoxFolder(tmp_path, '/robot2/recorder', 10**9, 5)
+            paths.append(other.write(CONTENT, 0, MESSAGES, TOPICS))
+        write(*arguments)
+
+    monkeypatch.setattr(Writer, 'write', write_and_be_overtaken)
+    folder = BoxFolder(tmp_path, '/robot1/recorder', 10**9, 5)
+    paths.append(folder.write(CONTENT, 0, MESSAGES, TOPICS))
+    assert set(tmp_path.iterdir()) == set(paths)
+    for path in paths:
+        with Bag(path) as bag:
+            assert len(list(bag.messages())) == len(MESSAGES)
+
+
+def test_a_box_that_another_recorder_removes(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    folder = BoxFolder(tmp_path, 'a', 10**9, 1)
+    folder.write(CONTENT, 0, MESSAGES, TOPICS)
+    is_removed: list[bool] = []
+
+    def remove_twice(path: Path, **options: Any) -> None:
+        rmtree(path, **options)
+        if not path.name.startswith('.'):
+            is_removed.append(True)
+            rmtree(path, **options)
+
+    rmtree = shutil.rmtree
+    monkeypatch.setattr(box_folder.shutil, 'rmtree', remove_twice)
+    path = folder.write(CONTENT, 1, MESSAGES, TOPICS)
+    assert is_removed
+    assert list(tmp_path.iterdir()) == [path]

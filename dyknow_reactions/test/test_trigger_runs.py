@@ -114,3 +114,23 @@ def test_not_too_many_wait() -> None:
     (use,) = runs.uses
     assert use.ignored == 2
     assert f'{MAX_WAITING} runs wait already' in use.text
+
+
+def test_a_goal_and_its_cancellation_run_in_their_order() -> None:
+    """A retry of the goal must not follow its cancellation."""
+    send = Trigger('send', TriggerKind.SEND_GOAL, '/dock', retries=1)
+    cancel = Trigger('cancel', TriggerKind.CANCEL_GOAL, '/dock')
+    formula = RequestedFormula(
+        'p', 'f', on=((TriggerEvent.FALSE, send), (TriggerEvent.CLEAR, cancel))
+    )
+    runs = TriggerRuns([formula])
+    runs.start(report_of(formula, TriggerEvent.FALSE, 0), 0)
+    (first,) = runs.begin(0)
+    runs.start(report_of(formula, TriggerEvent.CLEAR, 1), 0)
+    runs.end(first, 0, 'it is not available')
+    assert list(runs.begin(0)) == []
+    (again,) = runs.begin(FIRST_BACKOFF)
+    assert again.use.trigger is send
+    runs.end(again, FIRST_BACKOFF)
+    (last,) = runs.begin(FIRST_BACKOFF)
+    assert last.use.trigger is cancel

@@ -71,6 +71,11 @@ class FormulaMonitor(DyKnowNode):
             self._start(index)
 
     @property
+    def warnings(self) -> tuple[str, ...]:
+        """What the log has warned of at the start."""
+        return self._triggers.warnings
+
+    @property
     def is_running(self) -> bool:
         """True if the coordinator monitors all formulas."""
         return all(monitor.accepted.done() for monitor in self._monitors.values())

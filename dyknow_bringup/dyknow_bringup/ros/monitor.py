@@ -133,6 +133,8 @@ def _watching(
             wait=None if options.retry else COORDINATOR_TIMEOUT_S,
             retries=options.retry,
         )
+        for warning in node.warnings if is_live else ():
+            sys.stderr.write(f'warning: {warning}\n')
         watch = _MonitorRun(node, options.duration)
         try:
             yield watch

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import errno
 import re
 import shutil
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from itertools import count
@@ -92,15 +94,35 @@ class BoxFolder:
             )
         try:
             self._prepare(size)
-            path = self._path(content.name, time)
-            _write_bag(self._drafts / path.name, content, messages, topics)
-            (self._drafts / path.name).rename(path)
+            path = None
+            while path is None:
+                path = self._write(content, time, messages, topics)
         except (OSError, WriterError) as error:
             reason = getattr(error, 'strerror', None) or error
             text = f'cannot write to {self._folder}: {reason}'
             raise DyKnowError(text, ExitCode.UNAVAILABLE) from None
         finally:
             shutil.rmtree(self._drafts, ignore_errors=True)
+        return path
+
+    def _write(
+        self,
+        content: BlackBoxContent,
+        time: int,
+        messages: Sequence[SerialisedMessage],
+        topics: Mapping[str, TopicOffer],
+    ) -> Path | None:
+        """Write a box; return its path, or None if another recorder used it meanwhile."""
+        path = self._path(content.name, time)
+        draft = self._drafts / path.name
+        _write_bag(draft, content, messages, topics)
+        try:
+            draft.rename(path)
+        except OSError as error:
+            if error.errno not in {errno.EEXIST, errno.ENOTEMPTY}:
+                raise
+            shutil.rmtree(draft)
+            return None
         return path
 
     def _prepare(self, size: int) -> None:
@@ -111,24 +133,25 @@ class BoxFolder:
 
     def _make_room(self, size: int) -> None:
         """Remove the oldest boxes until there is room for another one."""
-        boxes = sorted(self._boxes(), key=lambda each: each.stat().st_mtime_ns)
-        sizes = {box: _size(box) for box in boxes}
-        while boxes and (
-            sum(sizes.values()) + size > self._max_bytes or len(boxes) >= self._max_boxes
-        ):
-            oldest = boxes.pop(0)
-            del sizes[oldest]
-            shutil.rmtree(oldest)
-            self.removed += 1
+        boxes = sorted(self._boxes().items(), key=lambda each: each[1])
+        total = sum(size for _, (_, size) in boxes)
+        while boxes and (total + size > self._max_bytes or len(boxes) >= self._max_boxes):
+            oldest, (_, freed) = boxes.pop(0)
+            total -= freed
+            with suppress(FileNotFoundError):
+                shutil.rmtree(oldest)
+                self.removed += 1
 
-    def _boxes(self) -> list[Path]:
-        """Return the black boxes in the folder, and nothing else that is there."""
-        found = []
+    def _boxes(self) -> dict[Path, tuple[int, int]]:
+        """Return the time and the size of each black box; nothing else in the folder is one."""
+        found = {}
         for each in self._folder.iterdir():
-            metadata = each / 'metadata.yaml'
-            is_bag = (each / f'{each.name}.mcap').is_file() and metadata.is_file()
-            if is_bag and BLACK_BOX in metadata.read_text(encoding='utf-8', errors='replace'):
-                found.append(each)
+            # Another recorder may remove a box meanwhile.
+            with suppress(FileNotFoundError, NotADirectoryError):
+                metadata = each / 'metadata.yaml'
+                is_bag = (each / f'{each.name}.mcap').is_file() and metadata.is_file()
+                if is_bag and BLACK_BOX in metadata.read_text(encoding='utf-8', errors='replace'):
+                    found[each] = each.stat().st_mtime_ns, _size(each)
         return found
 
     def _path(self, name: str, time: int) -> Path:

@@ -80,7 +80,10 @@ class TriggerUse:
     @property
     def target(self) -> tuple[str, TriggerKind, str]:
         """What runs in the order of its events: the formula with the target of the trigger."""
-        return self.formula, self.trigger.kind, self.trigger.target
+        kind = self.trigger.kind
+        # A goal that is sent late must not survive the cancellation that follows it.
+        kind = TriggerKind.SEND_GOAL if kind is TriggerKind.CANCEL_GOAL else kind
+        return self.formula, kind, self.trigger.target
 
     def note(self, now: int, state: TriggerState, text: str) -> None:
         """Set the state, with an entry in the log."""

@@ -21,7 +21,6 @@ from rclpy.task import Future
 from dyknow_common import DyKnowError, ExitCode, listed, round_duration
 from dyknow_common.ros import (
     LATCHED,
-    Background,
     DiagnosticsPublisher,
     DyKnowNode,
     nanoseconds_to_time,
@@ -39,6 +38,7 @@ from dyknow_reactions.black_box.box_content import (
 from dyknow_reactions.black_box.box_folder import BoxFolder
 from dyknow_reactions.black_box.failures import FailureWatch, FormulaKey, OpenBox
 from dyknow_reactions.black_box.message_ring import MessageRing, SerialisedMessage
+from dyknow_reactions.ros.black_box.box_writing import BoxWriting, WriteBox
 from dyknow_reactions.ros.black_box.formula_origins import FormulaOrigins
 from dyknow_reactions.ros.black_box.raw_topics import RawTopics
 from dyknow_reactions.ros.black_box.recorder_settings import RecorderSettings
@@ -48,6 +48,9 @@ PERIOD_S: Final = 0.1
 """The period in which boxes are closed, and publishers are looked for."""
 
 REPORT_PERIOD_S: Final = 1.0
+
+STOP_TIMEOUT_S: Final = 3.0
+"""The time that the box which is being written at a stop may take."""
 
 BOXES: Final = QoSProfile(depth=20, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 """The profile of `~/black_boxes`."""
@@ -74,7 +77,7 @@ class BlackBoxRecorder(DyKnowNode):
         self._origins = FormulaOrigins(self, settings.stream_manager, settings.ontology_manager)
         # Simulated time may not have begun.
         self._watch = FailureWatch(self.now(), settings.max_per_minute)
-        self._background = Background(self, name='black_boxes')
+        self._writing = BoxWriting(self)
         self._written: dict[OpenBox, Future] = {}
         self._written_count = 0
         self._latest_fault = ''
@@ -94,15 +97,26 @@ class BlackBoxRecorder(DyKnowNode):
         self.serve(SaveBlackBox, self._save)
 
     def destroy_node(self) -> None:
-        """Write the boxes that are open, then destroy the node."""
-        for watched in self._watch.watched.values():
-            if watched.box is not None and self._snapshot is None:
-                try:
-                    path = self._selected(watched.box)[0]()
-                    self.get_logger().info(f'{watched.status.name}: wrote {path} at the end')
-                except DyKnowError as error:
-                    self.get_logger().error(f'{watched.status.name}: {error}')
+        """Write the boxes that wait or are open, then destroy the node."""
+        unwritten = self._writing.stop(STOP_TIMEOUT_S)
+        if unwritten is None:
+            self.get_logger().error('a black box is lost: it takes too long to write')
+        else:
+            for box in self._open_boxes():
+                unwritten[box] = self._selected(box)[0]
+            for box, write in unwritten.items():
+                self._write_at_the_end(box, write)
         super().destroy_node()
+
+    def _open_boxes(self) -> list[OpenBox]:
+        boxes = (each.box for each in self._watch.watched.values())
+        return [each for each in boxes if each is not None and self._snapshot is None]
+
+    def _write_at_the_end(self, box: OpenBox, write: WriteBox) -> None:
+        try:
+            self.get_logger().info(f'{box.status.name}: wrote {write()} at the end')
+        except DyKnowError as error:
+            self.get_logger().error(f'{box.status.name}: {error}')
 
     def _on_evaluations(self, report: Any) -> None:
         statuses = [status_from_message(each) for each in report.evaluations if each.record]
@@ -204,7 +218,7 @@ class BlackBoxRecorder(DyKnowNode):
     ) -> None:
         await search
         try:
-            path = await self._background.run(write)
+            path = await self._writing.write(box, write)
         except DyKnowError as error:
             self._end(box, error=error, dropped=dropped)
         except Exception as error:  # noqa: BLE001 - a request must get an answer

@@ -8,14 +8,14 @@ from typing import Any, Final, Protocol
 from action_msgs.srv import CancelGoal
 from rclpy.action import ActionClient
 from rclpy.callback_groups import ReentrantCallbackGroup
-from rclpy.node import Node
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rclpy.task import Future
 
-from dyknow_common import DyKnowError
-from dyknow_common.ros import NodeAdapter, absolute_topic
+from dyknow_common import DyKnowError, shortened
+from dyknow_common.ros import NodeAdapter
 from dyknow_configuration import Trigger
 from dyknow_reactions.ros.triggers.message_template import template_of
+from dyknow_reactions.ros.triggers.targets import target_fault, target_of
 from dyknow_reactions.triggers import TriggerReport
 
 POLL_PERIOD_S: Final = 0.05
@@ -48,16 +48,16 @@ class PublishAction:
     """Publishes a message."""
 
     def __init__(self, node: NodeAdapter, trigger: Trigger) -> None:
-        self._node = node.node
+        self._node, self._trigger = node.node, trigger
         class_, self._template = template_of(trigger)
-        self._topic = target_of(node.node, trigger, 'topic')
+        self._topic = target_of(node.node, trigger)
         self._publisher = node.node.create_publisher(class_, self._topic, _QUALITY_OF_SERVICE)
 
     def begin(self, report: TriggerReport, end: End) -> GiveUp:
         """Publish the message, if there is a subscriber."""
         message = self._template.fill(report)
         if self._publisher.get_subscription_count() == 0:
-            raise DyKnowError(f'nobody subscribes to {self._topic}')
+            raise DyKnowError(self._lack())
         self._publisher.publish(message)
         end('')
         return lambda: ''
@@ -66,14 +66,23 @@ class PublishAction:
         """Destroy the publisher."""
         self._node.destroy_publisher(self._publisher)
 
+    def _lack(self) -> str:
+        """Return why no subscriber receives the messages."""
+        if fault := target_fault(self._node, self._trigger):
+            return fault.text
+        return (
+            f'no subscriber of {self._topic} requests a quality of service that triggers offer: '
+            'reliable, volatile, without deadlines'
+        )
+
 
 class CallAction:
     """Calls a service; a response with `success: false` is a failure."""
 
     def __init__(self, node: NodeAdapter, trigger: Trigger) -> None:
         class_, self._template = template_of(trigger)
-        self._node = node
-        self._name = target_of(node.node, trigger, 'service')
+        self._node, self._trigger = node, trigger
+        self._name = target_of(node.node, trigger)
         self._client = node.create_client(
             class_, self._name, callback_group=ReentrantCallbackGroup()
         )
@@ -83,6 +92,7 @@ class CallAction:
         request = self._template.fill(report)
         return _RemoteCall(
             self._node,
+            self._trigger,
             f'service {self._name}',
             self._client.service_is_ready,
             lambda: self._client.call_async(request),
@@ -101,8 +111,8 @@ class SendGoalAction:
 
     def __init__(self, node: NodeAdapter, trigger: Trigger) -> None:
         class_, self._template = template_of(trigger)
-        self._node = node
-        self._name = target_of(node.node, trigger, 'action')
+        self._node, self._trigger = node, trigger
+        self._name = target_of(node.node, trigger)
         self._client = ActionClient(
             node.node, class_, self._name, callback_group=ReentrantCallbackGroup()
         )
@@ -112,6 +122,7 @@ class SendGoalAction:
         goal = self._template.fill(report)
         return _RemoteCall(
             self._node,
+            self._trigger,
             f'action {self._name}',
             self._client.server_is_ready,
             lambda: self._client.send_goal_async(goal),
@@ -130,8 +141,8 @@ class CancelGoalAction:
     """Cancels all goals of an action, whoever has sent them."""
 
     def __init__(self, node: NodeAdapter, trigger: Trigger) -> None:
-        self._node = node
-        self._name = target_of(node.node, trigger, 'action')
+        self._node, self._trigger = node, trigger
+        self._name = target_of(node.node, trigger)
         self._client = node.create_client(
             CancelGoal,
             f'{self._name}/_action/cancel_goal',
@@ -142,6 +153,7 @@ class CancelGoalAction:
         """Request that all goals are cancelled as soon as the action is there."""
         return _RemoteCall(
             self._node,
+            self._trigger,
             f'action {self._name}',
             self._client.service_is_ready,
             # No goal and no time stand for all goals.
@@ -165,6 +177,7 @@ class _RemoteCall:
 
     Args:
         node: its deadlines are used.
+        trigger: the trigger.
         name: of the server, for people.
         is_ready: returns True if the server is there.
         send: sends the request.
@@ -176,6 +189,7 @@ class _RemoteCall:
     def __init__(
         self,
         node: NodeAdapter,
+        trigger: Trigger,
         name: str,
         is_ready: Callable[[], bool],
         send: Callable[[], Future],
@@ -183,7 +197,7 @@ class _RemoteCall:
         end: End,
         abandon: Callable[[Future], object],
     ) -> None:
-        self._node = node
+        self._node, self._trigger = node, trigger
         self._name = name
         self._is_ready = is_ready
         self._send = send
@@ -198,7 +212,9 @@ class _RemoteCall:
         """End without a response, and return the reason."""
         self._is_over = True
         if self._sent is None:
-            return f'{self._name} is not available'
+            fault = target_fault(self._node.node, self._trigger)
+            reason = f' ({fault.text})' if fault and not fault.is_missing else ''
+            return f'{self._name} is not available{reason}'
         self._abandon(self._sent)
         return f'{self._name} has not answered'
 
@@ -220,22 +236,10 @@ class _RemoteCall:
         self._end(str(error) if error else self._failure_of(done.result()))
 
 
-def target_of(node: Node, trigger: Trigger, key: str) -> str:
-    """Return the absolute name of the topic, service or action of a trigger.
-
-    Raises:
-        ConfigurationError: if ROS cannot have it.
-    """
-    try:
-        return absolute_topic(node, trigger.target, f'the {key}')
-    except DyKnowError as error:
-        raise trigger.error(error.message, (key,)) from None
-
-
 def _failure_of_response(response: Any) -> str:
     if getattr(response, 'success', True) is not False:
         return ''
-    reason = getattr(response, 'message', '')
+    reason = shortened(getattr(response, 'message', ''))
     return f'the service answers success: false{f" ({reason})" if reason else ""}'
 
 

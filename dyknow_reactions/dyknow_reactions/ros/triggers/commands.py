@@ -22,6 +22,12 @@ POLL_PERIOD_S: Final = 0.05
 SHOWN: Final = 300
 """The number of bytes of its error output that a message shows, from the end."""
 
+MAX_ERRORS: Final = 1_000_000
+"""The number of bytes of its error output that are kept in a file."""
+
+KILL_TIMEOUT_S: Final = 1.0
+"""The time in which a killed process ends, unless a device blocks it."""
+
 
 class RunAction:
     """Runs a command as a child process, without a shell.
@@ -69,7 +75,8 @@ class _Process:
         self._end = end
         self._is_over = False
         # A pipe that is not read would stop the process.
-        self._errors = tempfile.TemporaryFile()  # noqa: SIM115 - it is closed at the end
+        self._errors = tempfile.TemporaryFile('a+b', buffering=0)  # noqa: SIM115 - it is closed at the end
+        self._last_errors = b''
         try:
             self._process = subprocess.Popen(
                 line,
@@ -86,10 +93,15 @@ class _Process:
     def give_up(self) -> str:
         """Kill the process with its children, and return the reason."""
         self._is_over = True
-        with suppress(ProcessLookupError):
-            os.killpg(self._process.pid, signal.SIGKILL)
-        self._process.wait()
         self._errors.close()
+        try:
+            os.killpg(self._process.pid, signal.SIGKILL)
+        except ProcessLookupError:
+            pass
+        except PermissionError:
+            return 'the command has not ended, and runs as another user who alone may kill it'
+        with suppress(subprocess.TimeoutExpired):
+            self._process.wait(KILL_TIMEOUT_S)
         return 'the command has not ended: it was killed'
 
     def _poll_later(self) -> None:
@@ -101,10 +113,21 @@ class _Process:
             return
         code = self._process.poll()
         if code is None:
+            self._limit_errors()
             self._poll_later()
             return
         self._is_over = True
-        self._errors.seek(max(0, self._errors.seek(0, os.SEEK_END) - SHOWN))
-        last = ' '.join(self._errors.read(SHOWN).decode(errors='replace').split())
+        last = ' '.join(self._end_of_errors().decode(errors='replace').split())
         self._errors.close()
         self._end(f'exit code {code}{f": {last}" if last else ""}' if code else '')
+
+    def _limit_errors(self) -> None:
+        """Empty the file of the error output if it is long, but for its end."""
+        if os.fstat(self._errors.fileno()).st_size > MAX_ERRORS:
+            self._last_errors = self._end_of_errors()
+            # The process appends, so it continues at the new end.
+            self._errors.truncate(0)
+
+    def _end_of_errors(self) -> bytes:
+        self._errors.seek(max(0, self._errors.seek(0, os.SEEK_END) - SHOWN))
+        return (self._last_errors + self._errors.read(SHOWN))[-SHOWN:]

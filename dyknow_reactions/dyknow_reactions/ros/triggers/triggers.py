@@ -10,8 +10,8 @@ from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 from rclpy.node import Node
 from rclpy.task import Future
 
-from dyknow_common import SECOND_NS, DyKnowError, round_duration, round_time
-from dyknow_common.ros import DiagnosticsPublisher, NodeAdapter
+from dyknow_common import SECOND_NS, DyKnowError, one_line, round_duration, round_time
+from dyknow_common.ros import DiagnosticsPublisher, NodeAdapter, RCLError
 from dyknow_configuration import RequestedFormula, Trigger, TriggerKind
 from dyknow_coordinator import Answer, Progress
 from dyknow_reactions.ros.triggers.actions import (
@@ -23,6 +23,11 @@ from dyknow_reactions.ros.triggers.actions import (
 )
 from dyknow_reactions.ros.triggers.commands import RunAction, command_of
 from dyknow_reactions.ros.triggers.message_template import template_of
+from dyknow_reactions.ros.triggers.targets import (
+    find_target_faults,
+    triggers_of,
+    type_conflicts,
+)
 from dyknow_reactions.triggers import (
     FormulaEvents,
     TriggerAttempt,
@@ -59,15 +64,16 @@ class Triggers:
                 on_verdict=partial(triggers.on_answer, formula),
             )
 
-    Nothing waits: attempts end in callbacks of the node, or with the timeouts of their triggers.
+    The start waits up to 3 s for the discovery of targets, such as services. Nothing else waits:
+    attempts end in callbacks of the node, or with the timeouts of their triggers.
 
     Args:
         node: any node.
         formulas: with their triggers.
 
     Raises:
-        ConfigurationError: for a type, a field or a command that does not exist, with the place in
-            the file.
+        ConfigurationError: for a type, a field or a command that does not exist, or a target that
+            has another type in the running system, with the place in the file.
     """
 
     def __init__(self, node: Node, formulas: Sequence[RequestedFormula]) -> None:
@@ -82,11 +88,10 @@ class Triggers:
         self._wakeup: Future = Future()
         self._timer: Any = None
         self._diagnostics: Any = None
+        self.warnings: tuple[str, ...] = ()
+        """The targets that nobody offered at the start, with their places in the file."""
         try:
-            for use in self._runs.uses:
-                if id(use.trigger) not in self._actions:
-                    action = _ACTIONS[use.trigger.kind](self._adapter, use.trigger)
-                    self._actions[id(use.trigger)] = action
+            self._create_actions(formulas)
         except DyKnowError:
             self.close()
             raise
@@ -136,6 +141,23 @@ class Triggers:
                 self._node.destroy_timer(self._timer)
                 self._diagnostics.destroy()
             self._adapter.close()
+
+    def _create_actions(self, formulas: Sequence[RequestedFormula]) -> None:
+        for error in check_triggers(formulas):
+            raise error
+        # Before the publishers and clients of the actions exist, which have types themselves.
+        faults = find_target_faults(self._node, formulas)
+        for fault in faults:
+            if not fault.is_missing:
+                raise fault.error
+        for each in triggers_of(formulas):
+            try:
+                self._actions[id(each)] = _ACTIONS[each.kind](self._adapter, each)
+            except RCLError as error:
+                raise each.error(one_line(error)) from None
+        self.warnings = tuple(fault.warning for fault in faults)
+        for warning in self.warnings:
+            self._node.get_logger().warning(f'trigger: {warning}')
 
     def _events_of(self, formula: RequestedFormula) -> FormulaEvents:
         return next(events for each, events in self._events if each is formula)
@@ -217,21 +239,22 @@ class Triggers:
 
     def _status(self, use: TriggerUse) -> DiagnosticStatus:
         numbers = {'runs': use.runs, 'failures': use.failures, 'ignored events': use.ignored}
-        begun, now = use.log, self._wall_time()
-        entries = {f'{round_time(now - time)} ago': text for time, text in begun}
-        values = {**{name: str(number) for name, number in numbers.items()}, **entries}
+        now = self._wall_time()
+        entries = [(f'{round_time(now - time)} ago', text) for time, text in use.log]
+        values = [*numbers.items(), *entries]
         return DiagnosticStatus(
             level=bytes([use.state]),
             name=f'{self._node.get_fully_qualified_name()}: {use.name}',
             message=use.text,
-            values=[KeyValue(key=key, value=value) for key, value in values.items()],
+            values=[KeyValue(key=key, value=str(value)) for key, value in values],
         )
 
 
 def check_triggers(formulas: Sequence[RequestedFormula]) -> list[DyKnowError]:
     """Return the faults of the triggers of formulas: types, fields and commands; needs no node."""
-    found: list[DyKnowError] = []
-    for trigger in {id(each): each for formula in formulas for _, each in formula.on}.values():
+    triggers = triggers_of(formulas)
+    found: list[DyKnowError] = [*type_conflicts(triggers)]
+    for trigger in triggers:
         try:
             if trigger.kind is TriggerKind.RUN:
                 command_of(trigger)
