@@ -8,9 +8,8 @@ from __future__ import annotations
 
 import random
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from contextlib import ExitStack
-from itertools import product
 from typing import Any
 
 import relays
@@ -67,7 +66,7 @@ def grounding(*, quick: bool) -> Any:
 def verdict(*, quick: bool) -> Any:
     """Measure the time from a sample that makes a formula false to the answer.
 
-    The nodes of DyKnow run in one process, then in a process each.
+    The nodes of DyKnow run in one process, then in a process each; so do bare nodes.
     """
     number = 10 if quick else 100
     rows: dict[str, Any] = {name: {} for name in LEVELS}
@@ -75,10 +74,14 @@ def verdict(*, quick: bool) -> Any:
         for name, delays in _verdict_delays(number, composition=composition).items():
             rows[name][nodes] = summary(delays)
     for name, (topic, _) in LEVELS.items():
-        bare = rows[name]['bare'] = summary(_bare_delays(topic, number))
-        for nodes, figure in product(('one_process', 'processes'), ('median', 'p99')):
-            ratio = rows[name][nodes][f'{figure}_us'] / bare[f'{figure}_us']
-            rows[name][f'{nodes}_{figure}_ratio'] = round(ratio, 2)
+        for nodes, bare, roles in (
+            ('processes', 'bare_processes', relays.CHAIN),
+            ('one_process', 'bare_one_process', (relays.all_in_one,)),
+        ):
+            rows[name][bare] = summary(_bare_delays(topic, number, roles))
+            for figure in ('median', 'p99'):
+                ratio = rows[name][nodes][f'{figure}_us'] / rows[name][bare][f'{figure}_us']
+                rows[name][f'{nodes}_{figure}_ratio'] = round(ratio, 2)
     return rows
 
 
@@ -117,10 +120,10 @@ def composition(*, quick: bool) -> Any:
     return rows
 
 
-def _bare_delays(topic: str, number: int) -> list[int]:
+def _bare_delays(topic: str, number: int, roles: Iterable[Callable[..., None]]) -> list[int]:
     with ExitStack() as stack:
-        for role in relays.ROLES:
-            wait_for_line(stack.enter_context(worker(role, program=relays.PROGRAM)))
+        for role in roles:
+            wait_for_line(stack.enter_context(worker(role.__name__, program=relays.PROGRAM)))
         fleet = stack.enter_context(worker(20.0, 'uav1', robots.ROBOT, program=robots.PROGRAM))
         stack.callback(robots.stop, fleet)
         wait_for_line(fleet)

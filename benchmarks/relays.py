@@ -1,6 +1,7 @@
-"""Bare rclpy nodes that relay messages like the nodes of DyKnow, each in a process of its own.
+"""Bare rclpy nodes that relay messages like the nodes of DyKnow.
 
-python benchmarks/relays.py samples|verdicts|answers
+python benchmarks/relays.py samples|verdicts|answers    a process for each of them
+python benchmarks/relays.py all_in_one                  one node that answers at the message itself
 """
 
 from __future__ import annotations
@@ -81,7 +82,39 @@ def answers(node: Node) -> None:
     )
 
 
-ROLES = {each.__name__: each for each in (samples, verdicts, answers)}
+def all_in_one(node: Node) -> None:
+    """Answer service calls at the message that makes the formula false.
+
+    These are the two hops that no process can avoid: from the robot, and to the caller.
+    """
+    group = ReentrantCallbackGroup()
+    waiting: list[Future] = []
+
+    async def evaluate(_request: Any, response: Any) -> Any:
+        future: Future = Future()
+        waiting.append(future)
+        response.verdict, response.decided_at = FormulaResult.FALSE, await future
+        return response
+
+    def on_level(value: float) -> None:
+        while value >= LIMIT and waiting:
+            waiting.pop().set_result(node.get_clock().now().to_msg())
+
+    node.create_service(EvaluateFormula, SERVICE_NAME, evaluate, callback_group=group)
+    node.create_subscription(
+        Float64, '/robot/level', lambda each: on_level(each.data), STREAM, callback_group=group
+    )
+    node.create_subscription(
+        BatteryState,
+        '/uav1/battery',
+        lambda each: on_level(each.current),
+        STREAM,
+        callback_group=group,
+    )
+
+
+CHAIN = (samples, verdicts, answers)
+ROLES = {each.__name__: each for each in (*CHAIN, all_in_one)}
 
 
 def main() -> None:

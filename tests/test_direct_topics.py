@@ -177,6 +177,56 @@ def test_a_latched_topic_is_published_for_those_that_subscribe_later(bench: Benc
     assert received.values == list(range(10))
 
 
+def test_the_middleware_gets_what_is_received_directly_at_the_end_of_the_callback(
+    bench: Bench,
+) -> None:
+    received = Received(bench, quality_of_service=LATCHED_HISTORY)
+    publisher = bench.publisher(quality_of_service=LATCHED_HISTORY)
+    outside = bench.outsider(LATCHED_HISTORY)
+    is_held = True
+
+    def publish() -> None:
+        for number in range(10):
+            publisher.publish(Int64(data=number))
+        while is_held:
+            time.sleep(0.01)
+
+    bench.executors[0].create_task(publish)
+    bench.executors[0].wake()
+    bench.wait_for(lambda: received.values == list(range(10)))
+    assert outside == []
+    is_held = False
+    bench.wait_for(lambda: outside == list(range(10)))
+
+
+def test_a_publisher_that_ends_within_its_callback_loses_no_message(bench: Bench) -> None:
+    Received(bench, quality_of_service=LATCHED_HISTORY)
+    publisher = bench.publisher(quality_of_service=LATCHED_HISTORY)
+    outside = bench.outsider(LATCHED_HISTORY)
+    bench.wait_for(lambda: publisher.get_subscription_count() == 2, 'the other subscriber')
+
+    def publish() -> None:
+        for number in range(10):
+            publisher.publish(Int64(data=number))
+        publisher.destroy()
+
+    bench.executors[0].create_task(publish)
+    bench.wait_for(lambda: outside == list(range(10)))
+
+
+def test_a_message_that_the_middleware_refuses_is_counted(bench: Bench) -> None:
+    received = Received(bench, quality_of_service=LATCHED_HISTORY)
+    reasons: list[str] = []
+    bench.sender.reject = lambda _, reason: reasons.append(reason)  # type: ignore[method-assign]
+    publisher = DirectPublisher(
+        bench.sender, Int64, TOPIC, LATCHED_HISTORY, lambda _: Int64(data='?')
+    )
+    publisher.publish(Int64(data=1))
+    bench.wait_for(lambda: bool(reasons), 'the refusal')
+    assert reasons[0].startswith('it cannot be published: ')
+    assert received.values == [1]
+
+
 def test_a_publisher_of_another_process_is_received_too(bench: Bench) -> None:
     far = bench.client.node.create_publisher(Int64, TOPIC, STREAM)
     near = bench.publisher()

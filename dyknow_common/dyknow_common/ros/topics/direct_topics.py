@@ -11,7 +11,11 @@ process, as the object that it is. It also publishes it on the middleware if any
     the engine publishes state 3     as state 2, since the subscriber may only be out of reach
 
 Messages on a latched topic are always published on the middleware, too: later subscribers need
-them. A direct message has a number, as those of the middleware have, but numbers of its own.
+them. The middleware takes longer than the rest, and would delay the direct subscribers, so it gets
+a message that they receive only when the publisher's node has ended its callback. Other messages
+must not wait: a subscription would receive some that were published before it was created.
+
+A direct message has a number, as those of the middleware have, but numbers of its own.
 
 Each node runs in its own thread, so messages wait in a queue of the receiving node. All direct
 messages of a node are received in the order of their publication, whatever their topics are.
@@ -21,6 +25,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable
+from functools import partial
 from threading import Lock
 from typing import Any, ClassVar, Final
 from weakref import WeakKeyDictionary
@@ -41,13 +46,13 @@ NUMBER: Final = 'publication_sequence_number'
 
 
 class _Inbox:
-    """The direct messages that wait for a node; see `of`."""
+    """The direct messages that a node has to receive or to publish; see `of`."""
 
     _known: ClassVar[WeakKeyDictionary[Node, _Inbox]] = WeakKeyDictionary()
 
     def __init__(self, node: Node) -> None:
-        self._waiting: deque[tuple[DirectSubscription, Any, dict[str, Any]]] = deque()
-        self._wake = node.create_guard_condition(self._deliver, ReentrantCallbackGroup())
+        self._waiting: deque[Callable[[], None]] = deque()
+        self._wake = node.create_guard_condition(self._run, ReentrantCallbackGroup())
 
     @classmethod
     def of(cls, node: Node) -> _Inbox:
@@ -55,19 +60,18 @@ class _Inbox:
             cls._known[node] = cls(node)
         return cls._known[node]
 
-    def put(self, subscription: DirectSubscription, message: Any, info: dict[str, Any]) -> None:
-        """Add a message; called by the thread of the publisher."""
-        self._waiting.append((subscription, message, info))
+    def put(self, work: Callable[[], None]) -> None:
+        """Let the executor of the node do some work; called by the thread of the publisher."""
+        self._waiting.append(work)
         try:
             self._wake.trigger()
         except InvalidHandle:
             self._waiting.clear()  # The node is destroyed.
 
-    def _deliver(self) -> None:
+    def _run(self) -> None:
         # Those that come meanwhile wake the node again, after its other callbacks.
         for _ in range(len(self._waiting)):
-            subscription, message, info = self._waiting.popleft()
-            subscription.deliver(message, info)
+            self._waiting.popleft()()
 
 
 class _Directory:
@@ -157,7 +161,7 @@ class DirectSubscription:
             self._dropped += 1  # The number of the next message shows it, too.
             return
         self._received += 1
-        self._inbox.put(self, message, {NUMBER: number, SENDER: sender})
+        self._inbox.put(partial(self.deliver, message, {NUMBER: number, SENDER: sender}))
 
     def deliver(self, message: Any, info: dict[str, Any]) -> None:
         """Process a direct message in the thread of the node."""
@@ -209,15 +213,24 @@ class DirectPublisher:
         self._key = node.context, node.resolve_topic_name(topic)
         self._to_message = to_message
         self._publisher = node.create_publisher(msg_type, topic, qos_profile)
-        self._is_for_others = qos_profile.durability is DurabilityPolicy.TRANSIENT_LOCAL
+        self._is_latched = qos_profile.durability is DurabilityPolicy.TRANSIENT_LOCAL
+        self._is_for_others = self._is_latched
+        # Those that wait for the end of the callback.
+        self._unpublished: deque[Any] = deque()
+        self._lock = Lock()
         self._number = 0
 
     def publish(self, message: Any) -> None:
         """Publish a message, which must not be changed afterwards."""
         self._number += 1
-        for subscription in _SUBSCRIPTIONS.of(self._key):
+        direct = _SUBSCRIPTIONS.of(self._key)
+        for subscription in direct:
             subscription.put(message, self._number, self._sender)
-        if self.is_for_others:
+        if self._is_latched and (direct or self._unpublished):
+            self._unpublished.append(message)
+            if len(self._unpublished) == 1:
+                _Inbox.of(self._node).put(self._publish_waiting)
+        elif self.is_for_others:
             self._publisher.publish(self._to_message(message))
 
     @property
@@ -233,5 +246,16 @@ class DirectPublisher:
         return int(self._publisher.get_subscription_count())
 
     def destroy(self) -> None:
-        """End the publisher."""
+        """End the publisher, after all its messages."""
+        self._publish_waiting()
         self._node.destroy_publisher(self._publisher)
+
+    def _publish_waiting(self) -> None:
+        """Publish the messages that the middleware does not have yet, in their order."""
+        with self._lock:
+            while self._unpublished:
+                message = self._unpublished.popleft()
+                try:
+                    self._publisher.publish(self._to_message(message))
+                except Exception as error:  # noqa: BLE001 - it would end the executor
+                    self._node.reject(self._key[1], f'it cannot be published: {error}')

@@ -65,6 +65,8 @@ class Engines:
         self._candidates: dict[str, RemoteNode] = {}
         self._found_at: dict[str, int] = {}
         self._reports: dict[str, dict[str, StreamReport]] = {}
+        # Engines of this process exist by now: the first of them need not wait for a period.
+        node.deadlines.after(0.0).add_done_callback(lambda _: self._discover())
         node.create_timer(discovery_period_s, self._discover, clock=node.wall_clock)
 
     def ready(self) -> tuple[str, ...]:
