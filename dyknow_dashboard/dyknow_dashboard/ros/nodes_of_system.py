@@ -41,6 +41,9 @@ NEEDED: Final = (
 _ENGINE: Final = 'stream_processing_engine'
 
 
+MAX_GUARDS: Final = 100
+"""The number of guards that are shown."""
+
 GUARD_STATUS: Final = 'dyknow_interfaces/msg/GuardStatus'
 NODE_STATUS: Final = 'node_status'
 """The status of a guard as a node: its topic `status` has the state of its gate."""
@@ -97,6 +100,7 @@ class SystemNodes:
         self._adapter = adapter
         self._watched = WatchedNodes(adapter)
         self._guards: dict[str, GuardReports] = {}
+        self._has_engine = False
         for name in NEEDED:
             self._watch(name)
 
@@ -114,6 +118,7 @@ class SystemNodes:
     def find_engines(self, names: Iterable[str]) -> None:
         """Watch the engines that run."""
         for name in names:
+            self._has_engine = True
             self._watch(name)
 
     def find_reactions(self) -> None:
@@ -122,25 +127,23 @@ class SystemNodes:
             name, _, last = topic.rpartition('/')
             if last != 'status' or name in self._watched:
                 continue
-            if GUARD_STATUS in types and name == self.absolute(name.rpartition('/')[2]):
-                self._guards[name] = GuardReports(self._adapter, name)
-                remote = RemoteNode(self._adapter, name, status=NODE_STATUS)
-                self._watched.add(name, remote)
+            if GUARD_STATUS in types:
+                is_near = name == self.absolute(name.rpartition('/')[2])
+                if is_near and len(self._guards) < MAX_GUARDS:
+                    self._guards[name] = GuardReports(self._adapter, name)
+                    self._watched.add(name, RemoteNode(self._adapter, name, status=NODE_STATUS))
             elif name == self.absolute(RECORDER):
                 self._watch(RECORDER)
 
     def health(self) -> Iterator[NodeHealth]:
         """Yield the health of each node."""
-        has_engine = False
-        needed = {*map(self.absolute, (*NEEDED, RECORDER))}
         for name, remote in self._watched:
             state = self._watched.state(name, remote.latest, alive=remote.alive)
             values = () if remote.latest is None else remote.latest.values
             if name in self._guards:
                 state = self._guards[name].applied_to(state)
-            has_engine |= name not in needed and name not in self._guards
             yield NodeHealth(name, state, tuple((each.key, each.value) for each in values))
-        if not has_engine:
+        if not self._has_engine:
             engine = self.absolute(_ENGINE)
             yield NodeHealth(engine, self._watched.state(engine, None, alive=False))
 
