@@ -30,24 +30,24 @@ Event = Callable[[], AbstractContextManager[None]]
 """Makes the event; its end repairs the system."""
 
 
-def closings(rounds: int, *, composition: bool) -> dict[str, list[float]]:
-    """Return the times of each way of closing, in ms.
+def closings(rounds: int, *, composition: bool) -> Iterator[tuple[str, float]]:
+    """Yield the times of each way of closing, in ms; each round has all ways.
 
     Raises:
         AssertionError: if a command has passed while the guard was closed.
     """
+    if not composition:
+        yield from _jumps(rounds)
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         with System(folder, composition=composition) as system:
             system.batteries.reset()
+            ways = list(_ways(system, composition=composition))
             with guarded_base(system, folder, FORMULA, timeout=f'{TIMEOUT_MS} ms') as base:
-                found = {
-                    way: [_time_of(base, event) for _ in range(rounds)]
-                    for way, event in _ways(system, composition=composition)
-                }
-        if not composition:
-            found.update(_jumps(rounds))
-    return found
+                _wait_until_settled(base, 'its start')
+                for _ in range(rounds):
+                    for way, event in ways:
+                        yield way, _time_of(base, way, event)
 
 
 def _ways(system: System, *, composition: bool) -> Iterator[tuple[str, Event]]:
@@ -92,46 +92,46 @@ def _ended(system: System, event: Any, node: str) -> Iterator[None]:
     system.batteries.reset()
 
 
-def _jumps(rounds: int) -> dict[str, list[float]]:
-    """Return the times after jumps of simulated time."""
-    found: dict[str, list[float]] = {}
+def _jumps(rounds: int) -> Iterator[tuple[str, float]]:
+    """Yield the times after jumps of simulated time."""
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         with System(folder, use_sim_time=True) as system:
             simulation = Simulation(system)
             with guarded_base(system, folder, FORMULA, timeout=f'{TIMEOUT_MS} ms') as base:
-                for way, jump in ('jump forwards', MINUTE_NS), ('jump backwards', -MINUTE_NS):
+                _wait_until_settled(base, 'its start')
+                for _ in range(rounds):
+                    for way, step in ('jump forwards', MINUTE_NS), ('jump backwards', -MINUTE_NS):
 
-                    def event(jump: int = jump) -> AbstractContextManager[None]:
-                        simulation.jump(jump)
-                        return nullcontext()
+                        def event(step: int = step) -> AbstractContextManager[None]:
+                            simulation.jump(step)
+                            return nullcontext()
 
-                    found[way] = [_time_of(base, event) for _ in range(rounds)]
-    return found
+                        yield way, _time_of(base, way, event)
 
 
-def _time_of(base: GuardedBase, event: Event) -> float:
+def _time_of(base: GuardedBase, way: str, event: Event) -> float:
     """Return the time from an event to the first safe message, in ms, and wait for its repair."""
-    _wait_until_settled(base)
     begin = time.monotonic()
     with event():
-        base.client.spin_until(lambda: bool(_safe_since(base, begin)), 'the safe message')
+        base.client.spin_until(lambda: bool(_safe_since(base, begin)), f'closed by {way}')
         first = _safe_since(base, begin)[0]
         _spin(base, SETTLING_S / 2)
     base.assert_nothing_passed_while_closed()
+    _wait_until_settled(base, way)
     return 1e3 * (first - begin)
 
 
-def _wait_until_settled(base: GuardedBase) -> None:
+def _wait_until_settled(base: GuardedBase, way: str) -> None:
     """Wait until the guard has been open for a while."""
 
-    def is_settled() -> bool:
-        base.wait_until_open()
-        begin = time.monotonic()
-        _spin(base, SETTLING_S)
-        return not _safe_since(base, begin)
+    def is_open() -> bool:
+        now = time.monotonic()
+        return len(base.received) > 0 and not _safe_since(base, now - SETTLING_S)
 
-    base.client.spin_until(is_settled, 'the guard stays open')
+    base.client.spin_until(
+        is_open, f'the guard stays open after {way}', 60.0, lambda: (base.state, base.reason)
+    )
 
 
 def _safe_since(base: GuardedBase, begin: float) -> list[float]:

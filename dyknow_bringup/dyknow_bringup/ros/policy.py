@@ -60,22 +60,18 @@ def add_policy_options(parser: argparse.ArgumentParser) -> None:
         metavar='FILE',
         help='files in the stream language, whose topics the engines may read and publish',
     )
-    parser.add_argument(
-        '--guards',
-        nargs='*',
-        type=Path,
-        default=[],
-        metavar='ROBOT',
-        help='files robot.yaml, whose guards get an enclave each',
-    )
-    parser.add_argument(
-        '--triggers',
-        nargs='*',
-        type=Path,
-        default=[],
-        metavar='ROBOT',
-        help='files robot.yaml, whose triggers "dyknow monitor" runs',
-    )
+    for name, description in (
+        ('guards', 'whose guards get an enclave each'),
+        ('triggers', 'whose triggers "dyknow monitor" runs'),
+    ):
+        parser.add_argument(
+            f'--{name}',
+            nargs='*',
+            type=Path,
+            default=[],
+            metavar='ROBOT',
+            help=f'files robot.yaml, {description}',
+        )
     for name, description in (
         ('topic', 'topics that the engines may read besides, such as those that formulas name'),
         ('engine', f'names of the stream processing engines (default: {ENGINE})'),

@@ -87,6 +87,7 @@ class SecuredSystem:
     def enclaves(self) -> tuple[Enclave, ...]:
         """Return an enclave for each node, client and guard, administrators and commands."""
         engines = [self._absolute(each) for each in self.engines]
+        monitor = monitor_interfaces(self.triggers)
         page = dashboard_interfaces(engines, [each.name for each in self.guards])
         return (
             *(
@@ -97,7 +98,7 @@ class SecuredSystem:
             self.node(RECORDER, recorder_interfaces(self.topics, engines)),
             self.node('dyknow_up', START),
             self._enclave('dyknow_client', dict.fromkeys(_COMMAND_NODES, PLAIN_NODE | COMMANDS)),
-            self._enclave('dyknow_monitor', {'dyknow_monitor_*': monitor_interfaces(self.triggers)}),
+            self._enclave('dyknow_monitor', {'dyknow_monitor_*': monitor}),
             self._enclave('dyknow_dashboard', {'dyknow_dashboard_*': page}),
             self._enclave('dyknow_admin', {_ROS2_NODES: ROS_NODE | administration(engines)}),
             *map(self._client, self.clients),

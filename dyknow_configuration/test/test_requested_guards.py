@@ -33,13 +33,17 @@ IN_A_ROW = """\
         ),
         (
             '  - {name: b, input: /a, output: /cmd, formulas: p > 0}',
-            "5:34: the guard 'first' publishes /cmd already, so what one of them stops the other "
-            'may pass; use one guard with all formulas',
+            (
+                "5:34: the guard 'first' publishes /cmd already, so what one of them stops the "
+                'other may pass; use one guard with all formulas'
+            ),
         ),
         (
             IN_A_ROW.replace('/end', '/cmd_in').rstrip(),
-            '6:45: messages of /cmd_in come back to /cmd_late by other guards, and pass again for '
-            'ever; use another topic',
+            (
+                '6:45: messages of /cmd_in come back to /cmd_late by other guards, and pass again '
+                'for ever; use another topic'
+            ),
         ),
         (
             '  - {name: b, input: /a, output: /b, formulas: []}',
@@ -51,8 +55,10 @@ IN_A_ROW = """\
         ),
         (
             '  - {name: b, input: /cmd_in, output: /b, formulas: soon}',
-            "5:53: 'soon' cannot be a formula of a guard: 'eventually[0 s, 1 s] "
-            '("/cmd_in".x > 0)\' looks into the future',
+            (
+                "5:53: 'soon' cannot be a formula of a guard: 'eventually[0 s, 1 s] "
+                '("/cmd_in".x > 0)\' looks into the future'
+            ),
         ),
         (
             '  - {name: b, input: /a, output: /b, formulas: [\'forall r in Rover: "/a".x < 1\']}',
