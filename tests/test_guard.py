@@ -105,7 +105,9 @@ def test_the_end_of_a_node(
     with context:
         base.assert_safe_after(event, TIMEOUT_S)
         assert base.state == GuardStatus.CLOSED
-        assert base.reason.startswith(reason), base.reason
+        # On a busy computer, the guard may learn of the end of a node from another one first.
+        reasons = (reason, f'node {node} is gone', 'the guard itself was stopped')
+        assert any(each in base.reason for each in reasons), base.reason
     system.client.wait_for_coordinator()
     system.client.spin_until(lambda: system.streams() >= system.fleet_streams, 'the streams')
     system.batteries.reset()

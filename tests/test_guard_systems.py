@@ -82,9 +82,9 @@ def test_a_rover_stops_before_an_obstacle(tmp_path: Path) -> None:
         running(command('dyknow', 'up', str(write_guarded_robot(tmp_path))), environment),
         closing(Client(environment)) as client,
     ):
-        drive = GuardedDrive(client, ahead=4.0)
+        drive = GuardedDrive(client, ahead=1.5)
         client.spin_until(
-            lambda: drive.has_stopped, 'the rover stops', instead=lambda: drive.rover.ahead
+            lambda: drive.has_stopped, 'the rover stops', 120.0, lambda: drive.rover.ahead
         )
         end = time.monotonic() + 2.0
         client.spin_until(lambda: time.monotonic() > end, 'it stays')
