@@ -1,9 +1,12 @@
-"""Delays of a guard: of a message that passes, and from a deciding sample to the safe message.
+"""Delays of a guard: of a message that passes, and from an event to the safe message.
 
-python benchmarks/guard.py [--json] [--messages 1000] [--closings 100]
+python benchmarks/guard.py [--json] [--only passing] [--closings 100] [--rounds 20]
 
-A message that passes is compared with one that a bare rclpy node relays, serialised as it is; both
-are sent alternately in the same run, so a busy computer delays both.
+- passing: a message that passes is compared with one that a bare rclpy node relays, serialised as
+  it is; both are sent alternately in the same run, so a busy computer delays both. Then the time
+  from a deciding sample to the safe message.
+- rover: that time in a closed loop, of a simulated rover that drives towards an obstacle.
+- closing: the time from each event that closes a guard, such as the end of a node.
 """
 
 from __future__ import annotations
@@ -16,8 +19,9 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Callable
-from contextlib import suppress
+from collections import defaultdict
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
@@ -26,8 +30,11 @@ sys.path.insert(0, str(Path(__file__).parent.parent / 'tests'))
 import rclpy
 from dyknow_interfaces.msg import GuardStatus
 from geometry_msgs.msg import Twist
+from guard_closings import closings
+from guarded_approaches import BARE_STOP, approaches
 from rclpy.executors import ExternalShutdownException
 from rclpy.node import Node
+from sensor_msgs.msg import LaserScan
 from std_msgs.msg import Float64
 
 from dyknow_bringup.processes.composition import composed
@@ -38,6 +45,7 @@ from dyknow_bringup.processes.processes import (
     guard_processes,
 )
 from dyknow_common.ros import LATCHED
+from guarded_rover import LIMIT_M
 from system import Client, private_environment
 
 ROBOT = """\
@@ -55,13 +63,32 @@ GOOD, BAD = 1.0, 9.0
 
 
 def relay() -> None:
-    """Relay messages as a bare node of rclpy does."""
+    """Relay messages as a bare node of rclpy does, and stop at scans that are too short."""
     rclpy.init()
     node = Node('bare_relay')
     publisher = node.create_publisher(Twist, '/bare_out', 10)
     node.create_subscription(Twist, '/bare_in', publisher.publish, 10, raw=True)
+    stops = node.create_publisher(Twist, BARE_STOP, 10)
+
+    def on_scan(scan: Any) -> None:
+        if min(scan.ranges[35:55]) <= LIMIT_M:
+            stops.publish(Twist())
+
+    node.create_subscription(LaserScan, '/scan', on_scan, 10)
     with suppress(KeyboardInterrupt, ExternalShutdownException):
         rclpy.spin(node)
+
+
+@contextmanager
+def bare_relay(environment: dict[str, str]) -> Iterator[None]:
+    """Run the bare node in a process of its own."""
+    line = [sys.executable, __file__, '--relay']
+    bare = subprocess.Popen(line, env={**os.environ, **environment})
+    try:
+        yield
+    finally:
+        bare.terminate()
+        bare.wait()
 
 
 class Bench:
@@ -165,19 +192,13 @@ def measure(messages: int, closings: int, *, composition: bool) -> dict[str, Any
         configuration = SystemConfiguration(guards={'base_guard': robot})
         nodes = dyknow_processes(configuration)
         processes = (*(composed(nodes, {}) if composition else nodes),)
-        with Launcher(Path(name), environment=environment) as launcher:
-            relay_line = [sys.executable, __file__, '--relay']
-            bare = subprocess.Popen(relay_line, env={**os.environ, **environment})
-            try:
-                bench = Bench(environment)
-                launcher.start_all((*processes, *guard_processes(configuration)))
-                bench.wait_until_open()
-                passing = bench.passing(messages)
-                closed = bench.closing(closings)
-                bench.client.close()
-            finally:
-                bare.terminate()
-                bare.wait()
+        with Launcher(Path(name), environment=environment) as launcher, bare_relay(environment):
+            bench = Bench(environment)
+            launcher.start_all((*processes, *guard_processes(configuration)))
+            bench.wait_until_open()
+            passing = bench.passing(messages)
+            closed = bench.closing(closings)
+            bench.client.close()
     guard, relayed = (summary(passing[each]) for each in ('/cmd_vel', '/bare_out'))
     return {
         'passing': guard,
@@ -187,30 +208,71 @@ def measure(messages: int, closings: int, *, composition: bool) -> dict[str, Any
     }
 
 
-def main() -> None:
-    """Run the benchmark."""
+def rover(count: int, *, composition: bool) -> dict[str, Any]:
+    """Measure approaches of a rover to obstacles."""
+    environment = private_environment()
+    with bare_relay(environment):
+        found = approaches(environment, count, composition=composition)
+    return {
+        'guard': summary(found.delays),
+        'bare_node': summary(found.bare_delays),
+        'approaches_with_the_guard_closed_before': found.closed_before,
+        'closest_m': found.closest,
+    }
+
+
+def closing(rounds: int, *, composition: bool) -> dict[str, Any]:
+    """Measure each way of closing; SIGINT ends it early."""
+    times: defaultdict[str, list[float]] = defaultdict(list)
+    with suppress(KeyboardInterrupt):
+        for way, each in closings(rounds, composition=composition):
+            times[way].append(each)
+    return {
+        way: {**summary(found), 'max_ms': round(max(found), 3), 'rounds': len(found)}
+        for way, found in times.items()
+    }
+
+
+def read_options() -> argparse.Namespace:
+    """Return the options of the command line."""
     parser = argparse.ArgumentParser(description='Delays of a guard.')
+    parser.add_argument('--only', choices=('passing', 'rover', 'closing'))
     parser.add_argument('--messages', type=int, default=1000)
-    parser.add_argument('--closings', type=int, default=100)
+    parser.add_argument('--closings', type=int, default=100, help='by samples, and approaches')
+    parser.add_argument('--rounds', type=int, default=20, help='of each way of closing')
     parser.add_argument('--json', action='store_true')
     parser.add_argument('--relay', action='store_true', help='be the bare relay')
-    options = parser.parse_args()
+    return parser.parse_args()
+
+
+def main() -> None:
+    """Run the benchmark."""
+    options = read_options()
     if options.relay:
         relay()
         return
-    found = {
-        name: measure(options.messages, options.closings, composition=name == 'one_process')
-        for name in ('processes', 'one_process')
+    works: dict[str, Callable[[bool], dict[str, Any]]] = {
+        'passing': lambda each: measure(options.messages, options.closings, composition=each),
+        'rover': lambda each: rover(options.closings, composition=each),
+        'closing': lambda each: closing(options.rounds, composition=each),
     }
-    if options.json:
-        print(json.dumps(found, indent=2))
-        return
-    for name, each in found.items():
-        print(
-            f'{name}: passing {each["passing"]["median_ms"]} ms, bare relay '
-            f'{each["bare_relay"]["median_ms"]} ms (ratio {each["ratio"]}); sample to safe message '
-            f'{each["closing"]["median_ms"]} ms, p99 {each["closing"]["p99_ms"]} ms'
-        )
+    for work, measured in works.items():
+        if options.only not in {None, work}:
+            continue
+        for name in ('processes', 'one_process'):
+            found = {work: {name: measured(name == 'one_process')}}
+            if options.json:
+                print(json.dumps(found), flush=True)
+            else:
+                show(work, name, found[work][name])
+
+
+def show(work: str, name: str, found: dict[str, Any]) -> None:
+    """Print figures for people."""
+    print(f'{work}, {name}:')
+    for key, value in found.items():
+        figures = value.items() if isinstance(value, dict) else [('', value)]
+        print(f'  {key}:', ', '.join(f'{each} {figure}'.strip() for each, figure in figures))
 
 
 if __name__ == '__main__':

@@ -6,6 +6,7 @@ import signal
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -14,8 +15,11 @@ from geometry_msgs.msg import Twist
 from std_srvs.srv import Trigger
 
 from dyknow_bringup.processes.processes import Process
-from dyknow_common.ros import LATCHED
+from dyknow_common.ros import LATCHED_HISTORY
 from system import Client, System
+
+TIMEOUT = '600 ms'
+"""Twice the default: states come each 200 ms, on a busy computer."""
 
 PERIOD_S = 0.02
 SLACK_S = 1.0
@@ -30,9 +34,12 @@ class GuardedBase:
         folder: for the robot.yaml.
         formulas: of the guard, in YAML.
         options: further keys of the guard, in YAML.
+        timeout: of the guard.
     """
 
-    def __init__(self, system: System, folder: Path, formulas: str, options: str = '') -> None:
+    def __init__(
+        self, system: System, folder: Path, formulas: str, options: str = '', timeout: str = TIMEOUT
+    ) -> None:
         self.client: Client = system.client
         self.speed = 0.4
         self.is_commanding = True
@@ -42,7 +49,7 @@ class GuardedBase:
         path = folder / 'robot.yaml'
         path.write_text(
             'guards:\n  - name: base_guard\n    input: /cmd_vel_in\n    output: /cmd_vel\n'
-            f'    type: geometry_msgs/msg/Twist\n    timeout: 600 ms\n    formulas: {formulas}\n'
+            f'    type: geometry_msgs/msg/Twist\n    timeout: {timeout}\n    formulas: {formulas}\n'
             f'{options}',
             encoding='utf-8',
         )
@@ -51,7 +58,7 @@ class GuardedBase:
         self._listeners = [
             node.create_subscription(Twist, '/cmd_vel', self._on_output, 100),
             node.create_subscription(
-                GuardStatus, '/base_guard/status', self.statuses.append, LATCHED
+                GuardStatus, '/base_guard/status', self.statuses.append, LATCHED_HISTORY
             ),
         ]
         self._timer = node.create_timer(PERIOD_S, self._command)
@@ -111,15 +118,24 @@ class GuardedBase:
             limit: seconds until the guard must be closed.
         """
         self.wait_for_message(is_zero, 'the safe message')
-        end = time.monotonic() + 0.5
-        self.client.spin_until(lambda: time.monotonic() > end, 'more commands')
-        late = [
-            message.linear.y - event
-            for _, message in self.received
-            if not is_zero(message) and message.linear.y > event + limit + SLACK_S
-        ]
+        end = time.time() + 0.5
+        self.client.spin_until(lambda: time.time() > end, 'more commands')
+        late = [sent - event for sent in self._passed() if sent > event + limit + SLACK_S]
         assert not late, f'commands have passed that were sent {late} s after the event'
         assert is_zero(self.received[-1][1])
+        self.assert_nothing_passed_while_closed()
+
+    def assert_nothing_passed_while_closed(self) -> None:
+        """The guard has passed nothing from each report that it is closed to the next report."""
+        for status, following in pairwise(self.statuses):
+            is_closed = status.state != GuardStatus.OPEN
+            assert following.passed == status.passed or not is_closed, (status, following)
+        commands = len([each for _, each in self.received if not is_zero(each)])
+        self.client.spin_until(lambda: self.statuses[-1].passed >= commands, 'a report')
+
+    def _passed(self) -> list[float]:
+        """Return the times at which the commands that have passed were sent."""
+        return [message.linear.y for _, message in self.received if message.linear.y]
 
     def reset(self) -> Any:
         """Call the service that releases the latch."""
@@ -128,7 +144,7 @@ class GuardedBase:
     def _command(self) -> None:
         if self.is_commanding:
             message = Twist()
-            message.linear.x, message.linear.y = self.speed, time.monotonic()
+            message.linear.x, message.linear.y = self.speed, time.time()
             self._commands.publish(message)
 
     def _on_output(self, message: Any) -> None:
@@ -142,10 +158,10 @@ def is_zero(message: Any) -> bool:
 
 @contextmanager
 def guarded_base(
-    system: System, folder: Path, formulas: str, options: str = ''
+    system: System, folder: Path, formulas: str, options: str = '', timeout: str = TIMEOUT
 ) -> Iterator[GuardedBase]:
-    """A guard that is open at the start."""
-    base = GuardedBase(system, folder, formulas, options)
+    """A running guard."""
+    base = GuardedBase(system, folder, formulas, options, timeout)
     try:
         yield base
     finally:

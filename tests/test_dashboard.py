@@ -17,6 +17,7 @@ from selenium.webdriver.common.keys import Keys
 from browser import Browser
 from commands import command, output_of
 from dashboards import LivePage, dashboard
+from guards import guarded_base
 from system import LIMIT, System, private_environment
 
 POWER = 'forall u in UAV: always (Power[u] < 150)'
@@ -155,6 +156,33 @@ def test_the_tabs_by_keyboard(page: LivePage, served: tuple[System, str]) -> Non
         '.filter((each) => !each.textContent && !each.labels?.length && !each.ariaLabel).length'
     )
     assert names == 0, 'all that takes the focus has a name'
+
+
+def test_guards_and_their_states(
+    page: LivePage, served: tuple[System, str], tmp_path: Path
+) -> None:
+    system, _ = served
+
+    def row() -> str:
+        found = [each.text for each in page.all('#nodes-table tr') if '/base_guard' in each.text]
+        return ' '.join(found)
+
+    with (
+        dashboard(system.environment) as address,
+        guarded_base(system, tmp_path, "['Power[uav1] < 150']", timeout='1 s') as base,
+        system.batteries.in_a_process(),
+    ):
+        page.show(address)
+        page.tab('nodes')
+        page.until(lambda: 'open' in row(), 'the guard is open')
+        system.batteries.power['uav1'] = 200.0
+        page.until(lambda: 'closed: Power[uav1] < 150: Power[uav1] = 200.0' in row(), 'it is not')
+        system.batteries.reset()
+        page.until(lambda: 'open' in row(), 'the guard is open again')
+        base.process.kill()
+        page.until(lambda: 'gone for' in row(), 'the guard is gone')
+        page.until(lambda: 'missing' in page.text('#health'), 'it is missing')
+    assert page.errors(DISCONNECTED) == []
 
 
 def test_the_page_survives_the_restart_of_every_node(

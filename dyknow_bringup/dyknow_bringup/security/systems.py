@@ -24,15 +24,17 @@ from dyknow_bringup.security.interfaces import (
     Interfaces,
     absolute_name,
     administration,
+    dashboard_interfaces,
     engine_interfaces,
     guard_interfaces,
+    monitor_interfaces,
     node_interfaces,
     recorder_interfaces,
 )
 from dyknow_bringup.security.policy import Enclave, policy_text
 from dyknow_bringup.simulation.fleet import vehicle_names
 from dyknow_bringup.simulation.telemetry import Channel, topic
-from dyknow_configuration import RequestedGuard
+from dyknow_configuration import RequestedGuard, Trigger, TriggerKind
 from dyknow_stream_processing import (
     TF_STATIC,
     SinkDeclaration,
@@ -60,6 +62,7 @@ class SecuredSystem:
         clients: the names of nodes that ask for verdicts, likewise.
         outputs: the topics that sinks name for their messages, likewise.
         guards: of the robot.
+        triggers: that `dyknow monitor` runs.
 
     Raises:
         BringupError: for what is no name: in a policy, `*` would permit any.
@@ -71,16 +74,21 @@ class SecuredSystem:
     clients: tuple[str, ...] = ()
     outputs: frozenset[str] = frozenset()
     guards: tuple[RequestedGuard, ...] = ()
+    triggers: tuple[Trigger, ...] = ()
 
     def __post_init__(self) -> None:
         """Check the names."""
-        for name in (self.namespace, *self.topics, *self.engines, *self.clients, *self.outputs):
+        targets = [each.target for each in self.triggers if each.kind is not TriggerKind.RUN]
+        given = (*self.topics, *self.engines, *self.clients, *self.outputs, *targets)
+        for name in (self.namespace, *given):
             if name.strip('/') and not _NAME.fullmatch(name):
                 raise BringupError(f"'{name}' is no name of a topic, a node or a namespace")
 
     def enclaves(self) -> tuple[Enclave, ...]:
-        """Return an enclave for each node, client and guard, administrators and `dyknow up`."""
+        """Return an enclave for each node, client and guard, administrators and commands."""
         engines = [self._absolute(each) for each in self.engines]
+        monitor = monitor_interfaces(self.triggers)
+        page = dashboard_interfaces(engines, [each.name for each in self.guards])
         return (
             *(
                 self.node(each, engine_interfaces(each, engines, self.topics, self.outputs))
@@ -90,6 +98,8 @@ class SecuredSystem:
             self.node(RECORDER, recorder_interfaces(self.topics, engines)),
             self.node('dyknow_up', START),
             self._enclave('dyknow_client', dict.fromkeys(_COMMAND_NODES, PLAIN_NODE | COMMANDS)),
+            self._enclave('dyknow_monitor', {'dyknow_monitor_*': monitor}),
+            self._enclave('dyknow_dashboard', {'dyknow_dashboard_*': page}),
             self._enclave('dyknow_admin', {_ROS2_NODES: ROS_NODE | administration(engines)}),
             *map(self._client, self.clients),
             *(

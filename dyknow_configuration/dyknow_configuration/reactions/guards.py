@@ -19,7 +19,19 @@ from dyknow_common import NANOSECONDS, DyKnowError, LanguageError, shortened
 from dyknow_configuration.documents.composed_text import checked_text
 from dyknow_configuration.documents.yaml_values import YamlValue, unknown
 from dyknow_configuration.robot import RequestedFormula, RequestedGuard
-from dyknow_reasoning import Constants, FormulaGroup, ReasoningError, check_trial
+from dyknow_reasoning import (
+    Constants,
+    Count,
+    Exists,
+    Feature,
+    Forall,
+    Formula,
+    FormulaGroup,
+    ReasoningError,
+    Variable,
+    check_trial,
+    walk,
+)
 
 GUARD_KEYS: Final = (
     'name',
@@ -70,8 +82,22 @@ def read_guards(
                 f"the guard '{outputs[guard.output]}' publishes {guard.output} already, so what "
                 'one of them stops the other may pass; use one guard with all formulas'
             )
+        if _reaches(guard.output, guard.input, tuple(names.values())):
+            raise stated['output'].error(
+                f'messages of {guard.output} come back to {guard.input} by other guards, and pass '
+                'again for ever; use another topic'
+            )
         names[guard.name], outputs[guard.output] = guard, guard.name
     return tuple(names.values())
+
+
+def _reaches(topic: str, goal: str, guards: Sequence[RequestedGuard]) -> bool:
+    """Return True if guards pass messages of a topic on to another one, directly or not."""
+    return any(
+        each.output == goal or _reaches(each.output, goal, guards)
+        for each in guards
+        if each.input == topic
+    )
 
 
 def _guard(
@@ -159,6 +185,23 @@ def _check(text: str, topic: str, constants: Constants) -> None:
     """Check that a guard can ask a formula of each state, or of each message."""
     formula = RequestedFormula(text, constants=constants)
     if formula.reads(topic):
-        check_trial(text, constants)
+        _check_variables(check_trial(text, constants))
     else:
         FormulaGroup().add_formula('', text, constants, every_state=True)
+
+
+def _check_variables(formula: Formula) -> None:
+    """Refuse a variable that no feature has: no state of the guard would tell its objects."""
+    nodes = list(walk(formula))
+    arguments = {
+        each.name
+        for node in nodes
+        if isinstance(node, Feature)
+        for each in node.arguments
+        if isinstance(each, Variable)
+    }
+    for node in nodes:
+        if isinstance(node, Forall | Exists | Count) and node.variable not in arguments:
+            raise ReasoningError(
+                f"no feature is about the variable '{node.variable}'; leave its quantifier out"
+            )

@@ -3,11 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
-from typing import Final
+from dataclasses import replace
+from typing import Any, Final
 
+from dyknow_interfaces.msg import GuardStatus
 from dyknow_interfaces.srv import SaveBlackBox
 
-from dyknow_common.ros import NodeAdapter, RemoteNode, snake_case
+from dyknow_common.ros import (
+    LATCHED,
+    NO_SUBSCRIPTION_EVENTS,
+    NodeAdapter,
+    RemoteNode,
+    only_owner,
+    snake_case,
+)
+from dyknow_coordinator import Level
+from dyknow_coordinator.reporting.node_status import NodeState
 from dyknow_coordinator.ros.reporting.watched_nodes import WatchedNodes
 from dyknow_dashboard.model.health import NodeHealth
 
@@ -30,8 +41,56 @@ NEEDED: Final = (
 _ENGINE: Final = 'stream_processing_engine'
 
 
+MAX_GUARDS: Final = 100
+"""The number of guards that are shown."""
+
+GUARD_STATUS: Final = 'dyknow_interfaces/msg/GuardStatus'
+NODE_STATUS: Final = 'node_status'
+"""The status of a guard as a node: its topic `status` has the state of its gate."""
+
+
+class GuardReports:
+    """What a guard reports of its gate.
+
+    Args:
+        adapter: of the node that watches.
+        name: of the guard, absolute.
+    """
+
+    def __init__(self, adapter: NodeAdapter, name: str) -> None:
+        self._adapter = adapter
+        self._latest: Any = None
+        self._subscription = adapter.create_subscription(
+            GuardStatus,
+            f'{name}/status',
+            self._on_status,
+            LATCHED,
+            event_callbacks=NO_SUBSCRIPTION_EVENTS,
+            refusal=only_owner,
+        )
+
+    def applied_to(self, state: NodeState) -> NodeState:
+        """Return the state of the node; while it runs, a gate that is not open is an error."""
+        if not state.alive or self._latest is None:
+            return state
+        if self._latest.state == GuardStatus.OPEN:
+            return replace(state, message='open')
+        word = 'latched' if self._latest.state == GuardStatus.LATCHED else 'closed'
+        return replace(state, level=Level.ERROR, message=f'{word}: {self._latest.reason}')
+
+    def release(self) -> None:
+        """End the subscription."""
+        self._adapter.destroy_subscription(self._subscription)
+
+    def _on_status(self, message: Any) -> None:
+        self._latest = message
+
+
 class SystemNodes:
-    """Watches the nodes of a system, and each engine that was ever found, until `release`.
+    """Watches the nodes of a system until `release`.
+
+    Beside the needed ones, these are the engines, the guards and the recorder of black boxes that
+    were ever found.
 
     Args:
         adapter: of the node that watches.
@@ -40,12 +99,17 @@ class SystemNodes:
     def __init__(self, adapter: NodeAdapter) -> None:
         self._adapter = adapter
         self._watched = WatchedNodes(adapter)
+        self._guards: dict[str, GuardReports] = {}
+        self._has_engine = False
         for name in NEEDED:
             self._watch(name)
 
     def release(self) -> None:
         """End the subscriptions."""
         self._watched.release()
+        for each in self._guards.values():
+            each.release()
+        self._guards.clear()
 
     def remote(self, name: str) -> RemoteNode:
         """Return one of the nodes that a system needs."""
@@ -54,16 +118,32 @@ class SystemNodes:
     def find_engines(self, names: Iterable[str]) -> None:
         """Watch the engines that run."""
         for name in names:
+            self._has_engine = True
             self._watch(name)
+
+    def find_reactions(self) -> None:
+        """Watch the guards of the namespace, and the recorder, from when they are found."""
+        for topic, types in self._adapter.node.get_topic_names_and_types():
+            name, _, last = topic.rpartition('/')
+            if last != 'status' or name in self._watched:
+                continue
+            if GUARD_STATUS in types:
+                is_near = name == self.absolute(name.rpartition('/')[2])
+                if is_near and len(self._guards) < MAX_GUARDS:
+                    self._guards[name] = GuardReports(self._adapter, name)
+                    self._watched.add(name, RemoteNode(self._adapter, name, status=NODE_STATUS))
+            elif name == self.absolute(RECORDER):
+                self._watch(RECORDER)
 
     def health(self) -> Iterator[NodeHealth]:
         """Yield the health of each node."""
-        found = list(self._watched)
-        for name, remote in found:
+        for name, remote in self._watched:
             state = self._watched.state(name, remote.latest, alive=remote.alive)
             values = () if remote.latest is None else remote.latest.values
+            if name in self._guards:
+                state = self._guards[name].applied_to(state)
             yield NodeHealth(name, state, tuple((each.key, each.value) for each in values))
-        if len(found) == len(NEEDED):
+        if not self._has_engine:
             engine = self.absolute(_ENGINE)
             yield NodeHealth(engine, self._watched.state(engine, None, alive=False))
 

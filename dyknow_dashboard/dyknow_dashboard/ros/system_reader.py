@@ -155,6 +155,7 @@ class SystemReader:
         nodes = self._nodes
         if nodes is None:
             return
+        nodes.find_reactions()
         health, can_save = list(nodes.health()), nodes.can_save()
 
         def update() -> None:

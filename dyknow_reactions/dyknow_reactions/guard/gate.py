@@ -65,6 +65,7 @@ class Gate:
         self._latch = latch
         self._block = self._interruption = ''
         self.state = GateState.CLOSED
+        self._opened = 0
         self.reason = ''
         """Why it is closed; empty while it is open."""
         self.update(0)
@@ -88,10 +89,10 @@ class Gate:
         self._formulas[formula] = _Known(None, reason)
         self.update(now)
 
-    def note_node(self, node: str, now: int) -> None:
-        """Take a sign of life of a node."""
+    def note_node(self, node: str, now: int, *, age: int = 0) -> None:
+        """Take a sign of life of a node, given the time since it was received."""
         self.update(now)
-        self._nodes[node] = _Known(now)
+        self._nodes[node] = _Known(now - age)
         self.update(now)
 
     def interrupt(self, now: int, reason: str) -> None:
@@ -120,10 +121,13 @@ class Gate:
         self.update(now)
         return self.state is GateState.OPEN
 
-    def is_open(self, now: int) -> bool:
-        """Return True if a message may pass at a time."""
+    def passes(self, now: int, *, age: int = 0) -> bool:
+        """Return True if a message may pass, given the time since it was received.
+
+        One that was received while the gate was closed may not: it is out of date.
+        """
         self.update(now)
-        return self.state is GateState.OPEN
+        return self.state is GateState.OPEN and now - age >= self._opened
 
     def update(self, now: int) -> None:
         """Open or close according to what is known at a time."""
@@ -131,6 +135,8 @@ class Gate:
             return
         obstacle = self._obstacle(now)
         if not obstacle:
+            if self.state is not GateState.OPEN:
+                self._opened = now
             self.state, self.reason, self._interruption = GateState.OPEN, '', ''
             return
         if self.state is GateState.OPEN and self._latch:

@@ -9,6 +9,7 @@ safe message in the same callback.
 from __future__ import annotations
 
 import time
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, ClassVar, Final
 
@@ -40,7 +41,7 @@ from dyknow_reactions.ros.guard.guarded_formulas import (
     GuardClock,
     WatchedStates,
 )
-from dyknow_reactions.ros.guard.node_pulses import WATCHED, NodePulses
+from dyknow_reactions.ros.guard.node_pulses import WATCHED, NodePulses, age_of
 from dyknow_reactions.ros.guard.passage import Passage
 from dyknow_reasoning import asked_of_each_state, parse_formula
 from dyknow_stream_processing.ros import PAUSES
@@ -151,9 +152,9 @@ class GuardNode(DyKnowNode):
             self._gate.interrupt(now, 'the guard itself was stopped')
         return now
 
-    def _on_message(self, data: bytes) -> None:
+    def _on_message(self, data: bytes, info: Mapping[str, Any]) -> None:
         now = self._now()
-        if not self._gate.is_open(now):
+        if not self._gate.passes(now, age=age_of(info)):
             self._refused += 1
             self._send_safe(now)
             self._settle(now)
@@ -173,9 +174,9 @@ class GuardNode(DyKnowNode):
         except Exception as error:  # noqa: BLE001 - of the decoder
             return f'it cannot be read: {error}'
 
-    def _on_pulse(self, node: str) -> None:
+    def _on_pulse(self, node: str, age: int) -> None:
         now = self._now()
-        self._gate.note_node(node, now)
+        self._gate.note_node(node, now, age=age)
         self._settle(now)
 
     def _on_evaluations(self, message: Any) -> None:

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+import time
+from collections.abc import Callable, Iterable, Mapping
 from functools import partial
-from typing import Final
+from typing import Any, Final
 
 from dyknow_interfaces.msg import Heartbeat
 
@@ -23,14 +24,14 @@ class NodePulses:
     Args:
         node: that subscribes.
         names: of the other nodes, relative to its namespace.
-        on_pulse: receives the name of the node of each pulse.
+        on_pulse: receives the name of the node of each pulse, and the time since its receipt.
     """
 
     def __init__(
-        self, node: DyKnowNode, names: Iterable[str], on_pulse: Callable[[str], None]
+        self, node: DyKnowNode, names: Iterable[str], on_pulse: Callable[[str, int], None]
     ) -> None:
-        def note(name: str, _message: object) -> None:
-            on_pulse(name)
+        def note(name: str, _message: object, info: Mapping[str, Any]) -> None:
+            on_pulse(name, age_of(info))
 
         for name in names:
             node.create_subscription(
@@ -41,3 +42,12 @@ class NodePulses:
                 refusal=only_owner,
                 callback_group=node.reentrant,
             )
+
+
+def age_of(info: Mapping[str, Any]) -> int:
+    """Return the time since the middleware received a message, in nanoseconds.
+
+    A busy process may take messages late; until then they wait in a queue.
+    """
+    received = info.get('received_timestamp') or 0
+    return max(time.time_ns() - received, 0) if received else 0

@@ -34,7 +34,7 @@ class Passage:
         node: the guard.
         guard: its description.
         fields: the paths in the messages that formulas name.
-        on_message: receives each message of the input, serialised.
+        on_message: receives each message of the input, serialised, and its info.
 
     Raises:
         DyKnowError: for a message type that is not installed, or lacks a field of the safe message
@@ -46,7 +46,7 @@ class Passage:
         node: DyKnowNode,
         guard: RequestedGuard,
         fields: frozenset[str],
-        on_message: Callable[[bytes], None],
+        on_message: Callable[[bytes, Mapping[str, Any]], None],
     ) -> None:
         self._node = node
         self._guard = guard

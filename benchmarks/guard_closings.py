@@ -1,0 +1,143 @@
+"""Each way in which a guard closes: the time from the event to the first safe message.
+
+The guard has the timeout of 0.3 s that it has by default. The topic of its formula comes 5 times a
+second, as in the system tests.
+"""
+
+from __future__ import annotations
+
+import tempfile
+import time
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, contextmanager, nullcontext
+from pathlib import Path
+from typing import Any, Final
+
+from dyknow_bringup.processes.composition import NODES
+from dyknow_reactions.ros.guard.node_pulses import WATCHED
+from guards import GuardedBase, guarded_base, is_zero
+from system import System
+from test_sim_time_jumps import Simulation
+
+TIMEOUT_MS: Final = 300
+FORMULA = "['Power[uav1] < 150']"
+SETTLING_S = 0.6
+ENGINE = 'stream_processing_engine'
+LATE_NS = 20_000_000
+MINUTE_NS = 60_000_000_000
+
+Event = Callable[[], AbstractContextManager[None]]
+"""Makes the event; its end repairs the system."""
+
+
+def closings(rounds: int, *, composition: bool) -> Iterator[tuple[str, float]]:
+    """Yield the times of each way of closing, in ms; each round has all ways.
+
+    Raises:
+        AssertionError: if a command has passed while the guard was closed.
+    """
+    if not composition:
+        yield from _jumps(rounds)
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        with System(folder, composition=composition) as system:
+            system.batteries.reset()
+            ways = list(_ways(system, composition=composition))
+            with guarded_base(system, folder, FORMULA, timeout=f'{TIMEOUT_MS} ms') as base:
+                _wait_until_settled(base, 'its start')
+                for _ in range(rounds):
+                    for way, event in ways:
+                        yield way, _time_of(base, way, event)
+
+
+def _ways(system: System, *, composition: bool) -> Iterator[tuple[str, Event]]:
+    batteries = system.batteries
+
+    @contextmanager
+    def false() -> Iterator[None]:
+        # The deciding sample comes at once, rather than after the rest of the period.
+        batteries.power['uav1'] = 200.0
+        batteries.stamp += batteries.PERIOD
+        for each in system.vehicles:
+            batteries.publish(each, batteries.stamp)
+        yield
+        batteries.reset()
+
+    @contextmanager
+    def violation() -> Iterator[None]:
+        batteries.publish('uav1', batteries.stamp + LATE_NS)
+        yield
+        batteries.reset()
+
+    @contextmanager
+    def silence() -> Iterator[None]:
+        batteries.silent.add('uav1')
+        yield
+        batteries.reset()
+
+    yield 'false', false
+    yield 'violation', violation
+    yield 'silence', silence
+    for node in (NODES,) if composition else (*WATCHED, ENGINE):
+        for way, event in ('SIGSTOP', system.stopped), ('SIGKILL', system.killed):
+            yield f'{way} {node}', lambda event=event, node=node: _ended(system, event, node)  # type: ignore[misc]
+
+
+@contextmanager
+def _ended(system: System, event: Any, node: str) -> Iterator[None]:
+    with event(node):
+        yield
+    system.client.wait_for_coordinator()
+    system.client.spin_until(lambda: system.streams() >= system.fleet_streams, 'streams', pause=0.1)
+    system.batteries.reset()
+
+
+def _jumps(rounds: int) -> Iterator[tuple[str, float]]:
+    """Yield the times after jumps of simulated time."""
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        with System(folder, use_sim_time=True) as system:
+            simulation = Simulation(system)
+            with guarded_base(system, folder, FORMULA, timeout=f'{TIMEOUT_MS} ms') as base:
+                _wait_until_settled(base, 'its start')
+                for _ in range(rounds):
+                    for way, step in ('jump forwards', MINUTE_NS), ('jump backwards', -MINUTE_NS):
+
+                        def event(step: int = step) -> AbstractContextManager[None]:
+                            simulation.jump(step)
+                            return nullcontext()
+
+                        yield way, _time_of(base, way, event)
+
+
+def _time_of(base: GuardedBase, way: str, event: Event) -> float:
+    """Return the time from an event to the first safe message, in ms, and wait for its repair."""
+    begin = time.monotonic()
+    with event():
+        base.client.spin_until(lambda: bool(_safe_since(base, begin)), f'closed by {way}')
+        first = _safe_since(base, begin)[0]
+        _spin(base, SETTLING_S / 2)
+    base.assert_nothing_passed_while_closed()
+    _wait_until_settled(base, way)
+    return 1e3 * (first - begin)
+
+
+def _wait_until_settled(base: GuardedBase, way: str) -> None:
+    """Wait until the guard has been open for a while."""
+
+    def is_open() -> bool:
+        now = time.monotonic()
+        return len(base.received) > 0 and not _safe_since(base, now - SETTLING_S)
+
+    base.client.spin_until(
+        is_open, f'the guard stays open after {way}', 60.0, lambda: (base.state, base.reason)
+    )
+
+
+def _safe_since(base: GuardedBase, begin: float) -> list[float]:
+    return [at for at, message in base.received if at > begin and is_zero(message)]
+
+
+def _spin(base: GuardedBase, seconds: float) -> None:
+    end = time.monotonic() + seconds
+    base.client.spin_until(lambda: time.monotonic() > end, 'time')
