@@ -195,8 +195,8 @@ class FormulaMargin(BoundedMargins):
 
 
 def _float(value: float) -> float:
-    """Return a number as a float; integers may be too large for one."""
+    """Return a number as a float, never as -0.0; integers may be too large for one."""
     try:
-        return float(value)
+        return float(value) + 0.0
     except OverflowError:
         return inf if value > 0 else -inf
