@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping
-
 from typing import cast
 
 from dyknow_common import SymbolKind, Verdict, round_time

@@ -133,8 +133,9 @@ class Judge:
         return False
 
     def is_true_of_the_past(self, found: re.Match[str]) -> bool:
-        formula, left = parse_formula(found['formula'] or 'true'), parse_formula(
-            found['left'] or 'true'
+        formula, left = (
+            parse_formula(found['formula'] or 'true'),
+            parse_formula(found['left'] or 'true'),
         )
         begins, ends = found.group(4), nanoseconds(found.group(6))
         first = nanoseconds(begins) + (found['opens'] == 'after') if begins else float('-inf')

@@ -23,7 +23,6 @@ from dyknow_reasoning.margins.operators import (
 from dyknow_reasoning.progression.atoms import Values
 from dyknow_reasoning.progression.instances import Domains
 
-
 _MAX_STEPS = 64
 """The states that are processed together."""
 
