@@ -1,8 +1,8 @@
 """Speed of margins of nested formulas, compared with other tools in the same run.
 
-`python benchmarks/nested_margins.py [--json] [--peers PYTHON]`; see README.md. Each tool computes the
-least margin over a sawtooth, which must be that of DyKnow. The other tools run this script in their
-own environment.
+`python benchmarks/nested_margins.py [--json] [--peers PYTHON]`; see README.md. Each tool computes
+the least margin over a sawtooth, which must be that of DyKnow. The other tools run this script in
+their own environment.
 """
 
 from __future__ import annotations

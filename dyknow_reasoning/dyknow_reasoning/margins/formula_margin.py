@@ -118,9 +118,9 @@ class BoundedMargins(ABC):
         steps = self._steps
         if not steps.states:
             return
-        self._steps = Steps()
         for bound in self._bounds:
             bound.step(steps)
+        steps.clear()
         if self._bounds[0].assumption.is_needed:
             self._fork()
 

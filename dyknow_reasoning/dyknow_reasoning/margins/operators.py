@@ -68,6 +68,12 @@ class Steps:
         self.states.append(None if signals is None else first)
         self.signals.append(signals)
 
+    def clear(self) -> None:
+        """Remove all; no operator may keep the lists."""
+        self.spans.clear()
+        self.states.clear()
+        self.signals.clear()
+
     def until(self, last: float) -> Steps:
         """Return the steps that begin until a time."""
         if self.spans[-1][0] <= last:
