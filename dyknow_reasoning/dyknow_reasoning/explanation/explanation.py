@@ -298,8 +298,8 @@ class _Explainer:
             # States before this one may be missing in a gap.
             is_known = not self._before.is_fresh and self._before.instance.gap is None
             previous = self._previous if is_known else None
-            first = self._histories.first_state(atom)
-            return past_fact(atom.formula, PastStates(self._now, previous, first), holds=holds)
+            states = PastStates(self._now, previous, self._histories.first_state(atom))
+            return past_fact(atom.formula, states, holds=holds)
         if not isinstance(atom, Comparison):
             return f'{atom} is {_literal_text(self._values[str(atom)])} at {time}'
         holds = (self._symbol >> literal.slot & 1) == literal.positive

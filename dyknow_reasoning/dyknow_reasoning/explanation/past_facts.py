@@ -34,10 +34,12 @@ class PastStates:
         """Return True if no state is in an interval before this one, as far as that is known."""
         if not interval.start:
             return False
-        is_earlier = self.first is not None and self.now - interval.start < self.first
+        if self.first is not None and self.now - interval.start < self.first:
+            return True
+        if self.previous is None or interval.end is None:
+            return False
         # All others are earlier still.
-        before = self.previous is not None and interval.end is not None
-        return is_earlier or (before and self.previous < self.now - interval.end)
+        return self.previous < self.now - interval.end
 
 
 def past_fact(formula: PastFormula, states: PastStates, *, holds: bool) -> str:

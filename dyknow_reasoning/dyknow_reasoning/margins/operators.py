@@ -253,7 +253,8 @@ class StateJunction(MarginOperator):
         signals = steps.until(self._needed).signals
         queue.extend([unknown if each is None else read(each) for each in signals])
         found = self.other.step(steps, assumption)
-        return list(map(self.join, [queue.popleft() for _ in found], found))
+        join: Callable[..., Robustness] = self.join
+        return list(map(join, [queue.popleft() for _ in found], found))
 
     def follows(self, unknown: Robustness) -> bool:
         """Return True if one unknown margin decides, and the other formula has it."""

@@ -20,7 +20,7 @@ from abc import abstractmethod
 from collections import deque
 from collections.abc import Callable, Sequence
 from math import inf
-from typing import Any
+from typing import Any, cast
 
 from dyknow_reasoning.margins.operators import (
     HIGHEST,
@@ -75,7 +75,7 @@ class SlidingMargin(MarginOperator):
         open_.extend(steps.until(self._needed_of_body).spans)
         waiting.extend([(open_.popleft(), margin) for margin in margins])
         states.extend(steps.until(self._needed).states)
-        now, unknown = steps.spans[-1][1], assumption.unknown
+        now, unknown = steps.spans[-1][1], cast('Any', assumption.unknown)
         enter, margin_of, found = self._enter, self._margin, list[Any]()
         while states:
             state = states[0]
