@@ -380,13 +380,13 @@ class FormulaGroup:
     def _begin_formula(
         self, formula_id: int, instances: list[Instance], monitor: InstanceMonitor
     ) -> None:
-        named = self._formulas[formula_id]
-        instances = monitor.histories.attach(formula_id, named.formula, instances, named.kinds)
+        named, histories = self._formulas[formula_id], monitor.histories
+        instances = histories.attach(formula_id, named.formula, instances, named.kinds)
         self._instances[formula_id] = instances
         self._results.undecided.add(formula_id)
         if named.every_state:
             limit, margins = self._limits.node_limit, self._margins.standing(formula_id)
-            added = StandingFormula(formula_id, named, instances, limit, margins)
+            added = StandingFormula(formula_id, named, instances, histories, limit, margins)
             self.standing.add(formula_id, added)
         elif verdict := verdict_of(instances):
             self._results.known[formula_id] = verdict

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping
+from typing import cast
 
 from dyknow_common import SymbolKind, Verdict, round_time
 from dyknow_reasoning.errors import ReasoningError
@@ -65,12 +66,14 @@ class GroupResults:
     def of(self, outcomes: Outcomes, valid_time: int, values: Values) -> list[FormulaResult]:
         """Return the results of the formulas that a state decides, or that fail with it."""
         results = []
+        histories = cast('Histories', self.histories)
         for formula_id, outcome in outcomes.items():
             if isinstance(outcome, ReasoningError):
                 results.append(self._failed(formula_id, outcome, valid_time))
             else:
                 verdict = Verdict.TRUE if outcome.holds else Verdict.FALSE
-                why = explain(self._formulas[formula_id].formula, outcome, values)
+                formula = self._formulas[formula_id].formula
+                why = explain(formula, outcome, values, histories)
                 results.append(self._decided(formula_id, verdict, valid_time, why))
         return results
 

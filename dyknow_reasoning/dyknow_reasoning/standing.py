@@ -11,6 +11,7 @@ from dyknow_reasoning.errors import ReasoningError
 from dyknow_reasoning.execution import (
     KEPT_FAILURES,
     Failure,
+    Histories,
     InstanceState,
     Recording,
     StandingMonitor,
@@ -82,6 +83,7 @@ class StandingFormula:
         formula_id: its id in the group.
         named: the formula.
         instances: all of which must hold for it to hold.
+        histories: those that it looks back to.
         node_limit: the most nodes of what remains of an instance.
         margins: from each state on, if they were requested; its group steps them.
     """
@@ -91,6 +93,7 @@ class StandingFormula:
         formula_id: int,
         named: NamedFormula,
         instances: Sequence[Instance],
+        histories: Histories,
         node_limit: int,
         margins: StandingMargin | None = None,
     ) -> None:
@@ -98,6 +101,7 @@ class StandingFormula:
         self.margins = margins
         self._next_cleanup = _CLEANUP_STATES
         self._named = named
+        self._histories = histories
         self._is_false = any(instance.node is FALSE for instance in instances)
         self._looks_back = any(
             instance.node.looks_back or any(isinstance(atom, PastAtom) for atom in instance.atoms)
@@ -185,7 +189,7 @@ class StandingFormula:
     def _reason(self, failure: Failure) -> VerdictReasons:
         if self._is_false:
             return VerdictReasons('it is false, whatever the states are')
-        return explain(self._named.formula, failure.verdict, failure.values)
+        return explain(self._named.formula, failure.verdict, failure.values, self._histories)
 
 
 @dataclass(frozen=True, slots=True)

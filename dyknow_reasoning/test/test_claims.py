@@ -60,8 +60,8 @@ SPAN = rf'in (?P<opens>[\[(]){TIME}, {TIME}(?P<closes>[\])])'
 HELD = re.compile(rf"'(?P<formula>.*)' held at (?P<which>every|no) state {SPAN}")
 NO_STATE = re.compile(rf'there was no state {SPAN}')
 PAST = re.compile(
-    r"'(?P<formula>[^']*)' (?P<how>held at a|held at no|held at every|did not hold at every) state "
-    rf'(?:(?P<opens>from|after) {TIME} |up )?(?P<closes>to|before) {TIME}'
+    r"(?:'(?P<formula>[^']*)' (?P<how>held at a|held at no|held at every|did not hold at every)|"
+    rf'there was no) state (?:(?P<opens>from|after) {TIME} |up )?(?P<closes>to|before) {TIME}'
     r"(?: since when '(?P<left>[^']*)' has held)?"
 )
 BEFORE = re.compile(rf"'(?P<formula>.*)' held at the state before {TIME}")
@@ -133,7 +133,10 @@ class Judge:
         return False
 
     def is_true_of_the_past(self, found: re.Match[str]) -> bool:
-        formula, left = parse_formula(found['formula']), parse_formula(found['left'] or 'true')
+        formula, left = (
+            parse_formula(found['formula'] or 'true'),
+            parse_formula(found['left'] or 'true'),
+        )
         begins, ends = found.group(4), nanoseconds(found.group(6))
         first = nanoseconds(begins) + (found['opens'] == 'after') if begins else float('-inf')
         held = [
@@ -142,6 +145,7 @@ class Judge:
             if first <= time <= ends - (found['closes'] == 'before')
         ]
         return {
+            None: not held,
             'held at a': any(held),
             'held at no': not any(held),
             'held at every': all(held),

@@ -52,6 +52,14 @@ def check_prefixes(formula: Formula, trace: list[Step]) -> None:
         assert bool(bounds.atom) == (not (isinf(bounds.lower) and isinf(bounds.upper)))
 
 
+@pytest.mark.parametrize('text', ['x = 5', 'not x != 5', 'x < 5', '-x > -5'])
+def test_a_margin_of_zero_has_no_sign(text: str) -> None:
+    found = margin_of(parse_formula(text))
+    found.step(0, {'x': 5.0})
+    assert str(found.at_present()).startswith('0 (')
+    assert '-0' not in str(found.at_present().document)
+
+
 @settings(max_examples=600, deadline=None)
 @given(formulas(3, leaves), traces)
 def test_bounds_are_those_of_the_reference(formula: Formula, trace: list) -> None:

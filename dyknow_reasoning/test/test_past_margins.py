@@ -19,6 +19,7 @@ from dyknow_reasoning.margins.operators import (
     PreviousMargin,
     Robustness,
     StateMargin,
+    Steps,
 )
 from dyknow_reasoning.margins.windows import SlidingExtremum, SlidingSince
 
@@ -37,11 +38,20 @@ def state(number: int) -> StateMargin:
 
 def run(operator: MarginOperator, trace: list, assumption: Assumption) -> list[Robustness]:
     operator.need(inf)
+    together = operator.copied()
     found: list[Robustness] = []
-    for first, last, signals in trace:
-        found += operator.step(first, last, signals, assumption)
+    for step in trace:
+        found += operator.step(steps_of([step]), assumption)
     assert len(found) == len(trace), 'the past is known at once'
+    assert list(together.step(steps_of(trace), assumption)) == found
     return found
+
+
+def steps_of(trace: list) -> Steps:
+    steps = Steps()
+    for step in trace:
+        steps.append(*step)
+    return steps
 
 
 def with_gap(trace: list, index: int, unknown: Robustness) -> tuple[list, list]:
@@ -122,8 +132,8 @@ def test_the_past_of_the_future(
         operator = SlidingSince(body, start, end, universal=universal)
     operator.need(inf)
     assumption, found = Assumption(unknown), []
-    for first, last, signals in [*steps, (steps[-1][0] + 1, inf, None)]:
-        found += operator.step(first, last, signals, assumption)
+    for step in [*steps, (steps[-1][0] + 1, inf, None)]:
+        found += operator.step(steps_of([step]), assumption)
     better, worse = (min, max) if universal else (max, min)
     ended = steps[-1][0]
     for i in range(len(steps)):

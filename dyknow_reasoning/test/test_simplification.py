@@ -23,6 +23,7 @@ from dyknow_reasoning.language.formula import (
     Not,
     Or,
 )
+from dyknow_reasoning.language.parsing import parse_formula
 from dyknow_reasoning.language.terms import Feature, Number
 
 
@@ -77,8 +78,21 @@ def at_once(text: str) -> str:
         ('x > 1 and x < 2', 'x'),
         ('forall u in S: exists v in S: P[v] > 3 or P[v] < 5', 'TRUE'),
         ('x > 9007199254740993 and x < 9007199254740992.0', 'FALSE'),
-        # Not known: one state after another, and terms that depend on each other.
-        ('(always x > 10) and eventually x < 5', 'x'),
+        # One state after another, if the interval of one is within that of the other.
+        ('(always x > 10) and eventually x < 5', 'FALSE'),
+        ('(always[0, 3 s] x > 10) and eventually[1 s, 3 s] x < 5', 'FALSE'),
+        ('(always[0, 3 s] x > 10) and (p until[1 s, 3 s] x < 5)', 'FALSE'),
+        ('(eventually x > 5) or always[1 s, 3 s] x <= 5', 'TRUE'),
+        ('(always x > 10) -> (always[1 s, 2 s] x > 5)', 'TRUE'),
+        ('p and (always x > 10) and eventually x < 5', 'FALSE'),
+        ('always (p -> (always x > 10) and eventually x < 5)', 'p'),
+        ('(always x > 10) and always (p -> eventually x < 5)', 'x p'),
+        # Not known: other intervals, other bodies, two of `until`, other terms.
+        ('(always[0, 3 s] x > 10) and eventually[1 s, 4 s] x < 5', 'x'),
+        ('(always x > 10) and eventually (x < 5 and p)', 'x p'),
+        ('(always x > 10) and x < 5', 'x'),
+        ('(always x > 10) and always x < 5', 'x'),
+        ('(x > 10 until p) and eventually x < 5', 'x p'),
         ('x > y and x < y', 'x y'),
         ('x * 2 > 10 and x < 5', 'x'),
     ],
@@ -148,6 +162,38 @@ def test_a_junction_of_thresholds_is_decided_as_early_as_possible(
     found = {holds(formula, [(0, {'x': x, 'y': y})], 0) for x, y in product(VALUES, repeat=2)}
     verdict = at_once(str(formula))
     assert (verdict in {'TRUE', 'FALSE'}) == (len(found) == 1), str(formula)
+
+
+INTERVALS = st.sampled_from(['', '[0, 2 ns]', '[1 ns, 2 ns]', '[1 ns, inf]', '[2 ns, 4 ns]'])
+TRACES = st.lists(
+    st.tuples(
+        st.integers(1, 2),
+        st.fixed_dictionaries({name: st.sampled_from([0, 0.5, 1, 1.5, 2]) for name in 'xy'}),
+    ),
+    min_size=1,
+    max_size=6,
+)
+
+
+@pytest.mark.timeout(3600)
+@settings(max_examples=EXAMPLES, deadline=None)
+@given(
+    st.sampled_from(['and', 'or', '->']),
+    st.tuples(*[st.sampled_from(['always', 'eventually', 'true until', 'y < 1 until'])] * 2),
+    st.tuples(INTERVALS, INTERVALS),
+    st.tuples(ATOMS, ATOMS | MIRRORED),
+    st.lists(TRACES, min_size=5, max_size=5),
+)
+def test_thresholds_in_two_windows(
+    word: str,
+    kinds: tuple[str, str],
+    intervals: tuple[str, str],
+    atoms: tuple[Comparison, Comparison],
+    traces: list[Any],
+) -> None:
+    first, second = (f'({k}{i} {a})' for k, i, a in zip(kinds, intervals, atoms, strict=True))
+    for trace in traces:
+        check(parse_formula(f'{first} {word} {second}'), trace)
 
 
 @pytest.mark.timeout(3600)

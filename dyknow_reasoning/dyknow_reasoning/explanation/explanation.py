@@ -12,9 +12,9 @@ from dataclasses import dataclass
 from functools import cached_property
 
 from dyknow_common import COMPARISONS, Value, format_time
-from dyknow_reasoning.execution import DecidingMoment, InstanceVerdict
+from dyknow_reasoning.execution import DecidingMoment, Histories, InstanceVerdict
 from dyknow_reasoning.explanation.origins import windows_of_known_origin
-from dyknow_reasoning.explanation.past_facts import past_fact, shortened_text
+from dyknow_reasoning.explanation.past_facts import PastStates, past_fact, shortened_text
 from dyknow_reasoning.explanation.residual import (
     interval_of,
     parts_in_order,
@@ -80,20 +80,23 @@ class VerdictReasons:
     windows: tuple[tuple[int, int], ...] = ()
 
 
-def explain(formula: Formula, verdict: InstanceVerdict, values: Values) -> VerdictReasons:
+def explain(
+    formula: Formula, verdict: InstanceVerdict, values: Values, histories: Histories
+) -> VerdictReasons:
     """Return the reasons of a verdict.
 
     Args:
         formula: the formula.
         verdict: the verdict on the instance that decides the formula.
         values: the values of the deciding state.
+        histories: those that the formula looks back to.
     """
     instance, moment = verdict.instance, verdict.moment
     windows: Mapping[tuple[int, int], None] = {}
     if moment is None:
         why = f'what remained can only be {verdict.holds}'.lower()
     else:
-        explainer = _Explainer(formula, moment, values)
+        explainer = _Explainer(formula, moment, values, histories)
         why, windows = explainer.text(), explainer.windows
     objects = objects_text(instance.binding)
     why = f'for {objects}: {why}' if objects else why
@@ -110,8 +113,11 @@ def objects_text(binding: Mapping[str, str]) -> str:
 class _Explainer:
     """Explains why a state decides a node, by progressing the parts of the node."""
 
-    def __init__(self, formula: Formula, moment: DecidingMoment, values: Values) -> None:
+    def __init__(
+        self, formula: Formula, moment: DecidingMoment, values: Values, histories: Histories
+    ) -> None:
         before = moment.before
+        self._histories = histories
         # The intervals of the windows that the reasons name, in their order.
         self.windows: dict[tuple[int, int], None] = {}
         self._before = before
@@ -289,7 +295,11 @@ class _Explainer:
         time = format_time(self._now)
         if isinstance(atom, PastAtom):
             holds = bool(self._symbol >> literal.slot & 1)
-            return past_fact(atom.formula, self._now, holds=holds)
+            # States before this one may be missing in a gap.
+            is_known = not self._before.is_fresh and self._before.instance.gap is None
+            previous = self._previous if is_known else None
+            states = PastStates(self._now, previous, self._histories.first_state(atom))
+            return past_fact(atom.formula, states, holds=holds)
         if not isinstance(atom, Comparison):
             return f'{atom} is {_literal_text(self._values[str(atom)])} at {time}'
         holds = (self._symbol >> literal.slot & 1) == literal.positive

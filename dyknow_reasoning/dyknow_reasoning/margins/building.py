@@ -87,16 +87,17 @@ class MarginBuilder:
         readers: the margins of the comparisons and other atoms, and of negated ones.
         atoms: the texts of the comparisons, by number.
         fields: the names of their fields.
+        operators: the number of operators that were built.
     """
 
     def __init__(self, kinds: Kinds, domains: Domains, limit: int) -> None:
         self.readers: list[MarginReader] = []
         self.atoms: list[str] = []
         self.fields: set[str] = set()
+        self.operators = 0
         self._kinds = kinds
         self._domains = domains
         self._limit = limit
-        self._operators = 0
         self._signals: dict[tuple[str, bool], int] = {}
 
     def build(self, formula: Formula, *, every_state: bool) -> MarginOperator:
@@ -228,8 +229,8 @@ class MarginBuilder:
         return self._counted(_junction(found, universal=positive))
 
     def _counted(self, operator: MarginOperator) -> MarginOperator:
-        self._operators += 1
-        if self._operators > self._limit:
+        self.operators += 1
+        if self.operators > self._limit:
             raise ReasoningError(
                 f'the margin of the formula has more than {self._limit} operators (the limit '
                 "'node_limit'); each '<->' doubles those of both sides"

@@ -17,7 +17,7 @@ from dyknow_reasoning.margins.operators import (
     Assumption,
     MarginOperator,
     Robustness,
-    Signals,
+    Steps,
 )
 
 
@@ -50,20 +50,16 @@ class FirstMargin(MarginOperator):
         self._state = last
         self.body.need(last + max(self.end, 0))
 
-    def step(
-        self, first: int, last: float, signals: Signals | None, assumption: Assumption
-    ) -> Sequence[Any]:
+    def step(self, steps: Steps, assumption: Assumption) -> Sequence[Any]:
         """Return the margin, once, when the window is complete."""
         if self._has_ended:
             return ()
-        self._latest = last
-        end = self._state + self.end
-        open_ = self._open
-        if first <= end:
-            open_.append((first, last))
-        for margin in self.body.step(first, last, signals, assumption):
-            self._add(open_.popleft()[1], margin)
-        if last < end or self._is_open():
+        end, open_, add = self._state + self.end, self._open, self._add
+        self._latest = steps.spans[-1][1]
+        open_.extend(steps.until(end).spans)
+        for margin in self.body.step(steps, assumption):
+            add(open_.popleft()[1], margin)
+        if self._latest < end or self._is_open():
             return ()
         self._has_ended = True
         return (self._margin,)
@@ -88,14 +84,14 @@ class FirstExtremum(FirstMargin):
         """Return the margin if what is unknown decides, or if all is unknown beyond the window."""
         if unknown == self.decisive and self._latest < self._state + self.end:
             return unknown
-        return self.better((self._margin, unknown)) if self.body.follows(unknown) else None
+        return self.better(self._margin, unknown) if self.body.follows(unknown) else None
 
     def _is_open(self) -> bool:
         return bool(self._open) and self._open[-1][1] >= self._state + self.start
 
     def _add(self, leave: float, margin: Any) -> None:
         if leave >= self._state + self.start:
-            self._margin = self.better((self._margin, margin))
+            self._margin = self.better(self._margin, margin)
 
 
 class FirstUntil(FirstMargin):
@@ -110,11 +106,11 @@ class FirstUntil(FirstMargin):
         """Return the margin if the right side may hold at the next state."""
         if not self.body.is_immediate:
             return None
-        return self.better((self._margin, self.worse((self._left, unknown))))
+        return self.better(self._margin, self.worse(self._left, unknown))
 
     def _add(self, leave: float, margin: Any) -> None:
         left, right = margin
         if leave >= self._state + self.start:
-            self._margin = self.better((self._margin, self.worse((self._left, right))))
+            self._margin = self.better(self._margin, self.worse(self._left, right))
         if leave > self._state:
-            self._left = self.worse((self._left, left))
+            self._left = self.worse(self._left, left)

@@ -18,10 +18,16 @@ from dyknow_reasoning.margins.operators import (
     Assumption,
     MarginOperator,
     Robustness,
-    Signals,
+    Steps,
 )
 from dyknow_reasoning.progression.atoms import Values
 from dyknow_reasoning.progression.instances import Domains
+
+_MAX_STEPS = 64
+"""The states that are processed together."""
+
+_MAX_WORK = 4096
+"""The number of operators, times that of the states that are processed together."""
 
 
 class MarginBound:
@@ -38,17 +44,22 @@ class MarginBound:
         self.assumption = Assumption(unknown)
         self.known = deque(known)
 
-    def step(self, first: int, last: float, signals: Signals | None) -> None:
-        """Process a state or a gap; the arguments are those of `MarginOperator.step`."""
-        self.known.extend(self.operator.step(first, last, signals, self.assumption))
+    def step(self, steps: Steps) -> None:
+        """Process states and gaps."""
+        self.known.extend(self.operator.step(steps, self.assumption))
 
     def after_the_end(self, now: int, unknown: Robustness) -> Sequence[Robustness]:
         """Return the margins that are not known yet, if all after a time is unknown."""
-        return self.operator.copied().step(now + 1, inf, None, Assumption(unknown))
+        future = Steps()
+        future.append(now + 1, inf, None)
+        return self.operator.copied().step(future, Assumption(unknown))
 
 
 class BoundedMargins(ABC):
     """The margins of a formula over states, with two bounds where they are not known.
+
+    States are collected, and processed together once there are enough, or once a margin is asked
+    for.
 
     Args:
         formula: the formula.
@@ -72,6 +83,8 @@ class BoundedMargins(ABC):
         operator = builder.build(formula, every_state=self.every_state)
         # One for both bounds as long as they depend on the future alone.
         self._bounds = [MarginBound(operator, None)]
+        self._steps = Steps()
+        self._most = min(_MAX_STEPS, 1 + _MAX_WORK // builder.operators)
         self.fields = builder.fields
         self._readers = builder.readers
         self._atoms = builder.atoms
@@ -80,15 +93,17 @@ class BoundedMargins(ABC):
 
     def step(self, valid_time: int, values: Values) -> None:
         """Process a state that is later than the one before."""
-        if self._latest is not None and self._gap_follows and valid_time - self._latest > 1:
-            self._fork()
-            self._process(self._latest + 1, valid_time - 1, None)
-        self._gap_follows = False
+        if self._gap_follows:
+            self._gap(valid_time)
         self._latest = valid_time
         signals: list[Any] = [read(values) for read in self._readers]
-        self._process(valid_time, valid_time, signals)
-        if self._bounds[0].assumption.is_needed:
-            self._fork()
+        if None in signals:
+            self._process_unusable(valid_time, signals)
+            return
+        steps = self._steps
+        steps.append(valid_time, valid_time, signals)
+        if len(steps.states) >= self._most:
+            self._process()
 
     def gap(self) -> None:
         """Record that states may be missing before the next one."""
@@ -98,15 +113,35 @@ class BoundedMargins(ABC):
     def at_present(self) -> Margin:
         """Return the bounds, after the latest state."""
 
-    def _process(self, first: int, last: int, signals: list[Any] | None) -> None:
-        if signals is None or None not in signals:
-            for bound in self._bounds:
-                bound.step(first, last, signals)
+    def _process(self) -> None:
+        """Process the states that were collected."""
+        steps = self._steps
+        if not steps.states:
             return
+        for bound in self._bounds:
+            bound.step(steps)
+        steps.clear()
+        if self._bounds[0].assumption.is_needed:
+            self._fork()
+
+    def _gap(self, end: int) -> None:
+        """Process the gap between the latest state and the next one."""
+        self._gap_follows = False
+        latest = cast('int', self._latest)
+        if end - latest > 1:
+            self._process()
+            self._fork()
+            self._steps.append(latest + 1, end - 1, None)
+
+    def _process_unusable(self, valid_time: int, signals: list[Any]) -> None:
+        """Process a state of which some margins of comparisons are not known."""
+        self._process()
         self._fork()
         for bound in self._bounds:
             unknown: Any = bound.assumption.unknown
-            bound.step(first, last, [each or unknown for each in signals])
+            steps = Steps()
+            steps.append(valid_time, valid_time, [each or unknown for each in signals])
+            bound.step(steps)
 
     def _fork(self) -> None:
         """Compute the two bounds separately from now on."""
@@ -142,6 +177,7 @@ class FormulaMargin(BoundedMargins):
 
     def at_present(self) -> Margin:
         """Return the bounds, after the latest state."""
+        self._process()
         if self._latest is None:
             return Margin(-inf, inf)
         return self._margin(
@@ -158,8 +194,8 @@ class FormulaMargin(BoundedMargins):
 
 
 def _float(value: float) -> float:
-    """Return a number as a float; integers may be too large for one."""
+    """Return a number as a float, never as -0.0; integers may be too large for one."""
     try:
-        return float(value)
+        return float(value) + 0.0
     except OverflowError:
         return inf if value > 0 else -inf

@@ -21,11 +21,13 @@ step, from now on for ever, ends all windows, and gives the bounds at any time.
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from bisect import bisect_right
 from collections import deque
 from collections.abc import Callable, Sequence
 from copy import copy
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from math import inf
+from operator import itemgetter
 from typing import Any, Self, TypeAlias
 
 Robustness: TypeAlias = tuple[float, int]
@@ -42,6 +44,42 @@ Reader: TypeAlias = Callable[[Signals], Robustness]
 
 MAX_WAITING = 50_000
 """The states of one operator whose margins may be unknown yet. Of more, only bounds are kept."""
+
+
+@dataclass(slots=True)
+class Steps:
+    """Consecutive states and gaps.
+
+    Many are processed at once: each operator then costs a few calls for all of them.
+
+    Attributes:
+        spans: of a state its valid time, twice; of a gap the first and the last time.
+        states: the valid times of the states; None for a gap.
+        signals: the margins of the comparisons; None for a gap.
+    """
+
+    spans: list[tuple[int, float]] = field(default_factory=list)
+    states: list[int | None] = field(default_factory=list)
+    signals: list[Signals | None] = field(default_factory=list)
+
+    def append(self, first: int, last: float, signals: Signals | None) -> None:
+        """Add a state or a gap after the others."""
+        self.spans.append((first, last))
+        self.states.append(None if signals is None else first)
+        self.signals.append(signals)
+
+    def clear(self) -> None:
+        """Remove all; no operator may keep the lists."""
+        self.spans.clear()
+        self.states.clear()
+        self.signals.clear()
+
+    def until(self, last: float) -> Steps:
+        """Return the steps that begin until a time."""
+        if self.spans[-1][0] <= last:
+            return self
+        end = bisect_right(self.spans, last, key=itemgetter(0))
+        return Steps(self.spans[:end], self.states[:end], self.signals[:end])
 
 
 @dataclass(slots=True)
@@ -88,15 +126,11 @@ class MarginOperator(Copyable, ABC):
         """Record that margins are needed at the states up to a time; called before the steps."""
 
     @abstractmethod
-    def step(
-        self, first: int, last: float, signals: Signals | None, assumption: Assumption
-    ) -> Sequence[Any]:
-        """Process a state or a gap, and return the margins that no further state changes.
+    def step(self, steps: Steps, assumption: Assumption) -> Sequence[Any]:
+        """Process states and gaps, and return the margins that no further state changes.
 
         Args:
-            first: the valid time of the state, or the first time of the gap, in nanoseconds.
-            last: the same time, or the last one of the gap.
-            signals: the margins of the comparisons; None for a gap.
+            steps: the states and gaps; at least one.
             assumption: the margin of what is unknown.
         """
 
@@ -131,14 +165,11 @@ class StateMargin(MarginOperator):
         """Record that margins are needed at the states up to a time."""
         self._needed = last
 
-    def step(
-        self, first: int, last: float, signals: Signals | None, assumption: Assumption
-    ) -> Sequence[Any]:
-        """Return the margin at the state."""
-        del last
-        if first > self._needed:
-            return ()
-        return (assumption.unknown if signals is None else self.read(signals),)
+    def step(self, steps: Steps, assumption: Assumption) -> Sequence[Any]:
+        """Return the margins at the states."""
+        read, unknown = self.read, assumption.unknown
+        signals = steps.until(self._needed).signals
+        return [unknown if each is None else read(each) for each in signals]
 
     def follows(self, unknown: Robustness) -> bool:  # noqa: ARG002
         """Return True: none is open."""
@@ -164,15 +195,14 @@ class JunctionMargin(MarginOperator):
         for each in self.members:
             each.need(last)
 
-    def step(
-        self, first: int, last: float, signals: Signals | None, assumption: Assumption
-    ) -> Sequence[Any]:
+    def step(self, steps: Steps, assumption: Assumption) -> Sequence[Any]:
         """Return the margins at the states for which those of all members are known."""
         queues = self._queues
         for member, queue in zip(self.members, queues):  # noqa: B905 - strict is slower
-            queue.extend(member.step(first, last, signals, assumption))
-        join, known = self.join, min(map(len, queues))
-        return [join([queue.popleft() for queue in queues]) for _ in range(known)]
+            queue.extend(member.step(steps, assumption))
+        known = min(map(len, queues))
+        margins = [[queue.popleft() for _ in range(known)] for queue in queues]
+        return list(map(self.join, zip(*margins)))  # noqa: B905 - strict is slower
 
     def follows(self, unknown: Robustness) -> bool:
         """Return True if one unknown margin decides, and each member has it."""
@@ -217,15 +247,14 @@ class StateJunction(MarginOperator):
         self._needed = last
         self.other.need(last)
 
-    def step(
-        self, first: int, last: float, signals: Signals | None, assumption: Assumption
-    ) -> Sequence[Any]:
+    def step(self, steps: Steps, assumption: Assumption) -> Sequence[Any]:
         """Return the margins at the states for which that of the other formula is known."""
-        queue, join = self._queue, self.join
-        if first <= self._needed:
-            queue.append(assumption.unknown if signals is None else self.read(signals))
-        found = self.other.step(first, last, signals, assumption)
-        return [join((queue.popleft(), margin)) for margin in found] if found else found
+        read, unknown, queue = self.read, assumption.unknown, self._queue
+        signals = steps.until(self._needed).signals
+        queue.extend([unknown if each is None else read(each) for each in signals])
+        found = self.other.step(steps, assumption)
+        join: Callable[..., Robustness] = self.join
+        return list(map(join, [queue.popleft() for _ in found], found))
 
     def follows(self, unknown: Robustness) -> bool:
         """Return True if one unknown margin decides, and the other formula has it."""
@@ -260,14 +289,11 @@ class PreviousMargin(MarginOperator):
         self._needed = last
         self.body.need(last)
 
-    def step(
-        self, first: int, last: float, signals: Signals | None, assumption: Assumption
-    ) -> Sequence[Any]:
+    def step(self, steps: Steps, assumption: Assumption) -> Sequence[Any]:
         """Return the margins at the states before which that of the body is known."""
-        if first <= self._needed:
-            self._gaps.append(signals is None)
+        self._gaps.extend(each is None for each in steps.until(self._needed).states)
         found: list[Any] = []
-        for margin in self.body.step(first, last, signals, assumption):
+        for margin in self.body.step(steps, assumption):
             # The state before a missing one may be missing itself.
             found.append(assumption.unknown if self._gaps.popleft() else self._before)
             self._before = margin

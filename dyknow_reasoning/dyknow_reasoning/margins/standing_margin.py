@@ -27,7 +27,6 @@ from dyknow_reasoning.language.formula import Formula
 from dyknow_reasoning.language.type_checking import Kinds
 from dyknow_reasoning.margins.formula_margin import BoundedMargins
 from dyknow_reasoning.margins.operators import HIGHEST, LOWEST, Robustness
-from dyknow_reasoning.progression.atoms import Values
 from dyknow_reasoning.progression.instances import Domains
 
 
@@ -76,20 +75,13 @@ class StandingMargin(BoundedMargins):
 
         `keep_all` must have been called.
         """
+        self._process()
         open_runs = [(each.lower, each.upper) for each in self._open_runs()]
         return [self._margin(*each) for each in (*(self._log or ()), *open_runs)]
 
-    def step(self, valid_time: int, values: Values) -> None:
-        """Process a state that is later than the one before."""
-        super().step(valid_time, values)
-        lower, upper = self._bounds[0].known, self._bounds[-1].known
-        for bounds in zip(lower, upper, strict=True):
-            self._receive(*bounds)
-        for bound in self._bounds:
-            bound.known.clear()
-
     def at_present(self) -> Margin:
         """Return the bounds of the least margin from any state on."""
+        self._process()
         runs = [_MarginRun(0, 0, *self._least), *self._open_runs()]
         return self._worst(runs)
 
@@ -100,6 +92,7 @@ class StandingMargin(BoundedMargins):
             episodes: the numbers of the first and the last state. The formula is false from all of
                 them on, and from none of those beside them.
         """
+        self._process()
         runs = [*self._runs, *self._open_runs()]
         found = []
         for first, last in episodes:
@@ -113,21 +106,41 @@ class StandingMargin(BoundedMargins):
         while self._runs and self._runs[0].last < before:
             self._runs.popleft()
 
-    def _process(self, first: int, last: int, signals: list[Any] | None) -> None:
-        self._open.append(None if signals is None else self._states)
-        self._states += signals is not None
-        super()._process(first, last, signals)
+    def _process(self) -> None:
+        for state in self._steps.states:
+            self._open.append(None if state is None else self._states)
+            self._states += state is not None
+        super()._process()
+        self._receive_all()
 
-    def _receive(self, lower: Robustness, upper: Robustness) -> None:
-        """Keep the margin of the first open state."""
-        number = self._open.popleft()
-        if number is None:
+    def _process_unusable(self, valid_time: int, signals: list[Any]) -> None:
+        super()._process_unusable(valid_time, signals)
+        self._open.append(self._states)
+        self._states += 1
+        self._receive_all()
+
+    def _receive_all(self) -> None:
+        """Keep the margins that became known."""
+        bounds = zip(self._bounds[0].known, self._bounds[-1].known, strict=True)
+        found = [
+            (number, lower, upper)
+            for lower, upper in bounds
+            if (number := self._open.popleft()) is not None
+        ]
+        for bound in self._bounds:
+            bound.known.clear()
+        if not found:
             return
-        self._least = min(self._least[0], lower), min(self._least[1], upper)
+        _, lower, upper = zip(*found, strict=True)
+        self._least = min(self._least[0], *lower), min(self._least[1], *upper)
         if self._log is not None:
-            self._log.append((lower, upper))
-        if lower[0] > 0:
-            return
+            self._log += zip(lower, upper, strict=True)
+        for number, low, high in found:
+            if low[0] <= 0:
+                self._keep(number, low, high)
+
+    def _keep(self, number: int, lower: Robustness, upper: Robustness) -> None:
+        """Keep the margin of a state from which on the formula may be false."""
         run = _MarginRun(number, number, lower, upper)
         joined = self._runs[-1].joined(run) if self._runs else None
         if joined is None:

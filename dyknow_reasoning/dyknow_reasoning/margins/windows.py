@@ -20,7 +20,7 @@ from abc import abstractmethod
 from collections import deque
 from collections.abc import Callable, Sequence
 from math import inf
-from typing import Any
+from typing import Any, cast
 
 from dyknow_reasoning.margins.operators import (
     HIGHEST,
@@ -30,7 +30,7 @@ from dyknow_reasoning.margins.operators import (
     Copyable,
     MarginOperator,
     Robustness,
-    Signals,
+    Steps,
 )
 
 
@@ -60,7 +60,7 @@ class SlidingMargin(MarginOperator):
         # The times of the steps for which the margin of the body is not known yet.
         self._open: deque[tuple[int, float]] = deque()
         # The margins of the body that have not entered the window yet, with these times.
-        self._waiting: deque[tuple[int, float, Any]] = deque()
+        self._waiting: deque[tuple[tuple[int, float], Any]] = deque()
 
     def need(self, last: float) -> None:
         """Record that margins are needed at the states up to a time."""
@@ -68,35 +68,34 @@ class SlidingMargin(MarginOperator):
         self._needed_of_body = last + max(self.end, 0)
         self.body.need(self._needed_of_body)
 
-    def step(
-        self, first: int, last: float, signals: Signals | None, assumption: Assumption
-    ) -> Sequence[Any]:
+    def step(self, steps: Steps, assumption: Assumption) -> Sequence[Any]:
         """Return the margins of the states whose windows are complete."""
         open_, states, waiting = self._open, self._states, self._waiting
-        margins = self.body.step(first, last, signals, assumption)
-        if first <= self._needed_of_body:
-            open_.append((first, last))
-        for margin in margins:
-            waiting.append((*open_.popleft(), margin))
-        if first <= self._needed:
-            states.append(None if signals is None else first)
-        found: list[Any] = []
+        margins = self.body.step(steps, assumption)
+        open_.extend(steps.until(self._needed_of_body).spans)
+        waiting.extend([(open_.popleft(), margin) for margin in margins])
+        states.extend(steps.until(self._needed).states)
+        now, unknown = steps.spans[-1][1], cast('Any', assumption.unknown)
+        enter, margin_of, found = self._enter, self._margin, list[Any]()
         while states:
             state = states[0]
             if state is None:
-                found.append(assumption.unknown)
+                found.append(unknown)
                 states.popleft()
                 continue
             end = state + self.end
-            if end <= last and not (open_ and self._is_open(state, end)):
-                found.append(self._slide(state, end))
-            elif len(states) <= MAX_WAITING:
-                break
-            elif assumption.unknown is None:
-                assumption.is_needed = True
-                break
-            else:
-                found.append(self.better((self._slide(state, end), assumption.unknown)))
+            is_complete = end <= now and not (open_ and self._is_open(state, end))
+            if not is_complete:
+                if len(states) <= MAX_WAITING:
+                    break
+                if unknown is None:
+                    assumption.is_needed = True
+                    break
+            while waiting and waiting[0][0][0] <= end:
+                (first, last), margin = waiting.popleft()
+                enter(first, last, margin)
+            margin = margin_of(state)
+            found.append(margin if is_complete else self.better(margin, unknown))
             states.popleft()
         return found
 
@@ -108,13 +107,6 @@ class SlidingMargin(MarginOperator):
         """Return True if a margin that the state depends on is not known yet."""
         del state
         return self._open[0][0] <= end
-
-    def _slide(self, state: int, end: float) -> Robustness:
-        """Let the margins up to the end enter, and return the margin of the state."""
-        waiting = self._waiting
-        while waiting and waiting[0][0] <= end:
-            self._enter(*waiting.popleft())
-        return self._margin(state)
 
     @abstractmethod
     def _enter(self, enter: int, leave: float, margin: Any) -> None:
@@ -143,6 +135,8 @@ class SlidingExtremum(SlidingMargin):
         return self.is_immediate or is_decided
 
     def _is_open(self, state: int, end: float) -> bool:
+        if self._open[0][0] > end:
+            return False
         start = state + self.start
         if self._open[0][1] <= self._last_open and self._last_open >= start:
             return True
@@ -224,7 +218,7 @@ class _SlidingPairs(SlidingMargin):
     """`until` or `since` over a window; the body passes on pairs: the margins of both sides."""
 
     def _meet_left(self, first: Any, second: Any) -> Any:
-        return self.worse((first[0], second[0])), None
+        return self.worse(first[0], second[0]), None
 
     def _joined(self, found: Robustness, window: Product, between: Product) -> Robustness:
         """Return a margin, or a better one that a state in the window gives.
@@ -237,8 +231,8 @@ class _SlidingPairs(SlidingMargin):
         total, left = window.total(), between.total()
         if total is None:
             return found
-        right = total[1] if left is None else self.worse((left[0], total[1]))
-        result: Robustness = self.better((found, right))
+        right = total[1] if left is None else self.worse(left[0], total[1])
+        result: Robustness = self.better(found, right)
         return result
 
 
@@ -257,10 +251,7 @@ class SlidingUntil(_SlidingPairs):
     def _compose(self, earlier: Any, later: Any) -> Any:
         (left, right), (next_left, next_right) = earlier, later
         worse = self.worse
-        return (
-            worse((left, next_left)),
-            self.better((right, worse((left, next_right)))),
-        )
+        return worse(left, next_left), self.better(right, worse(left, next_right))
 
     def _enter(self, enter: int, leave: float, margin: Any) -> None:
         self._window.append((enter, leave, margin))
@@ -304,10 +295,7 @@ class SlidingSince(_SlidingPairs):
     def _compose(self, earlier: Any, later: Any) -> Any:
         (left, right), (next_left, next_right) = earlier, later
         worse = self.worse
-        return (
-            worse((left, next_left)),
-            self.better((next_right, worse((next_left, right)))),
-        )
+        return worse(left, next_left), self.better(next_right, worse(next_left, right))
 
     def _enter(self, enter: int, leave: float, margin: Any) -> None:
         if self._current is not None:

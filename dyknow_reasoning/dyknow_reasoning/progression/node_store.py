@@ -44,7 +44,7 @@ class NodeStore:
     """
 
     def __init__(self, chronology: Chronology, roots: Iterable[Node] = ()) -> None:
-        self._order = WindowOrder(chronology)
+        self.order = WindowOrder(chronology)
         self._literals: dict[tuple[int, bool], Literal] = {}
         self._junctions: dict[_JunctionKey, Junction] = {}
         self._counts: dict[_AtLeastKey, AtLeast] = {}
@@ -320,11 +320,11 @@ class NodeStore:
         if windows[0].universal is not universal:
             return self._innermost(windows)
         merged: list[Window] = []
-        for window in sorted(windows, key=cmp_to_key(self._order.by_start)):
+        for window in sorted(windows, key=cmp_to_key(self.order.by_start)):
             last = merged[-1] if merged else None
-            if last is None or self._order.is_apart(last, window):
+            if last is None or self.order.is_apart(last, window):
                 merged.append(window)
-            elif self._order.ends_later(window, last):
+            elif self.order.ends_later(window, last):
                 key = (universal, last.start, window.end, last.left, last.right)
                 merged[-1] = self._window(key)
         return merged
@@ -332,8 +332,8 @@ class NodeStore:
     def _innermost(self, windows: list[Window]) -> list[Window]:
         """Return the windows that contain no other."""
         kept: list[Window] = []
-        for window in sorted(windows, key=cmp_to_key(self._order.by_narrowness)):
-            if not kept or self._order.ends_later(kept[-1], window):
+        for window in sorted(windows, key=cmp_to_key(self.order.by_narrowness)):
+            if not kept or self.order.ends_later(kept[-1], window):
                 kept.append(window)
         return kept
 
@@ -343,7 +343,7 @@ class NodeStore:
             if kind is universal:
                 opposite = (not kind, self.negation(left), self.negation(right))
                 for inner in groups.get(opposite, ()):
-                    if any(self._order.contains(window, inner) for window in outer):
+                    if any(self.order.contains(window, inner) for window in outer):
                         return True
         return False
 
@@ -362,8 +362,8 @@ class NodeStore:
             return False
         windows = groups.get((part.universal, part.left, part.right), ())
         if part.universal is universal:
-            return any(self._order.contains(window, part) for window in windows)
-        return any(self._order.contains(part, window) for window in windows)
+            return any(self.order.contains(window, part) for window in windows)
+        return any(self.order.contains(part, window) for window in windows)
 
 
 def _slots_of(nodes: Iterable[Node]) -> int:

@@ -7,6 +7,7 @@ Within one state, such literals know of each other. Examples, of a conjunction:
     x = "on" and x != "off"           x = "on"
     x > 10 and (x > 5 or q)           x > 10, as the disjunction follows from it
     x > 10 and (x < 5 or q)           x > 10 and q
+    (always x > 10) and eventually x < 5      false
 
 A disjunction is simplified as the conjunction of its negated members: `x <= 5 or x > 5` is true, as
 `x > 5 and x <= 5` is false. Numbers are totally ordered, as a state with NaN is an error; nothing
@@ -30,12 +31,12 @@ from dyknow_reasoning.language.terms import (
 )
 from dyknow_reasoning.progression.atoms import MIRRORED_COMPARISONS, NEGATED_COMPARISONS
 from dyknow_reasoning.progression.node_store import NodeStore
-from dyknow_reasoning.progression.nodes import Junction, Literal, Node, constant
+from dyknow_reasoning.progression.nodes import Junction, Literal, Node, Window, constant
 
 _Value: TypeAlias = int | float | str
 _Key = TypeVar('_Key')
 _MAX_BESIDE = 8
-"""The most thresholds of a term that inner junctions are compared with."""
+"""The most thresholds of a term that inner junctions and windows are compared with."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,6 +81,8 @@ class Thresholds:
         joined = self._store.junction(members, universal=universal)
         if type(joined) is not Junction or joined.universal is not universal:
             return joined
+        if self._is_absorbing(joined):
+            return constant(value=not universal)
         groups: defaultdict[Term, dict[Node, _Threshold]] = defaultdict(dict)
         for part in joined.parts:
             if found := self._threshold(part, negated=not universal):
@@ -98,6 +101,26 @@ class Thresholds:
         parts = (part for part in joined.parts if part not in dropped)
         simplify = partial(self._inner, known=beside, universal=universal)
         return self._store.junction(map(simplify, parts), universal=universal)
+
+    def _is_absorbing(self, junction: Junction) -> bool:
+        """Return True if a member excludes another one over an interval within its own."""
+        universal = junction.universal
+        # `always` in a conjunction, and what requires a state with its right side.
+        outer: defaultdict[Term, list[tuple[Window, _Threshold]]] = defaultdict(list)
+        inner: list[tuple[Window, _Threshold]] = []
+        for part in junction.parts:
+            if type(part) is not Window:
+                continue
+            found = self._threshold(part.right, negated=not universal)
+            if found and part.universal is not universal:
+                inner.append((part, found))
+            elif found and part.left is constant(value=not universal):
+                outer[found.term].append((part, found))
+        return any(
+            self._store.order.contains(window, awaited) and _is_contradictory((held, sought))
+            for awaited, sought in inner
+            for window, held in outer[sought.term][:_MAX_BESIDE]
+        )
 
     def _inner(
         self, node: Node, known: Mapping[Term, Sequence[_Threshold]], *, universal: bool

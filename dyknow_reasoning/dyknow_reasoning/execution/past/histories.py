@@ -150,6 +150,11 @@ class Histories:
                 found = gap
         return found
 
+    def first_state(self, atom: PastAtom) -> int | None:
+        """Return the valid time of the first state that a past operator looks back to."""
+        register = self.registers.get(atom.field)
+        return None if register is None else register.first_state
+
     def extended(self, time: int, values: Values) -> Values:
         """Return the values of a state with those of the registers.
 

@@ -72,7 +72,8 @@ class Register:
         """The number of formulas that depend on it."""
         self.gap: Gap | None = None
         """The gap that it depends on."""
-        self.has_begun = False
+        self.first_state: int | None = None
+        """The valid time of the first state."""
         self.is_bounded = False
         """True if it has fields for the least and the most favourable states of a gap."""
         self.is_negated = isinstance(atom.formula, Historically)
@@ -106,7 +107,7 @@ class Register:
     @property
     def machine(self) -> Machine | None:
         """The memory, unless a gap or an error has an effect; operands must be features then."""
-        is_plain = self.has_begun and not self.is_bounded and self._error is None
+        is_plain = self.first_state is not None and not self.is_bounded and self._error is None
         atoms = (self.operands.atoms[slot] for slot in slots(self.mask))
         if not is_plain or any(isinstance(atom, PastAtom) for atom in atoms):
             return None
@@ -114,7 +115,8 @@ class Register:
 
     def update(self, time: int, values: MutableMapping[str, Any]) -> None:
         """Take a state, and set the fields of the register."""
-        self.has_begun = True
+        if self.first_state is None:
+            self.first_state = time
         if self.is_bounded:
             self._update_bounds(time, values)
             return
@@ -128,8 +130,9 @@ class Register:
         values[self.field] = found if self._error is None else self._recovered(time) or found
 
     def columns(self, recording: Recording) -> dict[str, Array]:
-        """Return the fields of the register at the states of a recording."""
-        self.has_begun = True
+        """Return the fields of the register at the states of a recording; there is one."""
+        if self.first_state is None:
+            self.first_state = recording.time(0)
         if self._error is None and not self.is_bounded:
             symbols = RecordedSymbols(recording, range(len(recording)))
             operands = self.operands
@@ -143,7 +146,7 @@ class Register:
 
     def pass_gap(self, gap: Gap) -> None:
         """Take a gap before the next state."""
-        if not self.has_begun or gap.is_empty:
+        if self.first_state is None or gap.is_empty:
             return
         self.gap = self.gap.join(gap) if self.gap else gap
         left_is_true = self.operands.left is TRUE
