@@ -14,7 +14,11 @@ from contextlib import suppress
 from importlib import import_module
 from pathlib import Path
 
-import rclpy
+try:
+    import rclpy
+except ModuleNotFoundError:
+    sys.stderr.write('simulate.py: there is no ROS here; run first: source env.sh\n')
+    sys.exit(2)
 from rclpy.node import Node
 from rclpy.serialization import serialize_message
 from rclpy.signals import SignalHandlerOptions

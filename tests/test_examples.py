@@ -34,6 +34,18 @@ RECORDINGS = [(example, name) for example in EXAMPLES for name in example.expect
 FAULTS = [(example, fault) for example in EXAMPLES for fault in example.faults]
 
 
+def test_without_an_environment() -> None:
+    done = subprocess.run(
+        [sys.executable, '-S', '-E', str(SIMULATE), 'rover'],
+        env={'PATH': os.defpath},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 2
+    assert done.stderr == 'simulate.py: there is no ROS here; run first: source env.sh\n'
+
+
 def name_of(value: object) -> str:
     return value.name if isinstance(value, Example) else str(value)
 

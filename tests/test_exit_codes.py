@@ -97,6 +97,7 @@ def test_packages_that_are_not_found(name: str, environment: dict[str, str]) -> 
         ('dyknow up --ontology /nowhere.owl', 'dyknow: ontologies: there is no file /nowhere.owl'),
         ('dyknow evaluate always', 'dyknow: formula:1:7: unexpected end of the formula'),
         ('dyknow evaluate p --coordinator a//b', 'dyknow: failed to resolve name: '),
+        ('dyknow evaluate true', 'does DyKnow run, in this namespace and ROS domain? "dyknow up"'),
         ('dyknow evaluate p --ros-args -p x', 'dyknow: Failed to parse ROS arguments: '),
         ('evaluations --timeout 10ms', 'evaluations: no report of /stream_reasoning_coordinator'),
         ('generate_conversions a/msg/B', "'a/msg/B' is not installed"),

@@ -10,7 +10,7 @@ from typing import Any
 
 import pytest
 
-from commands import command, output_of
+from commands import command, output_of, running
 from dyknow_configuration import read_robot
 from node_processes import process_of
 from system import private_environment
@@ -40,6 +40,24 @@ def test_a_robot_yaml_for_a_running_robot(environment: dict[str, str], tmp_path:
     assert 'objects:\n  Rover: [rover1, rover2]\n' in path.read_text(encoding='utf-8')
     done = run(environment, 'lint', str(path))
     assert (done.returncode, done.stdout) == (0, f'{path}: nothing found\n'), done.stderr
+
+
+def test_topics_of_dyknow_itself_are_not_proposed(tmp_path: Path) -> None:
+    """Those of nodes, such as `/ontology_manager/status`, which are of a well-known type."""
+    variables = private_environment()
+    path = tmp_path / 'robot.yaml'
+    with (
+        running(command('dyknow', 'up'), variables) as system,
+        process_of(sys.executable, str(PROGRAM), environment=variables),
+    ):
+        assert system.stdout is not None
+        assert any('DyKnow runs in /: ' in line for line in system.stdout)
+        done = run(variables, 'init', '--output', str(path), *DURATION)
+    assert done.returncode == 0, done.stderr
+    text = path.read_text(encoding='utf-8')
+    assert '/rover1/odom' in text
+    assert '/status' not in text
+    assert '/ready' not in text
 
 
 def test_the_timing_of_a_topic(environment: dict[str, str]) -> None:

@@ -10,11 +10,13 @@ import os
 from collections.abc import Collection, Iterable, Sequence
 from dataclasses import asdict, replace
 from enum import Enum
+from functools import partial
 from typing import Any
 
 from rich.cells import cell_len
 from rich.console import Console, ConsoleOptions, RenderResult
 from rich.padding import Padding
+from rich.panel import Panel
 from rich.table import Column, Table
 from rich.text import Text
 
@@ -28,6 +30,9 @@ _MIN_TEXT = 24
 
 _GAP = 2
 """The space between two columns."""
+
+_TIGHT_GAP = 1
+"""The same where names would fold: rich's padding, collapsed."""
 
 
 PIPE_WIDTH = 10_000
@@ -47,8 +52,8 @@ class Terminal(Console):
             self.width = PIPE_WIDTH
 
     def render(self, renderable: Any, options: Any = None) -> Iterable[Any]:
-        """Render something; only on a terminal, tables fill the width."""
-        if isinstance(renderable, Table):
+        """Render something; only on a terminal, tables and panels fill the width."""
+        if isinstance(renderable, Table | Panel):
             renderable.expand = renderable.expand and self.is_terminal
         return super().render(renderable, options)
 
@@ -145,12 +150,14 @@ class ReportTable:
             caption = self._caption or None
             yield report_table(map(_copied, self._columns), self._rows, caption=caption)
             return
-        others = sum(widths[1:short]) + _GAP * (short - 1)
-        widths[0] = max(_MIN_NAME, min(widths[0], options.max_width - others))
         columns, widths = self._columns[:short], widths[:short]
-        yield report_table(map(_copied, columns, widths), [])
+        is_tight = sum(widths) + _GAP * (short - 1) > options.max_width
+        others = sum(widths[1:]) + (_TIGHT_GAP if is_tight else _GAP) * (short - 1)
+        widths[0] = max(_MIN_NAME, min(widths[0], options.max_width - others))
+        table = partial(report_table, collapse_padding=is_tight)
+        yield table(map(_copied, columns, widths), [])
         for row in self._rows:
-            yield report_table(map(_copied, columns, widths), [row[:short]], show_header=False)
+            yield table(map(_copied, columns, widths), [row[:short]], show_header=False)
             for text in filter(_width, row[short:]):
                 yield Padding(Text(str(text), overflow='fold'), (0, 0, 0, _GAP))
         if self._caption:

@@ -21,6 +21,12 @@ CORRECTIONS = {'&&': 'and', 'G': 'always', '==': '=', 'ALWAYS': 'always'}
         ('always p q', 9, ''),
         ('p q', 2, ''),
         ('', 0, ''),
+        ('G(p > q)', 4, "did you mean 'always' instead of 'G'?"),
+        ('G(p) > q r', 9, ''),
+        ('always /odom.x > 1', 7, 'did you mean "/odom" instead of /odom?'),
+        ("always '/odom'.x > 1", 7, 'did you mean "/odom" instead of \'/odom\'?'),
+        ('always “/odom”.x > 1', 7, 'did you mean "/odom" instead of “/odom”?'),
+        ('always / 2', 7, ''),
         ('alway' + ' ' * 100 + 'p', 105, ''),
     ],
 )

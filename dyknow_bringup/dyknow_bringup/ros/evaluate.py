@@ -64,27 +64,29 @@ def _ask(chosen: argparse.Namespace) -> Answer:
             )
             executor.spin_until_future_complete(monitor.outcome)
         answer = cast('Answer', monitor.outcome.result())
-        is_unavailable = answer.error is not None and answer.error.code is ExitCode.UNAVAILABLE
-        others = _other_coordinators(node, chosen.coordinator) if is_unavailable else []
-        if answer.error is not None and others:
-            hint = f'; there are: {", ".join(others)} (choose one by --coordinator)'
-            answer = replace(answer, error=BringupError(f'{answer.error}{hint}', answer.error.code))
-        return answer
+        if answer.error is None or answer.error.code is not ExitCode.UNAVAILABLE:
+            return answer
+        hint = _where_coordinators_are(node, chosen.coordinator)
+        return replace(answer, error=BringupError(f'{answer.error}{hint}', answer.error.code))
     finally:
         executor.shutdown()
         node.destroy_node()
         rclpy.try_shutdown()
 
 
-def _other_coordinators(node: Node, name: str) -> list[str]:
-    """Return the coordinators on the ROS graph, if the named one is not there."""
+def _where_coordinators_are(node: Node, name: str) -> str:
+    """Return what to do if the named coordinator is not on the ROS graph; empty if it is."""
     services = [
         service
         for service, types in node.get_service_names_and_types()
         if 'dyknow_interfaces/srv/EvaluateFormula' in types and node.count_services(service)
     ]
     found = sorted(service.rpartition('/')[0] for service in services)
-    return [] if node.resolve_service_name(name) in found else found
+    if node.resolve_service_name(name) in found:
+        return ''
+    if found:
+        return f'; there are: {", ".join(found)} (choose one by --coordinator)'
+    return '; does DyKnow run, in this namespace and ROS domain? "dyknow up" starts it'
 
 
 class _Feedback:
@@ -151,9 +153,14 @@ def add_evaluate_options(parser: argparse.ArgumentParser) -> None:
         '--timeout',
         type=duration_option,
         default='60 s',
-        help="such as 30 or '500 ms' (default: 60 s)",
+        help="to wait for the verdict, such as 30 or '500 ms' (default: 60 s)",
     )
-    parser.add_argument('--grounding', choices=GROUNDINGS, default='auto')
+    parser.add_argument(
+        '--grounding',
+        choices=GROUNDINGS,
+        default='auto',
+        help='names are fields of topics (syntactic) or features (semantic; default: auto)',
+    )
     parser.add_argument('--coordinator', default='stream_reasoning_coordinator', metavar='NODE')
     parser.add_argument(
         '--margin',

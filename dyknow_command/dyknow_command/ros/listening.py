@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from typing import Any
 
 import numpy as np
+from rclpy.node import Node, NodeNameNonExistentError
 
 from dyknow_common import NANOSECONDS, ValueType
 from dyknow_common.ros import CommandNode, ros_errors, run_with_node
@@ -123,7 +125,23 @@ def _observe(
         command.spin_for(min(end - now, SEARCH_PERIOD_NS))
     moment = command.node.get_clock().now().nanoseconds
     counts = {name: len(publishers_of(command.node, name)) for name in listeners}
-    return [each.observed(moment, counts[name]) for name, each in listeners.items()]
+    own = set() if topic else _private_topics_of_dyknow(command.node)
+    return [
+        each.observed(moment, counts[name]) for name, each in listeners.items() if name not in own
+    ]
+
+
+def _private_topics_of_dyknow(node: Node) -> set[str]:
+    """Return the topics of the nodes of DyKnow that begin with the name of their node."""
+    found: set[str] = set()
+    for name, namespace in node.get_node_names_and_namespaces():
+        with suppress(NodeNameNonExistentError):  # It has ended meanwhile.
+            topics = node.get_publisher_names_and_types_by_node(name, namespace)
+            services = node.get_service_names_and_types_by_node(name, namespace)
+            if any(types[0].startswith(_OWN_PACKAGE) for _, types in services):
+                private = f'{namespace.rstrip("/")}/{name}/'
+                found.update(each for each, _ in topics if each.startswith(private))
+    return found
 
 
 def _is_wanted(name: str, types: Sequence[str]) -> bool:

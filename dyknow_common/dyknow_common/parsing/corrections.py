@@ -10,6 +10,11 @@ from typing import Final
 from dyknow_common.errors import shortened
 
 _TOKEN: Final = re.compile(r'[A-Za-z_]\w*|[=&|!<>~-]+')
+_TOPIC: Final = re.compile(
+    r"['\u2018\u201c](?P<quoted>[\w/]+)['\u2019\u201d]|(?P<bare>/[A-Za-z_][\w/]*)"
+)
+"""A topic, or another name, as it must not be written: in other quotes, or in none."""
+
 _BETWEEN: Final = re.compile(r'[\s(\[]*')
 _NEAR: Final = 30
 """The number of characters around an error in which the mistake is looked for."""
@@ -20,6 +25,9 @@ _SIMILARITY: Final = 0.8
 def correction(text: str, offset: int, corrections: Mapping[str, str]) -> str:
     """Return a question about the mistake at an error, such as `did you mean 'and' ...?`.
 
+    In `G(p > q)`, the error is at `>`, as `G(p` may begin a predicate: names of operators before an
+    open parenthesis are mistakes, too.
+
     Args:
         text: the text with the error.
         offset: of what was unexpected; the mistake stands there, or before it as in `alway p`.
@@ -28,6 +36,8 @@ def correction(text: str, offset: int, corrections: Mapping[str, str]) -> str:
     Returns:
         An empty text if no mistake is known.
     """
+    if topic := _TOPIC.match(text, offset):
+        return f'did you mean "{topic["quoted"] or topic["bare"]}" instead of {topic[0]}?'
     meant = sorted(set(corrections.values()))
     near = [*_TOKEN.finditer(text, max(0, offset - _NEAR), offset + _NEAR)]
     for each in reversed(near):
@@ -36,5 +46,16 @@ def correction(text: str, offset: int, corrections: Mapping[str, str]) -> str:
         if (is_at_error or is_before) and each[0] not in meant:
             close = get_close_matches(each[0], meant, 1, _SIMILARITY)
             if found := corrections.get(each[0], *close or ['']):
-                return f"did you mean '{found}' instead of '{shortened(each[0])}'?"
+                return _question(found, each[0])
+        if each[0] in corrections and _is_inside(text[each.end() : offset]):
+            return _question(corrections[each[0]], each[0])
     return ''
+
+
+def _is_inside(text: str) -> bool:
+    """Return True if a text begins with a parenthesis that it does not close."""
+    return text.lstrip().startswith('(') and text.count('(') > text.count(')')
+
+
+def _question(meant: str, mistake: str) -> str:
+    return f"did you mean '{meant}' instead of '{shortened(mistake)}'?"

@@ -174,7 +174,7 @@ class _TypeChecker:
         elif known is not kind:
             raise PositionedError(
                 f"'{term}' is {_article(known)}{self._evidence(term)}; "
-                f'{purpose} it must be {_article(kind)}',
+                f'{purpose} it must be {_article(kind)}{_advice(term)}',
                 term.position,
             )
 
@@ -186,6 +186,13 @@ class _TypeChecker:
         if isinstance(term, terms.FieldReference) and _computed_kind(term):
             return ''
         return f' (from its use at {use.position})' if use else ''
+
+
+def _advice(term: Term) -> str:
+    """Return what to write for a topic without a field, which is a string; else an empty text."""
+    if isinstance(term, terms.TextLiteral) and term.value.startswith('/'):
+        return f'; if it is a topic, name a field, such as {term}.data'
+    return ''
 
 
 def _check_feature(node: terms.Feature, variables: set[str], objects: set[str]) -> None:
