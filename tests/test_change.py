@@ -80,10 +80,9 @@ def test_a_surge_while_streams_are_replaced(
         spares.power(SPARE, 'spare1', of='uav1', timing=FAST)
         said = batteries.stamp
         system.client.spin_until(lambda: batteries.stamp > said, 'a sample')  # noqa: B023
-        surge = batteries.stamp
-        batteries.power['uav1'] = batteries.power['spare1'] = 240.0
+        surge = batteries.change(uav1=240.0, spare1=240.0)
         system.client.spin_until(lambda: batteries.stamp > surge, 'one sample')  # noqa: B023
-        batteries.power['uav1'] = batteries.power['spare1'] = 100.0
+        batteries.change(uav1=100.0, spare1=100.0)
         system.client.spin_until(future.done, 'the verdict')
         assert future.result().verdict == FALSE, future.result()
         assert nanoseconds(future.result().decided_at) == surge + Batteries.PERIOD

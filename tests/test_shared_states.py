@@ -137,29 +137,26 @@ def test_two_hundred_at_once(
 ) -> None:
     formulas = [f'forall u in UAV: always Power[u] < {limit}' for limit in range(150, 250)]
     formulas += [f'forall u in UAV: eventually Power[u] > {limit}' for limit in range(150, 250)]
-    with batteries.in_a_process():
-        futures = [system.ask(formula, timeout=60.0) for formula in formulas]
-        running: list[Any] = []
+    futures = [system.ask(formula, timeout=60.0) for formula in formulas]
+    running: list[Any] = []
 
-        def progressed() -> bool:
-            running[:] = [each for each in evaluations.running if each.states_progressed]
-            return len(running) == 200 or any(each.done() for each in futures)
+    def progressed() -> bool:
+        running[:] = [each for each in evaluations.running if each.states_progressed]
+        return len(running) == 200 or any(each.done() for each in futures)
 
-        def lacking() -> str:
-            without = [each for each in evaluations.running if not each.states_progressed]
-            return (
-                f'{len(running)} of {len(evaluations.running)} with states; without: {without[:3]}'
-            )
+    def lacking() -> str:
+        without = [each for each in evaluations.running if not each.states_progressed]
+        return f'{len(running)} of {len(evaluations.running)} with states; without: {without[:3]}'
 
-        system.client.spin_until(progressed, 'states of all evaluations', instead=lacking)
-        assert {each.result().exit_status.message for each in futures if each.done()} == set()
-        assert len({each.formula_group_id for each in running}) == 1
-        assert len(states(system)) == 1
-        batteries.power['uav1'] = batteries.power['uav2'] = 300.0
-        system.client.spin_until(lambda: all(each.done() for each in futures), 'all verdicts')
-        messages = {each.result().exit_status.message for each in futures}
-        assert messages == {''}
-        assert [each.result().verdict for each in futures] == [FALSE] * 100 + [TRUE] * 100
+    system.client.spin_until(progressed, 'states of all evaluations', instead=lacking)
+    assert {each.result().exit_status.message for each in futures if each.done()} == set()
+    assert len({each.formula_group_id for each in running}) == 1
+    assert len(states(system)) == 1
+    batteries.power['uav1'] = batteries.power['uav2'] = 300.0
+    system.client.spin_until(lambda: all(each.done() for each in futures), 'all verdicts')
+    messages = {each.result().exit_status.message for each in futures}
+    assert messages == {''}
+    assert [each.result().verdict for each in futures] == [FALSE] * 100 + [TRUE] * 100
 
 
 def test_no_report_on_many_formulas_is_dropped(system: System) -> None:

@@ -10,6 +10,7 @@ from dyknow_interfaces.msg import ExitStatus, FormulaResult
 from rosgraph_msgs.msg import Clock
 from std_msgs.msg import Float64
 
+from battery_publishers import BatteryPublishers
 from dyknow_common.ros import nanoseconds_to_time
 from evaluations import COORDINATOR, Evaluations, Spares
 from services import nanoseconds
@@ -30,9 +31,7 @@ class Simulation:
         self.tick = TICK
         self.clock_is_last = False
         self.level = 10.0
-        self.batteries = Batteries(system.client, system.vehicles)
-        # It is told when to publish.
-        self.batteries.silent.update(system.vehicles)
+        self.batteries = BatteryPublishers(system.client.node, system.vehicles)
         self._node = system.client.node
         self._vehicles = system.vehicles
         self._clock = self._node.create_publisher(Clock, '/clock', 10)
