@@ -51,6 +51,10 @@ PATIENCE = 3.0
 LIMIT = 40.0
 """Seconds after which a wait has failed; on a machine with nothing else to do it takes a few."""
 
+NOTICED = 15.0
+"""Seconds after which callers know that a node is gone: 5 on an idle machine, and fewer than what
+ends a wait otherwise, which is a timeout."""
+
 POLL = 0.1
 """Seconds between two looks where a look is a request to a node: waits leave it the processor."""
 
@@ -241,7 +245,7 @@ class System:
         self.client.close()
         for process in self.running.values():
             process.send_signal(signal.SIGCONT)
-        codes = self.launcher.stop_all()
+        codes = self.launcher.stop_all(LIMIT)
         assert set(codes.values()) <= {0}, f'exit codes of the nodes: {codes}'
 
     @cached_property

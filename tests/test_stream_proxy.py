@@ -280,12 +280,12 @@ def test_a_busy_process_breaks_no_period(client: Client) -> None:
     with other_process():
         recording = Recording(
             client,
-            'sync(select data as a from "/a" with sample_period = 500 ms, '
-            'sample_period_deviation = 500 ms, max_delay = 500 ms) with sample_period = 20 ms',
+            'sync(select data as a from "/a" with sample_period = 1500 ms, '
+            'sample_period_deviation = 1500 ms, max_delay = 500 ms) with sample_period = 20 ms',
         )
         client.spin_until(lambda: len(recording.samples) > 5, 'samples')
         count = len(recording.samples)
-        time.sleep(2.0)
+        time.sleep(4.0)
         client.spin_until(lambda: len(recording.samples) > count + 150, 'samples')
     assert recording.violations == []
     assert recording.proxy.drops == {}

@@ -33,6 +33,15 @@ from dyknow_common.ros.node import RUNNING, STARTED_AT, DyKnowNode, snake_case
 from dyknow_common.ros.qos import NO_SUBSCRIPTION_EVENTS, SERVICE, STATUS
 from dyknow_common.ros.topics.guards import create_guarded_subscription, only_owner
 
+CALL_TIMEOUT_S = 5.0
+"""The time that a call of a service may take by default."""
+
+QUERY_TIMEOUT_S = 15.0
+"""The time for calls that need a query of the ontology: longer than the time that it may take.
+
+The first query starts a process, which takes seconds on a busy machine.
+"""
+
 POLL_PERIOD_S = 0.02
 """The period of checks for a service that discovery has not found yet."""
 
@@ -82,7 +91,7 @@ class RemoteNode:
         node: DyKnowNode | NodeAdapter,
         name: str,
         patience_s: float = 3.0,
-        timeout_s: float = 5.0,
+        timeout_s: float = CALL_TIMEOUT_S,
         services: Iterable[Any] = (),
     ) -> None:
         self.name = name

@@ -23,7 +23,14 @@ from dyknow_interfaces.srv import (
 )
 
 from dyknow_common import DyKnowError, ExitCode, StreamConstraints, Symbol, SymbolKind
-from dyknow_common.ros import Background, DyKnowNode, RemoteNode, constraints_to_message
+from dyknow_common.ros import (
+    CALL_TIMEOUT_S,
+    QUERY_TIMEOUT_S,
+    Background,
+    DyKnowNode,
+    RemoteNode,
+    constraints_to_message,
+)
 from dyknow_coordinator.errors import CoordinationError
 from dyknow_stream_processing import in_namespace
 
@@ -42,6 +49,9 @@ _SERVICES: Final = {
 }
 
 
+_QUERYING: Final = {'ontology_manager', 'semantic_matching_engine'}
+"""The roles whose answers may need a query of the ontology."""
+
 _LONG_TEXT: Final = 5000
 """The characters of a specification that takes tens of milliseconds to parse."""
 
@@ -56,7 +66,13 @@ class ServiceClients:
             for role in (*_SERVICES, 'stream_semantics_manager')
         }
         self.nodes = tuple(
-            RemoteNode(node, names[role], services=services) for role, services in _SERVICES.items()
+            RemoteNode(
+                node,
+                names[role],
+                timeout_s=QUERY_TIMEOUT_S if role in _QUERYING else CALL_TIMEOUT_S,
+                services=services,
+            )
+            for role, services in _SERVICES.items()
         )
         (
             self.stream_manager,
