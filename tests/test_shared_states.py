@@ -8,7 +8,7 @@ import pytest
 from dyknow_interfaces.msg import ExitStatus, FormulaResult, StreamConstraints
 from rcl_interfaces.srv import GetParameters
 
-from dyknow_common.ros import REPORTS, nanoseconds_to_duration
+from dyknow_common.ros import LONG_TIMEOUT_S, REPORTS, nanoseconds_to_duration
 from evaluations import Evaluations, Monitored
 from services import nanoseconds
 from system import Batteries, System
@@ -169,3 +169,11 @@ def test_no_report_on_many_formulas_is_dropped(system: System) -> None:
         GetParameters, 'stream_reasoning_coordinator/get_parameters', names=['evaluation_limit']
     )
     assert limit.values[0].integer_value <= REPORTS.depth
+
+
+def test_nodes_wait_longer_for_a_query_than_it_may_take(system: System) -> None:
+    """Otherwise, the message of the ontology manager that says what to do reaches nobody."""
+    limit = system.client.call(
+        GetParameters, 'ontology_manager/get_parameters', names=['query_limit']
+    )
+    assert limit.values[0].double_value < LONG_TIMEOUT_S

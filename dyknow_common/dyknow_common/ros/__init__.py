@@ -36,7 +36,7 @@ from dyknow_common.ros.qos import (
     STREAM,
     VIOLATIONS,
 )
-from dyknow_common.ros.remote_node import CALL_TIMEOUT_S, QUERY_TIMEOUT_S, NodeAdapter, RemoteNode
+from dyknow_common.ros.remote_node import LONG_TIMEOUT_S, NodeAdapter, RemoteNode
 from dyknow_common.ros.report_command import ReportCommand, add_report_options
 from dyknow_common.ros.throttle import LogOnce, Throttle
 from dyknow_common.ros.time_messages import (
@@ -61,14 +61,13 @@ from dyknow_common.ros.topics.names import RCLError, absolute_topic, topic_fault
 from dyknow_common.ros.topics.senders import GID, full_name
 
 __all__ = [
-    'CALL_TIMEOUT_S',
     'GID',
     'HEARTBEAT',
     'LATCHED',
     'LATCHED_HISTORY',
+    'LONG_TIMEOUT_S',
     'NODE_TYPE',
     'NO_SUBSCRIPTION_EVENTS',
-    'QUERY_TIMEOUT_S',
     'REPORTS',
     'RUNNING',
     'SERVICE',

@@ -33,13 +33,10 @@ from dyknow_common.ros.node import RUNNING, STARTED_AT, DyKnowNode, snake_case
 from dyknow_common.ros.qos import NO_SUBSCRIPTION_EVENTS, SERVICE, STATUS
 from dyknow_common.ros.topics.guards import create_guarded_subscription, only_owner
 
-CALL_TIMEOUT_S = 5.0
-"""The time that a call of a service may take by default."""
+LONG_TIMEOUT_S = 15.0
+"""The time that a call may take if the node calls others or answers a query, which may take 5 s.
 
-QUERY_TIMEOUT_S = 15.0
-"""The time for calls that need a query of the ontology: longer than the time that it may take.
-
-The first query starts a process, which takes seconds on a busy machine.
+The first answer may need a process or modules that take seconds to start on a busy machine.
 """
 
 POLL_PERIOD_S = 0.02
@@ -91,7 +88,7 @@ class RemoteNode:
         node: DyKnowNode | NodeAdapter,
         name: str,
         patience_s: float = 3.0,
-        timeout_s: float = CALL_TIMEOUT_S,
+        timeout_s: float = 5.0,
         services: Iterable[Any] = (),
     ) -> None:
         self.name = name

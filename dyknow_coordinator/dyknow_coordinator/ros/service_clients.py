@@ -24,8 +24,7 @@ from dyknow_interfaces.srv import (
 
 from dyknow_common import DyKnowError, ExitCode, StreamConstraints, Symbol, SymbolKind
 from dyknow_common.ros import (
-    CALL_TIMEOUT_S,
-    QUERY_TIMEOUT_S,
+    LONG_TIMEOUT_S,
     Background,
     DyKnowNode,
     RemoteNode,
@@ -49,9 +48,6 @@ _SERVICES: Final = {
 }
 
 
-_QUERYING: Final = {'ontology_manager', 'semantic_matching_engine'}
-"""The roles whose answers may need a query of the ontology."""
-
 _LONG_TEXT: Final = 5000
 """The characters of a specification that takes tens of milliseconds to parse."""
 
@@ -69,7 +65,7 @@ class ServiceClients:
             RemoteNode(
                 node,
                 names[role],
-                timeout_s=QUERY_TIMEOUT_S if role in _QUERYING else CALL_TIMEOUT_S,
+                timeout_s=LONG_TIMEOUT_S,
                 services=services,
             )
             for role, services in _SERVICES.items()
