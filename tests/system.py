@@ -275,6 +275,13 @@ class System:
             for executable in executables:
                 self.running[executable].send_signal(signal.SIGCONT)
 
+    def pause(self, executable: str, seconds: float) -> None:
+        """Stop a node for some time, which does not become longer if this process has to wait."""
+        node = self.running[executable].pid
+        script = f'kill -STOP {node}; sleep {seconds}; kill -CONT {node}'
+        with subprocess.Popen(['sh', '-c', script]) as pausing:
+            self.client.spin_until(lambda: pausing.poll() is not None, f'the pause of {executable}')
+
     @contextmanager
     def killed(self, executable: str) -> Iterator[None]:
         """A node that is killed, and started again afterwards."""
