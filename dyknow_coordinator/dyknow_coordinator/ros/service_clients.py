@@ -62,12 +62,7 @@ class ServiceClients:
             for role in (*_SERVICES, 'stream_semantics_manager')
         }
         self.nodes = tuple(
-            RemoteNode(
-                node,
-                names[role],
-                timeout_s=LONG_TIMEOUT_S,
-                services=services,
-            )
+            RemoteNode(node, names[role], timeout_s=LONG_TIMEOUT_S, services=services)
             for role, services in _SERVICES.items()
         )
         (
