@@ -17,7 +17,7 @@ from dyknow_interfaces.srv import (
 )
 
 from dyknow_common import SECOND_NS, ExitCode, listed, shortened
-from dyknow_common.ros import LATCHED_HISTORY, REPORTS, Background, DyKnowNode, run
+from dyknow_common.ros import LATCHED_HISTORY, LONG_TIMEOUT_S, REPORTS, Background, DyKnowNode, run
 from dyknow_reasoning.errors import ReasoningError
 from dyknow_reasoning.formula_group import FormulaGroup
 from dyknow_reasoning.notes import notes_on
@@ -55,7 +55,7 @@ class StreamReasoningEngine(DyKnowNode):
         )
         self._orphan_limit = self.parameter(
             'orphan_limit',
-            10.0,
+            2 * LONG_TIMEOUT_S,  # A coordinator may wait for another node meanwhile.
             'Seconds without a request and without a subscriber to the results after which a group '
             'is destroyed; 0: never.',
             (0.0, 86_400.0),
