@@ -32,7 +32,7 @@ def running(line: list[str], environment: dict[str, str]) -> Iterator[subprocess
     try:
         yield process
         process.send_signal(signal.SIGTERM)
-        assert process.wait(30) == 0
+        assert process.wait(60) == 0
     finally:
         # After a failure, the nodes that the process has started must end too.
         process.terminate()

@@ -106,7 +106,7 @@ class Nodes:
 
     def __exit__(self, *_: object) -> None:
         self.client.close()
-        codes = self._launcher.stop_all()
+        codes = self._launcher.stop_all(LIMIT)
         assert set(codes.values()) <= {0}, f'exit codes of the nodes: {codes}'
 
     def start(self, node: str, parameters: Mapping[str, Any] | None = None) -> None:

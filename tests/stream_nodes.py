@@ -125,11 +125,14 @@ class StreamNodes:
         return self.client.request(service_type, f'{node}/{_snake(service_type)}', **fields)
 
     def call(self, node: str, service_type: Any, **fields: Any) -> Any:
-        """The answer of a node that lives; a killed one of its name may be asked in vain."""
-        end = time.monotonic() + 4 * PATIENCE
+        """The answer of a node that lives; a killed one of its name may be asked in vain.
+
+        A request must not be repeated while the manager waits for an engine that does not answer.
+        """
+        end = time.monotonic() + LIMIT
         while True:
             future = self.request(node, service_type, **fields)
-            again = time.monotonic() + 2 * PATIENCE
+            again = time.monotonic() + 5 * PATIENCE
             self.until(lambda: future.done() or time.monotonic() > again, 'an answer')  # noqa: B023
             if future.done():
                 return future.result()

@@ -5,19 +5,16 @@ By default each node has a process of its own, which tests may stop or kill.
 
 from __future__ import annotations
 
-import json
 import os
 import signal
 import subprocess
-import sys
 import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import replace
 from functools import cached_property
 from pathlib import Path
-from threading import Event, Thread
-from typing import Any, Self, TextIO
+from typing import Any, Self
 
 import rclpy
 from diagnostic_msgs.msg import DiagnosticStatus
@@ -26,8 +23,8 @@ from dyknow_interfaces.srv import EvaluateFormula, ListStreams
 from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
-from sensor_msgs.msg import BatteryState
 
+from batteries import Batteries
 from domains import reserve_domain
 from dyknow_bringup.processes.composition import NODES, composed
 from dyknow_bringup.processes.launcher import Launcher
@@ -45,7 +42,6 @@ from dyknow_common.ros import (
     STARTED_AT,
     STATUS,
     nanoseconds_to_duration,
-    nanoseconds_to_time,
 )
 from dyknow_configuration import ParameterValue
 
@@ -54,6 +50,10 @@ PATIENCE = 3.0
 
 LIMIT = 40.0
 """Seconds after which a wait has failed; on a machine with nothing else to do it takes a few."""
+
+NOTICED = 15.0
+"""Seconds after which callers know that a node is gone: 5 on an idle machine, and fewer than what
+ends a wait otherwise, which is a timeout."""
 
 POLL = 0.1
 """Seconds between two looks where a look is a request to a node: waits leave it the processor."""
@@ -225,7 +225,7 @@ class System:
     @cached_property
     def batteries(self) -> Batteries:
         """The batteries of the vehicles and the spare ones, published from the first use on."""
-        return Batteries(self.client, (*self.vehicles, *self._spares))
+        return Batteries(self.client, self.environment, (*self.vehicles, *self._spares))
 
     def __enter__(self) -> Self:
         for executable in self.processes:
@@ -240,10 +240,12 @@ class System:
         return self
 
     def __exit__(self, *_: object) -> None:
+        if 'batteries' in self.__dict__:
+            self.batteries.close()
         self.client.close()
         for process in self.running.values():
             process.send_signal(signal.SIGCONT)
-        codes = self.launcher.stop_all()
+        codes = self.launcher.stop_all(LIMIT)
         assert set(codes.values()) <= {0}, f'exit codes of the nodes: {codes}'
 
     @cached_property
@@ -272,6 +274,13 @@ class System:
         finally:
             for executable in executables:
                 self.running[executable].send_signal(signal.SIGCONT)
+
+    def pause(self, executable: str, seconds: float) -> None:
+        """Stop a node for some time, which does not become longer if this process has to wait."""
+        node = self.running[executable].pid
+        script = f'kill -STOP {node}; sleep {seconds}; kill -CONT {node}'
+        with subprocess.Popen(['sh', '-c', script]) as pausing:
+            self.client.spin_until(lambda: pausing.poll() is not None, f'the pause of {executable}')
 
     @contextmanager
     def killed(self, executable: str) -> Iterator[None]:
@@ -388,92 +397,6 @@ class SharedSystem:
         if self._system is not None:
             running, self._system = self._system, None
             running.__exit__(None, None, None)
-
-
-class Batteries:
-    """Publishes the batteries of a fleet, five times a second, with the power that a test sets."""
-
-    PERIOD = 200_000_000
-    SETTLING_TIME = 1_600_000_000
-    VOLTAGE = 10.0
-
-    def __init__(self, client: Client, vehicles: tuple[str, ...]) -> None:
-        self.power = dict.fromkeys(vehicles, 100.0)
-        self.silent: set[str] = set()
-        self._client = client
-        self._node = client.node
-        self._publishers = {
-            vehicle: client.node.create_publisher(BatteryState, f'{vehicle}/battery', 10)
-            for vehicle in vehicles
-        }
-        self.stamp = self._present_stamp()
-        self._timer = client.node.create_timer(0.02, self._publish_due)
-
-    def reset(self) -> None:
-        """Publish 100 W everywhere, regularly, and wait until what was before is past.
-
-        The client may have done other things for a while. Then the streams report a gap.
-        """
-        calm = dict.fromkeys(self.power, 100.0)
-        settled = self.stamp
-        if self.silent or self.power != calm:
-            settled += self.PERIOD
-        self.silent.clear()
-        self.power.update(calm)
-        now = self._present_stamp()
-        if now - self.stamp > self.PERIOD:
-            self.stamp = now
-            settled = now + self.SETTLING_TIME
-        self._client.spin_until(lambda: self.stamp >= settled, 'regular batteries')
-
-    @contextmanager
-    def in_a_process(self) -> Iterator[None]:
-        """Publish from a process of its own, as this one is busy for seconds."""
-        script = Path(__file__).with_name('telemetry_process.py')
-        command = [sys.executable, str(script), *self._publishers]
-        with subprocess.Popen(command, stdin=subprocess.PIPE, text=True) as process:
-            topic = next(iter(self._publishers.values())).topic_name
-            self._client.spin_until(
-                lambda: self._node.count_publishers(topic) > 1, 'the publishers of the process'
-            )
-            self._timer.cancel()
-            settled = self._present_stamp() + self.SETTLING_TIME
-            self._client.spin_until(lambda: self._present_stamp() > settled, 'regular batteries')
-            stopped = Event()
-            telling = Thread(target=self._tell_changes, args=(process.stdin, stopped))
-            telling.start()
-            try:
-                yield
-            finally:
-                stopped.set()
-                telling.join()
-                self._timer.reset()
-
-    def _tell_changes(self, process: TextIO, stopped: Event) -> None:
-        told = ''
-        while not stopped.wait(0.02):
-            self.stamp = self._present_stamp()
-            if (line := json.dumps(self.power)) != told:
-                told = line
-                print(line, file=process, flush=True)
-
-    def _present_stamp(self) -> int:
-        return self._node.get_clock().now().nanoseconds // self.PERIOD * self.PERIOD
-
-    def _publish_due(self) -> None:
-        now = self._node.get_clock().now().nanoseconds
-        while self.stamp + self.PERIOD <= now:
-            self.stamp += self.PERIOD
-            for vehicle in self._publishers:
-                if vehicle not in self.silent:
-                    self.publish(vehicle, self.stamp)
-
-    def publish(self, vehicle: str, stamp: int) -> None:
-        """Publishes the battery of a vehicle as it was at a time, nanoseconds."""
-        message = BatteryState(voltage=self.VOLTAGE, current=-self.power[vehicle] / self.VOLTAGE)
-        message.cell_voltage = [self.VOLTAGE / 2] * 2
-        message.header.stamp = nanoseconds_to_time(stamp)
-        self._publishers[vehicle].publish(message)
 
 
 __all__ = [

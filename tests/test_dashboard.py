@@ -55,48 +55,44 @@ def free_port() -> int:
 
 def test_a_formula_is_asked_drawn_and_cancelled(page: LivePage, served: tuple[System, str]) -> None:
     system, address = served
-    with system.batteries.in_a_process():
-        page.show(address)
-        page.until(lambda: '7 nodes ok' in page.text('#health'), 'all nodes')
-        ask(page, POWER, 'draws little')
-        page.until(lambda: 'running' in page.state('draws little'), 'it runs')
-        row = page.open('draws little')
-        page.until(
-            lambda: len(row.find_elements(By.CSS_SELECTOR, '.js-plotly-plot')) == 2, 'panels'
-        )
-        script = "return document.querySelector('.js-plotly-plot').data[0].x.length"
-        before = page.driver.execute_script(script)
-        page.until(lambda: page.driver.execute_script(script) > before + 5, 'more points')
-        assert '< 150' in row.text
-        system.batteries.power['uav2'] = 170.0
-        page.until(lambda: 'false' in page.state('draws little'), 'the verdict')
-        page.until(lambda: 'for u = uav2: Power[uav2] = 170' in row.text, 'the explanation')
-        assert 'decides' in page.text('.panels figure')
-        system.batteries.reset()
-        ask(page, 'always (uav1_power.power < 1000)', 'endless')
-        endless = page.open('endless')
-        page.until(lambda: endless.find_elements(By.XPATH, './/button[.="Cancel"]'), 'the button')
-        endless.find_element(By.XPATH, './/button[.="Cancel"]').click()
-        page.until(lambda: 'cancelled' in page.state('endless'), 'it is cancelled')
+    page.show(address)
+    page.until(lambda: '7 nodes ok' in page.text('#health'), 'all nodes')
+    ask(page, POWER, 'draws little')
+    page.until(lambda: 'running' in page.state('draws little'), 'it runs')
+    row = page.open('draws little')
+    page.until(lambda: len(row.find_elements(By.CSS_SELECTOR, '.js-plotly-plot')) == 2, 'panels')
+    script = "return document.querySelector('.js-plotly-plot').data[0].x.length"
+    before = page.driver.execute_script(script)
+    page.until(lambda: page.driver.execute_script(script) > before + 5, 'more points')
+    assert '< 150' in row.text
+    system.batteries.power['uav2'] = 170.0
+    page.until(lambda: 'false' in page.state('draws little'), 'the verdict')
+    page.until(lambda: 'for u = uav2: Power[uav2] = 170' in row.text, 'the explanation')
+    assert 'decides' in page.text('.panels figure')
+    system.batteries.reset()
+    ask(page, 'always (uav1_power.power < 1000)', 'endless')
+    endless = page.open('endless')
+    page.until(lambda: endless.find_elements(By.XPATH, './/button[.="Cancel"]'), 'the button')
+    endless.find_element(By.XPATH, './/button[.="Cancel"]').click()
+    page.until(lambda: 'cancelled' in page.state('endless'), 'it is cancelled')
     assert page.errors() == []
 
 
 def test_a_standing_formula_has_its_episodes(page: LivePage, served: tuple[System, str]) -> None:
     system, address = served
-    with system.batteries.in_a_process():
-        page.show(address, 390, 844, dark=True)
-        ask(page, 'forall u in UAV: Power[u] < 150', 'standing', every_state=True)
-        row = page.open('standing')
-        system.batteries.power['uav1'] = 160.0
-        page.until(lambda: 'violated' in page.state('standing'), 'an episode')
-        system.batteries.reset()
-        page.until(lambda: 'Episodes' in row.text, 'the table of episodes')
-        page.until(lambda: 'running' in page.state('standing'), 'it holds again')
-        segments = {each.get_attribute('class') for each in row.find_elements(By.CSS_SELECTOR, 'i')}
-        assert {'is-true', 'is-false'} <= segments
-        assert not page.is_wider_than_the_screen
-        row.find_element(By.XPATH, './/button[.="Cancel"]').click()
-        page.until(lambda: 'running' not in page.state('standing'), 'it ends')
+    page.show(address, 390, 844, dark=True)
+    ask(page, 'forall u in UAV: Power[u] < 150', 'standing', every_state=True)
+    row = page.open('standing')
+    system.batteries.power['uav1'] = 160.0
+    page.until(lambda: 'violated' in page.state('standing'), 'an episode')
+    system.batteries.reset()
+    page.until(lambda: 'Episodes' in row.text, 'the table of episodes')
+    page.until(lambda: 'running' in page.state('standing'), 'it holds again')
+    segments = {each.get_attribute('class') for each in row.find_elements(By.CSS_SELECTOR, 'i')}
+    assert {'is-true', 'is-false'} <= segments
+    assert not page.is_wider_than_the_screen
+    row.find_element(By.XPATH, './/button[.="Cancel"]').click()
+    page.until(lambda: 'running' not in page.state('standing'), 'it ends')
     assert page.errors() == []
 
 
@@ -125,20 +121,19 @@ def test_faults_and_completions_as_one_types(page: LivePage, served: tuple[Syste
 def test_all_parts_fit_the_screen(
     page: LivePage, served: tuple[System, str], width: int, tmp_path: Path
 ) -> None:
-    system, address = served
-    with system.batteries.in_a_process():
-        page.show(address, width)
-        expected = {
-            'streams': ('#streams-table', 'uav1_power'),
-            'graph': ('#graph-view', 'uav1_power'),
-            'nodes': ('#nodes-table', '/stream_processing_engine'),
-            'ontology': ('#sorts-table', 'uav1, uav2'),
-        }
-        for tab, (place, text) in expected.items():
-            page.tab(tab)
-            page.until(lambda: text in page.text(place), tab)  # noqa: B023
-            assert not page.is_wider_than_the_screen, tab
-            page.save(tmp_path / f'{tab}_{width}.png')
+    _, address = served
+    page.show(address, width)
+    expected = {
+        'streams': ('#streams-table', 'uav1_power'),
+        'graph': ('#graph-view', 'uav1_power'),
+        'nodes': ('#nodes-table', '/stream_processing_engine'),
+        'ontology': ('#sorts-table', 'uav1, uav2'),
+    }
+    for tab, (place, text) in expected.items():
+        page.tab(tab)
+        page.until(lambda: text in page.text(place), tab)  # noqa: B023
+        assert not page.is_wider_than_the_screen, tab
+        page.save(tmp_path / f'{tab}_{width}.png')
     assert page.errors() == []
 
 
@@ -191,19 +186,18 @@ def test_the_page_survives_the_restart_of_every_node(
     system, address = served
     page.show(address)
     page.until(lambda: '7 nodes ok' in page.text('#health'), 'all nodes')
-    with system.batteries.in_a_process():
-        for executable in tuple(system.processes):
-            with system.killed(executable):
-                page.until(lambda: 'missing' in page.text('#health'), f'{executable} is missing')
-            page.until(lambda: '7 nodes ok' in page.text('#health'), f'{executable} is back')
-        system.client.wait_for_coordinator()
-        system.wait_for_streams()
-        ask(page, POWER, 'afterwards')
-        page.until(lambda: 'running' in page.state('afterwards'), 'a formula runs')
-        row = page.open('afterwards')
-        page.until(lambda: row.find_elements(By.CSS_SELECTOR, '.js-plotly-plot'), 'its signals')
-        row.find_element(By.XPATH, './/button[.="Cancel"]').click()
-        page.until(lambda: 'cancelled' in page.state('afterwards'), 'it is cancelled')
+    for executable in tuple(system.processes):
+        with system.killed(executable):
+            page.until(lambda: 'missing' in page.text('#health'), f'{executable} is missing')
+        page.until(lambda: '7 nodes ok' in page.text('#health'), f'{executable} is back')
+    system.client.wait_for_coordinator()
+    system.wait_for_streams()
+    ask(page, POWER, 'afterwards')
+    page.until(lambda: 'running' in page.state('afterwards'), 'a formula runs')
+    row = page.open('afterwards')
+    page.until(lambda: row.find_elements(By.CSS_SELECTOR, '.js-plotly-plot'), 'its signals')
+    row.find_element(By.XPATH, './/button[.="Cancel"]').click()
+    page.until(lambda: 'cancelled' in page.state('afterwards'), 'it is cancelled')
     assert page.errors() == []
 
 

@@ -136,7 +136,7 @@ def test_a_stream_that_fails_in_between(
 
 @pytest.mark.usefixtures('telemetry')
 def test_the_timeout_ends_it_with_what_is_known(system: System, evaluations: Evaluations) -> None:
-    monitored = Monitored(system.client, INVARIANT, every_state=True, timeout=4)
+    monitored = Monitored(system.client, INVARIANT, every_state=True, timeout=8)
     result = monitored.result()
     assert result.exit_status.code == ExitStatus.SUCCESS
     assert result.verdict == FormulaResult.TRUE
@@ -147,7 +147,7 @@ def test_the_timeout_ends_it_with_what_is_known(system: System, evaluations: Eva
 
 @pytest.mark.usefixtures('telemetry')
 def test_the_command(system: System, evaluations: Evaluations) -> None:
-    options = ('--every-state', '--timeout', '4 s', '--json')
+    options = ('--every-state', '--timeout', '8 s', '--json')
     process = subprocess.Popen(
         command('dyknow', 'evaluate', INVARIANT, *options),
         env={**os.environ, **system.environment},
@@ -165,10 +165,10 @@ def test_the_command(system: System, evaluations: Evaluations) -> None:
 def test_what_is_undecided_at_the_timeout(system: System, telemetry: Batteries) -> None:
     telemetry.power['uav1'] = 140.0
     formula = 'Power[uav1] > 130 -> eventually[0 s, 100 s] Power[uav1] < 110'
-    monitored = Monitored(system.client, formula, every_state=True, timeout=5)
+    monitored = Monitored(system.client, formula, every_state=True, timeout=8)
     system.client.spin_until(lambda: latest(monitored).undecided > 0, 'undecided states')
     result = monitored.result()
     assert result.exit_status.code == ExitStatus.TIMEOUT
     assert result.verdict == FormulaResult.UNDECIDED
-    assert 'within 5 s' in result.exit_status.message
+    assert 'within 8 s' in result.exit_status.message
     assert result.episodes.undecided > 0

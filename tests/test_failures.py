@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import time
-
 import pytest
 from dyknow_interfaces.msg import ExitStatus, FormulaResult
 
-from system import Batteries, System
+from system import NOTICED, Batteries, System
 
 ALWAYS = 'forall u in UAV: always Power[u] < 150'
 SOON = 'forall u in UAV: always[0 s, 500 ms] Power[u] < 150'
@@ -29,9 +27,7 @@ def test_a_node_killed_during_an_evaluation(
     future = system.ask(ALWAYS, timeout=60.0)
     system.wait_until_running(future)
     with system.killed(executable):
-        killed = time.monotonic()
-        system.client.spin_until(future.done, 'the answer', 5.0)
-        assert time.monotonic() - killed < 5.0
+        system.client.spin_until(future.done, 'the answer', NOTICED)
         answer = future.result()
         assert answer.exit_status.code == ExitStatus.UNAVAILABLE
         assert executable.replace('_', ' ') in answer.exit_status.message.replace('_', ' ')
@@ -46,9 +42,7 @@ def test_a_node_that_is_missing_when_a_formula_is_asked(
     system: System, batteries: Batteries, executable: str
 ) -> None:
     with system.killed(executable):
-        begun = time.monotonic()
         answer = system.evaluate(SOON)
-        assert time.monotonic() - begun < 5.0
         assert answer.exit_status.code == ExitStatus.UNAVAILABLE
         assert executable in answer.exit_status.message
     assert_all_is_well(system, batteries)

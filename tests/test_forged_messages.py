@@ -35,6 +35,7 @@ from dyknow_common.ros import (
     STREAM,
     VIOLATIONS,
     nanoseconds_to_time,
+    time_to_nanoseconds,
 )
 from evaluations import Evaluations
 from system import Batteries, System
@@ -42,7 +43,8 @@ from system import Batteries, System
 COORDINATOR = 'stream_reasoning_coordinator'
 REASONER = 'stream_reasoning_engine'
 ENGINE = 'stream_processing_engine'
-STAYS_CALM = 'always[0 s, 6 s] Power[uav1] < 150'
+SURGE = 'eventually Power[uav1] > 200'
+"""It is undecided until the test lets the power rise, however long the forging takes."""
 
 
 @contextmanager
@@ -105,11 +107,23 @@ def result(evaluation: Any, verdict: int = FormulaResult.FALSE, code: int = 0) -
     )
 
 
+def assert_goes_on(system: System, batteries: Batteries, answer: Any) -> None:
+    """The evaluation of `SURGE` has no answer until there is one."""
+    assert not answer.done(), answer.result()
+    surge = batteries.change(uav1=240.0)
+    system.client.spin_until(answer.done, 'the answer')
+    found = answer.result()
+    assert found.exit_status.code == ExitStatus.SUCCESS, found
+    assert found.verdict == FormulaResult.TRUE
+    assert time_to_nanoseconds(found.decided_at) > surge
+    assert 'Power[uav1] = 24' in found.explanation
+
+
 def test_a_forged_result_is_no_answer(
     system: System, calm: Batteries, evaluations: Evaluations
 ) -> None:
     drops = Drops(system, COORDINATOR)
-    answer = system.ask(STAYS_CALM)
+    answer = system.ask(SURGE)
     evaluation = evaluations.wait_for_state()[0]
     with node_named(system, 'forger') as forger:
         topic = results_topic(system)
@@ -122,9 +136,7 @@ def test_a_forged_result_is_no_answer(
                 publisher.publish(forged)
 
         drops.wait_for(COORDINATOR, 'it was sent by /forger', forge)
-        system.client.spin_until(answer.done, 'the answer')
-    assert answer.result().verdict == FormulaResult.TRUE, answer.result()
-    assert calm.power['uav1'] == 100.0
+        assert_goes_on(system, calm, answer)
 
 
 @pytest.mark.parametrize(
@@ -146,23 +158,21 @@ def test_a_result_that_makes_no_sense(
 ) -> None:
     """Sent under the name of the reasoning engine."""
     drops = Drops(system, COORDINATOR)
-    answer = system.ask(STAYS_CALM)
+    answer = system.ask(SURGE)
     evaluation = evaluations.wait_for_state()[0]
     with node_named(system, REASONER) as namesake:
         publisher = namesake.create_publisher(FormulaResult, results_topic(system), LATCHED_HISTORY)
         message = result(evaluation, verdict, code)
         drops.wait_for(COORDINATOR, reason, lambda: publisher.publish(message))
-    system.client.spin_until(answer.done, 'the answer')
-    assert answer.result().verdict == FormulaResult.TRUE, answer.result()
-    assert calm.power['uav1'] == 100.0
+    assert_goes_on(system, calm, answer)
 
 
 def test_forged_states_and_violations(
     system: System, calm: Batteries, evaluations: Evaluations
 ) -> None:
-    """They would make the formula false, or end it."""
+    """They would make the formula true, or end it."""
     drops = Drops(system, COORDINATOR, REASONER)
-    answer = system.ask(STAYS_CALM)
+    answer = system.ask(SURGE)
     topic = evaluations.wait_for_state()[0].state_stream
     with node_named(system, 'forger') as forger:
         states = forger.create_publisher(Sample, topic, STREAM)
@@ -184,9 +194,7 @@ def test_forged_states_and_violations(
 
         drops.wait_for(REASONER, 'it was sent by /forger', forge_state)
         drops.wait_for(COORDINATOR, 'it was sent by /forger', forge_violation)
-        system.client.spin_until(answer.done, 'the answer')
-    assert answer.result().verdict == FormulaResult.TRUE, answer.result()
-    assert calm.power['uav1'] == 100.0
+        assert_goes_on(system, calm, answer)
 
 
 def test_a_result_that_cannot_be_decoded(system: System, calm: Batteries) -> None:
@@ -227,7 +235,7 @@ def test_a_forged_start_is_no_restart(
 ) -> None:
     """A restart of the engine would end the evaluation."""
     drops = Drops(system, COORDINATOR)
-    answer = system.ask(STAYS_CALM)
+    answer = system.ask(SURGE)
     evaluations.wait_for_state()
     with node_named(system, 'forger') as forger:
         heartbeats = forger.create_publisher(Heartbeat, f'/{REASONER}/heartbeat', HEARTBEAT)
@@ -245,6 +253,4 @@ def test_a_forged_start_is_no_restart(
             )
 
         drops.wait_for(COORDINATOR, 'it was sent by /forger', forge)
-        system.client.spin_until(answer.done, 'the answer')
-    assert answer.result().verdict == FormulaResult.TRUE, answer.result()
-    assert calm.power['uav1'] == 100.0
+        assert_goes_on(system, calm, answer)

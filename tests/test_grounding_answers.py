@@ -152,28 +152,30 @@ def test_features_of_two_kinds_are_missing(system: System, spares: Spares) -> No
 
 def test_the_sample_period_of_a_caller(system: System, batteries: Batteries) -> None:
     """States are asked for at whole seconds after a start: that decides when it is decided."""
-    start = batteries.stamp + SECOND
+    start = batteries.stamp + 2 * SECOND
     constraints = StreamConstraints(
         start_time=[nanoseconds_to_time(start)],
         sample_period=[nanoseconds_to_duration(500 * MILLISECOND)],
     )
     answer = system.evaluate('always[0 s, 1 s] Power[uav1] < 150', constraints=constraints)
     assert answer.verdict == TRUE, answer.exit_status.message
-    # The window's last state decides; none comes before the start.
-    assert nanoseconds(answer.decided_at) == start + SECOND
+    # The window's last state decides; none comes before the start. On a busy machine, the states
+    # may begin later.
+    end = nanoseconds(answer.decided_at) - start
+    assert end >= SECOND
+    assert end % (500 * MILLISECOND) == 0
 
 
 def test_what_is_before_the_start_does_not_count(system: System, batteries: Batteries) -> None:
-    batteries.power['uav1'] = 240.0
-    start = batteries.stamp + SECOND
+    start = batteries.change(uav1=240.0) + 4 * SECOND
     constraints = StreamConstraints(start_time=[nanoseconds_to_time(start)])
     future = system.ask('always[0 s, 600 ms] Power[uav1] < 150', constraints=constraints)
-    system.client.spin_until(lambda: batteries.stamp >= start - 300 * MILLISECOND, 'nearly')
-    batteries.power['uav1'] = 100.0
+    system.client.spin_until(lambda: batteries.stamp >= start - 2 * SECOND, 'nearly')
+    assert batteries.change(uav1=100.0) < start
     system.client.spin_until(future.done, 'the verdict')
     answer = future.result()
     assert answer.verdict == TRUE, answer
-    assert 600 * MILLISECOND <= nanoseconds(answer.decided_at) - start < SECOND
+    assert nanoseconds(answer.decided_at) >= start + 600 * MILLISECOND
 
 
 def test_nothing_is_decided_after_the_end(system: System, batteries: Batteries) -> None:
@@ -191,7 +193,7 @@ def test_the_delay_of_a_caller_is_kept(system: System, batteries: Batteries) -> 
     """Where the caller allows less than the stream does, the stream breaks it."""
     constraints = StreamConstraints(max_delay=[nanoseconds_to_duration(MILLISECOND)])
     monitored = Monitored(
-        system.client, 'always "/uav1/battery".voltage > 9', 5.0, constraints=constraints
+        system.client, 'always "/uav1/battery".voltage > 9', constraints=constraints
     )
     batteries.silent.add('uav1')
     batteries.publish('uav1', batteries.stamp - SECOND)

@@ -72,12 +72,16 @@ def test_no_stream_is_lost_when_an_engine_is_killed(nodes: StreamNodes) -> None:
     nodes.kill(ONE)
     nodes.wait_until_flowing(*CHAIN, off=ONE)
     nodes.wait_for_samples()
-    said = {each.key: each.value for each in nodes.status.values}
+
+    def said() -> dict[str, str]:
+        return {each.key: each.value for each in nodes.status.values}
+
+    nodes.until(lambda: said().keys() >= moved, 'the status tells of the streams that have moved')
     for name in moved:
-        assert said[name].startswith(f'recreated on {TWO} at ')
-        assert said[name].endswith(f'{ONE} is gone')
+        assert said()[name].startswith(f'recreated on {TWO} at ')
+        assert said()[name].endswith(f'{ONE} is gone')
     # Those that another engine makes went on.
-    assert not said.keys() & (CHAIN.keys() - moved)
+    assert not said().keys() & (CHAIN.keys() - moved)
 
 
 def test_what_streams_are_made_of(nodes: StreamNodes) -> None:

@@ -45,7 +45,7 @@ def rover() -> Iterator[tuple[Rover, dict[str, str]]]:
         publishing = Rover(environment)
         publishing.client.wait_for_coordinator()
         yield publishing, environment
-        publishing.client.close()
+        publishing.close()
 
 
 def monitored(
@@ -110,17 +110,16 @@ def test_a_violation_that_ends_is_not_the_end(
         has_ended = any(each.phase == EvaluationStatus.ENDED for each in found)
         states = max((each.states_progressed for each in found if each.phase == RUNNING), default=0)
         if has_ended:
-            publishing.publishes_battery = True
-            publishing.charge = 0.1 if states > 60 else 0.9
+            publishing.tell(publishes_battery=True, charge=0.1 if states > 60 else 0.9)
         elif states:
-            publishing.publishes_battery = False
+            publishing.tell(publishes_battery=False)
 
     node = publishing.client.node
     topic = 'stream_reasoning_coordinator/evaluations'
     listener = node.create_subscription(EvaluationStatusArray, topic, follow, LATCHED)
     code, changes, output = monitored(rover, path, '--retry', '--duration', '60')
     node.destroy_subscription(listener)
-    publishing.charge = 0.9
+    publishing.tell(charge=0.9)
     assert code == 1, output
     assert changes['charged']['outcome'] == 'false'
     outcomes = [json.loads(line)['outcome'] for line in output.splitlines() if line[0] == '{']
@@ -144,7 +143,7 @@ def test_episodes_begin_and_end(rover: tuple[Rover, dict[str, str]], tmp_path: P
         for each in report.evaluations:
             count, is_violated = each.episodes.episode_count, each.episodes.is_violated
             if each.name == 'charged' and each.phase == RUNNING and each.states_progressed:
-                publishing.charge = 0.1 if count < 2 and not is_violated else 0.9
+                publishing.tell(charge=0.1 if count < 2 and not is_violated else 0.9)
 
     node = publishing.client.node
     topic = 'stream_reasoning_coordinator/evaluations'
@@ -167,7 +166,7 @@ def test_episodes_begin_and_end(rover: tuple[Rover, dict[str, str]], tmp_path: P
     spin_until(lambda: process.poll() is not None, 'the end of the monitor')
     output = process.communicate()[0]
     node.destroy_subscription(listener)
-    publishing.charge = 0.9
+    publishing.tell(charge=0.9)
     assert process.returncode == 1, output
     changes = [json.loads(line) for line in output.splitlines() if line[0] == '{']
     outcomes = [each['outcome'] for each in changes]

@@ -6,14 +6,14 @@ import json
 import os
 import re
 import subprocess
+import sys
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import pytest
-from nav_msgs.msg import Odometry
-from sensor_msgs.msg import BatteryState
 
+import rover_telemetry
 from commands import command, output_of, running
 from system import Client, private_environment
 
@@ -38,24 +38,32 @@ def rover() -> Iterator[dict[str, str]]:
 
 
 class Rover:
-    """Publishes the topics of the rover."""
+    """Publishes the topics of the rover from a process of its own."""
 
     def __init__(self, environment: dict[str, str]) -> None:
         self.client = Client(environment)
-        node = self.client.node
-        self.charge, self.speed, self.publishes_battery = 0.9, 1.0, True
-        self._battery = node.create_publisher(BatteryState, '/rover1/battery', 10)
-        self._odometry = node.create_publisher(Odometry, '/rover1/odom', 10)
-        node.create_timer(0.05, self._publish)
+        self._told: dict[str, Any] = {}
+        self._process = subprocess.Popen(
+            [sys.executable, rover_telemetry.__file__],
+            env={**os.environ, **environment},
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            text=True,
+        )
+        assert self._process.stdout is not None
+        assert self._process.stdout.readline() == 'ready\n'
 
-    def _publish(self) -> None:
-        stamp = self.client.node.get_clock().now().to_msg()
-        battery, odometry = BatteryState(percentage=self.charge), Odometry()
-        battery.header.stamp = odometry.header.stamp = stamp
-        odometry.twist.twist.linear.x = self.speed
-        if self.publishes_battery:
-            self._battery.publish(battery)
-        self._odometry.publish(odometry)
+    def close(self) -> None:
+        """End the process."""
+        self.client.close()
+        self._process.communicate()
+        assert self._process.returncode == 0
+
+    def tell(self, **values: Any) -> None:
+        """Change `charge`, `speed` or `publishes_battery`."""
+        if self._told | values != self._told:
+            self._told |= values
+            print(json.dumps(values), file=self._process.stdin, flush=True)
 
     def run(self, line: list[str], environment: dict[str, str]) -> tuple[int, str]:
         """Publish while a process runs; return its exit code and its output."""
@@ -76,7 +84,7 @@ def vehicle(rover: dict[str, str]) -> Iterator[Rover]:
     publishing = Rover(rover)
     publishing.client.wait_for_coordinator()
     yield publishing
-    publishing.client.close()
+    publishing.close()
 
 
 @pytest.mark.parametrize(
@@ -98,7 +106,7 @@ def test_a_formula_is_evaluated_from_a_shell(
 
 
 def test_the_node_of_the_readme(rover: dict[str, str], vehicle: Rover) -> None:
-    vehicle.client.node.create_timer(1.5, lambda: setattr(vehicle, 'charge', 0.1))
+    vehicle.client.node.create_timer(1.5, lambda: vehicle.tell(charge=0.1))
     returned, printed = vehicle.run(['python3', str(EXAMPLES / 'stop_when_empty.py')], rover)
     assert returned == 0, printed
     assert 'a rover did not stop' in printed

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import signal
+import time
 from collections.abc import Callable, Iterator
 from itertools import count
 from typing import Any, ClassVar
@@ -34,7 +36,7 @@ NUMBERS = count()
 @pytest.fixture(scope='module')
 def nodes(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Nodes]:
     """The reasoning engine alone, which does not wait for long."""
-    limits = {'violation_patience': 1.0, 'orphan_limit': 3.0, 'progress_period': 0.1}
+    limits = {'violation_patience': 1.0, 'orphan_limit': 5.0, 'progress_period': 0.1}
     with Nodes(tmp_path_factory.mktemp('groups'), stream_reasoning_engine=limits) as nodes:
         yield nodes
 
@@ -419,3 +421,21 @@ def test_orphans_are_destroyed(nodes: Nodes) -> None:
     )
     assert str(made.formula_group_id) not in known_groups(nodes)
     assert str(listened.number) in known_groups(nodes)
+
+
+def test_a_group_is_no_orphan_while_the_engine_is_stopped(nodes: Nodes) -> None:
+    """A request may wait that was sent meanwhile."""
+    made = nodes.obtain(ENGINE, srv.FormulaGroupCreate, formula_group_name='waiting')
+    nodes.processes[ENGINE].send_signal(signal.SIGSTOP)
+    added = nodes.request(
+        ENGINE,
+        srv.FormulaGroupAddFormula,
+        formula_group_id=made.formula_group_id,
+        formula_name='calm',
+        formula=CALM,
+    )
+    end = time.monotonic() + 7.0
+    nodes.client.spin_until(lambda: time.monotonic() > end, 'longer than the limit of orphans')
+    nodes.processes[ENGINE].send_signal(signal.SIGCONT)
+    nodes.client.spin_until(added.done, 'the answer')
+    assert added.result().exit_status.code == ExitStatus.SUCCESS, added.result().exit_status

@@ -194,9 +194,7 @@ def test_a_sample_that_should_not_be(
 ) -> None:
     future = system.ask('always Power[uav1] < 150')
     evaluations.wait_for_state()
-    batteries.power['uav1'] = 240.0
-    batteries.publish('uav1', batteries.stamp - age)
-    batteries.power['uav1'] = 100.0
+    batteries.publish('uav1', batteries.stamp - age, 240.0)
     system.client.spin_until(future.done, 'the answer')
     answer = future.result()
     assert answer.exit_status.code == ExitStatus.CONSTRAINT_VIOLATION, answer

@@ -85,7 +85,7 @@ class Robots:
 
     def __exit__(self, *_: object) -> None:
         self.client.close()
-        codes = self.launcher.stop_all()
+        codes = self.launcher.stop_all(LIMIT)
         assert set(codes.values()) <= {0}, f'exit codes of the nodes: {codes}'
 
     def ask(self, robot: str, formula: str = SLOW) -> Any:
@@ -229,7 +229,7 @@ def test_a_stream_of_another_specification_is_never_used(two_robots: Robots) -> 
     client.spin_until(running.done, 'the answer')
     assert running.result().verdict != FormulaResult.TRUE, running.result()
     # Now no engine is left that can make it.
-    assert two_robots.launcher.stop(arm.name) == 0
+    assert two_robots.launcher.stop(arm.name, LIMIT) == 0
     client.spin_until(
         lambda: [each.state for each in reports[-1].streams] == [StreamStatus.FAILED],
         'the stream cannot be made',
@@ -262,7 +262,7 @@ def test_relative_topics_are_those_of_the_coordinator(two_robots: Robots) -> Non
     assert asked.result().verdict == FormulaResult.TRUE, asked.result()
     # A coordinator that is stopped leaves the states that it has not destroyed yet.
     two_robots.wait_for_own_streams()
-    assert two_robots.launcher.stop(coordinator.name) == 0
+    assert two_robots.launcher.stop(coordinator.name, LIMIT) == 0
 
 
 def test_an_engine_that_dies_concerns_its_own_robot(two_robots: Robots) -> None:

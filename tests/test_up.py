@@ -100,7 +100,7 @@ def test_a_killed_process_is_restarted_and_formulas_are_evaluated(
         line = command('dyknow', 'evaluate', formula, '--timeout', '30 s')
         # The streams may still be on their way to the new engine.
         outcomes = [rover.run(line, environment) for _ in range(2)]
-        rover.client.close()
+        rover.close()
     assert outcomes[-1][0] == 0, outcomes
 
 

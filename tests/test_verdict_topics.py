@@ -113,7 +113,8 @@ def test_it_is_published_each_second_and_its_next_evaluation_continues_it(
     monitored.cancel()
     assert monitored.result().exit_status.code == ExitStatus.CANCELLED
     client.spin_until(
-        lambda: power.heard[-1].exit_status.code == ExitStatus.CANCELLED, 'it is cancelled'
+        lambda: power.heard[-1:] != [] and power.heard[-1].exit_status.code == ExitStatus.CANCELLED,
+        'it is cancelled',
     )
     assert not power.heard[-1].is_violated
     again = Monitored(client, POWER, name='power')
@@ -151,7 +152,7 @@ def test_an_episode_is_a_violation_until_it_ends(
 
     def wait_for(is_violated: bool) -> None:  # noqa: FBT001
         client.spin_until(
-            lambda: verdicts.heard[-1].is_violated is is_violated,
+            lambda: verdicts.heard[-1:] != [] and verdicts.heard[-1].is_violated is is_violated,
             f'is_violated is {is_violated}',
         )
         assert verdicts.heard[-1].verdict == Verdict.UNDECIDED

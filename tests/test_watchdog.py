@@ -99,7 +99,7 @@ def test_a_node_that_was_stopped_goes_on() -> None:
 
 def test_a_node_that_is_busy_for_less_than_the_limit_goes_on() -> None:
     with node_that(
-        f'time.sleep(1.0); {SAY}', *HANG_LIMIT, environment=private_environment()
+        f'time.sleep(1.0); {SAY}', '-p', 'hang_limit:=5.0', environment=private_environment()
     ) as process:
         wait_for_work(process)
         process.send_signal(signal.SIGTERM)

@@ -39,6 +39,11 @@ def test_a_result(processes: WorkerProcesses) -> None:
     assert processes.run(work(os.getpid)) == first
 
 
+def test_a_process_that_has_started_is_used_again_before_another_one_starts() -> None:
+    with WorkerProcesses(3) as several:
+        assert several.run(work(os.getpid)) == several.run(work(os.getpid))
+
+
 def test_an_unexpected_exception_has_its_traceback(processes: WorkerProcesses) -> None:
     with pytest.raises(RuntimeError, match=r'(?s)the work has failed:.*TypeError'):
         processes.run(work(split_iri))

@@ -36,7 +36,7 @@ from dyknow_common.ros.qos import (
     STREAM,
     VIOLATIONS,
 )
-from dyknow_common.ros.remote_node import NodeAdapter, RemoteNode
+from dyknow_common.ros.remote_node import LONG_TIMEOUT_S, NodeAdapter, RemoteNode
 from dyknow_common.ros.report_command import ReportCommand, add_report_options
 from dyknow_common.ros.throttle import LogOnce, Throttle
 from dyknow_common.ros.time_messages import (
@@ -65,6 +65,7 @@ __all__ = [
     'HEARTBEAT',
     'LATCHED',
     'LATCHED_HISTORY',
+    'LONG_TIMEOUT_S',
     'NODE_TYPE',
     'NO_SUBSCRIPTION_EVENTS',
     'REPORTS',

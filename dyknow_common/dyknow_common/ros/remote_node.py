@@ -33,6 +33,12 @@ from dyknow_common.ros.node import RUNNING, STARTED_AT, DyKnowNode, snake_case
 from dyknow_common.ros.qos import NO_SUBSCRIPTION_EVENTS, SERVICE, STATUS
 from dyknow_common.ros.topics.guards import create_guarded_subscription, only_owner
 
+LONG_TIMEOUT_S = 15.0
+"""The time that a call may take if the node calls others or answers a query, which may take 5 s.
+
+The first answer may need a process or modules that take seconds to start on a busy machine.
+"""
+
 POLL_PERIOD_S = 0.02
 """The period of checks for a service that discovery has not found yet."""
 

@@ -23,7 +23,13 @@ from dyknow_interfaces.srv import (
 )
 
 from dyknow_common import DyKnowError, ExitCode, StreamConstraints, Symbol, SymbolKind
-from dyknow_common.ros import Background, DyKnowNode, RemoteNode, constraints_to_message
+from dyknow_common.ros import (
+    LONG_TIMEOUT_S,
+    Background,
+    DyKnowNode,
+    RemoteNode,
+    constraints_to_message,
+)
 from dyknow_coordinator.errors import CoordinationError
 from dyknow_stream_processing import in_namespace
 
@@ -56,7 +62,8 @@ class ServiceClients:
             for role in (*_SERVICES, 'stream_semantics_manager')
         }
         self.nodes = tuple(
-            RemoteNode(node, names[role], services=services) for role, services in _SERVICES.items()
+            RemoteNode(node, names[role], timeout_s=LONG_TIMEOUT_S, services=services)
+            for role, services in _SERVICES.items()
         )
         (
             self.stream_manager,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from itertools import count
-from time import perf_counter
+from time import monotonic, perf_counter
 from typing import Any
 
 from dyknow_interfaces.msg import FormulaEpisodes, FormulaProgress
@@ -17,7 +17,7 @@ from dyknow_interfaces.srv import (
 )
 
 from dyknow_common import SECOND_NS, ExitCode, listed, shortened
-from dyknow_common.ros import LATCHED_HISTORY, REPORTS, Background, DyKnowNode, run
+from dyknow_common.ros import LATCHED_HISTORY, LONG_TIMEOUT_S, REPORTS, Background, DyKnowNode, run
 from dyknow_reasoning.errors import ReasoningError
 from dyknow_reasoning.formula_group import FormulaGroup
 from dyknow_reasoning.notes import notes_on
@@ -25,6 +25,8 @@ from dyknow_reasoning.ros.engine_limits import EngineLimits, check_name
 from dyknow_reasoning.ros.group_evaluation import GroupEvaluation
 
 _SUPERVISION_PERIOD_S = 0.2
+_DELAY_S = 1.0
+"""The time without supervision after which requests may wait that were sent meanwhile."""
 
 _REPORTING_S = 0.02
 """The time of reports after which the node does other work."""
@@ -53,7 +55,7 @@ class StreamReasoningEngine(DyKnowNode):
         )
         self._orphan_limit = self.parameter(
             'orphan_limit',
-            10.0,
+            2 * LONG_TIMEOUT_S,  # A coordinator may wait for another node meanwhile.
             'Seconds without a request and without a subscriber to the results after which a group '
             'is destroyed; 0: never.',
             (0.0, 86_400.0),
@@ -61,6 +63,7 @@ class StreamReasoningEngine(DyKnowNode):
         self._groups: dict[int, GroupEvaluation] = {}
         self._background = Background(self)
         self._is_reporting = False
+        self._supervised_at = monotonic()
         self._ids = count(_first_id(self.started_at))
         self._progress = self.create_publisher(FormulaProgress, '~/progress', REPORTS)
         self._episodes = self.create_publisher(FormulaEpisodes, '~/episodes', LATCHED_HISTORY)
@@ -154,7 +157,11 @@ class StreamReasoningEngine(DyKnowNode):
         return found
 
     def _supervise_groups(self) -> None:
+        was_delayed = monotonic() - self._supervised_at > _DELAY_S
+        self._supervised_at = monotonic()
         for group_id, evaluation in list(self._groups.items()):
+            if was_delayed:
+                evaluation.note_request()
             evaluation.fail_after_pause(self._violation_patience)
             evaluation.report_episodes()
             if self._orphan_limit and evaluation.is_orphan(self._orphan_limit):

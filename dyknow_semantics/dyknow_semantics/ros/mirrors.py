@@ -10,7 +10,7 @@ from typing import Any, Generic, TypeVar
 from dyknow_interfaces.srv import ListSemanticSpecifications, OntologyQuery
 
 from dyknow_common import read_file
-from dyknow_common.ros import DyKnowNode, RemoteNode
+from dyknow_common.ros import LONG_TIMEOUT_S, DyKnowNode, RemoteNode
 from dyknow_semantics.annotations.annotation import Annotation
 from dyknow_semantics.annotations.parsing import parse_annotations
 from dyknow_semantics.errors import SemanticsError
@@ -55,7 +55,7 @@ def mirror_ontologies(node: DyKnowNode, bridges: tuple[Bridge, ...] = ()) -> Mir
     async def fetch(remote: RemoteNode) -> Bridged:
         return bridged(triples_of(await remote.call(OntologyQuery, sparql=ALL_TRIPLES)), bridges)
 
-    return Mirror(RemoteNode(node, name), fetch)
+    return Mirror(RemoteNode(node, name, timeout_s=LONG_TIMEOUT_S), fetch)
 
 
 @dataclass(frozen=True, slots=True)

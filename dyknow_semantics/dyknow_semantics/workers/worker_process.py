@@ -16,7 +16,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 from enum import StrEnum
 from multiprocessing.connection import Pipe
-from queue import SimpleQueue
+from queue import LifoQueue
 from typing import Any, Final, Self
 
 from dyknow_common import ExitCode
@@ -178,7 +178,8 @@ class WorkerProcesses:
 
     def __init__(self, number: int, memory: int | None = None) -> None:
         self._all = tuple(WorkerProcess(memory) for _ in range(number))
-        self._idle: SimpleQueue[WorkerProcess] = SimpleQueue()
+        # The one used last comes first: it has started, which takes seconds on a busy machine.
+        self._idle: LifoQueue[WorkerProcess] = LifoQueue()
         for each in self._all:
             self._idle.put(each)
 

@@ -7,8 +7,9 @@ from typing import Any
 
 from dyknow_interfaces.msg import ConstraintViolation
 
-from dyknow_common import StreamConstraints
+from dyknow_common import ExitCode, StreamConstraints
 from dyknow_common.ros import VIOLATIONS, PublisherWatch, only_from, only_publishers_of
+from dyknow_coordinator.errors import CoordinationError
 from dyknow_coordinator.ros.context import CoordinatorContext
 
 
@@ -37,13 +38,17 @@ class StateStream:
         self._subscription: Any = None
         self._watch: PublisherWatch | None = None
         self._is_created = False
+        self._is_destroyed = False
 
     async def create(self, specification: str, constraints: StreamConstraints) -> bool:
         """Create the stream (steps 9 to 11); return True if it has the expected topic.
 
         Raises:
-            DyKnowError: if it cannot be created.
+            DyKnowError: if it cannot be created, or was destroyed before that.
         """
+        if self._is_destroyed:
+            text = f"stream '{self.name}' is not needed any more"
+            raise CoordinationError(text, ExitCode.CANCELLED)
         self._is_created = True
         self._context.cleanup.keep_stream(self.name)
         topic, violations = await self._context.clients.create_stream(
@@ -56,6 +61,7 @@ class StateStream:
 
     def destroy(self) -> None:
         """Destroy the stream."""
+        self._is_destroyed = True
         if self._watch is not None:
             self._watch.stop()
             self._context.node.destroy_subscription(self._subscription)

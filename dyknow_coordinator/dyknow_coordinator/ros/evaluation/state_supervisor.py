@@ -273,6 +273,8 @@ class StateSupervisor:
                 await self._switch(chosen, gap=False)
                 self._observer.add_event(f'other streams are better now; {self._description()}')
         except DyKnowError as error:
+            if self._has_ended:
+                return
             self._observer.add_event(f'a better stream cannot be used: {error}')
         await self._recover()
 

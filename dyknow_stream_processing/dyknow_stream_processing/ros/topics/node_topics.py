@@ -148,8 +148,12 @@ class NodeTopics:
         Returns False if some are processed later, as there are many or the process was stopped.
         """
         feeds = list(self._feeds.values())
+        # The clock may have been set back since they were taken.
+        self._taken = deque(
+            each._replace(receipt_time=min(each.receipt_time, now)) for each in self._taken
+        )
         for feed in feeds if len(self._taken) < MAX_TAKEN else ():
-            self._taken += feed.take(now)
+            self._taken += feed.take()
         if self._pause.goes_on(now):
             return False
         if (began := self._pause.end()) is not None:
@@ -160,12 +164,15 @@ class NodeTopics:
         self._taken = deque(sorted(self._taken, key=lambda each: each.receipt_time))
         end = time.monotonic_ns() + SLICE_NS
         # If a listener raises an error, the rest is processed at the next call.
-        while self._taken:
+        while self._taken and self._taken[0].receipt_time <= now:
             message = self._taken.popleft()
             message.feed.process(message)
             if self._taken and time.monotonic_ns() > end:
                 self._goes_on.trigger()
                 return False
+        if self._taken:
+            # Received after `now`, perhaps later than messages of topics that were read before.
+            self._goes_on.trigger()
         self._last_activity = time.monotonic_ns()
         return True
 

@@ -137,11 +137,11 @@ class TopicFeed:
             self.relay.destroy()
             self.relay = None
 
-    def take(self, now: int) -> Iterator[ReceivedMessage]:
+    def take(self) -> Iterator[ReceivedMessage]:
         """Take the messages that wait."""
         if self.subscription is not None:
             for message, info in take_waiting(self.subscription):
-                yield self._received(message, info, now)
+                yield self._received(message, info, self._now())
 
     def process(self, message: ReceivedMessage) -> None:
         """Pass a message on to the listeners.
@@ -254,8 +254,11 @@ class TopicFeed:
         )
 
     def _on_message(self, message: Any, info: Any) -> None:
-        now = self.node.get_clock().now().nanoseconds
+        now = self._now()
         self.topics.process(self._received(message, info, now), now)
+
+    def _now(self) -> int:
+        return int(self.node.get_clock().now().nanoseconds)
 
     def _received(self, message: Any, info: Any, now: int) -> ReceivedMessage:
         # Some middleware does not give the time of receipt, and none gives it in simulated time.
