@@ -165,7 +165,6 @@ def test_guards_and_their_states(
     with (
         dashboard(system.environment) as address,
         guarded_base(system, tmp_path, "['Power[uav1] < 150']", timeout='1 s') as base,
-        system.batteries.in_a_process(),
     ):
         page.show(address)
         page.tab('nodes')

@@ -208,7 +208,7 @@ def surroundings(tmp_path: Path) -> Iterator[tuple[Surroundings, subprocess.Pope
                 yield found, monitor, log
             finally:
                 monitor.kill()
-                rover.client.close()
+                rover.close()
 
 
 def test_each_trigger_follows_each_event(
@@ -242,14 +242,14 @@ def test_each_trigger_follows_each_event(
     found.offer_late()
     found.wait_for_status('slow: on true: late', DiagnosticStatus.OK, 'done in attempt')
 
-    rover.charge = 0.1
+    rover.tell(charge=0.1)
     wait_for('charged', 'false')
-    rover.charge = 0.9
+    rover.tell(charge=0.9)
     wait_for('charged', 'clear')
 
-    rover.publishes_battery = False
+    rover.tell(publishes_battery=False)
     wait_for('known', 'violation')
-    rover.publishes_battery = True
+    rover.tell(publishes_battery=True)
     wait_for('known', 'clear')
     # With --retry, the silence of the battery is reported again and again.
     status = found.status_of('known: on violation: once')
