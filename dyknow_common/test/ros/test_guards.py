@@ -24,6 +24,7 @@ class Graph:
         self.names = dict(NAMES)
         self.rejected: list[str] = []
         self.timers: list[Any] = []
+        self.subscriptions: list[Any] = []
 
     def get_publishers_info_by_topic(self, _topic: str) -> list[Any]:
         return [
@@ -53,6 +54,7 @@ class Reader:
         self.node = Graph()
         self.taken: list[int] = []
         self.guard = MessageGuard(self.node, TOPIC, self._read, refusal)  # type: ignore[arg-type]
+        self.node.subscriptions = [SimpleNamespace(callback=self.guard)]
 
     def _read(self, number: int) -> None:
         if number == 13:
@@ -116,6 +118,17 @@ def test_a_sender_that_stays_unknown(monkeypatch: pytest.MonkeyPatch) -> None:
     assert reader.node.rejected == ['the node that has sent it is not known'] * 2
     assert not reader.taken
     assert not reader.node.timers
+
+
+def test_messages_that_wait_for_a_destroyed_subscription_are_forgotten() -> None:
+    """The publisher of the result of a formula may be gone before the graph tells its node."""
+    reader = Reader()
+    reader.send(NEW, 1)
+    (retry,) = reader.node.timers
+    reader.node.subscriptions.clear()
+    reader.node.names[NEW] = 'engine'
+    retry()
+    assert (reader.taken, reader.node.rejected, reader.node.timers) == ([], [], [])
 
 
 def test_messages_that_wait_are_bounded(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -182,7 +182,9 @@ class MessageGuard:
 
         Messages of senders that stay unknown delay no others.
         """
-        held, self._held = self._held, []
+        # A subscription that was destroyed meanwhile needs none of them.
+        is_needed = any(each.callback is self for each in self._node.subscriptions)
+        held, self._held = self._held if is_needed else [], []
         unknown: set[bytes] = set()
         for message, info, limit in held:
             if info[GID] not in unknown and self._pass_on(message, info):
