@@ -15,6 +15,7 @@ from dyknow_configuration.proposals.timing import (
     rounded,
     rounded_up,
     timing_of,
+    tolerant,
 )
 from dyknow_stream_processing import (
     Dataflow,
@@ -128,10 +129,20 @@ def test_proposed_constraints_are_kept(
         receipts = [receipt for receipt, _ in ordered]
         given_stamps = [stamp for _, stamp in ordered] if is_stamped else None
         observed.append(times(given_stamps, receipts, max(receipts) + silence))
-    constraints = proposed_timing(observed).constraints
-    constraints.validate()
-    for each in observed:
-        assert violations(each, constraints) == []
+    proposed = proposed_timing(observed)
+    for constraints in (proposed.constraints, tolerant(proposed).constraints):
+        constraints.validate()
+        for each in observed:
+            assert violations(each, constraints) == []
+
+
+def test_a_computer_that_is_busy_for_a_moment() -> None:
+    proposed = proposed_timing([times([0, 100, 200, 300, 400], [4, 103, 212, 305, 403], 420)])
+    constraints = tolerant(proposed).constraints
+    assert str(constraints) == 'max_delay = 500 ms, max_gap = 500 ms'
+    late = times([0, 100, 200, 500, 600], [4, 103, 212, 900, 905], 920)
+    assert violations(late, constraints) == []
+    assert violations(late, proposed.constraints) != []
 
 
 @given(

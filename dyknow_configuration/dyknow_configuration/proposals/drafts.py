@@ -21,7 +21,7 @@ from dyknow_configuration.proposals.message_types import (
 )
 from dyknow_configuration.proposals.observations import ObservedTopic, SeenValues
 from dyknow_configuration.proposals.robots import RobotNames, robots_of
-from dyknow_configuration.proposals.timing import ProposedTiming, proposed_timing
+from dyknow_configuration.proposals.timing import ProposedTiming, proposed_timing, tolerant
 from dyknow_configuration.vocabulary import is_free_name
 
 _STEADY: Final = ('always not {feature}', 'always {feature}')
@@ -145,7 +145,7 @@ class _Maker:
             field,
             domains,
             owners if owners[0] and set(owners) != set(self._robots.objects) else (),
-            proposed_timing([each.times for each in topics]),
+            tolerant(proposed_timing([each.times for each in topics])),
             seen,
             formula,
             reason or _reason(seen, formula),

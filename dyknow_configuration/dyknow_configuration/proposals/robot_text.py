@@ -63,7 +63,8 @@ def _head(origin: str, path: Path, recording: str) -> Iterator[str]:
         yield f'#   dyknow check {_comment(recording)} --config {path.name}'
     yield f'#   dyknow up {path.name}    and then    dyknow monitor {path.name}'
     yield '#'
-    yield '# Each topic keeps the timing below, with a margin of half of what was measured.'
+    yield '# Each topic keeps the timing below, also when the computer is busy for a moment.'
+    yield '# dyknow suggest proposes narrower bounds.'
     yield '# Each formula holds for all values that were seen: replace its bounds by your own.'
 
 

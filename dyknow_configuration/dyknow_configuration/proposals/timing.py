@@ -15,7 +15,7 @@ So the topic keeps, and is expected to keep:
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import ceil
 from typing import Any, Final
 
@@ -38,6 +38,12 @@ MAX_OFFSET_NS: Final = 60 * SECOND_NS
 
 LEAST_INTERVALS: Final = 4
 """The number of intervals from which on a period is proposed."""
+
+TOLERANT_BOUND_NS: Final = 500 * NANOSECONDS['ms']
+"""The shortest delay or gap at which a topic is late for a robot.yaml that `init` proposes."""
+
+TOLERATED_PERIODS: Final = 3
+"""The length of a gap that is tolerated there: two samples in a row may be lost."""
 
 _STEPS: Final = (100, 120, 150, 200, 250, 300, 400, 500, 600, 800, 1000)
 """The rounded numbers between two powers of ten, in hundredths of the lower one."""
@@ -197,6 +203,24 @@ def proposed_timing(topics: Sequence[TopicTimes]) -> ProposedTiming:
         remarks.append('The messages have no regular period.')
         found['max_gap'] = rounded_up(with_margin(longest))
     return ProposedTiming(StreamConstraints(**found), tuple(remarks))
+
+
+def tolerant(timing: ProposedTiming) -> ProposedTiming:
+    """Return constraints that topics also keep when a computer is busy for a moment.
+
+    What was measured within seconds is not kept for days: 10 Hz, give or take 10 ms, with delays of
+    up to 20 ms becomes max_gap = 500 ms, max_delay = 500 ms. Samples that are put in order wait for
+    `max_delay`, so it stays as it was measured then.
+    """
+    stated = timing.constraints
+    delay, longest = stated.max_delay, stated.longest_period or stated.max_gap
+    if delay is not None and not stated.reorder:
+        delay = max(delay, TOLERANT_BOUND_NS)
+    gap = None
+    if longest is not None:
+        gap = max(rounded_up(TOLERATED_PERIODS * longest), TOLERANT_BOUND_NS)
+    others = {'sample_period': None, 'sample_period_deviation': None}
+    return replace(timing, constraints=replace(stated, max_delay=delay, max_gap=gap, **others))
 
 
 def with_margin(duration: int) -> int:
