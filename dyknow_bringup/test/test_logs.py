@@ -1,5 +1,7 @@
 """What the terminal shows of the logs of nodes."""
 
+import tempfile
+from contextlib import suppress
 from pathlib import Path
 
 import pytest
@@ -11,7 +13,9 @@ from dyknow_bringup.processes.logs import (
     LogRecord,
     LogThrottle,
     last_lines,
+    log_folder,
 )
+from dyknow_common import DyKnowError
 
 
 @pytest.fixture
@@ -94,3 +98,18 @@ def test_the_last_lines_are_what_a_node_printed_beside_its_records(log: Path) ->
     assert last_lines(log.read_text()) == 'no such unit\n  ^'
     write(log, '[INFO] [1.6] [a]: ended\n')
     assert last_lines(log.read_text()).endswith('[a]: ended')
+
+
+@pytest.mark.parametrize(
+    ('end', 'is_left'),
+    [(None, False), (KeyboardInterrupt(), False), (DyKnowError('a node has ended'), True)],
+)
+def test_only_an_error_leaves_temporary_logs(
+    end: BaseException | None, *, is_left: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(tempfile, 'tempdir', str(tmp_path))
+    with suppress(KeyboardInterrupt, DyKnowError), log_folder(None) as folder:
+        assert folder.parent == tmp_path
+        if end is not None:
+            raise end
+    assert folder.exists() == is_left

@@ -145,11 +145,15 @@ def log_folder(chosen: Path | None) -> Iterator[Path]:
         yield chosen
         return
     folder = Path(tempfile.mkdtemp(prefix='dyknow_'))
+    is_needed = False
     try:
         yield folder
     except DyKnowError as error:
+        is_needed = True
         raise BringupError(f'{error}\nlogs are in {folder}', error.code) from None
-    shutil.rmtree(folder, ignore_errors=True)
+    finally:
+        if not is_needed:
+            shutil.rmtree(folder, ignore_errors=True)
 
 
 def last_lines(log: str) -> str:
