@@ -212,7 +212,7 @@ def test_a_limit_of_the_file_system_is_an_error_and_leaves_nothing(tmp_path: Pat
 def test_other_readers_see_all_topics_with_their_qualities(tmp_path: Path) -> None:
     topics = {
         '/a': TopicOffer('std_msgs/msg/Bool', ((True, True, 1), (False, False, 10))),
-        '/b': TopicOffer('dyknow_interfaces/msg/Sample', ((False, False, 5),)),
+        '/b': TopicOffer('nav_msgs/msg/Odometry', ((False, False, 5),)),
         # Without a message in the time of the box.
         '/c': TopicOffer('sensor_msgs/msg/Image', ((True, False, 0),)),
     }
