@@ -153,32 +153,6 @@ def test_the_tabs_by_keyboard(page: LivePage, served: tuple[System, str]) -> Non
     assert names == 0, 'all that takes the focus has a name'
 
 
-def test_guards_and_their_states(
-    page: LivePage, served: tuple[System, str], tmp_path: Path
-) -> None:
-    system, _ = served
-
-    def row() -> str:
-        found = [each.text for each in page.all('#nodes-table tr') if '/base_guard' in each.text]
-        return ' '.join(found)
-
-    with (
-        dashboard(system.environment) as address,
-        guarded_base(system, tmp_path, "['Power[uav1] < 150']", timeout='1 s') as base,
-    ):
-        page.show(address)
-        page.tab('nodes')
-        page.until(lambda: 'open' in row(), 'the guard is open')
-        system.batteries.power['uav1'] = 200.0
-        page.until(lambda: 'closed: Power[uav1] < 150: Power[uav1] = 200.0' in row(), 'it is not')
-        system.batteries.reset()
-        page.until(lambda: 'open' in row(), 'the guard is open again')
-        base.process.kill()
-        page.until(lambda: 'gone for' in row(), 'the guard is gone')
-        page.until(lambda: 'missing' in page.text('#health'), 'it is missing')
-    assert page.errors(DISCONNECTED) == []
-
-
 def test_the_page_survives_the_restart_of_every_node(
     page: LivePage, served: tuple[System, str]
 ) -> None:
@@ -252,3 +226,30 @@ def test_a_port_that_is_no_number() -> None:
     done = output_of(command('dyknow', 'dashboard', '--port', '99999'), private_environment())
     assert done.returncode == 2
     assert "argument --port: '99999' is no port; give a number up to 65535" in done.stderr
+
+
+def test_guards_and_their_states(
+    page: LivePage, served: tuple[System, str], tmp_path: Path
+) -> None:
+    """The last test: a guard that is gone stays in the lists of all pages."""
+    system, _ = served
+
+    def row() -> str:
+        found = [each.text for each in page.all('#nodes-table tr') if '/base_guard' in each.text]
+        return ' '.join(found)
+
+    with (
+        dashboard(system.environment) as address,
+        guarded_base(system, tmp_path, "['Power[uav1] < 150']", timeout='1 s') as base,
+    ):
+        page.show(address)
+        page.tab('nodes')
+        page.until(lambda: 'open' in row(), 'the guard is open')
+        system.batteries.power['uav1'] = 200.0
+        page.until(lambda: 'closed: Power[uav1] < 150: Power[uav1] = 200.0' in row(), 'it is not')
+        system.batteries.reset()
+        page.until(lambda: 'open' in row(), 'the guard is open again')
+        base.process.kill()
+        page.until(lambda: 'gone for' in row(), 'the guard is gone')
+        page.until(lambda: 'missing' in page.text('#health'), 'it is missing')
+    assert page.errors(DISCONNECTED) == []
