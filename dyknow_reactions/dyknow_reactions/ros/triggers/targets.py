@@ -4,7 +4,7 @@ Other nodes are discovered one after the other, so a fault counts if it lasts fo
 
     0.0 s  the trigger calls /alarm as std_srvs/srv/SetBool; no node is known to offer it
     0.1 s  a node is discovered that offers /alarm as std_srvs/srv/Trigger
-    3.0 s  it is an error: the service exists with another type
+    5.0 s  it is an error: the service exists with another type
 
 If no node offered /alarm after 3.0 s, that would be a warning, as such a node may start later.
 """
@@ -25,8 +25,8 @@ from dyknow_common import DyKnowError, listed
 from dyknow_common.ros import RCLError, absolute_topic, ros_errors, run_with_node
 from dyknow_configuration import ConfigurationError, RequestedFormula, Trigger, TriggerKind
 
-DISCOVERY_S: Final = 3.0
-"""The time in which targets are looked for, in seconds; discovery takes one on a busy machine."""
+DISCOVERY_S: Final = 5.0
+"""The time in which targets are looked for: Fast DDS repeats a lost announcement after 3 s."""
 
 _PERIOD_S: Final = 0.05
 
