@@ -38,7 +38,7 @@ def test_with_simulated_time(tmp_path: Path) -> None:
             monitored = Monitored(system.client, INVARIANT, name='power', record=recorded())
             evaluations.wait_for_state()
             recorder.wait_for_memory()
-            simulation.batteries.update({'power': {'uav2': 240.0}})
+            simulation.power['uav2'] = 240.0
             result = monitored.result()
             assert result.verdict == FormulaResult.FALSE
             (report,) = recorder.wait_for_reports(1)

@@ -10,7 +10,7 @@ from dyknow_interfaces.msg import ExitStatus, FormulaResult
 from rosgraph_msgs.msg import Clock
 from std_msgs.msg import Float64
 
-from battery_publishers import BatteryPublishers
+from battery_publishers import CALM, BatteryPublishers
 from dyknow_common.ros import nanoseconds_to_time
 from evaluations import COORDINATOR, Evaluations, Monitored, Spares
 from services import nanoseconds
@@ -33,7 +33,7 @@ class Simulation:
         self.level = 10.0
         self.batteries = BatteryPublishers(system.client.node, system.vehicles)
         self._node = system.client.node
-        self._vehicles = system.vehicles
+        self.power = dict.fromkeys(system.vehicles, CALM)
         self._clock = self._node.create_publisher(Clock, '/clock', 10)
         self._level = self._node.create_publisher(Float64, '/tank/level', 10)
         self._node.create_timer(TICK / SECOND, self._tick)
@@ -51,8 +51,8 @@ class Simulation:
                 self._clock.publish(clock)
             if self.now % Batteries.PERIOD == 0:
                 self._level.publish(Float64(data=self.level))
-                for vehicle in self._vehicles:
-                    self.batteries.publish(vehicle, self.now)
+                for vehicle, power in self.power.items():
+                    self.batteries.publish(vehicle, self.now, power)
             if self.clock_is_last:
                 self._clock.publish(clock)
 
