@@ -6,7 +6,7 @@ Other nodes are discovered one after the other, so a fault counts if it lasts fo
     0.1 s  a node is discovered that offers /alarm as std_srvs/srv/Trigger
     5.0 s  it is an error: the service exists with another type
 
-If no node offered /alarm after 3.0 s, that would be a warning, as such a node may start later.
+If no node offered /alarm after 5.0 s, that would be a warning, as such a node may start later.
 """
 
 from __future__ import annotations
