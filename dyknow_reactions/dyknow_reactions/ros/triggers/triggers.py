@@ -64,8 +64,8 @@ class Triggers:
                 on_verdict=partial(triggers.on_answer, formula),
             )
 
-    The start waits up to DISCOVERY_S for targets to be discovered, such as services. Nothing else waits:
-    attempts end in callbacks of the node, or with the timeouts of their triggers.
+    The start waits up to DISCOVERY_S for targets to be discovered, such as services. Nothing else
+    waits: attempts end in callbacks of the node, or with the timeouts of their triggers.
 
     Args:
         node: any node.
