@@ -134,7 +134,8 @@ def test_look_ups_have_no_effect_on_results(monkeypatch: pytest.MonkeyPatch) -> 
         assert not one_by_one[-1]
         assert tabulated[0] == one_by_one[0], (text, states, calls)
         used += tabulated[-1]
-    assert used > CASES // 2
+    # In about half of the cases, tables are used.
+    assert used > CASES // 4
 
 
 @pytest.mark.parametrize('look_ups', [True, False])
