@@ -56,10 +56,10 @@ def _ways(system: System, *, composition: bool) -> Iterator[tuple[str, Event]]:
     @contextmanager
     def false() -> Iterator[None]:
         # The deciding sample comes at once, rather than after the rest of the period.
-        batteries.power['uav1'] = 200.0
-        batteries.stamp += batteries.PERIOD
+        batteries.silent |= set(system.vehicles)
+        stamp = batteries.stamp + batteries.PERIOD
         for each in system.vehicles:
-            batteries.publish(each, batteries.stamp)
+            batteries.publish(each, stamp, 200.0)
         yield
         batteries.reset()
 
