@@ -216,9 +216,8 @@ class BlackBoxRecorder(DyKnowNode):
     async def _write(
         self, box: OpenBox, search: Future, write: Any, messages: int, dropped: int
     ) -> None:
-        await search
         try:
-            path = await self._writing.write(box, write)
+            path = await self._writing.write(box, search, write)
         except DyKnowError as error:
             self._end(box, error=error, dropped=dropped)
         except Exception as error:  # noqa: BLE001 - a request must get an answer

@@ -6,6 +6,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from rclpy.node import Node
+from rclpy.task import Future
 
 from dyknow_common.ros import Background
 from dyknow_reactions.black_box.failures import OpenBox
@@ -25,8 +26,8 @@ class BoxWriting:
         self._background = Background(node, name='black_boxes')
         self._unwritten: dict[OpenBox, WriteBox] = {}
 
-    async def write(self, box: OpenBox, write: WriteBox) -> Path:
-        """Write a box after those that wait already.
+    async def write(self, box: OpenBox, search: Future, write: WriteBox) -> Path:
+        """Write a box once a search for what belongs to it has ended.
 
         Raises:
             DyKnowError: if it cannot be written.
@@ -39,6 +40,7 @@ class BoxWriting:
                 del self._unwritten[box]
 
         self._unwritten[box] = write
+        await search
         return await self._background.run(work)
 
     def stop(self, limit_s: float) -> dict[OpenBox, WriteBox] | None:
