@@ -36,6 +36,7 @@ from dyknow_configuration.triggers.placeholders import (
     filled,
     single_placeholder,
 )
+from dyknow_configuration.triggers.reading import ACTION_KEYS
 from dyknow_configuration.triggers.trigger import (
     FormulaTriggers,
     Trigger,
@@ -45,6 +46,7 @@ from dyknow_configuration.triggers.trigger import (
 from dyknow_configuration.writing import export, write_texts
 
 __all__ = [
+    'ACTION_KEYS',
     'MAX_MESSAGES',
     'PACKAGES',
     'PLACEHOLDERS',

@@ -23,19 +23,20 @@ from rclpy.node import Node
 
 from dyknow_common import DyKnowError, listed
 from dyknow_common.ros import RCLError, absolute_topic, ros_errors, run_with_node
-from dyknow_configuration import ConfigurationError, RequestedFormula, Trigger, TriggerKind
+from dyknow_configuration import (
+    ACTION_KEYS,
+    ConfigurationError,
+    RequestedFormula,
+    Trigger,
+    TriggerKind,
+)
 
 DISCOVERY_S: Final = 5.0
 """The time in which targets are looked for: Fast DDS repeats a lost announcement after 3 s."""
 
 _PERIOD_S: Final = 0.05
 
-_KEYS: Final = {
-    TriggerKind.PUBLISH: 'topic',
-    TriggerKind.CALL: 'service',
-    TriggerKind.SEND_GOAL: 'action',
-    TriggerKind.CANCEL_GOAL: 'action',
-}
+_KEYS: Final = {kind: keys[0] for kind, keys in ACTION_KEYS.items()}
 """The kinds of triggers with a target in the running system, and what it is."""
 
 
