@@ -11,7 +11,14 @@ IN_ENVIRONMENT := source env.sh &&
 TEST_PROCESSES ?= 2
 
 .DEFAULT_GOAL := help
-.PHONY: help setup build demo test test-packages test-wheel check docs clean
+# Random cases of each property test in a long run, and the tests that compare with a slow reference.
+RANDOM_CASES ?= 100000
+REFERENCE_TESTS ?= dyknow_reasoning/test dyknow_reactions/test/test_gate.py \
+  dyknow_common/test/test_field_paths.py dyknow_recordings/test/test_computed_columns.py \
+  dyknow_stream_processing/test/test_aggregates.py dyknow_stream_processing/test/test_unit_conversion.py \
+  tests/test_computed_fields.py
+
+.PHONY: help setup build demo test test-long test-packages test-wheel check docs clean
 
 help:  ## list the targets
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 16
@@ -33,6 +40,10 @@ demo: build  ## monitor a simulated UAV fleet (scenario power_surge)
 test: build  ## run all tests
 	@# Python writes bytecode even where it is told not to: the tests start hundreds of nodes.
 	@$(IN_ENVIRONMENT) PYTHONDONTWRITEBYTECODE= python -m pytest -n $(TEST_PROCESSES)
+
+test-long: build  ## run property tests with RANDOM_CASES (100000) each; REFERENCE_TESTS selects files
+	@$(IN_ENVIRONMENT) DYKNOW_LONG_TESTS=$(RANDOM_CASES) PYTHONDONTWRITEBYTECODE= nice -n 19 \
+	  python -m pytest -n $(TEST_PROCESSES) --durations=0 $(REFERENCE_TESTS)
 
 test-packages:  ## run the tests that need no ROS under another Python (PYTHON=python3.12)
 	@$(PYTHON) tools/test_packages.py

@@ -3,8 +3,11 @@
 The packages are imported before pytest meets the folders of the same names that hold them.
 """
 
+import os
+from collections.abc import Sequence
 from importlib.util import find_spec
 
+import pytest
 from hypothesis import HealthCheck, settings
 
 import dyknow_bringup  # noqa: F401
@@ -21,10 +24,26 @@ import dyknow_stream_processing  # noqa: F401
 
 # Tests assert what comes out, not how fast: other processes may have the machine.
 settings.register_profile('dyknow', deadline=None, suppress_health_check=[HealthCheck.too_slow])
-settings.load_profile('dyknow')
+# A long run, `make test-long`: each property test has at least so many random cases.
+LONG_RUN = int(os.environ.get('DYKNOW_LONG_TESTS', '0'))
+settings.register_profile(
+    'long',
+    max_examples=max(100, LONG_RUN),
+    deadline=None,
+    database=None,
+    suppress_health_check=list(HealthCheck),
+)
+settings.load_profile('long' if LONG_RUN else 'dyknow')
 
 # The cores of the packages need no ROS, and no more do their tests.
 collect_ignore_glob = [] if find_spec('rclpy') else ['dyknow_*/test/ros/*']
+
+
+def pytest_collection_modifyitems(items: Sequence[pytest.Item]) -> None:
+    """Give the tests of a long run as much time as they need."""
+    if LONG_RUN:
+        for item in items:
+            item.add_marker(pytest.mark.timeout(0), append=False)
 
 
 def pytest_report_header() -> list[str]:

@@ -298,6 +298,53 @@ def measurements() -> Iterator[tuple[str, str, float]]:
     yield from growth()
 
 
+def in_a_loop(
+    text: str, feature: str, wave: Sequence[Any], *, regular: bool, every_state: bool
+) -> float:
+    """Return the microseconds for a state of one object, after the first 2000, in parts of 2000.
+
+    The least of some parts is that with the least effect of other processes.
+    """
+    parts, states = 20, 2000
+    times = times_of(parts * states, regular=regular)
+    values = [{f'{feature}[o0]': wave[index % len(wave)]} for index in range(len(times))]
+    progress = group_of(text, 1, every_state=every_state).progress
+    costs = []
+    for first in range(0, len(times), states):
+        pairs = zip(times[first : first + states], values[first : first + states], strict=True)
+        begin = process_time()
+        for time, state in pairs:
+            if progress(time, state):
+                raise AssertionError('the stream must keep the formula undecided')
+        costs.append((process_time() - begin) / states * 1e6)
+    return min(costs[1:])
+
+
+def open_runs(seconds: int) -> list[tuple[float, int]]:
+    """Return the microseconds for a state in each quarter of a run, and the open runs after it.
+
+    Triggers last for random times, and an answer comes shortly before the window ends.
+    """
+    states, random = 100_000, np.random.default_rng(7)
+    wave = np.repeat([3.0, 1.0] * states, random.integers(1, 7, 2 * states))[:states]
+    wave[:: 8 * seconds] = -1.0
+    values = [{'Alt[o0]': value} for value in wave.tolist()]
+    text = f'Alt[x] > 2 -> eventually[0, {seconds} s] Alt[x] < 0'
+    group = group_of(text, 1, every_state=True)
+    times = times_of(states, regular=True)
+    found = []
+    for quarter in range(4):
+        part = slice(quarter * states // 4, (quarter + 1) * states // 4)
+        begin = process_time()
+        for time, state in zip(times[part], values[part], strict=True):
+            group.progress(time, state)
+        cost = (process_time() - begin) / (states // 4) * 1e6
+        [formula] = group.standing.formulas.values()
+        assert not formula.monitor.failure_count
+        found.append((cost, len(formula.monitor.undecided())))
+    return found
+
+
 def every_state() -> Iterator[tuple[str, str, float]]:
     """Yield the costs of formulas that are asked at every state, beside those of one evaluation."""
     response, power = (text.removeprefix('always ') for text in (RESPONSE, POWER))
@@ -319,6 +366,14 @@ def every_state() -> Iterator[tuple[str, str, float]]:
                 for part, some in (('first', costs[:1000]), ('next', costs[1000:])):
                     cost = sum(some) / len(some)
                     yield f'{what}, {objects} objects, {name}, {part} 1000', 'us a state', cost
+        for regular in (True, False):
+            for name, text in (('every state', body), ('once', single)):
+                cost = in_a_loop(text, feature, wave, regular=regular, every_state=text is body)
+                kind = 'regular' if regular else 'irregular'
+                yield f'{what}, in a loop, {name}', f'us a state, {kind}', cost
+    for seconds in (5, 50, 500):
+        for part, (cost, runs) in enumerate(open_runs(seconds), 1):
+            yield f'window of {seconds} s, quarter {part}, {runs} open runs', 'us a state', cost
     for name, text in (('every state', response), ('once', RESPONSE)):
         cost = recorded(text, 'Alt', SAWTOOTH, 100, regular=True, every_state=text is response)
         yield f'response, 100 instances in a recording, {name}', 'ns each', cost

@@ -109,7 +109,12 @@ def read_options():
             epilog='faults: ' + '; '.join(f'{name}: {text}' for name, text in faults.items()),
         )
         robot.add_argument(
-            '--fault', action='append', default=[], choices=sorted(faults), help='repeatable'
+            '--fault',
+            action='append',
+            default=[],
+            choices=sorted(faults),
+            metavar='FAULT',
+            help='one of those below; repeatable',
         )
         robot.add_argument('--record', type=Path, metavar='FOLDER', help='write a bag, and end')
         robot.add_argument('--duration', type=float, default=20.0, help='of the bag, in seconds')

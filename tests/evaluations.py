@@ -53,6 +53,10 @@ class Evaluations:
         """The one that was asked for last."""
         return self._statuses[-1]
 
+    def ended(self, name: str) -> list[Any]:
+        """Those of a name that have ended."""
+        return [each for (ended, _), each in self._ended.items() if ended == name]
+
     def told(self) -> str:
         """What was told last, and how those before have ended, for people."""
         return '\n'.join(map(_summary, [*self._ended.values(), *self.running])) or 'nothing'

@@ -29,6 +29,8 @@ def node(client: Client) -> Iterator[Node]:
         ({'wait': None}, 'wait must be a number of seconds, not None'),
         ({'grounding': 'auto'}, 'grounding must be a member of Grounding, such as Grounding.AUTO'),
         ({'constraints': {}}, 'constraints must be a StreamConstraints, not {}'),
+        ({'margin': 'yes'}, "margin must be True or False, not 'yes'"),
+        ({'margin': 1}, 'margin must be True or False, not 1'),
     ],
 )
 def test_arguments_of_formula_client(node: Node, arguments: Any, message: str) -> None:
@@ -39,6 +41,40 @@ def test_arguments_of_formula_client(node: Node, arguments: Any, message: str) -
                 ask(**given)
         with pytest.raises(TypeError, match=message):
             client.evaluate(**given).send(None)
+
+
+@pytest.mark.parametrize(
+    ('arguments', 'message'),
+    [
+        ({'on_verdict': None}, 'on_verdict must be a function, not None'),
+        ({'on_feedback': 3}, 'on_feedback must be a function, not 3'),
+        ({'on_interruption': 3}, 'on_interruption must be a function or None, not 3'),
+        ({'name': None}, 'name must be a text, not None'),
+        ({'restart_on_change': 'no'}, "restart_on_change must be True or False, not 'no'"),
+        ({'every_state': 0}, 'every_state must be True or False, not 0'),
+        ({'record': True}, 'record must be a BlackBoxOptions or None, not True'),
+    ],
+)
+def test_arguments_of_monitor(node: Node, arguments: Any, message: str) -> None:
+    with FormulaClient(node) as client, pytest.raises(TypeError, match=message):
+        client.monitor('always p', **arguments)
+
+
+@pytest.mark.parametrize('seconds', [float('nan'), float('inf')])
+@pytest.mark.parametrize('name', ['timeout', 'wait'])
+def test_times_that_are_not_finite(node: Node, name: str, seconds: float) -> None:
+    with (
+        FormulaClient(node) as client,
+        pytest.raises(ValueError, match=f'{name} must be a finite number of seconds, not '),
+    ):
+        client.monitor('always p', **{name: seconds})
+
+
+def test_arguments_of_the_client_itself(node: Node) -> None:
+    with pytest.raises(TypeError, match='node must be a node of rclpy, not None'):
+        FormulaClient(None)  # type: ignore[arg-type]
+    with pytest.raises(TypeError, match='coordinator must be the name of a node, not 3'):
+        FormulaClient(node, 3)  # type: ignore[arg-type]
 
 
 def test_a_plan_that_is_none(node: Node) -> None:
@@ -53,8 +89,17 @@ def test_a_plan_that_is_none(node: Node) -> None:
         ({'constraints': 3}, 'constraints must be a StreamConstraints, not 3'),
         ({'on_sample': 3}, 'on_sample must be a function, not 3'),
         ({'on_violation': None}, 'on_violation must be a function, not None'),
+        ({'valid_time': 3}, 'valid_time must be a field, or one for each topic, not 3'),
+        ({'valid_time': {'/odom': 3}}, 'valid_time must be a field, or one for each topic, not '),
+        ({'message_type': 'Odometry'}, 'message_type must be the class of a message, or one for '),
+        ({'quality_of_service': 10}, 'quality_of_service must be a QoSProfile, not 10'),
     ],
 )
 def test_arguments_of_stream_proxy(node: Node, arguments: Any, message: str) -> None:
     with pytest.raises(TypeError, match=message):
         StreamProxy(node, **{'stream': '/odom', 'on_sample': print, **arguments})
+
+
+def test_a_stream_proxy_needs_a_node() -> None:
+    with pytest.raises(TypeError, match='node must be a node of rclpy, not None'):
+        StreamProxy(None, '/odom', on_sample=print)  # type: ignore[arg-type]

@@ -3,24 +3,33 @@
 from __future__ import annotations
 
 import json
+import signal
 import subprocess
 from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
-from dyknow_interfaces.msg import BlackBoxReport, BlackBoxRequest, ExitStatus, FormulaResult
+from dyknow_interfaces.msg import (
+    BlackBoxReport,
+    BlackBoxRequest,
+    ExitStatus,
+    FormulaResult,
+    StreamStatusArray,
+)
 from dyknow_interfaces.srv import SaveBlackBox
+from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile
 
 from commands import command
 from dyknow_bringup.processes.processes import Process
-from dyknow_common.ros import nanoseconds_to_duration, time_to_nanoseconds
+from dyknow_common.ros import LATCHED, nanoseconds_to_duration, time_to_nanoseconds
 from dyknow_configuration import ParameterValue
 from dyknow_recordings import BlackBoxContent, open_recording, read_black_box
 from evaluations import Evaluations, Monitored
-from system import SOON_NOTICED, Batteries, SharedSystem, System
+from system import POLL, SOON_NOTICED, Batteries, SharedSystem, System
 
 INVARIANT = 'forall u in UAV: always Power[u] < 150'
 RECOVERY = (
@@ -48,7 +57,8 @@ class Recorder:
 
     def start(self, **parameters: ParameterValue) -> None:
         given = {'folder': str(self.folder), **parameters}
-        self._system.launcher.start(Process('dyknow_reactions', NODE, given))
+        self._stop_listening()
+        self.process = self._system.launcher.start(Process('dyknow_reactions', NODE, given))
         node = self._system.client.node
         latched = QoSProfile(depth=20, durability=DurabilityPolicy.TRANSIENT_LOCAL)
         self._subscriptions = [
@@ -63,17 +73,34 @@ class Recorder:
         self._system.client.spin_until(lambda: self.diagnosis is not None, 'the recorder')
 
     def stop(self) -> None:
-        for each in self._subscriptions:
-            self._system.client.node.destroy_subscription(each)
+        self._stop_listening()
         self._system.launcher.stop(NODE)
 
+    @contextmanager
+    def stopped(self) -> Iterator[None]:
+        """A recorder that does nothing for a while, and does not even notice."""
+        self.process.send_signal(signal.SIGSTOP)
+        try:
+            yield
+        finally:
+            self.process.send_signal(signal.SIGCONT)
+
     def wait_for_memory(self, formulas: int = 1) -> None:
-        """Waits until messages of so many formulas are in memory, for a while."""
+        """Waits until all of so many formulas is known, and messages are in memory for a while."""
         self._system.client.spin_until(
-            lambda: self.value('formulas') == formulas and self.value('messages in memory') > 20,
+            lambda: (
+                self.level == DiagnosticStatus.OK
+                and self.value('formulas') == formulas
+                and self.value('messages in memory') > 20
+            ),
             'messages in the memory of the recorder',
             instead=lambda: self.diagnosis,
         )
+
+    @property
+    def level(self) -> bytes | None:
+        """The level of its latest diagnosis."""
+        return None if self.diagnosis is None else self.diagnosis.level
 
     def value(self, key: str) -> int:
         values = {} if self.diagnosis is None else {e.key: e.value for e in self.diagnosis.values}
@@ -86,6 +113,10 @@ class Recorder:
             instead=lambda: self.diagnosis,
         )
         return self.reports
+
+    def _stop_listening(self) -> None:
+        while self._subscriptions:
+            self._system.client.node.destroy_subscription(self._subscriptions.pop())
 
     def _hear(self, array: DiagnosticArray) -> None:
         for each in array.status:
@@ -257,10 +288,7 @@ def test_a_folder_that_is_too_small_is_an_error(
     (report,) = recorder.wait_for_reports(1)
     assert (report.path, report.error) == ('', answer.exit_status.message)
     system.client.spin_until(
-        lambda: (
-            recorder.diagnosis is not None and recorder.diagnosis.level == DiagnosticStatus.ERROR
-        ),
-        'an error in the diagnostics',
+        lambda: recorder.level == DiagnosticStatus.ERROR, 'an error in the diagnostics'
     )
     monitored.cancel()
     monitored.result()
@@ -275,7 +303,6 @@ def test_a_recorder_that_is_killed_and_started_again(
     evaluations.wait_for_state()
     recorder.wait_for_memory()
     system.launcher.kill(NODE)
-    recorder.diagnosis = None
     recorder.start()
     recorder.wait_for_memory()
     batteries.power['uav1'] = 240.0
@@ -284,6 +311,83 @@ def test_a_recorder_that_is_killed_and_started_again(
     (found,) = checked(report.path)[1]['formulas']
     assert found['error'] is None, (found['error'], found['events'])
     assert found['episodes'][0]['decided_at_ns'] == time_to_nanoseconds(result.decided_at)
+    evaluations.wait_for_nothing()
+
+
+def wait_for_telemetry(system: System, batteries: Batteries, duration: float) -> None:
+    end = batteries.stamp + round(duration * SECOND)
+    system.client.spin_until(lambda: batteries.stamp >= end, 'telemetry', pause=POLL)
+
+
+@pytest.mark.parametrize('fails_meanwhile', [False, True])
+def test_a_recorder_that_pauses_takes_no_sample_for_late(
+    system: System,
+    recorder: Recorder,
+    batteries: Batteries,
+    evaluations: Evaluations,
+    fails_meanwhile: bool,  # noqa: FBT001
+) -> None:
+    recorder.start()
+    monitored = Monitored(system.client, INVARIANT, name='power', record=recorded(after=0.2))
+    evaluations.wait_for_state()
+    recorder.wait_for_memory()
+    with recorder.stopped():
+        # The streams allow a delay of 1 s.
+        wait_for_telemetry(system, batteries, 1.8)
+        if fails_meanwhile:
+            batteries.power['uav1'] = 240.0
+            result = monitored.result()
+    if not fails_meanwhile:
+        wait_for_telemetry(system, batteries, 0.6)
+        batteries.power['uav1'] = 240.0
+        result = monitored.result()
+    (report,) = recorder.wait_for_reports(1)
+    code, document = checked(report.path)
+    (found,) = document['formulas']
+    assert (code, found['error'], document['notes']) == (1, None, [])
+    assert found['episodes'][0]['decided_at_ns'] == time_to_nanoseconds(result.decided_at)
+    evaluations.wait_for_nothing()
+
+
+@pytest.mark.usefixtures('batteries')
+def test_a_recorder_that_hears_of_the_streams_late(
+    system: System, recorder: Recorder, evaluations: Evaluations
+) -> None:
+    reports: list[StreamStatusArray] = []
+    client = system.client
+    subscription = client.node.create_subscription(
+        StreamStatusArray, 'stream_manager/streams', reports.append, LATCHED
+    )
+    manager = Node('late_manager', context=client.context)
+    publisher = manager.create_publisher(StreamStatusArray, '~/streams', LATCHED)
+    recorder.start(stream_manager='late_manager')
+    monitored = Monitored(client, INVARIANT, name='power', record=recorded(after=0.2))
+    evaluations.wait_for_state()
+    client.spin_until(lambda: recorder.level == DiagnosticStatus.WARN, 'a warning')
+    assert recorder.diagnosis is not None
+    assert recorder.diagnosis.message == (
+        'the stream manager has not reported the streams of power yet'
+    )
+    (path,) = client.call(SaveBlackBox, f'{NODE}/save_black_box').paths
+    (found,) = checked(path)[1]['formulas']
+    assert found['error']['message'] == (
+        'the black box does not know the streams of the formula, and so has no verdict (the stream '
+        'manager had not reported the streams of the formula); name the formula and its '
+        'configuration by options'
+    )
+    topic = evaluations.latest.state_stream
+    client.spin_until(
+        lambda: any(each.topic == topic for each in reports[-1].streams), 'the state stream'
+    )
+    publisher.publish(reports[-1])
+    recorder.wait_for_memory()
+    (path,) = client.call(SaveBlackBox, f'{NODE}/save_black_box').paths
+    (found,) = checked(path)[1]['formulas']
+    assert (found['outcome'], found['error']) == ('undecided', None)
+    monitored.cancel()
+    monitored.result()
+    client.node.destroy_subscription(subscription)
+    manager.destroy_node()
     evaluations.wait_for_nothing()
 
 

@@ -64,11 +64,14 @@ def test_all_evaluations_of_a_name_are_ended(system: System, evaluations: Evalua
     assert other.result().exit_status.message == 'cancelled by the caller'
 
 
-def test_a_caller_of_the_service_is_answered(system: System, evaluations: Evaluations) -> None:
-    """Without a name of its own, an evaluation has that of its canonical formula."""
+@pytest.mark.parametrize('name', [CANONICAL, ALWAYS])
+def test_a_caller_of_the_service_is_answered(
+    system: System, evaluations: Evaluations, name: str
+) -> None:
+    """Without a name of its own, an evaluation has that of its formula."""
     answered = system.ask(ALWAYS)
     evaluations.wait_for_state()
-    assert cancel(system, CANONICAL).cancelled == 1
+    assert cancel(system, name).cancelled == 1
     system.client.spin_until(answered.done, 'the answer')
     assert_cancelled(answered.result().exit_status)
 

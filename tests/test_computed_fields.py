@@ -118,7 +118,7 @@ def comparable(value: Any) -> Any:
     return value
 
 
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=max(300, settings.default.max_examples), deadline=None)
 @given(messages())
 def test_recorded_values_are_live_values(message: Any) -> None:
     class_ = type(message)

@@ -167,6 +167,36 @@ def test_copies_are_dropped_after_the_end_of_the_publisher(bench: Bench) -> None
     assert received.values == list(range(20))
 
 
+def test_a_copy_whose_publisher_has_ended_is_not_reported_as_lost(
+    bench: Bench, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr('dyknow_common.ros.topics.guards.UNKNOWN_LIMIT_NS', 0)
+    reasons: list[str] = []
+    bench.receiver.reject = lambda _, reason: reasons.append(reason)  # type: ignore[method-assign]
+    received = Received(bench, quality_of_service=LATCHED_HISTORY)
+    is_held = True
+
+    def hold() -> None:
+        while is_held:
+            time.sleep(0.01)
+
+    bench.executors[1].create_task(hold)
+    bench.executors[1].wake()
+    outside = bench.outsider(LATCHED_HISTORY)
+    publisher = bench.publisher(quality_of_service=LATCHED_HISTORY)
+    bench.wait_for(lambda: publisher.get_subscription_count() == 2, 'the other subscriber')
+    publisher.publish(Int64(data=1))
+    bench.wait_for(lambda: outside == [1])
+    publisher.destroy()
+    far = bench.client.node.create_publisher(Int64, TOPIC, LATCHED_HISTORY)
+    far.publish(Int64(data=2))
+    bench.wait_for(lambda: far.get_subscription_count() == 2, 'the subscribers')
+    is_held = False
+    bench.wait_for(lambda: any('/test_client' in each for each in reasons), 'the refusal')
+    assert received.values == [1]
+    assert [each for each in reasons if '/test_client' not in each] == []
+
+
 def test_a_latched_topic_is_published_for_those_that_subscribe_later(bench: Bench) -> None:
     received = Received(bench, quality_of_service=LATCHED_HISTORY)
     publisher = bench.publisher(quality_of_service=LATCHED_HISTORY)

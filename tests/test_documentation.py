@@ -233,6 +233,13 @@ def test_robots_can_be_read(text: str, tmp_path: Path) -> None:
             check_annotation(annotation, ontology.knowledge)
 
 
+@pytest.mark.parametrize('text', blocks('docs/monitoring.md', 'yaml'))
+def test_files_of_formulas_can_be_read(text: str, tmp_path: Path) -> None:
+    path = tmp_path / 'robot.yaml'
+    path.write_text(text, encoding='utf-8')
+    assert read_robot(path).formulas
+
+
 def test_the_manual_shows_a_fault_as_it_is(tmp_path: Path) -> None:
     text = (ROOT / CONFIGURATION).read_text(encoding='utf-8')
     shown = text.partition('```\nrobot.yaml:12:')[2].partition('\n```')[0]

@@ -8,13 +8,15 @@ from contextlib import contextmanager
 from typing import Any
 
 import pytest
+from dyknow_interfaces.action import MonitorFormula
+from rclpy.action import ActionClient
 from rclpy.executors import MultiThreadedExecutor, SingleThreadedExecutor
 from rclpy.node import Node
 
 from dyknow_common import DyKnowError, ExitCode, Verdict
 from dyknow_coordinator import Answer, Grounding, Progress
 from dyknow_coordinator.ros import FormulaClient
-from evaluations import Evaluations
+from evaluations import COORDINATOR, Evaluations
 from system import NOTICED, Batteries, Client, System
 
 ALWAYS = 'forall u in UAV: always Power[u] < 150'
@@ -231,6 +233,35 @@ def test_what_is_under_way_is_cancelled_when_the_client_is_closed(
     for answer in (*told, *asked, late.outcome.result()):
         assert answer.error is not None
         assert answer.error.code is ExitCode.CANCELLED
+
+
+def test_a_goal_that_is_accepted_after_the_client_is_closed_is_cancelled(
+    system: System, asker: Node, evaluations: Evaluations
+) -> None:
+    spun = system.client
+    spun.executor.add_node(asker)
+    # While it has another client, the coordinator does not notice that one is gone.
+    other = ActionClient(spun.node, MonitorFormula, f'{COORDINATOR}/monitor_formula')
+    client = FormulaClient(asker)
+    first = client.monitor(SOON)
+    spun.spin_until(first.outcome.done, 'a verdict')
+    with system.stopped(COORDINATOR):
+        monitor = client.monitor(ALWAYS, name='late', timeout=600.0)
+        assert monitor.call is not None
+        call = monitor.call.call
+        spun.spin_until(lambda: call.is_unanswered, 'the goal is sent')
+        client.close()
+    assert error_of(monitor).code is ExitCode.CANCELLED
+    spun.spin_until(
+        lambda: bool(evaluations.ended('late')),
+        'the end of the evaluation',
+        instead=evaluations.told,
+    )
+    (status,) = evaluations.ended('late')
+    assert status.exit_status.message == 'cancelled by the caller'
+    evaluations.wait_for_nothing()
+    other.destroy()
+    spun.executor.remove_node(asker)
 
 
 def error_of(monitor: Any) -> DyKnowError:

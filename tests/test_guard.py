@@ -10,7 +10,9 @@ from typing import Any
 
 import pytest
 from dyknow_interfaces.msg import GuardStatus
+from geometry_msgs.msg import Twist
 
+from dyknow_bringup.processes.processes import Process
 from guards import GuardedBase, guarded_base, is_zero
 from system import Batteries, System
 
@@ -162,6 +164,52 @@ def test_a_command_that_would_violate_a_formula(system: System, tmp_path: Path) 
         system.batteries.silent.add('uav1')
         base.wait_for(GuardStatus.CLOSED)
         assert all(message.linear.x != 0.47 for _, message in base.received[begin:])
+
+
+SECOND_GUARD = """\
+guards:
+  - name: wheel_guard
+    input: /cmd_vel
+    output: /wheels
+    timeout: 600 ms
+    formulas: ['Power[uav2] < 150']
+"""
+
+
+@pytest.fixture
+def wheels(system: System, base: GuardedBase, tmp_path: Path) -> Iterator[list[Any]]:
+    """The messages that a second guard passes on, behind the first one."""
+    path = tmp_path / 'second.yaml'
+    path.write_text(SECOND_GUARD, encoding='utf-8')
+    received: list[Any] = []
+    subscription = base.client.node.create_subscription(Twist, '/wheels', received.append, 100)
+    given = {'robot': str(path), 'guard': ''}
+    system.launcher.start(Process('dyknow_reactions', 'guard', given, node='wheel_guard'))
+    yield received
+    system.launcher.kill('wheel_guard')
+    base.client.node.destroy_subscription(subscription)
+
+
+def test_guards_in_a_row(system: System, base: GuardedBase, wheels: list[Any]) -> None:
+    """Each of them closes by its own formula; the second one passes the first one's messages."""
+
+    def wait_for(speed: float) -> None:
+        begin = len(wheels)
+        base.client.spin_until(
+            lambda: any(each.linear.x == speed for each in wheels[begin:]), f'{speed} m/s'
+        )
+
+    wait_for(base.speed)
+    system.batteries.power['uav2'] = 200.0
+    wait_for(0.0)
+    base.wait_until_open()
+    system.batteries.power['uav2'] = 100.0
+    wait_for(base.speed)
+    system.batteries.power['uav1'] = 200.0
+    base.wait_for(GuardStatus.CLOSED, 'Power[uav1] = 200.0')
+    wait_for(0.0)
+    system.batteries.power['uav1'] = 100.0
+    wait_for(base.speed)
 
 
 def test_nothing_instead_of_a_safe_message(system: System, tmp_path: Path) -> None:

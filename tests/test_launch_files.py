@@ -6,7 +6,8 @@ import os
 import signal
 import subprocess
 import sys
-from contextlib import closing
+from collections.abc import Iterator
+from contextlib import closing, contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +16,7 @@ from rcl_interfaces.srv import GetParameters
 
 from commands import output_of
 from dyknow_bringup.resources import share
+from dyknow_configuration import PACKAGES
 from system import LIMIT, Client, private_environment
 from test_stopping import members, wait_for
 
@@ -53,6 +55,34 @@ def parameter(client: Client, node: str, name: str) -> Any:
     return answer.values[0].double_value
 
 
+@contextmanager
+def launched(environment: dict[str, str], *arguments: str) -> Iterator[subprocess.Popen[str]]:
+    """Run a launch in a process group of its own, as a terminal does."""
+    with subprocess.Popen(
+        # What a shell runs in the background ignores interrupts, and so would the nodes.
+        ['env', '--default-signal=INT', *line(*arguments)],
+        env={**os.environ, **environment},
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+        start_new_session=True,
+    ) as process:
+        try:
+            yield process
+        finally:
+            with suppress(ProcessLookupError):
+                os.killpg(process.pid, signal.SIGKILL)
+
+
+def nodes_of(environment: dict[str, str], executable: str) -> set[int]:
+    """Return the processes of an executable in the domain of a launch."""
+    return {
+        pid
+        for pid in members(environment['ROS_DOMAIN_ID'])
+        if f'/{executable}\0'.encode() in Path(f'/proc/{pid}/cmdline').read_bytes()
+    }
+
+
 def test_parameters_engines_and_a_namespace(environment: dict[str, str], tmp_path: Path) -> None:
     parameters = tmp_path / 'parameters.yaml'
     parameters.write_text(
@@ -80,8 +110,13 @@ def test_parameters_engines_and_a_namespace(environment: dict[str, str], tmp_pat
     [
         (
             ['reasoner:=guess', 'use_respawn:=true'],
+            "dyknow_nodes cannot start:\nontology_manager: unknown reasoner 'guess'; choose ",
+        ),
+        (
+            ['reasoner:=guess', 'composition:=false'],
             "ontology_manager cannot start:\nunknown reasoner 'guess'; choose one of ",
         ),
+        (['config:=/nowhere.yaml'], 'cannot read the configuration in /nowhere.yaml: No such file'),
         (['engines:=many'], "engines: 'many' is not a whole number"),
         (['engines:=0'], '0 is no number of stream processing engines; use 1 to 32'),
         (['params_file:=/nowhere.yaml'], 'params_file: there is no file /nowhere.yaml'),
@@ -95,3 +130,75 @@ def test_what_cannot_start_ends_the_launch(
     assert done.returncode == 1
     assert message in done.stdout + done.stderr
     wait_for(lambda: not members(environment['ROS_DOMAIN_ID']), 'the end of all nodes')
+
+
+def test_ctrl_c_ends_all_nodes(environment: dict[str, str]) -> None:
+    with (
+        launched(environment, 'composition:=false', 'log_level:=debug') as process,
+        closing(Client(environment)) as client,
+    ):
+        for node in PACKAGES:
+            parameter(client, f'/{node}', 'hang_limit')
+        os.killpg(process.pid, signal.SIGINT)
+        output, _ = process.communicate(timeout=LIMIT)
+        assert process.returncode == 0
+        assert '[DEBUG]' in output
+        assert 'Traceback' not in output
+        assert 'failed to terminate' not in output
+        assert output.count('process has finished cleanly') == len(PACKAGES)
+
+
+@pytest.mark.parametrize('number', [signal.SIGTERM, signal.SIGKILL])
+@pytest.mark.parametrize('composition', ['true', 'false'])
+def test_no_node_outlives_the_launch(
+    environment: dict[str, str], composition: str, number: signal.Signals
+) -> None:
+    with (
+        launched(environment, f'composition:={composition}') as process,
+        closing(Client(environment)) as client,
+    ):
+        parameter(client, '/stream_manager', 'hang_limit')
+        process.send_signal(number)
+        process.communicate(timeout=LIMIT)
+        wait_for(lambda: not members(environment['ROS_DOMAIN_ID']), 'the end of all nodes')
+
+
+@pytest.mark.parametrize(
+    ('composition', 'executable'), [('true', 'dyknow_nodes'), ('false', 'ontology_manager')]
+)
+def test_a_killed_process_is_started_again(
+    environment: dict[str, str], composition: str, executable: str
+) -> None:
+    with launched(environment, f'composition:={composition}', 'use_respawn:=true') as process:
+        with closing(Client(environment)) as client:
+            parameter(client, '/ontology_manager', 'hang_limit')
+        (first,) = nodes_of(environment, executable)
+        os.kill(first, signal.SIGKILL)
+        wait_for(lambda: bool(nodes_of(environment, executable) - {first}), 'the restart')
+        # A client that knew the killed node might still send its request there.
+        with closing(Client(environment)) as client:
+            parameter(client, '/ontology_manager', 'hang_limit')
+        os.killpg(process.pid, signal.SIGINT)
+        process.communicate(timeout=LIMIT)
+        assert process.returncode == 0
+
+
+def test_parameters_of_nodes_without_their_namespace(
+    environment: dict[str, str], tmp_path: Path
+) -> None:
+    """Nav2's files name nodes without the namespace that a launch argument gives them."""
+    path = tmp_path / 'parameters.yaml'
+    path.write_text('stream_manager:\n  ros__parameters:\n    hang_limit: 33.0\n')
+    arguments = [f'params_file:={path}', 'namespace:=uav1', 'use_sim_time:=true']
+    with (
+        launched(environment, *arguments) as process,
+        closing(Client(environment)) as client,
+    ):
+        assert parameter(client, '/uav1/stream_manager', 'hang_limit') == 33.0
+        assert parameter(client, '/uav1/ontology_manager', 'hang_limit') != 33.0
+        names = ['use_sim_time']
+        answer = client.call(GetParameters, '/uav1/ontology_manager/get_parameters', names=names)
+        assert answer.values[0].bool_value
+        os.killpg(process.pid, signal.SIGINT)
+        process.communicate(timeout=LIMIT)
+        assert process.returncode == 0

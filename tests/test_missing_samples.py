@@ -8,6 +8,7 @@ import subprocess
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
+from unittest.mock import Mock
 
 import pytest
 from dyknow_interfaces.msg import (
@@ -25,9 +26,11 @@ from rosgraph_msgs.msg import Clock
 from commands import command, output_of
 from dyknow_common.ros import nanoseconds_to_duration
 from dyknow_coordinator import Grounding
+from dyknow_stream_processing.ros import NodeTopics
 from services import LATCHED, Nodes, time_of
 from stream_nodes import StreamNodes
-from system import LIMIT
+from system import LIMIT, Client
+from typed_publisher import publishing
 
 SECOND = 1_000_000_000
 MISTYPED = 'nobody publishes /odm (did you mean /odom?)'
@@ -76,9 +79,15 @@ def test_a_mistyped_topic_is_named_with_the_nearest_one(reasoning: Nodes) -> Non
     status = answer.result().exit_status
     assert status.code == ExitStatus.TIMEOUT
     assert status.message == f'no verdict within 8 s (no state has come: {MISTYPED})'
-    for node in ('stream_processing_engine', 'stream_reasoning_coordinator'):
-        warnings = [line for line in reasoning.log(node) if MISTYPED in line]
-        assert [line.split()[0] for line in warnings] == ['[WARN]'], warnings
+    # Users know the formula, not the stream of its states: the coordinator warns, by its name.
+    for node, level in (
+        ('stream_processing_engine', '[INFO]'),
+        ('stream_reasoning_coordinator', '[WARN]'),
+    ):
+        lines = reasoning.log(node)
+        told = [line for line in lines if MISTYPED in line]
+        assert [line.split()[0] for line in told] == [level], told
+        assert not [line for line in lines if '[INFO]' not in line and ' _states_' in line]
 
 
 def test_evaluate_says_on_stderr_why_no_state_comes(reasoning: Nodes) -> None:
@@ -132,6 +141,28 @@ def start(nodes: StreamNodes) -> None:
     nodes.start('/engine')
     nodes.start_manager()
     nodes.wait_for_engines('/engine')
+
+
+def test_a_reason_goes_with_the_publishers_that_caused_it(nodes: StreamNodes) -> None:
+    start(nodes)
+    too_early = {'header': {'stamp': {'sec': -1}}}
+    nodes.create('p', 'stream p = select point.x as x from "/p"; sink p')
+    with publishing(nodes.environment, '/p', 'geometry_msgs/msg/PointStamped', too_early):
+        wait_for_reason(nodes, 'p', 'messages of /p cannot be used: it is stamped with a time')
+    wait_for_reason(nodes, 'p', 'nobody publishes /p any more')
+
+
+def test_a_fault_of_a_topic_goes_with_the_publishers_that_caused_it(client: Client) -> None:
+    node = client.node
+    pose = publishing({}, '/a', 'geometry_msgs/msg/Pose')
+    with pose, publishing({}, '/a', 'geometry_msgs/msg/Twist'):
+        client.spin_until(lambda: node.count_publishers('/a') == 2, 'two publishers')
+        topics = NodeTopics.of(node)
+        remove = topics.listen('/a', Mock())
+        topics.refresh()
+        assert topics.fault('/a').startswith("topic '/a' is published with several types")
+    client.spin_until(lambda: not topics.fault('/a'), 'no fault')
+    remove()
 
 
 def test_a_sync_names_the_one_topic_that_is_missing(nodes: StreamNodes) -> None:

@@ -31,6 +31,9 @@ PAGES = {
 
 _LINK = re.compile(r'\]\(\.\./(?P<path>[^)#]+)(?P<anchor>#[^)]*)?\)')
 _LINK_BETWEEN_FILES = re.compile(r'\]\((?!https?:|#)(?P<path>[^)#]+)(?P<anchor>#[^)]*)?\)')
+_BLOCK = re.compile(r'^```(?P<language>\w*)\n(?P<text>.*?)^```$', re.MULTILINE | re.DOTALL)
+_LINES = ('', 'text', 'formula')
+_ALIGNED = (' ', '│', '┃')
 _DIAGRAM = re.compile(r'^```mermaid\n(?P<text>.*?)^```$', re.MULTILINE | re.DOTALL)
 
 
@@ -54,8 +57,16 @@ def _relocated(source, place, link):
 
 
 def on_page_markdown(markdown, **_):
-    """Lead links that leave docs/ to the places of these files, and draw the diagrams."""
-    return _DIAGRAM.sub(_diagram, _LINK.sub(_moved, markdown))
+    """Lead links that leave docs/ to the places of these files, draw diagrams, wrap long lines."""
+    return _BLOCK.sub(_wrapped, _DIAGRAM.sub(_diagram, _LINK.sub(_moved, markdown)))
+
+
+def _wrapped(block):
+    """Return a block of commands, answers or formulas that wraps, unless its lines are aligned."""
+    is_aligned = any(line.startswith(_ALIGNED) for line in block['text'].splitlines())
+    if is_aligned or block['language'] not in _LINES:
+        return block[0]
+    return f'``` {{ .text .wrapped }}\n{block["text"]}```'
 
 
 def _moved(link):

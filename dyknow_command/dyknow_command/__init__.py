@@ -56,6 +56,7 @@ def options_parser(verb: str) -> argparse.ArgumentParser:
             with without_collections():
                 module = import_module(each.module)
             getattr(module, f'add_{name}_options')(command)
+            command.set_defaults(refuse=command.error)
     return parser
 
 
@@ -98,5 +99,8 @@ def _run_chosen(arguments: Sequence[str]) -> int:
 
 
 def _run(arguments: Sequence[str]) -> int:
-    chosen = options_parser(*arguments[:1] or ['']).parse_args(arguments)
+    chosen, others = options_parser(*arguments[:1] or ['']).parse_known_args(arguments)
+    if others:
+        # argparse would show the usage of dyknow, not that of the verb.
+        chosen.refuse(f'unrecognized arguments: {" ".join(others)}')
     return int(chosen.command(chosen))

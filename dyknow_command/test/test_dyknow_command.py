@@ -95,6 +95,15 @@ def test_an_incorrect_text_is_shown_with_the_place(capsys: pytest.CaptureFixture
     assert capsys.readouterr().err.startswith("dyknow: formula:1:14: unexpected 'x'")
 
 
+def test_an_unknown_option_shows_the_usage_of_the_verb(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as ended:
+        dyknow_command.main(['parse', 'p', '--depth', '5'])
+    assert ended.value.code == 2
+    shown = capsys.readouterr().err
+    assert shown.startswith('usage: dyknow parse [-h] ')
+    assert shown.endswith('dyknow parse: error: unrecognized arguments: --depth 5\n')
+
+
 def test_completion_needs_nothing_that_is_missing() -> None:
     code = 'import dyknow_command, sys; sys.exit(dyknow_command.main([]))'
     done = subprocess.run(

@@ -50,6 +50,15 @@ def diagnostics(time: int) -> Any:
     return types['diagnostic_msgs/msg/DiagnosticArray'](header(time), [status])
 
 
+def fix(time: int) -> Any:
+    """Return a fix of a satellite receiver, which has none in the first second."""
+    types = STORE.types
+    status = types['sensor_msgs/msg/NavSatStatus'](-1 if time < START + 10**9 else 0, 1)
+    covariance = np.zeros(9)
+    kind = types['sensor_msgs/msg/NavSatFix']
+    return kind(header(time), status, 58.4, 15.6, 40.0, covariance, 0)
+
+
 def boolean(_: int) -> Any:
     return STORE.types['std_msgs/msg/Bool'](data=True)
 
@@ -57,6 +66,7 @@ def boolean(_: int) -> Any:
 ARM = {
     '/arm/joint_states': ('sensor_msgs/msg/JointState', joints),
     '/diagnostics': ('diagnostic_msgs/msg/DiagnosticArray', diagnostics),
+    '/fix': ('sensor_msgs/msg/NavSatFix', fix),
     '/front/scan': ('sensor_msgs/msg/LaserScan', scan),
     '/odd topic\'s: #"': ('std_msgs/msg/Bool', boolean),
     '/odder/{name}': ('std_msgs/msg/Bool', boolean),
@@ -113,6 +123,16 @@ def test_a_proposal_is_correct(
     assert len(found) >= 3
     assert set(found.values()) == {'undecided'}  # Nothing broke what is always to hold.
     assert notes == []
+
+
+def test_a_formula_that_was_broken_is_not_proposed(
+    arm: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert run('init', arm) == 0
+    proposed = Path('robot.yaml').read_text(encoding='utf-8')
+    assert '# Seen: -1 to 0.' in proposed
+    assert 'always FixStatus' not in proposed
 
 
 def test_what_is_not_used_can_be_used(tmp_path: Path) -> None:

@@ -120,3 +120,28 @@ def test_an_open_text_ends_the_statements() -> None:
     text = 'stream a contains = x; stream "b; c; d;'
     found = list(syntax_findings(parse_annotations, text, FilePlace('f', text, TextPosition(1, 1))))
     assert [each.place.position for each in found] == [TextPosition(1, 19), TextPosition(1, 31)]
+
+
+def test_a_feature_that_a_formula_at_fault_names_is_used(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / 'robot.yaml'
+    path.write_text(
+        """\
+features:
+  Speed: {from: {topic: /odom, field: twist.twist.linear.x}}
+  Height: {from: {topic: /height, field: data}}
+  Charge: {from: {topic: /battery, field: percentage}}
+constants: {most: 3}
+formulas:
+  - {name: charge, formula: always Charge > 0.2}
+  - {name: speed, formula: always Speed < most)}
+""",
+        encoding='utf-8',
+    )
+    code, shown = lint(capsys, path)
+    assert code == 1
+    assert "unexpected ')'" in shown
+    assert "no formula uses the feature 'Height'" in shown
+    assert "Speed'" not in shown
+    assert "most'" not in shown

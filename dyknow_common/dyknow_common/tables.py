@@ -48,7 +48,7 @@ class Terminal(Console):
 
     def __init__(self, **options: Any) -> None:
         super().__init__(**options)
-        if not self.is_terminal and 'COLUMNS' not in os.environ and 'width' not in options:
+        if not (self.is_terminal or os.environ.get('COLUMNS') or 'width' in options):
             self.width = PIPE_WIDTH
 
     def render(self, renderable: Any, options: Any = None) -> Iterable[Any]:
@@ -84,7 +84,7 @@ def folded(header: str = '') -> Column:
 
 def wide(header: str) -> Column:
     """Return a column that fills the terminal."""
-    return Column(header, ratio=1)
+    return Column(header, ratio=1, overflow='fold')
 
 
 def framed_table(

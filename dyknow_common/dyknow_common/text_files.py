@@ -87,7 +87,8 @@ def read_file(
 def replace_file(path: Path, content: bytes, rights: int = 0o666) -> None:
     """Replace the content of a file.
 
-    An interrupted replacement leaves the old content.
+    An interrupted replacement leaves the old content. A device or a pipe, such as `/dev/stdout`, is
+    written to.
 
     Args:
         path: of the file.
@@ -97,6 +98,9 @@ def replace_file(path: Path, content: bytes, rights: int = 0o666) -> None:
     Raises:
         OSError: if it cannot be written; the old content is left.
     """
+    if path.exists() and not path.is_file():
+        path.write_bytes(content)
+        return
     draft = path.with_name(f'{path.name}.new')
     try:
         draft.unlink(missing_ok=True)  # It may be a link, or that of an interrupted replacement.

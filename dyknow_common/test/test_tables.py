@@ -7,7 +7,7 @@ import io
 import pytest
 from rich.panel import Panel
 
-from dyknow_common.tables import Terminal, framed_table, wide
+from dyknow_common.tables import Terminal, fixed, framed_table, wide
 
 
 @pytest.mark.parametrize('what', [Panel('text'), framed_table([wide('text')], [], expand=True)])
@@ -16,3 +16,12 @@ def test_nothing_fills_the_width_of_a_pipe(what: object, monkeypatch: pytest.Mon
     output = io.StringIO()
     Terminal(file=output).print(what)
     assert max(map(len, output.getvalue().splitlines())) < 20
+
+
+def test_a_long_word_of_a_wide_column_is_shown_in_full() -> None:
+    word = 'the_stream_of_a_robot_1700000013.600'
+    output = io.StringIO()
+    table = framed_table([fixed('verdict'), wide('why')], [['false', word]], expand=True)
+    Terminal(file=output, width=30).print(table)
+    shown = ''.join(line.split('│')[2].strip() for line in output.getvalue().splitlines()[3:-1])
+    assert shown == word

@@ -13,6 +13,7 @@ from dyknow_common import (
     open_text,
     read_file,
     read_text,
+    replace_file,
     replace_private,
     replace_text,
 )
@@ -60,3 +61,18 @@ def test_replacements_have_their_rights(tmp_path: Path) -> None:
     assert path.read_text(encoding='utf-8') == 'text ä\n'
     with pytest.raises(FileNotFoundError):
         replace_text(tmp_path / 'missing' / 'a', 'text')
+
+
+def test_a_device_or_a_pipe_is_written_to(tmp_path: Path) -> None:
+    pipe = tmp_path / 'pipe'
+    os.mkfifo(pipe)
+    reader = os.open(pipe, os.O_RDONLY | os.O_NONBLOCK)
+    replace_file(pipe, b'content')
+    assert os.read(reader, 100) == b'content'
+    os.close(reader)
+    assert pipe.is_fifo()
+    full = tmp_path / 'full'
+    full.symlink_to('/dev/full')
+    with pytest.raises(OSError, match='No space left on device'):
+        replace_file(full, b'content')
+    assert full.is_char_device()

@@ -34,6 +34,8 @@ MAX_FAULTS: Final = 20
 _TEXTS: Final = ('ontology', 'annotations', 'streams', 'bridges')
 """The sections whose parts declare names that are not known if they are removed."""
 
+_FORMULAS: Final = ('formulas', 'guards')
+
 _DECLARATIONS: Final = ('sorts', 'objects', 'features', 'constants', 'triggers')
 
 
@@ -47,6 +49,7 @@ class RobotFaults:
         faults: in the order in which they were found.
         removed: the names that removed parts declare.
         lacks_texts: True if texts were removed that declare other names.
+        refused: all texts of formulas and guards that were removed.
     """
 
     robot: RobotConfiguration | None
@@ -54,6 +57,7 @@ class RobotFaults:
     faults: list[DyKnowError] = field(default_factory=list)
     removed: set[str] = field(default_factory=set)
     lacks_texts: bool = False
+    refused: set[str] = field(default_factory=set)
 
     def is_consequence(self, message: str) -> bool:
         """Return True if a message names what a removed part declares."""
@@ -94,9 +98,12 @@ def _remove(found: RobotFaults, error: ConfigurationError) -> bool:
         return False
     for index, (key, value) in enumerate(root.value):
         if _is_in(key, place) or _is_in(value, place):
+            before = _names(value)
             names = None if _is_in(key, place) else _remove_within(key.value, value, place)
             if names is None:
                 del root.value[index]
+            if key.value in _FORMULAS:
+                found.refused |= before if names is None else before - _names(value)
             found.removed |= names or set()
             found.lacks_texts |= key.value in _TEXTS
             return True

@@ -17,13 +17,17 @@ from dyknow_configuration.triggers.reading import trigger_document
 from dyknow_configuration.triggers.trigger import FormulaTriggers
 
 
-def write_texts(robot: RobotConfiguration, folder: Path, name: str = 'robot') -> RobotConfiguration:
+def write_texts(
+    robot: RobotConfiguration, folder: Path, name: str = 'robot', *, with_places: bool = False
+) -> RobotConfiguration:
     """Write the texts of a configuration to a folder that exists.
 
     Args:
         robot: the configuration.
         folder: the folder.
         name: of the files, without their endings.
+        with_places: True to write the place of each annotation in the robot.yaml as a comment; the
+            nodes name it in errors.
 
     Returns:
         The configuration with absolute paths only.
@@ -33,7 +37,12 @@ def write_texts(robot: RobotConfiguration, folder: Path, name: str = 'robot') ->
     """
 
     def files(sources: Iterable[TextSource], ending: str) -> tuple[Path, ...]:
-        texts = [each.text.rstrip() for each in sources if isinstance(each, InlineText)]
+        are_placed = with_places and ending == 'ssl'
+        texts = [
+            f'# {each}\n{each.text.rstrip()}' if are_placed else each.text.rstrip()
+            for each in sources
+            if isinstance(each, InlineText)
+        ]
         given = tuple(each.absolute() for each in sources if isinstance(each, Path))
         path = folder.absolute() / f'{name}.{ending}'
         if texts:

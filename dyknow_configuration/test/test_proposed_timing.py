@@ -84,7 +84,9 @@ def test_one_message() -> None:
     assert (found.rate, found.interval) == (None, None)
     proposed = proposed_timing([observed])
     assert proposed.constraints == StreamConstraints(max_delay=10 * MS)
-    assert proposed.remarks == ('There were too few messages to measure their period.',)
+    assert proposed.remarks == (
+        'There were too few messages to measure their period: observe more of them.',
+    )
 
 
 @pytest.mark.parametrize(

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from dataclasses import dataclass, field
 
 from hypothesis import given, settings
@@ -10,7 +9,6 @@ from hypothesis import strategies as st
 
 from dyknow_reactions.guard.gate import Gate, GateState
 
-EXAMPLES = 20_000 if os.environ.get('DYKNOW_LONG_TESTS') else 500
 FORMULAS, NODES, TIMEOUT = ('f', 'g'), ('n', 'm'), 5
 
 AT_ONCE = st.just(0)
@@ -84,7 +82,7 @@ class Reference:
     st.lists(st.tuples(st.integers(0, 4), EVENTS), max_size=60),
     st.booleans(),
 )
-@settings(max_examples=EXAMPLES, deadline=None)
+@settings(max_examples=max(500, settings.default.max_examples), deadline=None)
 def test_it_is_open_exactly_when_all_conditions_hold(
     events: list[tuple[int, Event]],
     latch: bool,  # noqa: FBT001 - drawn by hypothesis

@@ -19,6 +19,7 @@ from dyknow_reasoning.language.formula import (
     Previous,
     Since,
     Until,
+    as_written,
     parts,
     walk,
 )
@@ -84,6 +85,7 @@ __all__ = [
     'Values',
     'Variable',
     'add_domain_option',
+    'as_written',
     'asked_of_each_state',
     'call_function_on_vectors',
     'check_trace',

@@ -2,8 +2,17 @@
 
 from __future__ import annotations
 
-from dyknow_common import DyKnowError
+from dyknow_common import DyKnowError, ExitCode, format_time
 
 
 class ReasoningError(DyKnowError):
     """A formula that cannot be evaluated, or a state that it cannot be evaluated over."""
+
+
+def late_state(valid_time: int, latest: int) -> ReasoningError:
+    """Return the error of a state that is not later than the latest one, in nanoseconds."""
+    return ReasoningError(
+        f'the valid time {format_time(valid_time)} is not later than {format_time(latest)}, '
+        'that of the state before; valid times must increase',
+        ExitCode.CONSTRAINT_VIOLATION,
+    )

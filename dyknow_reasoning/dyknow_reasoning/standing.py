@@ -16,6 +16,7 @@ from dyknow_reasoning.execution import (
     Recording,
     StandingMonitor,
     StartCounts,
+    Step,
     VerdictLog,
     progress_recording,
 )
@@ -98,6 +99,8 @@ class StandingFormula:
         margins: StandingMargin | None = None,
     ) -> None:
         self.monitor = StandingMonitor(formula_id, instances, named.kinds, node_limit)
+        self.quick_step: Step | None = None
+        """Does the same as `progress`, and returns True, if look-ups suffice; else no effect."""
         self.margins = margins
         self._next_cleanup = _CLEANUP_STATES
         self._named = named
@@ -120,7 +123,9 @@ class StandingFormula:
             raise self._error
         if self.margins is not None:
             self._forget_margins(self.margins)
-        return self.monitor.progress(valid_time, values)
+        has_changed = self.monitor.progress(valid_time, values)
+        self.quick_step = self.monitor.quick_step if self.margins is None else None
+        return has_changed
 
     def progress_many(self, recording: Recording) -> tuple[bool, tuple[int, ReasoningError] | None]:
         """Progress over a recording.
@@ -129,6 +134,7 @@ class StandingFormula:
             True if an episode has begun or ended, and the index of the state at which the formula
             fails, with the error.
         """
+        self.quick_step = None
         if self._error is not None:
             return False, (0, self._error)
         if self.margins is not None:
@@ -137,6 +143,7 @@ class StandingFormula:
 
     def gap(self) -> None:
         """Record that states may be missing before the next one."""
+        self.quick_step = None
         if self._looks_back and self.monitor.states:
             self._error = ReasoningError(
                 'operators of the past look back on states that are missing, so the formula cannot '
@@ -277,6 +284,8 @@ class StandingFormulas:
         """Progress all formulas over a state; return those that fail, which should be removed."""
         failures: dict[int, ReasoningError] = {}
         for formula_id, each in self.formulas.items():
+            if (quick_step := each.quick_step) and quick_step(valid_time, values):
+                continue
             try:
                 if each.progress(valid_time, values):
                     self._changed.add(formula_id)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import operator
+import os
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
@@ -30,6 +31,8 @@ from dyknow_reasoning.language.formula import (
 )
 from dyknow_reasoning.language.terms import Feature, Truth
 
+LONG_RUN = int(os.environ.get('DYKNOW_LONG_TESTS', '0'))
+
 NAMES = ('p', 'q')
 
 COMPARISONS: Mapping[str, Any] = {
@@ -42,6 +45,11 @@ COMPARISONS: Mapping[str, Any] = {
 }
 
 Trace = Sequence[tuple[int, Mapping[str, Value]]]
+
+
+def random_cases(usual: int) -> int:
+    """The number of random cases of a test; a long run has more."""
+    return max(usual, LONG_RUN)
 
 
 def disjunction(values: Iterable[bool | None]) -> bool | None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -13,7 +12,7 @@ from typing import Any
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
-from reasoning_reference import COMPARISONS, formulas, holds
+from reasoning_reference import COMPARISONS, formulas, holds, random_cases
 
 from dyknow_common import Value, Verdict
 from dyknow_reasoning import FormulaGroup, parse_formula
@@ -43,7 +42,6 @@ from dyknow_reasoning.language.terms import (
     Variable,
 )
 
-EXAMPLES = 20_000 if os.environ.get('DYKNOW_LONG_TESTS') else 400
 SECOND = 1_000_000_000
 
 States = Sequence[tuple[int, Mapping[str, Value]]]
@@ -203,16 +201,21 @@ class Judge:
             if isinstance(part, kinds.get(word, (Until,)))
             and (interval is None or str(part.interval) == interval)
             and holds(part, self.states[:-1], index) is None
-            and decided_by_the_last(part, self.states[index:])
+            and decided_by_the_last(part, self.states, index)
         ]
         assert decided, f'nothing is due since {since}'
 
 
-def decided_by_the_last(formula: Formula, states: States) -> bool:
+def decided_by_the_last(formula: Formula, states: States, start: int) -> bool:
+    """Return True if the last state decides a formula from a start on, which looks back to all."""
     group = FormulaGroup()
-    group.add_formula('it', str(formula))
     group.begin({})
-    results = [result for time, values in states for result in group.progress(time, values)]
+    group.keep_history(str(formula))
+    results = []
+    for index, (time, values) in enumerate(states):
+        if index == start:
+            group.add_formula('it', str(formula))
+        results += group.progress(time, values)
     return [result.decided_at for result in results] == [states[-1][0]]
 
 
@@ -280,16 +283,23 @@ def states(names: Sequence[str], steps: st.SearchStrategy[int]) -> st.SearchStra
     )
 
 
+BODIES = formulas(3, st.sampled_from(ATOMS))
+DOMAINS = ((), ('a',), ('a', 'b'))
+TRACES = {
+    domain: st.one_of(states(domain, st.just(1)), states(domain, st.integers(1, 5)))
+    for domain in DOMAINS
+}
+
+
 @st.composite
 def cases(draw: Any) -> tuple[Formula, Sequence[str], States]:
-    body = draw(formulas(3, st.sampled_from(ATOMS)))
-    domain = ['a', 'b'][: draw(st.integers(0, 2))]
+    body = draw(BODIES)
+    domain = draw(st.sampled_from(DOMAINS))
     quantifier = draw(st.sampled_from([Forall, Exists]))
     formula = quantifier('u', 'S', body)
     if draw(st.booleans()):
         formula = draw(st.sampled_from([Always, Eventually]))(formula)
-    steps = draw(st.sampled_from([st.just(1), st.integers(1, 5)]))
-    return formula, domain, draw(states(domain, steps))
+    return formula, domain, draw(TRACES[domain])
 
 
 def judged(formula: Formula, domain: Sequence[str], trace: States) -> str | None:
@@ -325,8 +335,18 @@ def of_instance(formula: Any, name: str) -> Any:
     return with_changed_parts(formula, partial(of_instance, name=name))
 
 
-@settings(max_examples=EXAMPLES, deadline=None, suppress_health_check=list(HealthCheck))
+@settings(max_examples=random_cases(400), deadline=None, suppress_health_check=list(HealthCheck))
 @given(cases())
 @pytest.mark.timeout(1200)
 def test_every_claim_is_true(case: tuple[Formula, Sequence[str], States]) -> None:
     judged(*case)
+
+
+def test_what_is_due_looks_back_to_all_states() -> None:
+    formula = parse_formula('eventually eventually[1 ns, 2 ns] once[0, 4 ns] p')
+    trace = [(time, {'p': time == 1}) for time in (1, 4, 5)]
+    assert judged(formula, (), trace[:1]) is None
+    assert judged(formula, (), trace) == (
+        "'p' held at a state from 0.000000001 s to 0.000000005 s "
+        '(eventually(0 s, 2 ns] awaited since 0.000000004 s)'
+    )

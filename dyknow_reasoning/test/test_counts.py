@@ -8,8 +8,8 @@ from types import ModuleType
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from reasoning_reference import counted, formulas, intervals
-from test_paths import EXAMPLES, OBJECTS, grounded
+from reasoning_reference import counted, formulas, intervals, random_cases
+from test_paths import OBJECTS, grounded
 from test_progression import irregular, verdicts
 
 from dyknow_common import Verdict
@@ -138,7 +138,7 @@ def expansion(bound: CountBound, number: int, members: tuple[Formula, ...]) -> F
 
 
 @pytest.mark.timeout(3600)
-@settings(max_examples=EXAMPLES // 2, deadline=None)
+@settings(max_examples=random_cases(125), deadline=None)
 @given(BOUNDS, st.integers(0, 4), st.lists(formulas(2), min_size=1, max_size=4), irregular)
 def test_a_count_is_its_expansion(
     bound: CountBound, number: int, members: list[Formula], trace: list[tuple[int, dict[str, bool]]]
@@ -155,7 +155,7 @@ def test_a_count_is_its_expansion(
 
 
 @pytest.mark.timeout(3600)
-@settings(max_examples=EXAMPLES // 2, deadline=None)
+@settings(max_examples=random_cases(125), deadline=None)
 @given(BOUNDS, st.integers(0, 5), formulas(2), st.data())
 def test_a_quantifier_is_a_count_of_its_instances(
     bound: CountBound, number: int, body: Formula, data: st.DataObject

@@ -315,6 +315,49 @@ def test_what_other_tools_write_is_corrected(text: str, mistake: str, meant: str
 
 
 @pytest.mark.parametrize(
+    ('text', 'advice'),
+    [
+        ('if a then b', "write 'p -> q' for 'if p then q'"),
+        ('always (if a[u] > 5 then b)', "write 'p -> q' for 'if p then q'"),
+        ('if (a > 5) then b', "write 'p -> q' for 'if p then q'"),
+        ('if (a) then b', "write 'p -> q' for 'if p then q'"),
+        ('When a: b', "write 'p -> q' for 'if p then q'"),
+        ('a -> b else c', "write 'p -> q' for 'if p then q'"),
+        ('implies (a > 5, b)', "did you mean '->' instead of 'implies'?"),
+        ('a implies b', "did you mean '->' instead of 'implies'?"),
+        ('G[0,5] a', "did you mean 'always' instead of 'G'?"),
+        ('always "/a".v > .5', 'did you mean 0.5 instead of .5?'),
+        ('always[0 s, .5 s] p', 'did you mean 0.5 instead of .5?'),
+        ('x > 5. and y', 'did you mean 5.0 instead of 5.?'),
+        ('x > +5', 'numbers have no sign +: write 5'),
+        ('x > 1,5', 'did you mean 1.5 instead of 1,5?'),
+        ('0 <= "/a".x[1] < 5', "join comparisons with 'and': '0 < x and x < 5'"),
+        ('x in [0, 5]', "write an interval of values as '0 <= x and x <= 5'"),
+        (
+            'always within 5 s a',
+            "write the time after the operator, as in 'eventually[0 s, 5 s] p'",
+        ),
+        ('X a', "there is no 'next': write 'eventually[0 s, 1 s] p'"),
+        ('always {a}', 'use round brackets'),
+        ('[] a', "did you mean 'always' instead of '[]'?"),
+    ],
+)
+def test_advice_on_what_other_languages_write(text: str, advice: str) -> None:
+    with pytest.raises(LanguageError) as error:
+        parse_formula(text)
+    assert error.value.message.splitlines()[0].endswith(f'; {advice}')
+
+
+@pytest.mark.parametrize(
+    'text', ['x > 1.5.2', 'a and > 5', 'x > .', 'a b', 'then > 5 5', 'x > 1 -> -> y']
+)
+def test_no_advice_where_none_is_known(text: str) -> None:
+    with pytest.raises(LanguageError) as error:
+        parse_formula(text)
+    assert ';' not in error.value.message
+
+
+@pytest.mark.parametrize(
     ('text', 'expected', 'reference'),
     [
         (

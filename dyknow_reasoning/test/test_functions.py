@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from test_paths import EXAMPLES, plain
+from reasoning_reference import random_cases
+from test_paths import plain
 
 from dyknow_common import Verdict
 from dyknow_reasoning import FormulaGroup, FormulaResult, ReasoningError, parse_formula
@@ -38,6 +39,11 @@ def decided(text: str, **values: Any) -> FormulaResult:
         ('min(x, y)', {'x': 2, 'y': 1.5}, 1.5),
         ('min(x, 5, y)', {'x': 7, 'y': 6}, 5),
         ('max(x, y, 1)', {'x': -2, 'y': 0.5}, 1),
+        # An extreme is never rounded to another number.
+        ('max(x, y)', {'x': (1 << 53) + 1, 'y': 0.5}, (1 << 53) + 1),
+        ('min(x, y)', {'x': -(1 << 60) - 1, 'y': 0.5}, -(1 << 60) - 1),
+        ('abs(x)', {'x': -(10**400)}, 10**400),
+        ('max(x, y)', {'x': 10**400, 'y': 0.5}, 10**400),
         ('sqrt(x)', {'x': 2.25}, 1.5),
         ('hypot(x, y)', {'x': 5, 'y': 12.0}, 13),
         ('hypot(x, y, 12)', {'x': 3, 'y': 4}, 13),
@@ -112,7 +118,7 @@ ANY = st.one_of(
 
 
 @pytest.mark.timeout(3600)
-@settings(max_examples=EXAMPLES // 4, deadline=None)
+@settings(max_examples=random_cases(62), deadline=None)
 @given(
     st.sampled_from(CALLS),
     st.lists(st.tuples(ANY, ANY), min_size=3, max_size=6),

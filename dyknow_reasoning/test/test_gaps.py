@@ -2,21 +2,19 @@
 
 from __future__ import annotations
 
-import os
 import re
 from itertools import accumulate, product
 
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
-from reasoning_reference import NAMES, Trace, formulas, holds
+from reasoning_reference import NAMES, Trace, formulas, holds, random_cases
 
 from dyknow_common import ExitCode, Verdict, round_time
 from dyknow_reasoning import FormulaGroup, FormulaResult
 from dyknow_reasoning.execution import instance_pool
 from dyknow_reasoning.language.formula import Formula
 
-EXAMPLES = 20_000 if os.environ.get('DYKNOW_LONG_TESTS') else 200
 STATES = [dict(zip(NAMES, bits, strict=True)) for bits in product((False, True), repeat=2)]
 
 Segments = list[Trace]
@@ -85,7 +83,7 @@ def check_sound(result: FormulaResult | None, formula: Formula, filled: Trace) -
 
 
 @pytest.mark.timeout(3600)
-@settings(max_examples=2 * EXAMPLES, deadline=None, suppress_health_check=list(HealthCheck))
+@settings(max_examples=random_cases(400), deadline=None, suppress_health_check=list(HealthCheck))
 @given(formulas(), segments(), st.data())
 def test_no_verdict_depends_on_what_is_missing(
     formula: Formula, found: Segments, data: st.DataObject
@@ -105,7 +103,7 @@ def all_fillings(first: Trace, last: Trace) -> list[Trace]:
     ]
 
 
-@settings(max_examples=EXAMPLES // 2, deadline=None)
+@settings(max_examples=random_cases(100), deadline=None)
 @given(
     formulas(2),
     st.lists(st.sampled_from(STATES), min_size=1, max_size=2),
@@ -166,7 +164,7 @@ def at_once(group: FormulaGroup, found: Segments) -> list[FormulaResult]:
     return told
 
 
-@settings(max_examples=EXAMPLES // 2, deadline=None, suppress_health_check=list(HealthCheck))
+@settings(max_examples=random_cases(100), deadline=None, suppress_health_check=list(HealthCheck))
 @given(formulas(3), fleets(), st.data())
 def test_instances_in_a_gap(
     formula: Formula, fleet: dict[str, Segments], data: st.DataObject
@@ -190,7 +188,7 @@ def test_instances_in_a_gap(
             assert holds(formula, data.draw(fillings(fleet[guilty])), 0) is not True
 
 
-@settings(max_examples=EXAMPLES // 2, deadline=None)
+@settings(max_examples=random_cases(100), deadline=None)
 @given(formulas(), segments())
 def test_a_gap_without_time_for_a_state_changes_nothing(formula: Formula, found: Segments) -> None:
     trace = [state for segment in found for state in segment]

@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from margin_reference import ended, margin
-from reasoning_reference import COMPARISONS, formulas
+from reasoning_reference import COMPARISONS, formulas, random_cases
 
 from dyknow_common import Margin, Verdict
 from dyknow_reasoning import FormulaGroup, ReasoningError
@@ -151,7 +151,7 @@ def test_too_many_operators_are_refused() -> None:
         group.begin({})
 
 
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=random_cases(300), deadline=None)
 @given(formulas(3, leaves), states)
 def test_margins_agree_with_verdicts(formula: Formula, steps: list) -> None:
     times = list(accumulate(step for step, _ in steps))
@@ -171,7 +171,7 @@ def test_margins_agree_with_verdicts(formula: Formula, steps: list) -> None:
         ]
 
 
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=random_cases(100), deadline=None)
 @given(formulas(3, leaves), states, st.integers(0, 12))
 def test_recordings_have_the_same_margins(formula: Formula, steps: list, first: int) -> None:
     times = list(accumulate(step for step, _ in steps))

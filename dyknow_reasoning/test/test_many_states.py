@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from itertools import pairwise
@@ -12,7 +11,7 @@ import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
-from reasoning_reference import formulas
+from reasoning_reference import formulas, random_cases
 
 from dyknow_reasoning import FormulaGroup, FormulaLimits, FormulaResult
 from dyknow_reasoning.errors import ReasoningError
@@ -20,7 +19,6 @@ from dyknow_reasoning.execution import block_progression, instance_monitor, inst
 from dyknow_reasoning.execution.automata import automaton, configurations
 from dyknow_reasoning.language.terms import Feature
 
-EXAMPLES = 5000 if os.environ.get('DYKNOW_LONG_TESTS') else 150
 PERIOD = 3
 LEAVES = st.sampled_from([f'leaf{number}' for number in range(6)]).map(Feature)
 ATOMS = ('N0[x] < 2', 'N1[x] >= 1', 'N0[x] = N1[x]', 'N0[x] + 1 > N2[x]', 'Q[x]', 'T[x] = "on"')
@@ -197,7 +195,7 @@ def cases(draw: st.DrawFn) -> Any:
 
 
 @pytest.mark.timeout(3600)
-@settings(max_examples=EXAMPLES, deadline=None, suppress_health_check=list(HealthCheck))
+@settings(max_examples=random_cases(150), deadline=None, suppress_health_check=list(HealthCheck))
 @given(cases(), st.data())
 def test_random_formulas_over_random_states(case: Any, data: st.DataObject) -> None:
     with pytest.MonkeyPatch.context() as patch:

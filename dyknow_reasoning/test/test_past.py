@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from itertools import accumulate
 from random import Random
 
@@ -10,7 +9,16 @@ import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
-from reasoning_reference import NAMES, Trace, conjunction, disjunction, formulas, holds, negation
+from reasoning_reference import (
+    NAMES,
+    Trace,
+    conjunction,
+    disjunction,
+    formulas,
+    holds,
+    negation,
+    random_cases,
+)
 
 from dyknow_common import Verdict
 from dyknow_reasoning import (
@@ -35,8 +43,7 @@ from dyknow_reasoning.language.formula import (
 )
 from dyknow_reasoning.language.terms import Feature, Truth
 
-CASES = 100_000 if os.environ.get('DYKNOW_LONG_TESTS') else 600
-EXAMPLES = 20_000 if os.environ.get('DYKNOW_LONG_TESTS') else 200
+CASES = random_cases(600)
 
 
 def started(*texts: str) -> FormulaGroup:
@@ -419,7 +426,7 @@ def test_a_history_with_a_gap_is_known_again_after_its_window() -> None:
     assert 'missing' not in result.explanation
 
 
-@settings(max_examples=EXAMPLES, deadline=None, suppress_health_check=list(HealthCheck))
+@settings(max_examples=random_cases(200), deadline=None, suppress_health_check=list(HealthCheck))
 @given(formulas(2), st.lists(st.tuples(st.integers(1, 4), st.booleans(), st.booleans())))
 def test_duals(formula: Formula, rows: list[tuple[int, bool, bool]]) -> None:
     """`historically` and `once`, and `once` and `since`."""

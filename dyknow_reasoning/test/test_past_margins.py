@@ -9,19 +9,20 @@ from operator import itemgetter
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from reasoning_reference import random_cases
 
 from dyknow_reasoning.margins.operators import (
     HIGHEST,
     LOWEST,
     Assumption,
-    JunctionMargin,
     MarginOperator,
+    PairMargin,
     PreviousMargin,
     Robustness,
     StateMargin,
     Steps,
 )
-from dyknow_reasoning.margins.windows import SlidingExtremum, SlidingSince
+from dyknow_reasoning.margins.sliding import SlidingExtremum, SlidingSince
 
 Window = tuple[int, float]
 
@@ -73,7 +74,7 @@ def in_window(trace: list, i: int, window: Window) -> list[int]:
     return [j for j in range(i + 1) if trace[j][1] >= now - end and trace[j][0] <= now - start]
 
 
-@settings(max_examples=500, deadline=None)
+@settings(max_examples=random_cases(500), deadline=None)
 @given(traces, intervals, st.booleans(), st.integers(0, 14), st.sampled_from([HIGHEST, LOWEST]))
 def test_once_and_historically(
     trace: list,
@@ -91,7 +92,7 @@ def test_once_and_historically(
         assert found[i][0] == (unknown if signals is None else better(expected))[0]
 
 
-@settings(max_examples=500, deadline=None)
+@settings(max_examples=random_cases(500), deadline=None)
 @given(traces, intervals, st.booleans(), st.integers(0, 14), st.sampled_from([HIGHEST, LOWEST]))
 def test_since(
     trace: list,
@@ -101,7 +102,7 @@ def test_since(
     unknown: Robustness,
 ) -> None:
     steps, known = with_gap(trace, gap, unknown)
-    body = JunctionMargin([state(0), state(1)], tuple)
+    body = PairMargin(state(0), state(1))
     operator = SlidingSince(body, -window[1], -window[0], universal=universal)
     better, worse = (min, max) if universal else (max, min)
     found = run(operator, steps, Assumption(unknown))
@@ -113,7 +114,7 @@ def test_since(
         assert found[i][0] == (unknown if signals is None else better(expected))[0]
 
 
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=random_cases(300), deadline=None)
 @given(traces, intervals, st.booleans(), st.booleans(), st.sampled_from([HIGHEST, LOWEST]))
 def test_the_past_of_the_future(
     trace: list,
@@ -128,7 +129,7 @@ def test_the_past_of_the_future(
     start, end = -window[1], -window[0]
     operator: MarginOperator = SlidingExtremum(soon, start, end, universal=universal)
     if of_pairs:
-        body = JunctionMargin([state(1), soon], tuple)
+        body = PairMargin(state(1), soon)
         operator = SlidingSince(body, start, end, universal=universal)
     operator.need(inf)
     assumption, found = Assumption(unknown), []
@@ -146,7 +147,7 @@ def test_the_past_of_the_future(
         assert found[i][0] == better(expected)[0]
 
 
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=random_cases(200), deadline=None)
 @given(traces, st.integers(0, 14), st.sampled_from([HIGHEST, LOWEST]))
 def test_previous(trace: list, gap: int, unknown: Robustness) -> None:
     steps, known = with_gap(trace, gap, unknown)
@@ -159,7 +160,7 @@ def test_previous(trace: list, gap: int, unknown: Robustness) -> None:
 @pytest.mark.parametrize('universal', [True, False])
 def test_unbounded_past_operators_need_constant_memory(universal: bool) -> None:  # noqa: FBT001
     extremum = SlidingExtremum(state(0), -inf, 0, universal=universal)
-    since = SlidingSince(JunctionMargin([state(0), state(1)], tuple), -inf, 0, universal=universal)
+    since = SlidingSince(PairMargin(state(0), state(1)), -inf, 0, universal=universal)
     for sign in (1, -1):
         signals = [((float(sign * i), 0), (float(-sign * i), 0)) for i in range(1000)]
         trace = [(1000 * sign + i, 1000 * sign + i, each) for i, each in enumerate(signals)]

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Iterable, Iterator
 from random import Random
 
 import numpy as np
 import pytest
-from reasoning_reference import NAMES, Trace, holds
+from reasoning_reference import NAMES, Trace, holds, random_cases
 
 from dyknow_common import Verdict
 from dyknow_reasoning import FormulaGroup, FormulaLimits, FormulaResult
@@ -32,7 +31,7 @@ from dyknow_reasoning.language.formula import (
 from dyknow_reasoning.language.terms import Feature
 from dyknow_reasoning.standing import start_verdicts
 
-CASES = 100_000 if os.environ.get('DYKNOW_LONG_TESTS') else 150
+CASES = random_cases(150)
 
 Outcome = tuple[Verdict, int | None] | None
 """A verdict and the time of the deciding state; None without one."""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from itertools import accumulate
 from math import inf, nan
 from random import Random
@@ -10,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from reasoning_reference import random_cases
 
 from dyknow_common import Verdict
 from dyknow_reasoning import FormulaGroup
@@ -17,7 +17,7 @@ from dyknow_reasoning.execution.past import histories, register_vectors
 from dyknow_reasoning.execution.past.machines import PreviousMachine, SinceMachine
 from dyknow_reasoning.execution.past.register_vectors import PreviousVectors, SinceVectors
 
-CASES = 100_000 if os.environ.get('DYKNOW_LONG_TESTS') else 300
+CASES = random_cases(300)
 NAMES = [f'o{number}' for number in range(6)]
 PAST = [
     'once[a, b] p[x]',

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import re
 from collections.abc import Sequence
 from dataclasses import replace
@@ -13,7 +12,7 @@ import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
-from reasoning_reference import formulas
+from reasoning_reference import formulas, random_cases
 
 from dyknow_reasoning import FormulaGroup, FormulaLimits, FormulaResult
 from dyknow_reasoning.execution import fast_path, instance_pool
@@ -21,7 +20,6 @@ from dyknow_reasoning.execution.automata import automaton, configurations
 from dyknow_reasoning.execution.past import histories
 from dyknow_reasoning.language.formula import Formula
 
-EXAMPLES = 20_000 if os.environ.get('DYKNOW_LONG_TESTS') else 250
 OBJECTS = ('a', 'b', 'c', 'd')
 Columns = dict[str, list[Any]]
 
@@ -102,7 +100,7 @@ def check(
 @pytest.mark.timeout(3600)
 def test_all_paths_give_the_same_results(most_step: int) -> None:
     some_paths = st.lists(st.sampled_from(PATHS[:-1]), min_size=3, max_size=3, unique=True)
-    settings(max_examples=EXAMPLES // 4, deadline=None, suppress_health_check=list(HealthCheck))(
+    settings(max_examples=random_cases(62), deadline=None, suppress_health_check=list(HealthCheck))(
         given(formulas(3), recordings(most_step), some_paths)(check)
     )()
 
@@ -110,7 +108,7 @@ def test_all_paths_give_the_same_results(most_step: int) -> None:
 BAD_VALUES = ['x', True, None, float('nan'), 1 << 60, -(1 << 60)]
 
 
-@settings(max_examples=EXAMPLES // 10, deadline=None)
+@settings(max_examples=random_cases(25), deadline=None)
 @given(formulas(2), recordings(2), st.data())
 def test_bad_values_give_the_same_errors(
     formula: Formula, recording: tuple[list[int], Columns], data: st.DataObject
@@ -176,7 +174,7 @@ TERMS = st.recursive(
 )
 
 
-@settings(max_examples=EXAMPLES // 2, deadline=None)
+@settings(max_examples=random_cases(125), deadline=None)
 @given(
     TERMS,
     st.sampled_from(['=', '!=', '<', '<=', '>', '>=']),

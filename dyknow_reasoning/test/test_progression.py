@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Sequence
 from itertools import accumulate, product
 
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
-from reasoning_reference import NAMES, Trace, formulas, holds, intervals, negation
+from reasoning_reference import NAMES, Trace, formulas, holds, intervals, negation, random_cases
 
 from dyknow_common import Verdict
 from dyknow_reasoning import FormulaGroup, parse_formula
@@ -25,7 +24,7 @@ from dyknow_reasoning.language.formula import (
 )
 from dyknow_reasoning.language.terms import Feature, Truth
 
-EXAMPLES = 20_000 if os.environ.get('DYKNOW_LONG_TESTS') else 400
+EXAMPLES = random_cases(400)
 
 
 def verdicts(formula: Formula, trace: Trace) -> list[bool | None]:
@@ -168,7 +167,7 @@ def continuations(trace: Trace, states: int) -> list[Trace]:
     ]
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=random_cases(60), deadline=None)
 @given(formulas(2), traces(st.just(1), most=3))
 def test_no_verdict_that_a_continuation_contradicts(formula: Formula, trace: Trace) -> None:
     found = verdicts(formula, trace)

@@ -97,6 +97,48 @@ def test_a_group_needs_to_know_the_units() -> None:
     assert result.explanation.startswith('Speed[u1] = 3.6 at 0.000000001 s is not < 3.6')
 
 
+@pytest.mark.parametrize(
+    ('formula', 'speed', 'explanation'),
+    [
+        ('always v < 4 km/h', 1.2, 'v = 1.2 at 1.000 s is not < 1.111 m/s (4 km/h)'),
+        ('always 4 km/h > v', 1.2, 'v = 1.2 at 1.000 s is not < 1.111 m/s (4 km/h)'),
+        ('always v < 4 km/h', 1.1112, 'v = 1.1112 at 1.000 s is not < 1.111 m/s (4 km/h)'),
+        ('eventually v > 4 km/h', 1.11115, 'v = 1.11115 at 1.000 s is > 1.111 m/s (4 km/h)'),
+        ('always v > 4 km/h', 1.11105, 'v = 1.11105 at 1.000 s is not > 1.11111111 m/s (4 km/h)'),
+        (
+            'always v > 4 km/h',
+            4 / 3.6,
+            'v = 1.11111111 at 1.000 s is not > 1.11111111 m/s (4 km/h)',
+        ),
+        (
+            'eventually v < 4 km/h',
+            1.11111111111,
+            'v = 1.11111111111 at 1.000 s is < 1.1111111111111112 m/s (4 km/h)',
+        ),
+        ('always v < 1 m/s', 1.2, 'v = 1.2 at 1.000 s is not < 1 m/s'),
+        ('always v < 1', 1.2, 'v = 1.2 at 1.000 s is not < 1'),
+        (
+            'always v - 1 km/h < 0 km/h',
+            1.2,
+            'v - 1 km/h = 0.922222222 at 1.000 s is not < 0 m/s (0 km/h)',
+        ),
+        ('eventually[0 s, 1 s] v > 8 km/h', 1.2, "'v > 8 km/h' held at no state in [1.000 s, 2.0"),
+        ('always once[0 s, 1 s] v > 8 km/h', 1.2, "'v > 8 km/h' held at no state from 1.000 s"),
+        ('always v < 10 "in/s"', 1.2, 'v = 1.2 at 1.000 s is not < 0.254 m/s (10 "in/s")'),
+        ('always v < 1 "m / s"', 1.2, 'v = 1.2 at 1.000 s is not < 1 m/s (1 "m / s")'),
+    ],
+)
+def test_converted_numbers_are_shown_as_they_were_written(
+    formula: str, speed: float, explanation: str
+) -> None:
+    group = FormulaGroup()
+    group.add_formula('it', f'let v: m/s in {formula}')
+    group.begin({})
+    results = [each for time in (1, 2) for each in group.progress(time * 10**9, {'v': speed})]
+    assert results[0].explanation.startswith(explanation)
+    assert results[0].explanation.endswith(explanation) or 'held' in explanation
+
+
 def test_many_lets_take_linear_time() -> None:
     bindings = ', '.join(f'c{index} = {index}' for index in range(20_000))
     uses = ' and '.join(f'x < c{index}' for index in range(50))

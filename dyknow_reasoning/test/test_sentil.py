@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Sequence
 from dataclasses import replace
 from itertools import accumulate
@@ -11,7 +10,7 @@ from typing import Any
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
-from reasoning_reference import NAMES, formulas
+from reasoning_reference import NAMES, formulas, random_cases
 
 from dyknow_common import Verdict
 from dyknow_reasoning import FormulaGroup
@@ -29,7 +28,6 @@ from dyknow_reasoning.language.formula import (
 )
 from dyknow_reasoning.language.terms import Feature, Truth
 
-EXAMPLES = 20_000 if os.environ.get('DYKNOW_LONG_TESTS') else 400
 SECOND = 1_000_000_000
 SYMBOLS = {And: 'and', Or: 'or', Implies: '->'}
 
@@ -129,6 +127,6 @@ def test_verdicts_are_those_of_sentil(most_step: int) -> None:
             )
             assert (robustness > 0) == (found is Verdict.TRUE), (theirs(formula), trace)
 
-    settings(max_examples=EXAMPLES, deadline=None, suppress_health_check=list(HealthCheck))(
-        given(formulas(3).filter(bounded), traces(most_step))(check)
-    )()
+    settings(
+        max_examples=random_cases(400), deadline=None, suppress_health_check=list(HealthCheck)
+    )(given(formulas(3).filter(bounded), traces(most_step))(check))()

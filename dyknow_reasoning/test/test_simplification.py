@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
-from reasoning_reference import deeper, holds
+from reasoning_reference import deeper, holds, random_cases
 from test_progression import EXAMPLES
 
 from dyknow_common import Verdict
@@ -134,7 +134,7 @@ def together(inner: st.SearchStrategy[Formula]) -> st.SearchStrategy[Formula]:
 
 
 @pytest.mark.timeout(3600)
-@settings(max_examples=EXAMPLES // 4, deadline=None)
+@settings(max_examples=random_cases(100), deadline=None)
 @given(st.recursive(st.one_of(ATOMS, MIRRORED), together, max_leaves=9))
 def test_one_state_has_the_verdict_of_the_reference(formula: Formula) -> None:
     expected = {}

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from itertools import accumulate
 from math import inf
 from typing import Any
@@ -11,14 +10,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from margin_reference import Step, ended, least, margin
-from reasoning_reference import COMPARISONS, formulas
+from reasoning_reference import COMPARISONS, formulas, random_cases
 
 from dyknow_common import Margin
 from dyknow_reasoning import FormulaGroup, standing
 from dyknow_reasoning.language.formula import Comparison, Formula, PastFormula, walk
 from dyknow_reasoning.language.terms import Feature, Number
 
-EXAMPLES = 20_000 if os.environ.get('DYKNOW_LONG_TESTS') else 300
 S = 1_000_000_000
 
 values = st.integers(-2, 2).map(float)
@@ -70,7 +68,7 @@ def check(formula: Formula, trace: list[tuple[int, float]], gaps: set[int]) -> N
 
 
 @pytest.mark.timeout(3600)
-@settings(max_examples=EXAMPLES, deadline=None)
+@settings(max_examples=random_cases(300), deadline=None)
 @given(formulas(3, leaves), traces, st.sets(st.integers(1, 8), max_size=2))
 def test_the_worst_margin_is_the_least_of_single_evaluations(
     formula: Formula, trace: list, gaps: set[int]

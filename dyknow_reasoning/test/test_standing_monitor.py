@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import os
 import re
 from collections.abc import Mapping, Sequence
 
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
-from reasoning_reference import formulas
+from reasoning_reference import formulas, random_cases
 
 from dyknow_common import Verdict
 from dyknow_reasoning import FormulaGroup
@@ -17,7 +16,7 @@ from dyknow_reasoning.execution import StandingMonitor
 from dyknow_reasoning.language.formula import Formula, PastFormula, walk
 from dyknow_reasoning.language.parsing import parse_formula
 
-EXAMPLES = 20_000 if os.environ.get('DYKNOW_LONG_TESTS') else 300
+EXAMPLES = random_cases(300)
 Domains = Mapping[str, Sequence[str]]
 OBJECTS = ('a', 'b', 'c')
 

@@ -2,18 +2,18 @@
 
 from __future__ import annotations
 
-import os
 from itertools import accumulate
 from math import nan
 from random import Random
 from typing import Any
 
 import pytest
+from reasoning_reference import random_cases
 
 from dyknow_reasoning import FormulaGroup, FormulaLimits
 from dyknow_reasoning.execution.standing import recorded_states
 
-CASES = 100_000 if os.environ.get('DYKNOW_LONG_TESTS') else 200
+CASES = random_cases(200)
 OBJECTS = ['a', 'b']
 FORMULAS = [
     'v[x] > 1 -> eventually[0, 5 ns] p[x]',

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import re
 from collections.abc import Mapping, Sequence
 from itertools import accumulate
@@ -11,7 +10,7 @@ from typing import Any
 
 import pytest
 from hypothesis import HealthCheck, given, settings
-from reasoning_reference import formulas
+from reasoning_reference import formulas, random_cases
 from test_standing_monitor import (
     NAMES,
     OBJECTS,
@@ -23,11 +22,11 @@ from test_standing_monitor import (
 )
 
 from dyknow_reasoning import FormulaGroup, FormulaLimits
+from dyknow_reasoning.execution import fast_path
 from dyknow_reasoning.execution.standing import joint_table, standing_monitor, tabulated_starts
 from dyknow_reasoning.language.formula import Formula
 
-CASES = 100_000 if os.environ.get('DYKNOW_LONG_TESTS') else 150
-EXAMPLES = 20_000 if os.environ.get('DYKNOW_LONG_TESTS') else 300
+CASES = random_cases(150)
 FORMULAS = [
     'p[x] -> eventually[0, 5 ns] q[x]',
     'p[x] -> eventually[2 ns, 5 ns] always[0, 1 ns] q[x]',
@@ -66,9 +65,9 @@ def test_many_objects() -> None:
         if can_be_asked(formula, states):
             check(f'forall x in S: {body}', {'S': OBJECTS}, states)
 
-    settings(max_examples=EXAMPLES, deadline=None, suppress_health_check=list(HealthCheck))(
-        given(formulas(3), recordings(NAMES, 1))(run)
-    )()
+    settings(
+        max_examples=random_cases(300), deadline=None, suppress_health_check=list(HealthCheck)
+    )(given(formulas(3), recordings(NAMES, 1))(run))()
 
 
 def random_states(random: Random, objects: Sequence[str]) -> list[tuple[int, dict[str, bool]]]:
@@ -89,21 +88,34 @@ def random_states(random: Random, objects: Sequence[str]) -> list[tuple[int, dic
     ]
 
 
-def told(text: str, states: Sequence[tuple[int, Mapping[str, bool]]], calls: set[int]) -> Any:
-    """All that can be known, at the end and at some states, before gaps; True with look-ups."""
+def told(
+    text: str,
+    states: Sequence[tuple[int, Mapping[str, bool]]],
+    calls: set[int],
+    recorded: range = range(0),
+) -> Any:
+    """All that can be known, at the end and at some states, before gaps; True with look-ups.
+
+    The states in `recorded` are progressed together.
+    """
     group = FormulaGroup()
     number = group.add_formula('it', f'forall x in S: {text}', every_state=True)
     group.begin({'S': OBJECTS})
     found: list[Any] = []
     used = False
     for index, (time, values) in enumerate(states):
-        assert not group.progress(time, values)
+        if index == recorded.start and recorded:
+            times, rows = zip(*(states[each] for each in recorded), strict=True)
+            assert not group.progress_many(times, {n: [row[n] for row in rows] for n in values})
+        if index not in recorded:
+            assert not group.progress(time, values)
         used |= group.standing.formulas[number].monitor._tabulated.is_active
         if index in calls:
             found.append(group.standing.summary(number))
         if index - 1 in calls:
             group.gap()
-        found.append(group.presumably_false(number))
+        if index not in recorded:
+            found.append(group.presumably_false(number))
     formula = group.standing.formulas[number]
     monitor = formula.monitor
     found += [group.standing.summary(number), monitor.undecided(), formula.episodes(10)]
@@ -123,16 +135,25 @@ def test_look_ups_have_no_effect_on_results(monkeypatch: pytest.MonkeyPatch) -> 
         states = random_states(random, OBJECTS)
         few = random.sample(range(len(states)), 3)
         calls = set(few) if random.random() < 0.3 and 'once' not in text else set()
+        part = sorted(random.sample(range(len(states)), 2))
+        recorded = range(*part) if not calls and random.random() < 0.4 else range(0)
         with monkeypatch.context() as patch:
             patch.setattr(standing_monitor, '_CLEANUP_STATES', random.choice([7, 4096]))
             patch.setattr(tabulated_starts, '_LEARNED', random.choice([0, 5, 256]))
             patch.setattr(joint_table, '_MAX_ROWS', random.choice([3, 1000]))
             patch.setattr(joint_table, '_MAX_STEPS', random.choice([9, 1000]))
-            tabulated = told(text, states, calls)
+            patch.setattr(fast_path, '_MAX_INSTANCES', random.choice([1, 256, 256]))
+            most_age = random.choice([9, 2048])
+            patch.setattr(joint_table, 'MAX_AGE', most_age)
+            patch.setattr(tabulated_starts, 'MAX_AGE', most_age)
+            tabulated = told(text, states, calls, recorded)
             never(patch)
             one_by_one = told(text, states, calls)
         assert not one_by_one[-1]
-        assert tabulated[0] == one_by_one[0], (text, states, calls)
+        asked = [n for n in range(len(states)) if n not in recorded]
+        if recorded:
+            one_by_one[0][: len(states)] = [one_by_one[0][each] for each in asked]
+        assert tabulated[0] == one_by_one[0], (text, states, calls, recorded)
         used += tabulated[-1]
     # In about half of the cases, tables are used.
     assert used > CASES // 4
@@ -173,3 +194,62 @@ def test_look_ups_stop_for_the_cleanup(monkeypatch: pytest.MonkeyPatch) -> None:
         assert len(monitor._times._times) < 400
     assert looked_up > 4000
     assert group.standing.summary(formula_id).counts.holds == 5000
+
+
+def group_of(text: str, objects: Sequence[str] = ()) -> tuple[FormulaGroup, Any]:
+    group = FormulaGroup()
+    formula_id = group.add_formula('it', text, every_state=True)
+    group.begin({'S': objects})
+    return group, group.standing.formulas[formula_id].monitor
+
+
+def test_invariants_are_looked_up() -> None:
+    """States of a formula that no state leaves open need generated code alone."""
+    group, monitor = group_of('p')
+    for time in range(100):
+        assert not group.progress(time, {'p': True})
+        assert not group.standing.changed()
+    assert monitor._tabulated.quick_step
+    assert not group.progress(100, {'p': False})
+    assert group.standing.changed() == [1]
+    assert not group.progress(101, {'p': True})
+    summary = group.standing.summary(1)
+    assert (summary.counts.holds, summary.counts.fails) == (101, 1)
+    [episode] = summary.latest_episodes
+    assert (episode.begin, episode.end, episode.has_ended) == (100, 100, True)
+
+
+def test_states_that_generated_code_took_are_dropped_but_counted() -> None:
+    group, monitor = group_of('p -> eventually[0, 5 ns] q')
+    states = 10 * joint_table.MAX_AGE
+    for time in range(states):
+        assert not group.progress(time, {'p': time % 4 == 0, 'q': time % 4 == 2})
+    assert monitor._tabulated.quick_step
+    assert monitor.states == states
+    assert len(monitor._times._times) <= joint_table.MAX_AGE + 1
+    assert not group.progress(states, {'p': True, 'q': False})
+    assert group.standing.summary(1).counts.undecided == 1
+    for time in range(states + 1, states + 10):
+        group.progress(time, {'p': False, 'q': False})
+    [episode] = group.standing.summary(1).latest_episodes
+    assert (episode.begin, episode.decided_at) == (states, states + 5)
+
+
+def test_attempts_become_rare_if_look_ups_are_new(monkeypatch: pytest.MonkeyPatch) -> None:
+    new = 0
+    extend = joint_table.JointTable.extend
+
+    def counted(table: Any, row: Any, symbol: int) -> Any:
+        nonlocal new
+        new += 1
+        return extend(table, row, symbol)
+
+    monkeypatch.setattr(joint_table.JointTable, 'extend', counted)
+    monkeypatch.setattr(tabulated_starts, '_FEWEST_STATES', 64)
+    monkeypatch.setattr(tabulated_starts, '_LOOK_UPS', 128)
+    random = Random(5)  # noqa: S311 - no secret
+    group, _ = group_of('p -> eventually[0, 50 ns] q')
+    for time in range(30_000):
+        assert not group.progress(time, {'p': random.random() < 0.5, 'q': time % 40 == 0})
+    # Each of the attempts, four times as far apart as the one before, may learn 256.
+    assert 256 <= new < 3000

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import os
 from random import Random
 from typing import Any
 
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from reasoning_reference import random_cases
 
 from dyknow_common import DyKnowError, LanguageError
 from dyknow_reasoning import (
@@ -19,7 +19,6 @@ from dyknow_reasoning import (
     check_trial,
 )
 
-EXAMPLES = 20_000 if os.environ.get('DYKNOW_LONG_TESTS') else 100
 OBJECTS = {'Sort': ['a', 'b']}
 
 
@@ -64,7 +63,7 @@ def random_states(random: Random, count: int) -> list[tuple[int, dict[str, Any]]
 @given(
     st.randoms(use_true_random=False), st.sampled_from(['', 'always ', 'forall v in Sort: always '])
 )
-@settings(max_examples=EXAMPLES, deadline=None)
+@settings(max_examples=random_cases(100), deadline=None)
 def test_the_verdicts_are_those_of_a_group_over_the_accepted_states(
     random: Random, prefix: str
 ) -> None:

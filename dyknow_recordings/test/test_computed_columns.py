@@ -39,7 +39,7 @@ def naive(function: str, values: list[Any]) -> Any:
     )
 
 
-@settings(max_examples=150)
+@settings(max_examples=max(150, settings.default.max_examples))
 @given(messages(), st.data())
 def test_aggregates_of_random_messages(drawn: Drawn, data: st.DataObject) -> None:
     made, decoded, serialised = drawn

@@ -156,8 +156,12 @@ def in_watts(formula: str, files: MonitoringFiles) -> FormulaReport:
 
 def test_numbers_are_converted_to_the_unit_of_their_feature(files: MonitoringFiles) -> None:
     report = in_watts('forall r: always[0 s, 1 s] Power[r] < 0.2 kW', files)
-    assert report.formula == 'forall r in Robot: (always[0 s, 1 s] (Power[r] < 200.0))'
+    assert report.formula == (
+        'let Power: "W" in (forall r in Robot: (always[0 s, 1 s] (Power[r] < 0.2 "kW")))'
+    )
     assert report.outcome is Outcome.TRUE
+    report = in_watts('forall r: always[0 s, 1 s] Power[r] < 0.1 kW', files)
+    assert 'is not < 100 W (0.1 kW)' in report.episodes[0].explanation
     assert in_watts('eventually[0 s, 1 s] Power[r1] > 0.15 "kW"', files).outcome is Outcome.FALSE
     limits = 'let most = 150 W, least = 1 mW in'
     report = in_watts(f'{limits} always[0 s, 1 s] (Power[r1] <= most and Power[r1] > least)', files)
@@ -174,7 +178,7 @@ def test_numbers_are_converted_to_the_unit_of_their_feature(files: MonitoringFil
         ('always Power[r1] < 2 m', """'2 "m"' is in m, which does not convert to W"""),
         ('always "/main".p < 2 W', """'"/main".p' is a field of a stream, which states no unit"""),
         ('always main.power < 2 W', "'main.power' is a field of a stream, which states no unit"),
-        ('always main < 2 W', "'main' has no unit; state the unit, let main: UNIT in ..., or"),
+        ('always main < 2 W', "'main' has no unit; give the feature its unit, let main: UNIT in"),
     ],
 )
 def test_numbers_that_do_not_convert(formula: str, message: str, files: MonitoringFiles) -> None:
@@ -182,6 +186,15 @@ def test_numbers_that_do_not_convert(formula: str, message: str, files: Monitori
     assert error is not None
     assert message in error.message
     assert '^' in error.message
+
+
+def test_a_misspelled_feature_is_not_one_without_a_unit(files: MonitoringFiles) -> None:
+    error = in_watts('always Powr[r1] < 2 W', files).error
+    assert error is not None
+    assert error.message == (
+        "the unit of 'Powr' is not known, as the ontology has no such feature; "
+        "did you mean 'Power'?"
+    )
 
 
 def test_a_violation_without_a_stand_in(files: MonitoringFiles) -> None:

@@ -13,7 +13,12 @@ from dyknow_semantics.annotations.annotation_store import AnnotationStore
 from dyknow_semantics.annotations.checking import check_annotation, check_concept
 from dyknow_semantics.annotations.field_checking import check_fields
 from dyknow_semantics.annotations.parsing import parse_annotations, parse_concept
-from dyknow_semantics.annotations.rechecking import AnnotationFaults, Origin, check_annotations
+from dyknow_semantics.annotations.rechecking import (
+    AnnotationFaults,
+    Origin,
+    check_annotations,
+    origins_of,
+)
 from dyknow_semantics.errors import SemanticsError
 from dyknow_semantics.matching.bridges import Bridge, Relation, bridged, parse_bridges
 from dyknow_semantics.matching.matching import Matcher, match
@@ -54,6 +59,7 @@ __all__ = [
     'check_concept',
     'check_fields',
     'match',
+    'origins_of',
     'parse_annotations',
     'parse_bridges',
     'parse_concept',

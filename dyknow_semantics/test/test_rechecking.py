@@ -2,10 +2,10 @@
 
 from pathlib import Path
 
-from dyknow_common import ValueType
+from dyknow_common import InlineText, ValueType
 from dyknow_semantics import Knowledge, parse_annotations
 from dyknow_semantics.annotations.parsing import parse_concept
-from dyknow_semantics.annotations.rechecking import Origin, check_annotations
+from dyknow_semantics.annotations.rechecking import Origin, check_annotations, origins_of
 from dyknow_semantics.matching.matching import Matcher
 
 TEXT = """\
@@ -28,6 +28,12 @@ def test_a_field_fault_is_located(knowledge: Knowledge) -> None:
     fields = dict.fromkeys(read, FIELDS)
     found = check_annotations(stored, fields, knowledge, origins)
     assert found.messages[0].startswith('/bot.ssl: annotation:2:19: nav/msg/Pose has no field')
+    made = {
+        text: Origin(InlineText('bot.yaml:5:7', ''), each.annotation)
+        for text, each in origins.items()
+    }
+    found = check_annotations(stored, fields, knowledge, made)
+    assert found.messages[0] == "bot.yaml:5:7: nav/msg/Pose has no field 'y' (it has: z)"
     # Matching finds the fault of the third by itself.
     assert found.field_faults == {list(read)[1]: "nav/msg/Pose has no field 'y' (it has: z)"}
 
@@ -55,3 +61,12 @@ def test_invalid_annotations_are_not_called_none(knowledge: Knowledge) -> None:
     assert matcher.nearest(parse_concept('Altitude[uav1]')) == (
         'no stream carries Altitude[uav1]; the annotation of a is invalid: it has no z'
     )
+
+
+def test_a_comment_names_the_place_that_annotations_were_made_from() -> None:
+    first, *others = TEXT.splitlines()
+    text = '\n'.join([first, '# robot.yaml:6:34', *others])
+    path = Path('/robot.ssl')
+    origins = origins_of(path, parse_annotations(text))
+    assert [str(each.file) for each in origins.values()] == [str(path), *['robot.yaml:6:34'] * 2]
+    assert origins_of(path, ()) == {}

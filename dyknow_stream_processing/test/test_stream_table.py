@@ -101,6 +101,12 @@ def test_the_engines_where_there_are_several() -> None:
     assert lines[-1] == '/engine, /robot1/engine'
 
 
+def test_no_streams() -> None:
+    lines = shown(stream_table([], ['/engine'], hidden=2))
+    assert lines[0].startswith('There are no streams. Start DyKnow with a file that has some')
+    assert lines[-1] == "/engine; 2 of DyKnow's own streams not shown (--all shows them)"
+
+
 def test_that_there_is_no_engine() -> None:
     assert shown(stream_table([], []))[-1] == 'no stream processing engine is running'
 

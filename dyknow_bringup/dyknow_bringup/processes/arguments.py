@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Final
 
 from dyknow_bringup.errors import BringupError
+from dyknow_bringup.processes.parameters import for_any_namespace
 from dyknow_bringup.processes.processes import Process, SystemConfiguration, robot_processes
 from dyknow_bringup.processes.robot import with_robot
 
@@ -42,7 +43,7 @@ def configuration(values: Mapping[str, str]) -> SystemConfiguration:
         bridges=_files(values['bridges']),
         store=Path(store).resolve() if store else None,
         reasoner=values['reasoner'],
-        params_file=Path(params_file).resolve() if params_file else None,
+        params_file=for_any_namespace(Path(params_file).resolve()) if params_file else None,
         engines=_number('engines', values['engines']),
         recorder={'folder': str(Path(record).resolve())} if record else None,
     )

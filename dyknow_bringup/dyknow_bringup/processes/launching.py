@@ -17,7 +17,7 @@ from dyknow_bringup.processes.logs import last_lines
 from dyknow_bringup.processes.processes import Process, enclave, join_namespaces
 from dyknow_bringup.processes.supervision import RESTART_DELAY_NS
 from dyknow_common import SECOND_NS, ExitCode
-from dyknow_common.executables import CANNOT_START
+from dyknow_common.executables import CANNOT_START, LAUNCHER
 from launch import LaunchDescription
 
 MAX_RESTARTS = 10
@@ -52,7 +52,8 @@ def launch_description(
         started = processes(values)
         if is_true('composition', values['composition']):
             started = composed(started, os.environ)
-        return [action for each in started for action in _node_actions(each, values)]
+        environment = _environment(context.launch_configurations)
+        return [action for each in started for action in _node_actions(each, values, environment)]
 
     declared = [
         DeclareLaunchArgument(name, default_value=default, description=description)
@@ -99,7 +100,18 @@ class _StartWatch:
             raise BringupError(text, ExitCode.UNAVAILABLE)
 
 
-def _node_actions(process: Process, values: Mapping[str, str]) -> list[Any]:
+def _environment(configurations: Mapping[str, str]) -> dict[str, str]:
+    """Return the variables of processes that end with the launch, by whatever signal that ends.
+
+    At SIGTERM, launch itself leaves its processes running. With a prefix, such as a debugger, they
+    are no children of the launch.
+    """
+    return {} if 'launch-prefix' in configurations else {LAUNCHER: str(os.getpid())}
+
+
+def _node_actions(
+    process: Process, values: Mapping[str, str], environment: Mapping[str, str]
+) -> list[Any]:
     watch = _StartWatch(process.name)
     parameters = {
         **process.parameters,
@@ -123,6 +135,7 @@ def _node_actions(process: Process, values: Mapping[str, str]) -> list[Any]:
             '--enclave',
             enclave(process, values['namespace']),
         ],
+        additional_env=dict(environment),
         respawn=is_true('use_respawn', values['use_respawn']),
         respawn_delay=RESTART_DELAY_NS / SECOND_NS,
         respawn_max_retries=MAX_RESTARTS,

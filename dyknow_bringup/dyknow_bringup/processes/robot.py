@@ -37,7 +37,9 @@ def with_robot(configuration: SystemConfiguration, path: Path) -> SystemConfigur
         recorder = {'robot': str(path.absolute()), **(configuration.recorder or {})}
         configuration = replace(configuration, recorder=recorder)
     guards = {each.name: path.resolve() for each in robot.guards}
-    written = added(configuration, write_texts(robot, temporary_folder(), path.stem))
+    written = added(
+        configuration, write_texts(robot, temporary_folder(), path.stem, with_places=True)
+    )
     return replace(written, guards=guards)
 
 

@@ -18,6 +18,7 @@ from dyknow_bringup.errors import BringupError
 from dyknow_bringup.processes.composition import composed, name_in, names_in
 from dyknow_bringup.processes.launcher import Launcher
 from dyknow_bringup.processes.logs import LogReader, LogThrottle, log_folder
+from dyknow_bringup.processes.parameters import for_any_namespace
 from dyknow_bringup.processes.processes import (
     Process,
     SystemConfiguration,
@@ -170,7 +171,7 @@ def _configuration(chosen: argparse.Namespace) -> SystemConfiguration:
         bridges=tuple(path.resolve() for path in chosen.bridges),
         store=chosen.store and chosen.store.resolve(),
         reasoner=chosen.reasoner,
-        params_file=chosen.params_file and chosen.params_file.resolve(),
+        params_file=chosen.params_file and for_any_namespace(chosen.params_file.resolve()),
         engines=chosen.engines,
         recorder=chosen.record and {'folder': str(chosen.record.resolve())},
     )

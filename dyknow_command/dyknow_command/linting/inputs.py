@@ -66,6 +66,7 @@ class LintInputs:
         is_complete: False if a text is at fault, so what it declares is not known.
         texts: of the files, by their paths.
         has_robot: True if there is a robot.yaml.
+        refused: the texts of formulas at fault: what they name is used.
     """
 
     files: MonitoringFiles = field(default_factory=MonitoringFiles)
@@ -76,6 +77,7 @@ class LintInputs:
     is_complete: bool = True
     texts: dict[str, str] = field(default_factory=dict)
     has_robot: bool = False
+    refused: set[str] = field(default_factory=set)
 
     def is_consequence(self, message: str) -> bool:
         """Return True if a message is due to a fault that is among the findings."""
@@ -129,6 +131,7 @@ def _read_yaml_file(inputs: LintInputs, path: Path) -> None:
         robot_error(each, document.document.text, str(path)) for each in found.faults
     ]
     inputs.consequences.append(found.is_consequence)
+    inputs.refused |= found.refused
     inputs.is_complete &= found.robot is not None and not found.lacks_texts
     _add_robot(inputs, found)
 
@@ -240,6 +243,7 @@ def _read_lines(inputs: LintInputs, path: Path) -> None:
             check_types(parse_formula(formula), formula)
         except (LanguageError, DyKnowError) as error:
             inputs.findings.append(error_at(place, error))
+            inputs.refused.add(formula)
             continue
         inputs.formulas.append(PlacedFormula(RequestedFormula(formula), _place_after(place)))
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import closing, suppress
 from dataclasses import replace
 
@@ -144,12 +144,13 @@ class VocabularyChecks:
                 yield warning_at(self._place('objects', sort), text)
         for feature in knowledge.features if inputs.formulas else ():
             near = {*knowledge.superconcepts(feature.name), *knowledge.subconcepts(feature.name)}
-            if not near & used and not inputs.is_consequence(f"'{feature.name}'"):
+            is_used = near & used or _is_in(feature.name, inputs.refused)
+            if not is_used and not inputs.is_consequence(f"'{feature.name}'"):
                 text = f"no formula uses the feature '{feature.name}'; add one, or remove it"
                 yield warning_at(self._place('features', feature.name), text)
-        texts = ' '.join(each.requested.text for each in inputs.formulas)
+        texts = {*inputs.refused, *(each.requested.text for each in inputs.formulas)}
         for section, name in inputs.places:
-            if section == 'constants' and not re.search(rf'\b{re.escape(name)}\b', texts):
+            if section == 'constants' and not _is_in(name, texts):
                 text = f"no formula uses the constant '{name}'; remove it"
                 yield warning_at(inputs.places[section, name], text)
 
@@ -166,6 +167,11 @@ class VocabularyChecks:
         places = self._inputs.places
         first = next(iter(self._inputs.files.ontologies), 'ontology')
         return places.get((section, name), places.get(('sorts', name), FilePlace(str(first))))
+
+
+def _is_in(name: str, texts: Iterable[str]) -> bool:
+    """Return True if a name is a word of a text."""
+    return any(re.search(rf'\b{re.escape(name)}\b', each) for each in texts)
 
 
 def annotations_of(inputs: LintInputs) -> Iterator[tuple[TextSource, Annotation]]:

@@ -116,12 +116,16 @@ def _observe(
 ) -> list[ObservedTopic]:
     listeners: dict[str, _Listener] = {}
     topics, end = NodeTopics.of(command.node), command.deadline(duration)
+    is_listening = False
     while (now := command.deadline(0)) < end:
         for name, types in command.node.get_topic_names_and_types():
             if name not in listeners and (name == topic or (not topic and _is_wanted(name, types))):
                 listeners[name] = _Listener(name, types[0], read_fields)
                 topics.listen(name, listeners[name])
         topics.refresh()
+        if listeners and not is_listening:
+            # Finding the topics and loading their types takes a while.
+            is_listening, now, end = True, command.deadline(0), command.deadline(duration)
         command.spin_for(min(end - now, SEARCH_PERIOD_NS))
     moment = command.node.get_clock().now().nanoseconds
     counts = {name: len(publishers_of(command.node, name)) for name in listeners}

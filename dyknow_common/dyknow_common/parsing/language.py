@@ -60,6 +60,7 @@ class Language:
             several languages have.
         start: the rule of a whole text.
         corrections: what is meant by mistakes, `{'&&': 'and'}`, for messages.
+        advice: what to write instead of mistakes that are more than a word.
     """
 
     def __init__(
@@ -70,9 +71,11 @@ class Language:
         spellings: Mapping[str, str],
         start: str = 'start',
         corrections: Mapping[str, str] = MappingProxyType({}),
+        advice: Mapping[str, str] = MappingProxyType({}),
     ) -> None:
         self.name = name
         self._corrections = corrections
+        self._advice = advice
         self._spellings = {**_SPELLINGS, **spellings}
         self._package = package
         self._grammar = grammar
@@ -196,7 +199,7 @@ class Language:
     def _unexpected(
         self, found: str, place: Any, text: str, offset: int, terminals: Iterable[str] | None
     ) -> PositionedError:
-        hint = correction(text, offset, self._corrections)
+        hint = correction(text, offset, self._corrections, self._advice)
         message = f'unexpected {found}{self._expected(terminals)}{hint and f"; {hint}"}'
         return PositionedError(message, TextPosition.of(place))
 

@@ -23,6 +23,7 @@ from dyknow_configuration.proposals.observations import ObservedTopic, SeenValue
 from dyknow_configuration.proposals.robots import RobotNames, robots_of
 from dyknow_configuration.proposals.timing import ProposedTiming, proposed_timing, tolerant
 from dyknow_configuration.vocabulary import is_free_name
+from dyknow_reasoning import FormulaGroup
 
 _STEADY: Final = ('always not {feature}', 'always {feature}')
 _LEAST_BOUND: Final = 1e-6
@@ -148,7 +149,7 @@ class _Maker:
             tolerant(proposed_timing([each.times for each in topics])),
             seen,
             formula,
-            reason or _reason(seen, formula),
+            reason or _reason(proposal, seen, formula),
         )
 
     def _add_elements(self, proposal: FeatureProposal, topics: Sequence[ObservedTopic]) -> str:
@@ -208,7 +209,20 @@ def _formula(proposal: FeatureProposal, seen: SeenValues) -> str:
         '{least}' in proposal.formula and not least
     ):
         return ''
-    return proposal.formula.replace('{magnitude}', magnitude).replace('{least}', least)
+    formula = proposal.formula.replace('{magnitude}', magnitude).replace('{least}', least)
+    return formula if _is_kept(formula, proposal.value_type, seen) else ''
+
+
+def _is_kept(formula: str, value_type: ValueType, seen: SeenValues) -> bool:
+    """Return True if the extremes of the values keep a formula `always ...`, which bounds them."""
+    if not formula:
+        return True
+    group = FormulaGroup()
+    group.add_formula('kept', formula.format(feature='Value'))
+    group.begin({})
+    convert = bool if value_type is ValueType.BOOLEAN else float
+    extremes = enumerate(convert(each) for each in (seen.least, seen.greatest) if each is not None)
+    return not any(group.progress(time, {'Value': value}) for time, value in extremes)
 
 
 def _bound(number: float, direction: Callable[[Decimal], int]) -> str:
@@ -219,11 +233,13 @@ def _bound(number: float, direction: Callable[[Decimal], int]) -> str:
     return f'{direction(Decimal(number) / unit) * unit:f}'
 
 
-def _reason(seen: SeenValues, formula: str) -> str:
+def _reason(proposal: FeatureProposal, seen: SeenValues, formula: str) -> str:
     if formula:
         return ''
     if seen.has_nan:
         return 'some of its values were NaN'
     if seen.least is None and not seen.texts:
         return 'no value of it was seen'
+    if proposal.formula:
+        return 'its values have no bounds that could be proposed, or do not keep the usual ones'
     return 'no formula uses it yet'

@@ -125,9 +125,10 @@ _PROPOSALS: Final[Mapping[str, tuple[FeatureProposal, ...]]] = {
             'DiagnosticLevel',
             'max(status.level)',
             '',
-            'Worst level of a message: 0 is OK, 1 WARN, 2 ERROR, 3 STALE.',
-            'always {feature} < 2',
-            ValueType.INT,
+            'Worst level of a message, 0 is OK, 1 WARN, 2 ERROR, 3 STALE; DyKnow sends some, too: '
+            'status[name = "NAME"].level is the level of one part.',
+            # A formula over it would be false as soon as DyKnow reports another one that is false.
+            value_type=ValueType.INT,
         ),
     ),
     'std_msgs/msg/Bool': (_P('', 'data', value_type=ValueType.BOOLEAN),),

@@ -189,7 +189,7 @@ def proposed_timing(topics: Sequence[TopicTimes]) -> ProposedTiming:
             remarks.append('The stamps are not in order.')
     intervals = np.concatenate([each.intervals for each in topics])
     if len(intervals) < LEAST_INTERVALS:
-        remarks.append('There were too few messages to measure their period.')
+        remarks.append('There were too few messages to measure their period: observe more of them.')
         return ProposedTiming(StreamConstraints(**found), tuple(remarks))
     silence = max(each.silence for each in topics)
     longest = max(int(intervals.max()), silence)

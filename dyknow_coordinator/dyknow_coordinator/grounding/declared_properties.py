@@ -21,6 +21,14 @@ _QUERY: Final = """
     }}
 """
 
+FEATURE_QUERY: Final = """
+    SELECT DISTINCT ?feature WHERE {
+        ?feature a owl:Class .
+        ?feature rdfs:subClassOf* <http://www.dyknow.org/ontology#Feature> .
+    }
+"""
+"""The SPARQL query for all features."""
+
 
 def property_query(feature: str, name: str) -> str:
     """Return the SPARQL query for the concepts that state a property of a feature, and its values.

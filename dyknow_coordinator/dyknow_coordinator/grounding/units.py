@@ -8,12 +8,18 @@ from which the reasoning engine makes `Power[u] > 1000.0`.
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
+from difflib import get_close_matches
 from typing import Final
 
-from dyknow_common import Symbol, quoted
+from dyknow_common import ExitCode, Symbol, quoted
 from dyknow_coordinator.errors import CoordinationError
-from dyknow_coordinator.grounding.declared_properties import QueryFunction, Rows, property_query
+from dyknow_coordinator.grounding.declared_properties import (
+    FEATURE_QUERY,
+    QueryFunction,
+    Rows,
+    property_query,
+)
 from dyknow_coordinator.grounding.symbols import feature_symbols
 
 # The unit of a number, or another text in quotes.
@@ -33,10 +39,27 @@ async def find_units(symbols: Iterable[Symbol], query: QueryFunction) -> dict[st
         query: returns the solutions of a SPARQL query of the ontology.
 
     Raises:
-        DyKnowError: for a feature with several units, or if the query fails.
+        DyKnowError: for a feature with several units, for a name that is like that of a feature,
+            or if the query fails.
     """
     rows = await stated_units(symbols, query)
-    return {name: only_unit(name, found) for name, found in rows.items()}
+    units = {name: only_unit(name, found) for name, found in rows.items()}
+    without = [name for name, unit in units.items() if not unit]
+    if without:
+        _check_names(without, [each.rpartition(':')[2] for (each,) in await query(FEATURE_QUERY)])
+    return units
+
+
+def _check_names(names: Iterable[str], known: Sequence[str]) -> None:
+    """Check that names without a unit are not those of features, misspelled."""
+    for name in names:
+        similar = get_close_matches(name, known, n=1)
+        if name not in known and similar:
+            raise CoordinationError(
+                f"the unit of '{name}' is not known, as the ontology has no such feature; "
+                f"did you mean '{similar[0]}'?",
+                ExitCode.NOT_FOUND,
+            )
 
 
 async def stated_units(symbols: Iterable[Symbol], query: QueryFunction) -> dict[str, Rows]:

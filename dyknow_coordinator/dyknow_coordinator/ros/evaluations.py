@@ -55,7 +55,7 @@ def _statuses(report: Any, name: str) -> list[EvaluationStatus]:
     statuses = [status_from_message(each) for each in report.evaluations]
     found = [status for status in statuses if name in ('', status.name)]
     if name and not found:
-        known = ', '.join(status.name for status in statuses) or 'none'
+        known = ', '.join(dict.fromkeys(status.name for status in statuses)) or 'none'
         raise CoordinationError(
             f"there is no evaluation '{name}' (there are: {known})", ExitCode.NOT_FOUND
         )

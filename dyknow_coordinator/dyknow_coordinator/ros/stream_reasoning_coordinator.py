@@ -221,9 +221,9 @@ class StreamReasoningCoordinator(DyKnowNode):
 
     def _cancel(self, request: Any, response: Any) -> None:
         running = [each for each in self._evaluations if not each.has_ended]
-        named = [each for each in running if each.title == request.name]
+        named = [each for each in running if request.name in each.names]
         if not named:
-            known = listed(each.title for each in running) or 'none'
+            known = listed(dict.fromkeys(each.title for each in running)) or 'none'
             raise CoordinationError(
                 f"nothing named '{request.name}' is being evaluated (there are: {known})",
                 ExitCode.NOT_FOUND,

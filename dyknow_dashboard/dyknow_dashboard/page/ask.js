@@ -11,6 +11,7 @@ class AskForm {
     this.active = -1;
     this.asked = 0;
     this.timer = null;
+    this.isDismissed = false;
     this.field.addEventListener('input', () => this.checkSoon());
     this.field.addEventListener('keydown', (event) => this.key(event));
     this.field.addEventListener('blur', () => this.hide());
@@ -18,6 +19,7 @@ class AskForm {
   }
 
   checkSoon() {
+    this.isDismissed = false;
     clearTimeout(this.timer);
     this.timer = setTimeout(() => this.check(), CHECK_DELAY_MS);
   }
@@ -28,7 +30,8 @@ class AskForm {
     const found = await request('check', {text: this.field.value, cursor: this.field.selectionEnd});
     if (number !== this.asked) return;
     this.showFault(found.error ?? found.fault ?? '', found.notes ?? []);
-    this.propose(document.activeElement === this.field ? found.proposals ?? [] : []);
+    const isWanted = document.activeElement === this.field && !this.isDismissed;
+    this.propose(isWanted ? found.proposals ?? [] : []);
   }
 
   showFault(fault, notes) {
@@ -50,6 +53,7 @@ class AskForm {
   }
 
   hide() {
+    this.isDismissed = true;  // An answer that comes later shows none.
     this.propose([]);
   }
 
@@ -57,6 +61,9 @@ class AskForm {
     if (event.key === 'Enter' && (event.ctrlKey || event.metaKey)) {
       event.preventDefault();
       $('ask').requestSubmit();
+    } else if (event.key === 'Escape') {
+      event.preventDefault();
+      this.hide();
     } else if (!this.proposals.length) {
       return;
     } else if (event.key === 'ArrowDown' || event.key === 'ArrowUp') {
@@ -67,9 +74,6 @@ class AskForm {
     } else if ((event.key === 'Enter' || event.key === 'Tab') && this.active >= 0) {
       event.preventDefault();
       this.insert(this.active);
-    } else if (event.key === 'Escape') {
-      event.preventDefault();
-      this.hide();
     }
   }
 

@@ -7,7 +7,7 @@ const STATES = {flowing: 'true', waiting: 'undecided warning', failed: 'false', 
 class Tables {
   constructor() {
     this.streams = new KeyedTable($('streams-table'),
-      ['stream', 'state', 'rate', 'delay', 'dropped', 'violations', 'stand-in for'], 'There is no stream.');
+      ['stream', 'state', 'rate', 'delay', 'dropped', 'violations', 'stand-in for'], 'There is no stream besides DyKnow\'s own.');
     this.nodes = new KeyedTable($('nodes-table'), ['node', 'health', 'message'], 'No node is known.');
     this.diagnoses = new KeyedTable($('diagnoses-table'), ['name', 'level', 'message'],
       'Nobody else publishes on /diagnostics.');

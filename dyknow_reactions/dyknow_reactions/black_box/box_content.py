@@ -198,6 +198,7 @@ class FormulaOrigin:
 
     Args:
         status: the latest one with a state, or the first.
+        reported_stream: the latest state stream that was reported.
         state_stream: whose origin is known.
         origin: of these states.
         domains: the objects of each sort; None before they are known.
@@ -207,12 +208,23 @@ class FormulaOrigin:
     """
 
     status: EvaluationStatus
+    reported_stream: str = ''
     state_stream: str = ''
     origin: StateOrigin = field(default_factory=StateOrigin)
     domains: Mapping[str, Sequence[str]] | None = None
     topics: set[str] = field(default_factory=set)
     objects_fault: str = 'the objects of the sorts were not known yet'
     faults: set[str] = field(default_factory=set)
+
+    @property
+    def has_streams(self) -> bool:
+        """True if the origin of the latest state stream is known, or there is no state stream."""
+        return self.state_stream == self.reported_stream
+
+    @property
+    def is_known(self) -> bool:
+        """True if a black box has all that its check needs beside messages."""
+        return bool(self.state_stream) and self.has_streams and self.domains is not None
 
 
 def content_of(
@@ -246,7 +258,7 @@ def content_of(
         margin=status.margin is not None,
         begin=begin,
         is_complete=is_complete,
-        states=origin.origin.states,
+        states=origin.origin.states if origin.has_streams else '',
         constraints=str(_with_phase(origin.origin.constraints, begin, box.begin)),
         streams=origin.origin.streams,
         domains=origin.domains or {},
@@ -258,11 +270,12 @@ def content_of(
 
 def _faults(formula: str, origin: FormulaOrigin) -> Sequence[str]:
     faults = set(origin.faults)
-    if not origin.origin.states:
-        faults.add('the streams of the formula are not known')
+    has_states = origin.has_streams and origin.origin.states
+    if not has_states:
+        faults.add('the stream manager had not reported the streams of the formula')
     if origin.domains is None:
         faults.add(origin.objects_fault)
-    elif origin.origin.states:
+    elif has_states:
         faults.add(objects_fault(formula, origin.domains, origin.origin.states))
     return sorted(faults - {''})
 

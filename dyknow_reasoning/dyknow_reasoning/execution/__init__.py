@@ -18,6 +18,7 @@ from dyknow_reasoning.execution.automata.instance_states import (
     InstanceState,
     InstanceVerdict,
 )
+from dyknow_reasoning.execution.fast_path import Step
 from dyknow_reasoning.execution.instance_monitor import InstanceMonitor
 from dyknow_reasoning.execution.past.histories import Histories
 from dyknow_reasoning.execution.past.machines import Machine, PreviousMachine, SinceMachine
@@ -44,6 +45,7 @@ __all__ = [
     'SinceMachine',
     'StandingMonitor',
     'StartCounts',
+    'Step',
     'VerdictLog',
     'progress_recording',
 ]

@@ -7,14 +7,16 @@ has no effect.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from typing import Any, TypeAlias
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, Final, Generic, TypeAlias, TypeVar
 
 from dyknow_reasoning.errors import ReasoningError
 from dyknow_reasoning.execution.automata.configurations import Row
+from dyknow_reasoning.execution.automata.instance_states import FormulaInstance
 from dyknow_reasoning.execution.automata.readers import MAX_GENERATED, Reader, ReaderCode
 from dyknow_reasoning.execution.single_instance import SingleInstance
-from dyknow_reasoning.progression.atoms import Values
+from dyknow_reasoning.progression.atoms import Predicate, Values
 
 _MAX_INSTANCES = 256
 _MAX_ATOMS = 2048
@@ -24,22 +26,62 @@ _MIN_STATES = 4
 
 Step: TypeAlias = Callable[[int, Values], bool]
 
+RowT = TypeVar('RowT', bound=Mapping[int, Any])
+"""The rows of a table: the next row for each truth of the atoms."""
+
+
+@dataclass(frozen=True, slots=True)
+class LookUps(Generic[RowT]):
+    """Generated code, which has the latest row of each instance.
+
+    Args:
+        step: progresses all instances over a state, `step(valid_time, values)`. It returns False,
+            and has no effect, if that needs more than look-ups.
+        enter: sets the time of the latest state, the step of time between states, and the rows,
+            `enter(latest, elapsed, *rows)`; times are in nanoseconds.
+        position: returns the time of the latest state, and the rows.
+    """
+
+    step: Step
+    enter: Callable[..., None]
+    position: Callable[[], tuple[int, Sequence[RowT]]]
+
+
+_CODE: Final = """
+def make():
+    latest = elapsed = {no_rows} = None
+    def enter(time, step_of_time, {next_rows}):
+        nonlocal latest, elapsed, {rows}
+        latest, elapsed = time, step_of_time
+        {changes}
+    def position():
+        return latest, ({rows},)
+    def step(time, values):
+        nonlocal latest, {rows}
+        if time - latest != elapsed: return False
+        try:
+            {reads}
+            if {unusual}: return False
+            {moves}
+        except (KeyError, ReasoningError): return False
+        latest = time
+        {changes}
+        return True
+    return step, enter, position
+"""
+
 
 class FastPath:
     """Progresses instances by generated code, between `enter` and `leave`.
 
-    `step(valid_time, values)` progresses all instances over a state. It returns False, and has no
-    effect, if the state needs more than look-ups. It is None if the fast path is not entered.
+    `step` is that of `LookUps`. It is None if the fast path is not entered.
     """
 
     def __init__(self) -> None:
         self.step: Step | None = None
         self._instances: Sequence[SingleInstance] = ()
-        self._elapsed = 0
         self._readers: list[Reader] = []
-        self._generated_step: Step
-        self._enter: Callable[..., None]
-        self._position: Callable[[], tuple[int, Sequence[Row]]]
+        self._look_ups: LookUps[Row]
         self._states = 0
 
     def enter(self, instances: Sequence[SingleInstance], elapsed: int, latest: int) -> None:
@@ -51,42 +93,48 @@ class FastPath:
             latest: the valid time of the latest state.
         """
         self._states += 1
-        is_same = instances is self._instances and elapsed == self._elapsed
+        is_same = instances is self._instances
         if not (is_same and self._readers == [each.read for each in instances]):
-            if self._states < _MIN_STATES or len(instances) > _MAX_INSTANCES:
+            if self._states < _MIN_STATES:
                 return
-            atoms = [each.mask.bit_count() for each in instances]
-            if max(atoms) > MAX_GENERATED or sum(atoms) > _MAX_ATOMS:
+            look_ups = look_ups_of([(each.instance, each.predicates) for each in instances])
+            if look_ups is None:
                 return
-            self._generate(instances, elapsed)
+            self._states = 0
+            self._look_ups, self._instances = look_ups, instances
+            self._readers = [each.read for each in instances]
         configurations = (each.configuration for each in instances)
-        self._enter(latest, *(found.row(elapsed) for found in configurations if found))
-        self.step = self._generated_step
+        rows = (found.row(elapsed) for found in configurations if found)
+        self._look_ups.enter(latest, elapsed, *rows)
+        self.step = self._look_ups.step
 
     def leave(self) -> int | None:
         """Leave the fast path; return the valid time of the latest state, None if not entered."""
         if self.step is None:
             return None
         self.step = None
-        latest, rows = self._position()
+        latest, rows = self._look_ups.position()
         for instance, row in zip(self._instances, rows, strict=True):
             instance.configuration = row.configuration
         return latest
 
-    def _generate(self, instances: Sequence[SingleInstance], elapsed: int) -> None:
-        self._states = 0
-        self._instances, self._elapsed = instances, elapsed
-        self._readers = [each.read for each in instances]
-        self._generated_step, self._enter, self._position = _functions(instances, elapsed)
 
+def look_ups_of(
+    instances: Sequence[tuple[FormulaInstance, Mapping[int, Predicate]]],
+) -> LookUps[Any] | None:
+    """Return the code for some instances; None if it would be too large.
 
-def _functions(instances: Sequence[SingleInstance], elapsed: int) -> Any:
-    """Return the functions `step`, `enter` and `position`, which share the rows of instances."""
+    Args:
+        instances: each with the predicates of the atoms that it depends on, by their slots.
+    """
+    atoms = [len(predicates) for _, predicates in instances]
+    if len(instances) > _MAX_INSTANCES or sum(atoms) > _MAX_ATOMS or max(atoms) > MAX_GENERATED:
+        return None
     source = ReaderCode()
     source.names['ReasoningError'] = ReasoningError
     symbols = [
-        source.symbol(each.instance.atoms, each.instance.kinds, each.predicates)
-        for each in instances
+        source.symbol(instance.atoms, instance.kinds, predicates)
+        for instance, predicates in instances
     ]
     rows = [f'row_{index}' for index in range(len(instances))]
     next_rows = [f'next_{index}' for index in range(len(instances))]
@@ -95,27 +143,13 @@ def _functions(instances: Sequence[SingleInstance], elapsed: int) -> Any:
         for after, row, symbol in zip(next_rows, rows, symbols, strict=True)
     )
     changes = '; '.join(f'{row} = {after}' for row, after in zip(rows, next_rows, strict=True))
-    return source.run(
-        f"""
-def make():
-    latest = {' = '.join(rows)} = None
-    def enter(time, {', '.join(next_rows)}):
-        nonlocal latest, {', '.join(rows)}
-        latest = time
-        {changes}
-    def position():
-        return latest, ({', '.join(rows)},)
-    def step(time, values):
-        nonlocal latest, {', '.join(rows)}
-        if time - latest != {source.name(elapsed)}: return False
-        try:
-            {source.reads}
-            if {source.unusual}: return False
-            {moves}
-        except (KeyError, ReasoningError): return False
-        latest = time
-        {changes}
-        return True
-    return step, enter, position
-"""
+    code = _CODE.format(
+        rows=', '.join(rows),
+        next_rows=', '.join(next_rows),
+        no_rows=' = '.join(rows),
+        changes=changes,
+        moves=moves,
+        reads=source.reads,
+        unusual=source.unusual,
     )
+    return LookUps(*source.run(code))

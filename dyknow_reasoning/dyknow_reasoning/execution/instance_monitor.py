@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from math import inf
 
-from dyknow_common import ExitCode, format_time
-from dyknow_reasoning.errors import ReasoningError
+from dyknow_common import ExitCode
+from dyknow_reasoning.errors import ReasoningError, late_state
 from dyknow_reasoning.execution.aggregation import Outcome, Outcomes, VerdictAggregation
 from dyknow_reasoning.execution.automata.automaton import Location, Move, Times
 from dyknow_reasoning.execution.automata.instance_states import (
@@ -132,9 +132,9 @@ class InstanceMonitor:
         latest = valid_time if self._latest is None else self._latest
         elapsed = valid_time - latest
         if elapsed <= 0 and self._latest is not None:
-            raise _late_state(valid_time, latest)
+            raise late_state(valid_time, latest)
         if not self._aggregation:
-            self._latest = valid_time
+            self._latest, self.quick_step = valid_time, self._pass
             return _NO_OUTCOMES
         failures = self._refused() if self.histories.refused else _NO_OUTCOMES
         crossed = self._cross_gap(Gap(latest, valid_time)) if self._gap_follows else _NO_OUTCOMES
@@ -185,6 +185,13 @@ class InstanceMonitor:
             index = reached
         self._leave_fast_path()
         self._latest = recording.time(-1) if count else self._latest
+
+    def _pass(self, valid_time: int, _values: Values) -> bool:
+        """Take a state that no instance needs; a `quick_step`."""
+        if self._latest is None or valid_time <= self._latest:
+            return False
+        self._latest = valid_time
+        return True
 
     def _refused(self) -> Mapping[int, Outcome]:
         """Remove undecided formulas that begin now and cannot; return their errors."""
@@ -389,11 +396,3 @@ class InstanceMonitor:
 
 def _by_id(outcomes: Mapping[int, Outcome]) -> Outcomes:
     return dict(sorted(outcomes.items())) if outcomes else _NO_OUTCOMES
-
-
-def _late_state(valid_time: int, latest: int) -> ReasoningError:
-    return ReasoningError(
-        f'the valid time {format_time(valid_time)} is not later than {format_time(latest)}, '
-        'that of the state before; valid times must increase',
-        ExitCode.CONSTRAINT_VIOLATION,
-    )

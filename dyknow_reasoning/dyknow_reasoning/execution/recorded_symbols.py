@@ -166,6 +166,11 @@ class SymbolSequence:
             symbols.tobytes() if symbols.dtype == np.uint8 else cast('list[int]', symbols.tolist())
         )
 
+    def truths(self, slot: int) -> Array:
+        """Return the truth of the atom of a slot at each state."""
+        found: Array = (self.symbols >> slot & 1).astype(bool)
+        return found
+
     @cached_property
     def _changes(self) -> list[int]:
         """The indices of the states whose symbol is not that of the state before, and the end."""

@@ -26,11 +26,14 @@ from dyknow_reasoning.language.formula import (
     Formula,
     FutureFormula,
     PastAtom,
+    as_written,
     walk,
 )
 from dyknow_reasoning.language.interval import Interval
 from dyknow_reasoning.language.terms import (
     Number,
+    Quantity,
+    ShownQuantity,
     Term,
     TextLiteral,
     Truth,
@@ -62,6 +65,12 @@ from dyknow_reasoning.progression.nodes import (
 
 _MAX_REASONS = 4
 _LITERALS = (Number, TextLiteral, Truth)
+
+_MAX_WHOLE = 1e9
+"""Whole numbers from here on are shown with an exponent."""
+
+_DIGITS = (4, 9)
+"""The digits of a converted number in reasons: more only if a claim needs them."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -130,6 +139,7 @@ class _Explainer:
         # Finds what past operators are at this state.
         self._progression.advance(before.node, fresh=before.is_fresh)
         self._atoms = before.instance.atoms
+        self._written_atoms = tuple(map(as_written, self._atoms))
         self._intervals = _intervals(before.instance.node)
         # Simplification may have joined some of these.
         self._stated_intervals = {
@@ -164,7 +174,7 @@ class _Explainer:
                 return self._reasons(node.formula, fresh=fresh)
             case PastWindow() | PreviousState():
                 holds = self._progressed(node, fresh=True) is TRUE
-                text = shortened_text(residual_text(node, self._atoms))
+                text = shortened_text(residual_text(node, self._written_atoms))
                 return [f"'{text}' is {str(holds).lower()} at {format_time(self._now)}"]
             case Constant():
                 return [f'there is a state at {format_time(self._now)}']
@@ -224,7 +234,7 @@ class _Explainer:
         # An earlier state was not later than the end, or it would have decided the window.
         if (fresh or self._previous < first) and not first <= self._now <= last:
             return [f'there was no state {span}']
-        right = shortened_text(residual_text(node.right, self._atoms))
+        right = shortened_text(residual_text(node.right, self._written_atoms))
         if node.universal:
             return [f"'{right}' held at every state {span}"]
         now = self._reasons(node.right, fresh=True) if last == self._now else []
@@ -279,7 +289,7 @@ class _Explainer:
             self._progressed(part, fresh=fresh) for part in parts_in_order(node, self._atoms)
         ]
         texts = [
-            remaining_text(part, self._times, self._now, self._atoms)
+            remaining_text(part, self._times, self._now, self._written_atoms)
             for part in progressed
             if type(part) is not Constant
         ]
@@ -299,7 +309,7 @@ class _Explainer:
             is_known = not self._before.is_fresh and self._before.instance.gap is None
             previous = self._previous if is_known else None
             states = PastStates(self._now, previous, self._histories.first_state(atom))
-            return past_fact(atom.formula, states, holds=holds)
+            return past_fact(as_written(atom.formula), states, holds=holds)
         if not isinstance(atom, Comparison):
             return f'{atom} is {_literal_text(self._values[str(atom)])} at {time}'
         holds = (self._symbol >> literal.slot & 1) == literal.positive
@@ -307,12 +317,11 @@ class _Explainer:
         if not literal.positive:
             operator = NEGATED_COMPARISONS[operator]
         values = [evaluate(term, self._values) for term in terms]
-        shown = [
-            value if isinstance(term, _LITERALS) else _rounded(value)
-            for term, value in zip(terms, values, strict=True)
-        ]
-        if COMPARISONS[operator](*shown) != holds:
-            shown = values
+        choices = (
+            [_shown(*each, digits) for each in zip(terms, values, strict=True)]
+            for digits in _DIGITS
+        )
+        shown = next((each for each in choices if COMPARISONS[operator](*each) == holds), values)
         first, second = map(_with_value, terms, shown)
         if isinstance(atom.left, _LITERALS):
             operator, first, second = MIRRORED_COMPARISONS[operator], second, first
@@ -320,11 +329,24 @@ class _Explainer:
 
 
 def _with_value(term: Term, value: Value) -> str:
-    return str(term) if isinstance(term, _LITERALS) else f'{term} = {_literal_text(value)}'
+    text = str(as_written(term))
+    match term, value:
+        case Number(quantity=Quantity() as given), int() | float() if given != term.in_its_unit:
+            return f'{ShownQuantity(value, term.unit)} ({text})'
+        case Number() | TextLiteral() | Truth(), _:
+            return text
+    return f'{text} = {_literal_text(value)}'
 
 
-def _rounded(value: Value) -> Value:
-    return float(f'{value:.9g}') if isinstance(value, float) else value
+def _shown(term: Term, value: Value, digits: int) -> Value:
+    """Return a value with at most nine digits, or a converted number with fewer."""
+    is_converted = isinstance(term, Number) and term.quantity is not None
+    if not isinstance(value, float) or (isinstance(term, _LITERALS) and not is_converted):
+        return value
+    if not is_converted:
+        return float(f'{value:.9g}')
+    rounded = float(f'{value:.{digits}g}')
+    return int(rounded) if rounded.is_integer() and abs(rounded) < _MAX_WHOLE else rounded
 
 
 def _span(first: int, last: int, interval: Interval) -> str:

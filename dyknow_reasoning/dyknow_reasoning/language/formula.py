@@ -19,8 +19,10 @@ from dyknow_reasoning.language.terms import (
     Feature,
     FieldReference,
     Function,
+    Number,
     Object,
     Operation,
+    ShownQuantity,
     Term,
     Truth,
     operand_text,
@@ -317,6 +319,16 @@ def with_changed_parts(node: Any, change: Callable[[Any], Any]) -> Any:
             return replace(node, members=tuple(map(change, node.members)))
         case _:
             return node
+
+
+def as_written(node: Any) -> Any:
+    """Return a node with its converted numbers as they are in the text, for messages."""
+    if isinstance(node, PastAtom):
+        return as_written(node.formula)
+    if isinstance(node, Number):
+        given = node.quantity
+        return ShownQuantity(given.value, given.unit) if given else node
+    return with_changed_parts(node, as_written)
 
 
 def walk(node: Formula | Term) -> Iterator[Formula | Term]:

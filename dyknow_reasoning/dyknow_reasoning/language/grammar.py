@@ -46,6 +46,24 @@ _CORRECTIONS: Final = {
 }
 """What other languages write, and mistakes; the closest of these words is proposed for others."""
 
+_ADVICE: Final = {
+    r'\b(?i:if|when|whenever|then|else)\b(?:\s*\([^()]*)?': "write 'p -> q' for 'if p then q'",
+    r'\b(?:X|next)\b(?:\s*\([^()]*)?': "there is no 'next': write 'eventually[0 s, 1 s] p'",
+    r'\bwithin\b': "write the time after the operator, as in 'eventually[0 s, 5 s] p'",
+    r'(?<!-)[<>=≤≥≠]=?\s*[^\s<>=≤≥≠()]+\s*(?<!-)[<>=≤≥≠]': (
+        "join comparisons with 'and': '0 < x and x < 5'"
+    ),
+    r'\bin\s*[\[(]': "write an interval of values as '0 <= x and x <= 5'",
+    r'\[\s*\]': "did you mean 'always' instead of '[]'?",
+    r'[{}]': 'use round brackets',
+}
+"""What to write instead of mistakes that are more than a word."""
+
 LANGUAGE: Final = Language(
-    'formula', __package__, 'formula.lark', _SPELLINGS, corrections=_CORRECTIONS
+    'formula',
+    __package__,
+    'formula.lark',
+    _SPELLINGS,
+    corrections=_CORRECTIONS,
+    advice=_ADVICE,
 )

@@ -43,6 +43,7 @@ _Measured: TypeAlias = tuple[Term, str | None]
 """A term and its unit; None for a plain number."""
 
 _NO_UNITS = 'state the unit, let {name}: UNIT in ..., or write a plain number'
+_NO_UNIT = 'give the feature its unit, let {name}: UNIT in ..., or write a plain number'
 
 
 def with_converted_numbers(formula: Formula, units: Units) -> Formula:
@@ -143,7 +144,7 @@ class _Conversion:
                     f'a feature alone, or write a difference in {unit}',
                     term.position,
                 )
-            return Number(value, position=term.position)
+            return Number(value, quantity=term, unit=unit, position=term.position)
         if convert is not None:
             message = f"'{term}' is in {given} and the term beside it in {unit}"
             raise PositionedError(f'{message}; convert one by a factor', term.position)
@@ -197,12 +198,12 @@ class _Conversion:
         if unit := self.units.get(name):
             return unit
         if isinstance(term, FieldReference):
-            reason = f"'{term}' is a field of a stream, which states no unit"
+            reason, correction = f"'{term}' is a field of a stream, which states no unit", _NO_UNITS
+        elif name in self.units:
+            reason, correction = f"'{name}' has no unit", _NO_UNIT
         else:
-            known = name in self.units
-            reason = f"'{name}' has no unit" if known else f"the unit of '{name}' is not known"
-        correction = _NO_UNITS.format(name=name)
-        raise PositionedError(f'{reason}; {correction}', term.position)
+            reason, correction = f"the unit of '{name}' is not known", _NO_UNITS
+        raise PositionedError(f'{reason}; {correction.format(name=name)}', term.position)
 
 
 def _converted_value(value: float, convert: Callable[[float], float]) -> float:

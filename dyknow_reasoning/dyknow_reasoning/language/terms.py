@@ -5,20 +5,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, TypeAlias
 
 from dyknow_common import ComputedField, SyntaxNode, parse_field
-
-
-@dataclass(frozen=True, slots=True)
-class Number(SyntaxNode):
-    """A number."""
-
-    value: int | float
-
-    def __str__(self) -> str:
-        return repr(self.value)
+from dyknow_reasoning.language.grammar import LANGUAGE
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,6 +21,37 @@ class Quantity(SyntaxNode):
 
     def __str__(self) -> str:
         return f'{self.value!r} "{self.unit}"'
+
+
+@dataclass(frozen=True, slots=True)
+class ShownQuantity(Quantity):
+    """A number with a unit of measurement in a message: the unit has no needless quotes."""
+
+    def __str__(self) -> str:
+        return f'{self.value!r} {LANGUAGE.name_text(self.unit, "UNIT")}'
+
+
+@dataclass(frozen=True, slots=True)
+class Number(SyntaxNode):
+    """A number.
+
+    Args:
+        value: the number.
+        quantity: what it is in the text, if it was converted from another unit.
+        unit: the unit that it was converted to.
+    """
+
+    value: int | float
+    quantity: Quantity | None = field(default=None, compare=False, kw_only=True)
+    unit: str = field(default='', compare=False, kw_only=True)
+
+    def __str__(self) -> str:
+        return repr(self.value)
+
+    @property
+    def in_its_unit(self) -> Quantity:
+        """The number with the unit that it was converted to."""
+        return Quantity(self.value, self.unit)
 
 
 @dataclass(frozen=True, slots=True)

@@ -190,9 +190,12 @@ class _TypeChecker:
 
 def _advice(term: Term) -> str:
     """Return what to write for a topic without a field, which is a string; else an empty text."""
-    if isinstance(term, terms.TextLiteral) and term.value.startswith('/'):
-        return f'; if it is a topic, name a field, such as {term}.data'
-    return ''
+    if not (isinstance(term, terms.TextLiteral) and term.value.startswith('/')):
+        return ''
+    topic, dot, field = term.value.partition('.')
+    if dot:  # No name of a topic has a dot.
+        return f'; the quotes enclose the topic alone: "{topic}".{field}'
+    return f'; if it is a topic, name a field, such as {term}.data'
 
 
 def _check_feature(node: terms.Feature, variables: set[str], objects: set[str]) -> None:

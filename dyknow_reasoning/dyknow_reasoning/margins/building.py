@@ -30,6 +30,7 @@ from dyknow_reasoning.language.formula import (
     Since,
     StateAtom,
     Until,
+    as_written,
     parts,
 )
 from dyknow_reasoning.language.interval import Interval
@@ -46,13 +47,14 @@ from dyknow_reasoning.margins.operators import (
     LOWEST,
     JunctionMargin,
     MarginOperator,
+    PairMargin,
     PreviousMargin,
     Reader,
     Robustness,
     StateJunction,
     StateMargin,
 )
-from dyknow_reasoning.margins.windows import SlidingExtremum, SlidingSince, SlidingUntil
+from dyknow_reasoning.margins.sliding import SlidingExtremum, SlidingSince, SlidingUntil
 from dyknow_reasoning.progression.atoms import fields
 from dyknow_reasoning.progression.instances import Binding, Domains, ground_atom, objects_of
 
@@ -184,12 +186,12 @@ class MarginBuilder:
         sides = self._sides(formula, binding, positive=positive)
         return self._counted(kind(sides, *_offsets(formula.interval), universal=not positive))
 
-    def _sides(self, formula: Until | Since, binding: Binding, *, positive: bool) -> MarginOperator:
-        sides = [
+    def _sides(self, formula: Until | Since, binding: Binding, *, positive: bool) -> PairMargin:
+        left, right = (
             self._built(each, binding, positive=positive, first=False)
             for each in (formula.left, formula.right)
-        ]
-        return JunctionMargin(sides, tuple)
+        )
+        return PairMargin(left, right)
 
     def _past(self, formula: PastFormula, binding: Binding, *, positive: bool) -> MarginOperator:
         if isinstance(formula, Since):
@@ -245,7 +247,7 @@ class MarginBuilder:
             number = len(self.readers)
             self._signals[key] = number
             self.readers.append(margin_reader(ground, self._kinds, number, positive=positive))
-            self.atoms.append(str(ground))
+            self.atoms.append(str(as_written(ground)))
             self.fields.update(map(str, fields(ground)))
         return self._signals[key]
 

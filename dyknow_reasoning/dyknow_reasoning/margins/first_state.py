@@ -56,17 +56,13 @@ class FirstMargin(MarginOperator):
             return ()
         end, open_, add = self._state + self.end, self._open, self._add
         self._latest = steps.spans[-1][1]
-        open_.extend(steps.until(end).spans)
+        open_.extend((steps if end == inf else steps.until(end)).spans)
         for margin in self.body.step(steps, assumption):
             add(open_.popleft()[1], margin)
         if self._latest < end or self._is_open():
             return ()
         self._has_ended = True
         return (self._margin,)
-
-    def follows(self, unknown: Robustness) -> bool:  # noqa: ARG002
-        """Return False: not known."""
-        return False
 
     def _is_open(self) -> bool:
         """Return True if a margin of the body that counts is not known yet."""
@@ -80,11 +76,39 @@ class FirstMargin(MarginOperator):
 class FirstExtremum(FirstMargin):
     """`always` and `eventually`."""
 
-    def bound(self, unknown: Robustness) -> Robustness | None:
-        """Return the margin if what is unknown decides, or if all is unknown beyond the window."""
-        if unknown == self.decisive and self._latest < self._state + self.end:
-            return unknown
-        return self.better(self._margin, unknown) if self.body.follows(unknown) else None
+    def __init__(self, body: MarginOperator, start: float, end: float, *, universal: bool) -> None:
+        super().__init__(body, start, end, universal=universal)
+        self._bounds = {LOWEST: self._margin, HIGHEST: self._margin}
+
+    def open_margins(
+        self,
+        limit: Robustness,  # noqa: ARG002
+        unknown: Robustness,
+    ) -> Sequence[Robustness]:
+        """Return the margin, unless it is the one of all that is unknown."""
+        if self._has_ended:
+            return ()
+        if unknown == self.decisive:
+            if self._latest < self._state + self.end:
+                return ()
+            return self._ended_margin(self.body.open_margins(unknown, unknown))
+        # A bound never becomes less strict, so what reaches the one before does not matter.
+        bound = self.better(self._margin, self._bounds[unknown])
+        start = self._state + self.start
+        inner = self.body.open_margins(bound, unknown)
+        for (_, leave), margin in zip(self._open, inner, strict=False) if inner else ():
+            if leave >= start:
+                bound = self.better(bound, margin)
+        self._bounds[unknown] = bound
+        return (bound,)
+
+    def _ended_margin(self, inner: Sequence[Robustness]) -> Sequence[Robustness]:
+        """Return the margin after the end of the window, where an unknown one decides."""
+        if len(inner) < len(self._open) and self._is_open():
+            return ()
+        start = self._state + self.start
+        steps = zip(self._open, inner, strict=False)
+        return (self.better([self._margin, *(each for (_, end), each in steps if end >= start)]),)
 
     def _is_open(self) -> bool:
         return bool(self._open) and self._open[-1][1] >= self._state + self.start
@@ -102,15 +126,36 @@ class FirstUntil(FirstMargin):
         # Of the left side, at all states after the first one.
         self._left = LOWEST if universal else HIGHEST
 
-    def bound(self, unknown: Robustness) -> Robustness | None:
-        """Return the margin if the right side may hold at the next state."""
-        if not self.body.is_immediate:
-            return None
-        return self.better(self._margin, self.worse(self._left, unknown))
+    def open_margins(
+        self,
+        limit: Robustness,  # noqa: ARG002
+        unknown: Robustness,
+    ) -> Sequence[Robustness]:
+        """Return the margin: that of all known steps, and of an unknown one after them."""
+        if self._has_ended:
+            return ()
+        inner = self.body.open_margins(unknown, unknown)
+        found = self._margin, self._left
+        for (_, leave), margins in zip(self._open, inner, strict=False):
+            found = self._added(*found, leave, margins)
+        is_unknown = len(inner) < len(self._open) and self._is_in_window(self._open[-1][1])
+        if is_unknown or self._latest < self._state + self.end:
+            found = self._added(*found, inf, (unknown, unknown))
+        return (found[0],)
 
     def _add(self, leave: float, margin: Any) -> None:
-        left, right = margin
-        if leave >= self._state + self.start:
-            self._margin = self.better(self._margin, self.worse(self._left, right))
+        self._margin, self._left = self._added(self._margin, self._left, leave, margin)
+
+    def _added(
+        self, margin: Robustness, left: Robustness, leave: float, margins: Any
+    ) -> tuple[Robustness, Robustness]:
+        """Return a margin and that of the left side, after those of both sides at a step."""
+        next_left, right = margins
+        if self._is_in_window(leave):
+            margin = self.better(margin, self.worse(left, right))
         if leave > self._state:
-            self._left = self.worse(self._left, left)
+            left = self.worse(left, next_left)
+        return margin, left
+
+    def _is_in_window(self, leave: float) -> bool:
+        return leave >= self._state + self.start

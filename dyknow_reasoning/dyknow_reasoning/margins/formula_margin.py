@@ -48,12 +48,6 @@ class MarginBound:
         """Process states and gaps."""
         self.known.extend(self.operator.step(steps, self.assumption))
 
-    def after_the_end(self, now: int, unknown: Robustness) -> Sequence[Robustness]:
-        """Return the margins that are not known yet, if all after a time is unknown."""
-        future = Steps()
-        future.append(now + 1, inf, None)
-        return self.operator.copied().step(future, Assumption(unknown))
-
 
 class BoundedMargins(ABC):
     """The margins of a formula over states, with two bounds where they are not known.
@@ -90,6 +84,8 @@ class BoundedMargins(ABC):
         self._atoms = builder.atoms
         self._latest: int | None = None
         self._gap_follows = False
+        self._latest_bounds = LOWEST, HIGHEST
+        self._latest_margin = Margin(-inf, inf)
 
     def step(self, valid_time: int, values: Values) -> None:
         """Process a state that is later than the one before."""
@@ -154,6 +150,13 @@ class BoundedMargins(ABC):
             ]
 
     def _margin(self, lower: Robustness, upper: Robustness) -> Margin:
+        bounds = lower, upper
+        # The bounds often stay as they are.
+        if bounds != self._latest_bounds:
+            self._latest_bounds, self._latest_margin = bounds, self._margin_of(lower, upper)
+        return self._latest_margin
+
+    def _margin_of(self, lower: Robustness, upper: Robustness) -> Margin:
         finite = [each for each in (lower, upper) if abs(each[0]) < inf]
         nearest = min(finite, key=lambda bound: abs(bound[0]), default=None)
         atom = '' if nearest is None else self._atoms[nearest[1]]
@@ -186,11 +189,10 @@ class FormulaMargin(BoundedMargins):
 
     def _bound(self, bound: MarginBound, unknown: Robustness) -> Robustness:
         """Return the bound if the future is unknown."""
-        found = bound.known[0] if bound.known else bound.operator.bound(unknown)
-        if found is None:
-            # The end of all windows decides.
-            (found,) = bound.after_the_end(cast('int', self._latest), unknown)
-        return found
+        if bound.known:
+            return bound.known[0]
+        found: Sequence[Robustness] = bound.operator.open_margins(unknown, unknown)
+        return found[0] if found else unknown
 
 
 def _float(value: float) -> float:

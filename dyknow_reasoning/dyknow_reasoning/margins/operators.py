@@ -14,8 +14,10 @@ a lower bound of the margins of the parts gives a lower bound of the margin. Whe
 in a gap and in the future, a part has the margin -inf for the lower bound, and inf for the upper
 one. Two copies of the operators compute the two bounds from there on.
 
-Unknown states in a gap are one step, from the first nanosecond of the gap to the last. The same
-step, from now on for ever, ends all windows, and gives the bounds at any time.
+Unknown states in a gap are one step, from the first nanosecond of the gap to the last. Such a step,
+from now on for ever, ends all windows, and gives the bounds at any time: `open_margins` returns
+what each operator would, without changing it. Most windows that are open have the margin of what is
+unknown, or one beyond a limit that decides, so few margins are computed.
 """
 
 from __future__ import annotations
@@ -24,11 +26,11 @@ from abc import ABC, abstractmethod
 from bisect import bisect_right
 from collections import deque
 from collections.abc import Callable, Sequence
-from copy import copy
 from dataclasses import dataclass, field
+from itertools import chain, islice, repeat, zip_longest
 from math import inf
 from operator import itemgetter
-from typing import Any, Self, TypeAlias
+from typing import Any, Self, TypeAlias, cast
 
 Robustness: TypeAlias = tuple[float, int]
 """A margin, and the number of the comparison that has it; -1 if none has."""
@@ -95,13 +97,18 @@ class Assumption:
     is_needed: bool = False
 
 
+def reaches(margin: Robustness, limit: Robustness, unknown: Robustness) -> bool:
+    """Return True if a margin is at a limit, or beyond it towards what is unknown."""
+    return margin >= limit if unknown[0] > 0 else margin <= limit
+
+
 class Copyable:
     """An object whose attributes may be changed independently in a copy."""
 
     def copied(self) -> Self:
         """Return an independent copy."""
-        twin = copy(self)
-        vars(twin).update((name, _copied(value)) for name, value in vars(self).items())
+        twin = self.__new__(type(self))
+        vars(twin).update({name: _copied(value) for name, value in vars(self).items()})
         return twin
 
 
@@ -110,7 +117,7 @@ def _copied(value: Any) -> Any:
         return value.copied()
     if isinstance(value, list):
         return [_copied(each) for each in value]
-    return value.copy() if isinstance(value, deque) else value
+    return value.copy() if isinstance(value, deque | dict) else value
 
 
 class MarginOperator(Copyable, ABC):
@@ -135,15 +142,16 @@ class MarginOperator(Copyable, ABC):
         """
 
     @abstractmethod
-    def follows(self, unknown: Robustness) -> bool:
-        """Return True if each margin that was not returned yet is `unknown` if the future is."""
+    def open_margins(self, limit: Robustness, unknown: Robustness) -> Sequence[Any]:
+        """Return the margins that were not returned by `step` yet, if the future is unknown.
 
-    def bound(self, unknown: Robustness) -> Robustness | None:  # noqa: ARG002
-        """Return the first margin, if it can be told without `step`, and the future is unknown.
+        They may end before all others that reach the limit. Each that reaches the limit may be
+        another that does, too: whoever calls this only needs those that do not.
 
-        It has not been returned yet.
+        Args:
+            limit: a margin; `unknown` to get all that differ from it.
+            unknown: the margin of all that is unknown, `LOWEST` or `HIGHEST`.
         """
-        return None
 
 
 class StateMargin(MarginOperator):
@@ -168,12 +176,12 @@ class StateMargin(MarginOperator):
     def step(self, steps: Steps, assumption: Assumption) -> Sequence[Any]:
         """Return the margins at the states."""
         read, unknown = self.read, assumption.unknown
-        signals = steps.until(self._needed).signals
+        signals = (steps if self._needed == inf else steps.until(self._needed)).signals
         return [unknown if each is None else read(each) for each in signals]
 
-    def follows(self, unknown: Robustness) -> bool:  # noqa: ARG002
-        """Return True: none is open."""
-        return True
+    def open_margins(self, limit: Robustness, unknown: Robustness) -> Sequence[Any]:  # noqa: ARG002
+        """Return nothing: all margins are known."""
+        return ()
 
 
 class JunctionMargin(MarginOperator):
@@ -181,13 +189,14 @@ class JunctionMargin(MarginOperator):
 
     Args:
         members: the operators of the formulas.
-        join: the least or the greatest of margins; or `tuple`, to pass them on.
+        join: returns the margin, such as the least or the greatest one.
     """
 
     def __init__(self, members: Sequence[MarginOperator], join: Callable[[Any], Any]) -> None:
         self.members = list(members)
         self.join = join
         self.is_immediate = all(each.is_immediate for each in members)
+        self._decisive = _decisive(join)
         self._queues: list[deque[Any]] = [deque() for _ in members]
 
     def need(self, last: float) -> None:
@@ -204,23 +213,38 @@ class JunctionMargin(MarginOperator):
         margins = [[queue.popleft() for _ in range(known)] for queue in queues]
         return list(map(self.join, zip(*margins)))  # noqa: B905 - strict is slower
 
-    def follows(self, unknown: Robustness) -> bool:
-        """Return True if one unknown margin decides, and each member has it."""
+    def open_margins(self, limit: Robustness, unknown: Robustness) -> Sequence[Any]:
+        """Return the margins that are not known yet, from those of the members."""
         if self.is_immediate:
-            return True
-        decides = self.join in (min, max) and self.join((LOWEST, HIGHEST)) == unknown
-        return decides and all(each.follows(unknown) for each in self.members)
+            return ()
+        members = []
+        for member, queue in zip(self.members, self._queues, strict=True):
+            found = member.open_margins(limit, unknown)
+            members.append([*queue, *found] if queue else found)
+            if self._decisive == unknown and not members[-1]:
+                return ()
+        if self._decisive == unknown:
+            # One unknown margin decides.
+            return list(map(self.join, zip(*members, strict=False)))
+        return list(map(self.join, zip_longest(*members, fillvalue=unknown)))
 
-    def bound(self, unknown: Robustness) -> Robustness | None:
-        """Return the margin from those of the members."""
-        found = [
-            queue[0] if queue else member.bound(unknown)
-            for member, queue in zip(self.members, self._queues, strict=True)
-        ]
-        if None in found or self.join is tuple:
-            return None
-        bound: Robustness = self.join(found)
-        return bound
+
+class PairMargin(JunctionMargin):
+    """Two formulas at the same state, whose margins are passed on as pairs.
+
+    Args:
+        left: the operator of one formula.
+        right: that of the other.
+    """
+
+    def __init__(self, left: MarginOperator, right: MarginOperator) -> None:
+        super().__init__((left, right), tuple)
+
+    def left_reaches(self, limit: Robustness, unknown: Robustness) -> bool:
+        """Return True if the left margins of all pairs that were not returned yet reach a limit."""
+        lefts = [*self._queues[0], *self.members[0].open_margins(limit, unknown)]
+        least = min if unknown == HIGHEST else max
+        return reaches(least(lefts, default=unknown), limit, unknown)
 
 
 class StateJunction(MarginOperator):
@@ -239,6 +263,7 @@ class StateJunction(MarginOperator):
         self.other = other
         self.join = join
         self.is_immediate = other.is_immediate
+        self._decisive = _decisive(join)
         self._needed: float = inf
         self._queue: deque[Robustness | None] = deque()
 
@@ -250,22 +275,23 @@ class StateJunction(MarginOperator):
     def step(self, steps: Steps, assumption: Assumption) -> Sequence[Any]:
         """Return the margins at the states for which that of the other formula is known."""
         read, unknown, queue = self.read, assumption.unknown, self._queue
-        signals = steps.until(self._needed).signals
-        queue.extend([unknown if each is None else read(each) for each in signals])
-        found = self.other.step(steps, assumption)
-        join: Callable[..., Robustness] = self.join
-        return list(map(join, [queue.popleft() for _ in found], found))
+        needed = steps if self._needed == inf else steps.until(self._needed)
+        for signals in needed.signals:
+            queue.append(unknown if signals is None else read(signals))
+        join = self.join
+        return [join((queue.popleft(), other)) for other in self.other.step(steps, assumption)]
 
-    def follows(self, unknown: Robustness) -> bool:
-        """Return True if one unknown margin decides, and the other formula has it."""
-        if self.is_immediate:
-            return True
-        return bool(self.join((LOWEST, HIGHEST)) == unknown) and self.other.follows(unknown)
-
-    def bound(self, unknown: Robustness) -> Robustness | None:
-        """Return the margin from that of the other formula."""
-        other = self.other.bound(unknown)
-        return None if other is None else self.join((self._queue[0], other))
+    def open_margins(self, limit: Robustness, unknown: Robustness) -> Sequence[Any]:
+        """Return the margins that are not known yet, from those of the other formula."""
+        if not self._queue:
+            return ()
+        others, join = self.other.open_margins(limit, unknown), cast('Any', self.join)
+        if self._decisive == unknown:
+            return list(map(join, self._queue, others)) if others else ()
+        joined = list(map(join, self._queue, others))
+        # An unknown margin of the other formula changes nothing.
+        joined += islice(self._queue, len(others), None)
+        return () if reaches(join(joined), limit, unknown) else joined
 
 
 class PreviousMargin(MarginOperator):
@@ -299,6 +325,17 @@ class PreviousMargin(MarginOperator):
             self._before = margin
         return found
 
-    def follows(self, unknown: Robustness) -> bool:  # noqa: ARG002
-        """Return True if no margin is open."""
-        return self.is_immediate
+    def open_margins(self, limit: Robustness, unknown: Robustness) -> Sequence[Any]:
+        """Return the margins at the states before which that of the body is not known yet."""
+        if not self._gaps:
+            return ()
+        before = [self._before, *self.body.open_margins(limit, unknown)]
+        pairs = zip(self._gaps, chain(before, repeat(unknown)), strict=False)
+        return [unknown if is_gap else margin for is_gap, margin in pairs]
+
+
+def _decisive(join: Callable[[Any], Any]) -> Robustness | None:
+    """Return the margin of one member that decides, whatever those of the others are."""
+    if join is min:
+        return LOWEST
+    return HIGHEST if join is max else None

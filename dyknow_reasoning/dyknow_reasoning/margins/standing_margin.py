@@ -19,6 +19,7 @@ from __future__ import annotations
 from bisect import bisect_left, bisect_right
 from collections import deque
 from collections.abc import Iterable
+from itertools import chain, repeat
 from math import inf
 from typing import Any, NamedTuple
 
@@ -152,10 +153,14 @@ class StandingMargin(BoundedMargins):
         """Return the bounds of the margins that are not known yet."""
         if self._latest is None or not self._open:
             return []
-        lower = self._bounds[0].after_the_end(self._latest, LOWEST)
-        upper = self._bounds[-1].after_the_end(self._latest, HIGHEST)
-        # The unknown future is a further step, with a margin of its own.
-        found = zip(self._open, lower, upper, strict=False)
+        lower = self._bounds[0].operator.open_margins(LOWEST, LOWEST)
+        upper = self._bounds[-1].operator.open_margins(HIGHEST, HIGHEST)
+        found = zip(
+            self._open,
+            chain(lower, repeat(LOWEST)),
+            chain(upper, repeat(HIGHEST)),
+            strict=False,
+        )
         return [_MarginRun(each, each, *bounds) for each, *bounds in found if each is not None]
 
     def _worst(self, runs: list[_MarginRun]) -> Margin:

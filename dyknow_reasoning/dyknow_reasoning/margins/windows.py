@@ -1,4 +1,4 @@
-"""Operators over windows of time that slide with the state: nested temporal operators.
+"""Windows of time that slide with the state, with the margin of the formula over each.
 
 Each margin enters and leaves a window once, so the cost of a state is constant on average, whatever
 the length of the window. `always`, `eventually`, `once` and `historically` keep the margins that
@@ -16,141 +16,72 @@ same form, so a window is a product, which two stacks (`Product`) maintain.
 
 from __future__ import annotations
 
-from abc import abstractmethod
+from abc import ABC, abstractmethod
 from collections import deque
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable
 from math import inf
-from typing import Any, cast
+from typing import Any, TypeAlias
 
-from dyknow_reasoning.margins.operators import (
-    HIGHEST,
-    LOWEST,
-    MAX_WAITING,
-    Assumption,
-    Copyable,
-    MarginOperator,
-    Robustness,
-    Steps,
-)
+from dyknow_reasoning.margins.operators import HIGHEST, LOWEST, Copyable, Robustness, reaches
 
 
-class SlidingMargin(MarginOperator):
-    """A formula over a window of each state.
+class MarginWindow(Copyable, ABC):
+    """The margins of the body of a temporal operator in a window of each state.
 
     Args:
-        body: the operator of the formula in the window.
         start: the start of the window, in nanoseconds after the state; -inf: the first state.
         end: its end; inf: none.
         universal: True if the least margin counts, False if the greatest.
     """
 
-    def __init__(self, body: MarginOperator, start: float, end: float, *, universal: bool) -> None:
-        self.body = body
+    def __init__(self, start: float, end: float, *, universal: bool) -> None:
         self.start = start
         self.end = end
         self.universal = universal
-        self.is_immediate = body.is_immediate and end <= 0
         self.better = min if universal else max
         self.worse = max if universal else min
-        self.decisive = LOWEST if universal else HIGHEST
         self.neutral = HIGHEST if universal else LOWEST
-        self._needed = self._needed_of_body = inf
-        # The states whose margin is not known yet; None for a gap.
-        self._states: deque[int | None] = deque()
-        # The times of the steps for which the margin of the body is not known yet.
-        self._open: deque[tuple[int, float]] = deque()
-        # The margins of the body that have not entered the window yet, with these times.
-        self._waiting: deque[tuple[tuple[int, float], Any]] = deque()
 
-    def need(self, last: float) -> None:
-        """Record that margins are needed at the states up to a time."""
-        self._needed = last
-        self._needed_of_body = last + max(self.end, 0)
-        self.body.need(self._needed_of_body)
-
-    def step(self, steps: Steps, assumption: Assumption) -> Sequence[Any]:
-        """Return the margins of the states whose windows are complete."""
-        open_, states, waiting = self._open, self._states, self._waiting
-        margins = self.body.step(steps, assumption)
-        open_.extend(steps.until(self._needed_of_body).spans)
-        waiting.extend([(open_.popleft(), margin) for margin in margins])
-        states.extend(steps.until(self._needed).states)
-        now, unknown = steps.spans[-1][1], cast('Any', assumption.unknown)
-        enter, margin_of, found = self._enter, self._margin, list[Any]()
-        while states:
-            state = states[0]
-            if state is None:
-                found.append(unknown)
-                states.popleft()
-                continue
-            end = state + self.end
-            is_complete = end <= now and not (open_ and self._is_open(state, end))
-            if not is_complete:
-                if len(states) <= MAX_WAITING:
-                    break
-                if unknown is None:
-                    assumption.is_needed = True
-                    break
-            while waiting and waiting[0][0][0] <= end:
-                (first, last), margin = waiting.popleft()
-                enter(first, last, margin)
-            margin = margin_of(state)
-            found.append(margin if is_complete else self.better(margin, unknown))
-            states.popleft()
-        return found
-
-    def follows(self, unknown: Robustness) -> bool:  # noqa: ARG002
-        """Return True if no margin is open."""
-        return self.is_immediate
-
-    def _is_open(self, state: int, end: float) -> bool:
-        """Return True if a margin that the state depends on is not known yet."""
-        del state
-        return self._open[0][0] <= end
+        # A margin that `latest_reaching` found: the limit, what is unknown, and the time.
+        self._found: tuple[Robustness, Robustness, float] = self.neutral, self.neutral, -inf
 
     @abstractmethod
-    def _enter(self, enter: int, leave: float, margin: Any) -> None:
-        """Add a margin of the body to the window."""
+    def enter(self, first: int, last: float, margin: Any) -> None:
+        """Add the margin of the body at a step, with the first and the last time of the step."""
 
     @abstractmethod
-    def _margin(self, state: int) -> Robustness:
+    def margin(self, state: int) -> Robustness:
         """Drop what has left the window of a state, and return the margin of the state."""
 
+    def latest_reaching(self, limit: Robustness, unknown: Robustness, since: float) -> float | None:
+        """Return the time of a margin that reaches a limit, the latest one if it is before `since`.
 
-class SlidingExtremum(SlidingMargin):
-    """`always` and `eventually`; with a window before the state, `historically` and `once`."""
+        Of pairs, it is the right margin.
+        """
+        *found_for, time = self._found
+        if time >= since and found_for == [limit, unknown]:
+            return time
+        for last, margin in self._latest():
+            if reaches(margin, limit, unknown):
+                self._found = limit, unknown, last
+                return last
+        return None
 
-    def __init__(self, body: MarginOperator, start: float, end: float, *, universal: bool) -> None:
-        super().__init__(body, start, end, universal=universal)
+    def _latest(self) -> Iterable[tuple[float, Robustness]]:
+        """Return the margins that decide, the latest first, with the last times of their steps."""
+        return ()
+
+
+class ExtremumWindow(MarginWindow):
+    """The least or the greatest margin in a window."""
+
+    def __init__(self, start: float, end: float, *, universal: bool) -> None:
+        super().__init__(start, end, universal=universal)
         self._kept: deque[tuple[float, Robustness]] = deque()
-        # The end of a step in the window of the earliest state that was open.
-        self._last_open = -inf
 
-    def follows(self, unknown: Robustness) -> bool:
-        """Return True if one unknown margin decides, and the body has it."""
-        # A window without its own state may be empty: then its margin is known, but waits for that
-        # of an earlier state.
-        has_own_state = self.start <= 0 <= self.end
-        is_decided = has_own_state and unknown == self.decisive and self.body.follows(unknown)
-        return self.is_immediate or is_decided
-
-    def _is_open(self, state: int, end: float) -> bool:
-        if self._open[0][0] > end:
-            return False
-        start = state + self.start
-        if self._open[0][1] <= self._last_open and self._last_open >= start:
-            return True
-        # Steps before the window do not matter, though they are open, too, if one in it is.
-        for enter, leave in self._open:
-            if enter > end:
-                break
-            if leave >= start:
-                self._last_open = leave
-                return True
-        return False
-
-    def _enter(self, enter: int, leave: float, margin: Any) -> None:
-        del enter
+    def enter(self, first: int, last: float, margin: Any) -> None:
+        """Add the margin of the body at a step."""
+        del first
         kept = self._kept
         if self.universal:
             while kept and kept[-1][1] >= margin:
@@ -159,13 +90,17 @@ class SlidingExtremum(SlidingMargin):
             while kept and kept[-1][1] <= margin:
                 kept.pop()
         if not kept or self.start != -inf:
-            kept.append((leave, margin))
+            kept.append((last, margin))
 
-    def _margin(self, state: int) -> Robustness:
+    def margin(self, state: int) -> Robustness:
+        """Return the margin of a state."""
         kept, start = self._kept, state + self.start
         while kept and kept[0][0] < start:
             kept.popleft()
         return kept[0][1] if kept else self.neutral
+
+    def _latest(self) -> Iterable[tuple[float, Robustness]]:
+        return reversed(self._kept)
 
 
 class Product(Copyable):
@@ -214,11 +149,48 @@ class Product(Copyable):
         return earlier if later is None else self._operation(earlier, later)
 
 
-class _SlidingPairs(SlidingMargin):
-    """`until` or `since` over a window; the body passes on pairs: the margins of both sides."""
+Pair: TypeAlias = tuple[Robustness, Robustness]
+"""The margins of the left and the right side."""
 
-    def _meet_left(self, first: Any, second: Any) -> Any:
-        return self.worse(first[0], second[0]), None
+
+# Products of an earlier and a later pair. They compare by themselves, as calls of `min` and `max`
+# would take most of the time.
+
+
+def _until(earlier: Pair, later: Pair) -> Pair:
+    (left, right), (next_left, next_right) = earlier, later
+    reached = left if left < next_right else next_right
+    return left if left < next_left else next_left, right if right > reached else reached
+
+
+def _released(earlier: Pair, later: Pair) -> Pair:
+    (left, right), (next_left, next_right) = earlier, later
+    reached = left if left > next_right else next_right
+    return left if left > next_left else next_left, right if right < reached else reached
+
+
+def _since(earlier: Pair, later: Pair) -> Pair:
+    (left, right), (next_left, next_right) = earlier, later
+    kept = right if right < next_left else next_left
+    return left if left < next_left else next_left, next_right if next_right > kept else kept
+
+
+def _since_dual(earlier: Pair, later: Pair) -> Pair:
+    (left, right), (next_left, next_right) = earlier, later
+    kept = right if right > next_left else next_left
+    return left if left > next_left else next_left, next_right if next_right < kept else kept
+
+
+def _both_left(earlier: Pair, later: Pair) -> Pair:
+    return min(earlier[0], later[0]), LOWEST
+
+
+def _either_left(earlier: Pair, later: Pair) -> Pair:
+    return max(earlier[0], later[0]), HIGHEST
+
+
+class _PairWindow(MarginWindow):
+    """`until` or `since` over a window; it contains pairs: the margins of both sides."""
 
     def _joined(self, found: Robustness, window: Product, between: Product) -> Robustness:
         """Return a margin, or a better one that a state in the window gives.
@@ -228,35 +200,41 @@ class _SlidingPairs(SlidingMargin):
             window: the steps in the window.
             between: those between the state and the window, in which the left side must hold.
         """
-        total, left = window.total(), between.total()
+        total = window.total()
         if total is None:
             return found
+        left = between.total() if between.elements else None
         right = total[1] if left is None else self.worse(left[0], total[1])
         result: Robustness = self.better(found, right)
         return result
 
 
-class SlidingUntil(_SlidingPairs):
+class UntilWindow(_PairWindow):
     """`until`; if universal, its dual, `release` with an open interval.
 
-    The body passes on pairs: the margins of the left and the right side.
+    It contains pairs: the margins of the left and the right side.
     """
 
-    def __init__(self, body: MarginOperator, start: float, end: float, *, universal: bool) -> None:
-        super().__init__(body, start, end, universal=universal)
+    def __init__(self, start: float, end: float, *, universal: bool) -> None:
+        super().__init__(start, end, universal=universal)
         # The steps before the window, and those in it; of both only those after the state.
-        self._before = Product(self._meet_left, keeps_elements=True)
-        self._window = Product(self._compose, keeps_elements=True)
+        self._before = Product(_either_left if universal else _both_left, keeps_elements=True)
+        self._window = Product(_released if universal else _until, keeps_elements=True)
 
-    def _compose(self, earlier: Any, later: Any) -> Any:
-        (left, right), (next_left, next_right) = earlier, later
-        worse = self.worse
-        return worse(left, next_left), self.better(right, worse(left, next_right))
+    def left_reaches(self, limit: Robustness, unknown: Robustness) -> bool:
+        """Return True if the left margins of all steps reach a limit."""
+        totals = (self._before.total(), self._window.total())
+        return all(each is None or reaches(each[0], limit, unknown) for each in totals)
 
-    def _enter(self, enter: int, leave: float, margin: Any) -> None:
-        self._window.append((enter, leave, margin))
+    def _latest(self) -> Iterable[tuple[float, Robustness]]:
+        return ((last, right) for _, last, (_, right) in reversed(self._window.elements))
 
-    def _margin(self, state: int) -> Robustness:
+    def enter(self, first: int, last: float, margin: Any) -> None:
+        """Add the margin of the body at a step."""
+        self._window.append((first, last, margin))
+
+    def margin(self, state: int) -> Robustness:
+        """Return the margin of a state."""
         before, window, start = self._before, self._window, state + self.start
         found, in_window, in_front = self.neutral, window.elements, before.elements
         if self.start > 0:
@@ -271,38 +249,35 @@ class SlidingUntil(_SlidingPairs):
         return self._joined(found, window, before)
 
 
-class SlidingSince(_SlidingPairs):
+class SinceWindow(_PairWindow):
     """`since`, the mirror of `until`; if universal, its dual.
 
-    The body passes on pairs: the margins of the left and the right side.
+    It contains pairs: the margins of the left and the right side.
 
     Args:
-        body: the operator of the pairs.
         start: the start of the window in nanoseconds after the state, at most 0; -inf: the first.
         end: its end, at most 0.
         universal: as for `until`.
     """
 
-    def __init__(self, body: MarginOperator, start: float, end: float, *, universal: bool) -> None:
+    def __init__(self, start: float, end: float, *, universal: bool) -> None:
         # States after the window count for the left side.
-        super().__init__(body, start, 0, universal=universal)
+        super().__init__(start, 0, universal=universal)
         self._window_end = end
         self._current: tuple[int, float, Any] | None = None
         # The steps in the window, and those after it; of both only those before the state.
-        self._window = Product(self._compose, keeps_elements=start != -inf)
-        self._after = Product(self._meet_left, keeps_elements=True)
+        since = _since_dual if universal else _since
+        self._window = Product(since, keeps_elements=start != -inf)
+        self._after = Product(_either_left if universal else _both_left, keeps_elements=True)
 
-    def _compose(self, earlier: Any, later: Any) -> Any:
-        (left, right), (next_left, next_right) = earlier, later
-        worse = self.worse
-        return worse(left, next_left), self.better(next_right, worse(next_left, right))
-
-    def _enter(self, enter: int, leave: float, margin: Any) -> None:
+    def enter(self, first: int, last: float, margin: Any) -> None:
+        """Add the margin of the body at a step."""
         if self._current is not None:
             self._after.append(self._current)
-        self._current = enter, leave, margin
+        self._current = first, last, margin
 
-    def _margin(self, state: int) -> Robustness:
+    def margin(self, state: int) -> Robustness:
+        """Return the margin of a state."""
         window, after = self._window, self._after
         while after.elements and after.elements[0][0] <= state + self._window_end:
             window.append(after.pop())

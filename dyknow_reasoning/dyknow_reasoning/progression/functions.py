@@ -15,6 +15,9 @@ import numpy as np
 
 from dyknow_reasoning.errors import ReasoningError
 
+EXACT: Final = 1 << 53
+"""The smallest absolute value from which on some integers are not floats."""
+
 _Array: TypeAlias = 'np.ndarray[Any, np.dtype[Any]]'
 _Number: TypeAlias = int | float
 
@@ -30,7 +33,7 @@ def call_function(name: str, values: Sequence[_Number]) -> _Number:
     except (ValueError, ArithmeticError) as error:
         reason = _REASONS.get(name) if isinstance(error, ValueError) else None
         raise ReasoningError(reason or str(error)) from None
-    if math.isnan(result):
+    if isinstance(result, float) and math.isnan(result):
         raise ReasoningError('not a number')
     return result
 
@@ -63,11 +66,15 @@ def _angle_difference(first: _Number, second: _Number) -> float:
 
 
 def _extreme(choose: Callable[..., _Number]) -> Callable[..., _Number]:
-    """Return an extreme that is a float if any operand is one, as results of arithmetic are."""
+    """Return an extreme that is a float if any operand is one, as results of arithmetic are.
+
+    An integer that a float may not hold exactly remains one: rounded, it might be no extreme.
+    """
 
     def chosen(*values: _Number) -> _Number:
         found = choose(values)
-        return float(found) if any(isinstance(each, float) for each in values) else found
+        is_mixed = any(isinstance(each, float) for each in values)
+        return float(found) if is_mixed and abs(found) < EXACT else found
 
     return chosen
 

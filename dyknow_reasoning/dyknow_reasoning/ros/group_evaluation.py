@@ -356,7 +356,7 @@ class GroupEvaluation:
 
     def _pause_after(self, breach: Breach) -> None:
         self._pause = Pause(self._wall_time(), breach)
-        self._node.get_logger().warning(f"the group '{self.name}' is paused: {breach.message}")
+        self._node.get_logger().info(f"the group '{self.name}' is paused: {breach.message}")
 
     def _receive(self, state: State) -> None:
         """Progress the group over a state of the current stream, if it is usable."""

@@ -29,6 +29,7 @@ from dyknow_common import (
     ExitCode,
     InlineText,
     Verdict,
+    listed,
     round_time,
 )
 from dyknow_configuration import RequestedFormula
@@ -149,11 +150,22 @@ class BlackBoxContent:
         A note says so if the verdict is another one than that of the running system.
         """
         (found,) = report.formulas
-        if found.error is None and (fault := self._missing_states(found)):
+        if fault := self._missing_streams or (not found.error and self._missing_states(found)):
             error = RecordingError(fault, ExitCode.NOT_FOUND)
             return replace(report, formulas=(replace(found, episodes=(), error=error),))
         notes = [*report.notes, *self.faults, *self._difference(found)]
         return replace(report, notes=tuple(notes))
+
+    @property
+    def _missing_streams(self) -> str:
+        """Why the states of the formula cannot be made; empty if they can."""
+        if self.states:
+            return ''
+        reasons = listed(self.faults) or 'unknown'
+        return (
+            'the black box does not know the streams of the formula, and so has no verdict '
+            f'({reasons}); name the formula and its configuration by options'
+        )
 
     def _missing_states(self, found: FormulaReport) -> str:
         """Return why the states of the bag cannot decide the formula; empty if they can."""

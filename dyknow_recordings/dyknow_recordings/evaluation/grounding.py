@@ -24,7 +24,7 @@ from dyknow_coordinator import (
     with_sorts,
     with_units,
 )
-from dyknow_reasoning import NO_CONSTANTS, Constants, FormulaGroup, parse_formula
+from dyknow_reasoning import NO_CONSTANTS, Constants, FormulaGroup
 from dyknow_recordings.evaluation.streams import RecordedStreams
 from dyknow_recordings.evaluation.vocabulary import Vocabulary
 
@@ -128,7 +128,7 @@ class FormulaGrounder:
         if not has_units(canonical):
             return formula
         units = _finished(find_units(symbols, self._query))
-        return str(parse_formula(with_units(formula, units)))
+        return with_units(formula, units)
 
     async def _matching_sources(self, concept: str) -> tuple[FeatureSource, ...]:
         return parse_sources(self._vocabulary.matching_streams(concept))

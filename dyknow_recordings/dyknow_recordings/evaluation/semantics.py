@@ -18,6 +18,7 @@ from dyknow_semantics import (
     SemanticsError,
     bridged,
     check_annotations,
+    origins_of,
     parse_annotations,
     parse_bridges,
     parse_concept,
@@ -39,7 +40,7 @@ class SemanticVocabulary:
         origins: dict[str, Origin] = {}
         for path in files.annotations:
             read = read_file(path, 'annotations', parse_annotations, SemanticsError)
-            origins = {str(each): Origin(path, each) for each in read} | origins
+            origins = origins_of(path, read) | origins
         bridges = tuple(
             bridge
             for path in files.bridges

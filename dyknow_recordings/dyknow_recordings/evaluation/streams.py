@@ -149,8 +149,11 @@ class RecordedStreams:
     ) -> None:
         """Create a stream; see `Dataflow.create`."""
         parsed = parse_specification(specification)
-        for each in sorted(free_names(parsed).streams & self._faults.keys()):
+        streams = free_names(parsed).streams
+        for each in sorted(streams & self._faults.keys()):
             raise StreamError(f"stream '{each}' cannot be made: {self._faults[each]}")
+        for each in sorted(streams - {*self.dataflow.names()}):
+            raise unknown_stream(each, self.running(self._requested))
         self.dataflow.create(name, parsed, constraints, on_sample, on_violation)
         self._connect()
 

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import re
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Final
 
-from dyknow_common import DyKnowError, InlineText, LanguageError, ValueType
+from dyknow_common import InlineText, LanguageError, ValueType
 from dyknow_semantics.annotations.annotation import Annotation
 from dyknow_semantics.annotations.checking import check_annotation
 from dyknow_semantics.annotations.field_checking import check_fields
@@ -22,6 +24,22 @@ class Origin:
 
     file: Path | InlineText
     annotation: Annotation
+
+
+_PLACE: Final = re.compile(r'# (?P<place>.+:[0-9]+:[0-9]+)')
+"""A comment with the place in another file that the annotations below it were made from."""
+
+
+def origins_of(file: Path | InlineText, annotations: Sequence[Annotation]) -> dict[str, Origin]:
+    """Return the origins of the annotations of a file, by canonical text."""
+    files: list[Path | InlineText] = [file]
+    for line in annotations[0].text.split('\n') if annotations else ():
+        found = _PLACE.fullmatch(line)
+        files.append(InlineText(found['place'], line) if found else files[-1])
+    return {
+        str(each): Origin(files[each.contents[0].feature.position.line], each)
+        for each in annotations
+    }
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,5 +89,9 @@ def check_annotations(
     return AnnotationFaults(tuple(messages), field_faults)
 
 
-def _located(error: DyKnowError, origin: Origin | None) -> str:
-    return error.message if origin is None else f'{origin.file}: {error.message}'
+def _located(error: LanguageError, origin: Origin | None) -> str:
+    if origin is None:
+        return error.message
+    # Users know the place of a part of another file, not the text that is made of it.
+    is_made = isinstance(origin.file, InlineText)
+    return f'{origin.file}: {error.reason if is_made else error.message}'

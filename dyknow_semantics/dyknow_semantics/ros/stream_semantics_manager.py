@@ -20,7 +20,12 @@ from dyknow_semantics.annotations.annotation_store import AnnotationStore
 from dyknow_semantics.annotations.checking import check_annotation
 from dyknow_semantics.annotations.field_checking import check_fields
 from dyknow_semantics.annotations.parsing import parse_annotations
-from dyknow_semantics.annotations.rechecking import AnnotationFaults, Origin, check_annotations
+from dyknow_semantics.annotations.rechecking import (
+    AnnotationFaults,
+    Origin,
+    check_annotations,
+    origins_of,
+)
 from dyknow_semantics.errors import SemanticsError
 from dyknow_semantics.ontology.knowledge import Knowledge
 from dyknow_semantics.ros.lengths import check_length, max_characters
@@ -59,7 +64,7 @@ class StreamSemanticsManager(DyKnowNode):
         for path in self._files:
             read = read_file(path, 'annotations', parse_annotations, SemanticsError)
             self._store.add(each for each in read if each not in self._store)
-            self._origins |= {str(each): Origin(path, each) for each in read}
+            self._origins |= origins_of(path, read)
         self._checks = AnnotationFaults()
         self._is_checked = not self._store.annotations
         self._is_checking = False

@@ -22,6 +22,11 @@ class StreamState(IntEnum):
     REGISTERED = 3
 
 
+def is_hidden(name: str) -> bool:
+    """Return True for a stream that DyKnow made for itself, such as states, as ROS hides topics."""
+    return name.startswith('_')
+
+
 @dataclass(frozen=True, slots=True)
 class Flow:
     """Samples per second, and their delays from valid to available time in nanoseconds.

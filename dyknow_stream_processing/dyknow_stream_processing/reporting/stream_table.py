@@ -32,13 +32,18 @@ _STYLES = {
     StreamState.REGISTERED: 'cyan',
 }
 
+_NONE = (
+    'There are no streams. Start DyKnow with a file that has some, as in "dyknow up robot.yaml"; '
+    'formulas over topics need none.\n'
+)
+
 _FIGURES = ('samples', 'rate', 'delay', 'max', 'dropped', 'violations')
 
 
 def stream_table(
     reports: Iterable[StreamReport], engines: Sequence[str], hidden: int = 0
-) -> ReportTable:
-    """Return a table with a line for each stream.
+) -> RenderableType:
+    """Return a table with a line for each stream, or how to make the first one.
 
     Args:
         reports: of the streams.
@@ -50,7 +55,8 @@ def stream_table(
     caption = ', '.join(engines) or 'no stream processing engine is running'
     if hidden:
         caption += f"; {hidden} of DyKnow's own streams not shown (--all shows them)"
-    return ReportTable(columns, rows, caption=caption)
+    listed = list(rows)
+    return ReportTable(columns, listed, caption=caption) if listed else Text(_NONE + caption)
 
 
 def stream_details(report: StreamReport, now: int) -> RenderableType:

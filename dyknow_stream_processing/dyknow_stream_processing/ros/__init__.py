@@ -20,7 +20,11 @@ from dyknow_stream_processing.ros.messages.sample_messages import (
 )
 from dyknow_stream_processing.ros.stream_proxy import StreamProxy
 from dyknow_stream_processing.ros.topics.node_topics import NodeTopics
-from dyknow_stream_processing.ros.topics.process_pauses import PAUSES
+from dyknow_stream_processing.ros.topics.process_pauses import (
+    PAUSES,
+    is_pause_recent,
+    time_of_receipt,
+)
 from dyknow_stream_processing.ros.topics.publications import (
     Publication,
     find_publication,
@@ -41,6 +45,7 @@ __all__ = [
     'check_fields',
     'extractor',
     'find_publication',
+    'is_pause_recent',
     'message_class',
     'message_conversion',
     'next_request',
@@ -50,6 +55,7 @@ __all__ = [
     'sample_valid_time',
     'scalar_fields',
     'source_type',
+    'time_of_receipt',
     'valid_time_reader',
     'with_value',
     'without_element',

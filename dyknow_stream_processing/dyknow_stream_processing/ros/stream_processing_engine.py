@@ -41,6 +41,7 @@ from dyknow_stream_processing.reporting.stream_report import (
     FlowMeter,
     StreamReport,
     StreamState,
+    is_hidden,
 )
 from dyknow_stream_processing.ros.messages.sample_messages import SampleWriter
 from dyknow_stream_processing.ros.messages.stream_report_messages import StreamReportPublisher
@@ -117,6 +118,7 @@ class StreamProcessingEngine(DyKnowNode):
             self, lambda: [self.get_fully_qualified_name()], self._reports, self._end_period
         )
         self._warning = Throttle(WARNING_PERIOD_S)
+        self._notice = Throttle(WARNING_PERIOD_S)
         WatermarkPublisher(self, self._prefix, self._watermarks)
         self.serve(StreamCreateFromSpec, self._create)
         self.serve(StreamDestroy, self._destroy)
@@ -269,8 +271,13 @@ class StreamProcessingEngine(DyKnowNode):
         )
         message.header.stamp = message.available_time
         self._outputs[name].violations.publish(message)
-        if self._warning.is_due():
-            self.get_logger().warning(f'{name}: {violation.message}')
+        text = f'{name}: {violation.message}'
+        if not is_hidden(name):
+            if self._warning.is_due():
+                self.get_logger().warning(text)
+        # Who has made the stream, such as the coordinator, warns by the names of its users.
+        elif self._notice.is_due():
+            self.get_logger().info(text)
 
 
 def main() -> int:

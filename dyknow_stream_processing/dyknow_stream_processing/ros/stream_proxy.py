@@ -63,7 +63,8 @@ class StreamProxy:
         message_type: Any = None,
         quality_of_service: QoSProfile | None = None,
     ) -> None:
-        _check_types(stream, constraints, on_sample, on_violation)
+        _check_types(node, stream, constraints, on_sample, on_violation)
+        _check_options(valid_time, message_type, quality_of_service)
         text = json.dumps(stream) if _TOPIC.fullmatch(stream) else stream
         valid_times: Mapping[str, str] = {}
         message_types: Mapping[str, Any] = {}
@@ -103,7 +104,9 @@ class StreamProxy:
         self._sources.destroy()
 
 
-def _check_types(stream: object, constraints: object, *callbacks: object) -> None:
+def _check_types(node: object, stream: object, constraints: object, *callbacks: object) -> None:
+    if not isinstance(node, Node):
+        raise TypeError(f'node must be a node of rclpy, not {node!r}')
     if not isinstance(stream, str):
         raise TypeError(f'stream must be a topic or a specification as a text, not {stream!r}')
     if not isinstance(constraints, StreamConstraints):
@@ -111,6 +114,20 @@ def _check_types(stream: object, constraints: object, *callbacks: object) -> Non
     for name, callback in zip(('on_sample', 'on_violation'), callbacks, strict=True):
         if not callable(callback):
             raise TypeError(f'{name} must be a function, not {callback!r}')
+
+
+def _check_options(valid_time: object, message_type: object, quality_of_service: object) -> None:
+    fields = valid_time.values() if isinstance(valid_time, Mapping) else [valid_time]
+    if not all(isinstance(each, str | None) for each in fields):
+        raise TypeError(f'valid_time must be a field, or one for each topic, not {valid_time!r}')
+    types = message_type.values() if isinstance(message_type, Mapping) else [message_type]
+    if not all(each is None or hasattr(each, 'get_fields_and_field_types') for each in types):
+        raise TypeError(
+            f'message_type must be the class of a message, or one for each topic, not '
+            f'{message_type!r}'
+        )
+    if not isinstance(quality_of_service, QoSProfile | None):
+        raise TypeError(f'quality_of_service must be a QoSProfile, not {quality_of_service!r}')
 
 
 def _by_topic(argument: str, value: Any, topics: Collection[str]) -> Mapping[str, Any]:

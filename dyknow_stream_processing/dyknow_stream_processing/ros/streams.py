@@ -16,7 +16,7 @@ from dyknow_common.ros import (
     time_to_nanoseconds,
 )
 from dyknow_stream_processing.errors import unknown_stream
-from dyknow_stream_processing.reporting.stream_report import StreamReport
+from dyknow_stream_processing.reporting.stream_report import StreamReport, is_hidden
 from dyknow_stream_processing.reporting.stream_table import as_json, stream_details, stream_table
 from dyknow_stream_processing.ros.messages.stream_report_messages import report_from_message
 
@@ -44,7 +44,7 @@ def rendered(message: Any, options: argparse.Namespace) -> RenderableType:
 
 def _reports(message: Any, options: argparse.Namespace) -> list[StreamReport]:
     """Return the reports of all streams, or of those that are not hidden, as ROS has it."""
-    shown = (each for each in message.streams if options.all or not each.name.startswith('_'))
+    shown = (each for each in message.streams if options.all or not is_hidden(each.name))
     return [report_from_message(each) for each in shown]
 
 

@@ -40,6 +40,17 @@ def test_of_two_pauses_the_first_one_counts(pauses: ProcessPauses) -> None:
     assert pauses.unsettled_for(2450 * MS) == 2000 * MS
 
 
+def test_messages_that_are_received_after_a_pause_may_have_waited(pauses: ProcessPauses) -> None:
+    assert pauses.waiting_since(10 * MS, 500 * MS) is None
+    pauses.note_sign_of_life(5450 * MS)
+    for time in range(5500, 9000, 50):
+        pauses.note_sign_of_life(time * MS)
+    received = {449: None, 450: 8550, 5460: 8550, 5699: 8550, 5700: None, 8000: None}
+    for at, waiting in received.items():
+        since = pauses.waiting_since((9000 - at) * MS, 9000 * MS)
+        assert since == (None if waiting is None else waiting * MS), at
+
+
 def test_a_request_has_waited_no_longer_than_the_pause(pauses: ProcessPauses) -> None:
     pauses.note_sign_of_life(5450 * MS)
     assert pauses.delay(3000 * MS, 5500 * MS) == 3000 * MS

@@ -44,6 +44,8 @@ from dyknow_common.ros.topics.senders import GID, SENDER
 NUMBER: Final = 'publication_sequence_number'
 """The key of the number of a message in its info."""
 
+_MAX_COMPARED: Final = 1000
+
 
 class _Inbox:
     """The direct messages that a node has to receive or to publish; see `of`."""
@@ -136,7 +138,11 @@ class DirectSubscription:
         self._received = self._delivered = self._dropped = self._reported = 0
         self._direct_senders: set[str] = set()
         self._is_destroyed = False
-        self._guard = MessageGuard(node, name, self._pass_on, refusal)
+        # The latest ones of a latched topic, whose copies may come when the publisher has ended and
+        # nobody knows any more whose they are.
+        is_latched = qos_profile.durability is DurabilityPolicy.TRANSIENT_LOCAL
+        self._latest: deque[Any] = deque(maxlen=_MAX_COMPARED if is_latched else 0)
+        self._guard = MessageGuard(node, name, self._pass_on, refusal, self._is_copy)
         # Before the middleware has it: a publisher must not take it for one of another process.
         if has_senders():
             _SUBSCRIPTIONS.add(self)
@@ -161,6 +167,7 @@ class DirectSubscription:
             self._dropped += 1  # The number of the next message shows it, too.
             return
         self._received += 1
+        self._latest.append(message)
         self._inbox.put(partial(self.deliver, message, {NUMBER: number, SENDER: sender}))
 
     def deliver(self, message: Any, info: dict[str, Any]) -> None:
@@ -181,6 +188,10 @@ class DirectSubscription:
         self._is_destroyed = True
         self._node.destroy_subscription(self._subscription)
         _SUBSCRIPTIONS.remove(self)
+
+    def _is_copy(self, message: Any) -> bool:
+        # Of a list, as publishers may append to the deque during the comparisons.
+        return message in list(self._latest)
 
     def _pass_on(self, message: Any, info: Any) -> None:
         is_copy = GID in info and info[SENDER] in self._direct_senders

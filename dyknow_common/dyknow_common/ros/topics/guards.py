@@ -92,6 +92,8 @@ class MessageGuard:
         topic: absolute.
         callback: receives each message, with its info if it takes two arguments.
         refusal: decides whose messages are taken; None: all.
+        is_copy: returns True for a message that has already been received in another way: it is no
+            loss if its sender stays unknown.
     """
 
     def __init__(
@@ -100,11 +102,13 @@ class MessageGuard:
         topic: str,
         callback: Callable[..., Any],
         refusal: Refusal | None = None,
+        is_copy: Callable[[Any], bool] = lambda _: False,
     ) -> None:
         self._node = node
         self._topic = topic
         self._callback = callback if _takes_info(callback) else lambda message, _: callback(message)
         self._refusal = refusal
+        self._is_copy = is_copy
         self._senders = Senders(node, topic)
         self._held: list[tuple[Any, Any, int]] = []
         self._timer: Any = None
@@ -192,7 +196,7 @@ class MessageGuard:
             unknown.add(info[GID])
             if time.monotonic_ns() < limit:
                 self._held.append((message, info, limit))
-            else:
+            elif not self._is_copy(message):
                 self._reject(self._topic, 'the node that has sent it is not known')
         if not self._held and self._timer is not None:
             self._node.destroy_timer(self._timer)

@@ -45,6 +45,8 @@ class ActionCall:
 
     Attributes:
         accepted: a future that is done when the goal is accepted or the call has ended.
+        on_answered: called when the server has answered all requests of the call: to accept the
+            goal, and to cancel it. A goal that it accepts after the end of the call is cancelled.
     """
 
     def __init__(
@@ -59,6 +61,7 @@ class ActionCall:
         on_feedback: Callable[[Any], None],
     ) -> None:
         self.accepted: Future = Future()
+        self.on_answered: Callable[[], None] = lambda: None
         self._node = node
         self._server = server
         self._client = client
@@ -68,6 +71,7 @@ class ActionCall:
         self._on_feedback = on_feedback
         self._handle: Any = None
         self._is_sent = self._has_ended = self._is_cancelled = False
+        self._unanswered = 0
         self._timeout: Future = Future()
         # A multi-threaded executor may run two callbacks that end the call at once.
         self._lock = threading.Lock()
@@ -80,6 +84,11 @@ class ActionCall:
             # still sends the goal.
             executor.create_task(self._poll)
 
+    @property
+    def is_unanswered(self) -> bool:
+        """True if the server has not answered a request of the call yet."""
+        return self._unanswered > 0
+
     def cancel(self) -> None:
         """Cancel the goal; the result is then that of the server, if it answers in time."""
         if self._has_ended:
@@ -89,14 +98,14 @@ class ActionCall:
             self.fail(DyKnowError('cancelled by the caller', ExitCode.CANCELLED))
             return
         if self._handle is not None:
-            self._handle.cancel_goal_async()
+            self._await(self._handle.cancel_goal_async())
         self._fail_after(GRACE_S, 'is cancelled, and', ExitCode.CANCELLED)
 
     def fail(self, error: DyKnowError) -> None:
         """End with an error, and cancel the goal at the server."""
         if self._handle is not None and not self._has_ended:
             self._is_cancelled = True
-            self._handle.cancel_goal_async()
+            self._await(self._handle.cancel_goal_async())
         self._end(None, error)
 
     def _is_server_ready(self) -> bool:
@@ -122,7 +131,21 @@ class ActionCall:
         response = self._client.send_goal_async(
             self._goal, lambda message: self._on_feedback(message.feedback)
         )
-        response.add_done_callback(self._on_response)
+        self._await(response, self._on_response)
+
+    def _await(self, answer: Future, then: Callable[[Future], None] = lambda _: None) -> None:
+        """Note a request to the server until it is answered."""
+        with self._lock:
+            self._unanswered += 1
+
+        def on_answer(done: Future) -> None:
+            then(done)
+            with self._lock:
+                self._unanswered -= 1
+            if not self.is_unanswered:
+                self.on_answered()
+
+        answer.add_done_callback(on_answer)
 
     def _on_response(self, response: Future) -> None:
         handle = response.result()
@@ -131,7 +154,7 @@ class ActionCall:
             return
         self._handle = handle
         if self._is_cancelled or self._has_ended:
-            handle.cancel_goal_async()
+            self._await(handle.cancel_goal_async())
         elif self._timeouts.result_s is None:
             self._timeout.cancel()
         else:

@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from math import isfinite
 from numbers import Real
-from types import NoneType, UnionType
-from typing import Final
+from types import NoneType
+from typing import Any, Final
+
+from rclpy.node import Node
 
 from dyknow_common import BlackBoxOptions, StreamConstraints
 from dyknow_coordinator.grounding.feature_sources import Grounding
 from dyknow_coordinator.plans.plan import Plan
 
-_TYPES: Final[Mapping[str, tuple[type | UnionType, str]]] = {
+_TYPES: Final[Mapping[str, tuple[Any, str]]] = {
     'formula': (str, 'a text in the formula language'),
     'name': (str, 'a text'),
     'timeout': (Real, 'a number of seconds'),
@@ -20,6 +23,11 @@ _TYPES: Final[Mapping[str, tuple[type | UnionType, str]]] = {
     'constraints': (StreamConstraints, 'a StreamConstraints'),
     'plan': (Plan, 'a Plan'),
     'record': (BlackBoxOptions | NoneType, 'a BlackBoxOptions or None'),
+    'node': (Node, 'a node of rclpy'),
+    'coordinator': (str, 'the name of a node'),
+    **dict.fromkeys(('margin', 'every_state', 'restart_on_change'), (bool, 'True or False')),
+    **dict.fromkeys(('on_verdict', 'on_feedback'), (Callable, 'a function')),
+    'on_interruption': (Callable | NoneType, 'a function or None'),
 }
 """The type of each argument, and the words for it."""
 
@@ -30,28 +38,29 @@ def check_request(
     grounding: object,
     constraints: object,
     wait: object,
-    name: object = '',
-    record: object = None,
+    **others: object,
 ) -> None:
-    """Check the types of the arguments of a request; raises like `check_arguments`."""
+    """Check the arguments of a request; raises like `check_arguments`."""
     check_arguments(
         formula=formula,
         timeout=timeout,
         grounding=grounding,
         constraints=constraints,
         wait=wait,
-        name=name,
-        record=record,
+        **others,
     )
 
 
 def check_arguments(**arguments: object) -> None:
-    """Check the types of arguments; rclpy would not say which one is wrong.
+    """Check arguments; rclpy would not say which one is wrong, or only when they are used.
 
     Raises:
-        TypeError: names the argument.
+        TypeError: names the argument of a wrong type.
+        ValueError: names the time that is not finite.
     """
     for name, value in arguments.items():
         expected, words = _TYPES[name]
-        if not isinstance(value, expected) or isinstance(value, bool):
+        if not isinstance(value, expected) or (expected is not bool and isinstance(value, bool)):
             raise TypeError(f'{name} must be {words}, not {value!r}')
+        if isinstance(value, Real) and not isfinite(value):
+            raise ValueError(f'{name} must be a finite number of seconds, not {value!r}')

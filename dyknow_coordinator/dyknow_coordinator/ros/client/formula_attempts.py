@@ -10,8 +10,12 @@ Example, with a timeout of 60 s (times in seconds):
 
 from __future__ import annotations
 
+import inspect
+import warnings
 from collections.abc import Callable
 from typing import Any, Final
+
+from rclpy.node import Node
 
 from dyknow_common import SECOND_NS, DyKnowError, ExitCode
 from dyknow_common.ros import NodeAdapter
@@ -98,3 +102,15 @@ def answer_of_goal(result: Any, error: DyKnowError | None, *, every_state: bool)
     if error is not None:
         return Answer(error=error)
     return answer_from_message(result, every_state=every_state)
+
+
+def notify_listener(node: Node, listener: Callable[[Answer], Any], answer: Answer) -> None:
+    """Call a listener, which may be `async`."""
+    if not inspect.iscoroutinefunction(listener):
+        listener(answer)
+        return
+    executor = node.executor
+    if executor is not None and node in executor.get_nodes():
+        executor.create_task(listener, answer)
+    else:
+        warnings.warn(f'no executor spins the node, so {listener} is not run', stacklevel=2)

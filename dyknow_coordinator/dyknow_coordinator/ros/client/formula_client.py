@@ -2,19 +2,14 @@
 
 from __future__ import annotations
 
-import inspect
-import warnings
 from collections.abc import Callable
 from functools import partial
 from typing import Any, Final, Self
 
 from dyknow_interfaces.action import MonitorFormula, MonitorPlan
 from dyknow_interfaces.srv import EvaluateFormula
-from rclpy.action import ActionClient
-from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
-from rclpy.qos import QoSProfile
 from rclpy.task import Future
 
 from dyknow_common import (
@@ -26,12 +21,10 @@ from dyknow_common import (
     StreamConstraints,
 )
 from dyknow_common.ros import (
-    SERVICE,
     NodeAdapter,
     RemoteNode,
     constraints_to_message,
     nanoseconds_to_duration,
-    snake_case,
 )
 from dyknow_coordinator.errors import CoordinationError
 from dyknow_coordinator.evaluation.answer import Answer, Progress
@@ -41,7 +34,12 @@ from dyknow_coordinator.ros.answers import answer_from_message, progress_from_me
 from dyknow_coordinator.ros.client.action_call import GRACE_S, ActionCall, GoalTimeouts
 from dyknow_coordinator.ros.client.arguments import check_arguments, check_request
 from dyknow_coordinator.ros.client.blocking import helper_node, refuse_in_callback
-from dyknow_coordinator.ros.client.formula_attempts import FormulaAttempts, answer_of_goal
+from dyknow_coordinator.ros.client.formula_attempts import (
+    FormulaAttempts,
+    answer_of_goal,
+    notify_listener,
+)
+from dyknow_coordinator.ros.client.goals import CoordinatorGoals
 from dyknow_coordinator.ros.client.plan_monitor import PlanMonitor
 from dyknow_coordinator.ros.plans.plan_messages import plan_to_goal, verdict_from_message
 from dyknow_coordinator.ros.reporting.evaluation_messages import (
@@ -85,7 +83,7 @@ class FormulaClient:
     Every wait ends: for the coordinator, after `wait`; for the verdict, after `timeout` and a grace
     period. If the coordinator dies meanwhile, the answer is UNAVAILABLE within seconds.
 
-    An argument of a wrong type is a fault of the caller: a TypeError names it.
+    A wrong argument is a fault of the caller: a TypeError or a ValueError names it.
 
     The client works in callbacks of any executor, single-threaded or multi-threaded, and may be
     created before the node is spun. All methods but `evaluate_blocking` return at once.
@@ -109,12 +107,12 @@ class FormulaClient:
     """
 
     def __init__(self, node: Node, coordinator: str = COORDINATOR) -> None:
+        check_arguments(node=node, coordinator=coordinator)
         self._node = node
         self._name = coordinator
         self._adapter = NodeAdapter(node)
         self._coordinator = RemoteNode(self._adapter, coordinator)
-        self._actions: dict[Any, ActionClient] = {}
-        self._calls: set[ActionCall] = set()
+        self._goals = CoordinatorGoals(self._adapter, self._coordinator)
         self._attempts: set[FormulaAttempts] = set()
         self._is_closed = False
 
@@ -129,14 +127,11 @@ class FormulaClient:
         if self._is_closed:
             return
         self._is_closed = True
-        for call in list(self._calls):
-            call.fail(CoordinationError('the client was closed', ExitCode.CANCELLED))
+        self._goals.close(CoordinationError('the client was closed', ExitCode.CANCELLED))
         for attempts in list(self._attempts):
             attempts.cancel()
         self._coordinator.release()
         self._adapter.close()
-        for action in self._actions.values():
-            action.destroy()
 
     async def evaluate(
         self,
@@ -152,7 +147,7 @@ class FormulaClient:
 
         The request cannot be cancelled; it ends after its timeout. See `monitor` for others.
         """
-        check_request(formula, timeout, grounding, constraints, wait)
+        check_request(formula, timeout, grounding, constraints, wait, margin=margin)
         refusal = self._refusal(timeout, constraints)
         if refusal is not None:
             return Answer(error=refusal)
@@ -184,7 +179,7 @@ class FormulaClient:
             RuntimeError: in a callback of a single-threaded executor, which would be blocked;
                 await `evaluate` there.
         """
-        check_request(formula, timeout, grounding, constraints, wait)
+        check_request(formula, timeout, grounding, constraints, wait, margin=margin)
         refuse_in_callback(self._node)
         if (refusal := self._refusal(timeout, constraints)) is not None:
             return Answer(error=refusal)
@@ -229,7 +224,8 @@ class FormulaClient:
         `on_verdict` (may be `async`) gets the answer or an error; `on_feedback`, reports meanwhile.
         With `on_interruption`, which gets the error, broken constraints are not the end of it.
         """
-        check_request(formula, timeout, grounding, constraints, wait, name, record)
+        # Here, the local variables are the arguments.
+        check_arguments(**{name: value for name, value in locals().items() if value is not self})
         monitor = Monitor()
         if (refusal := self._refusal(timeout, constraints)) is not None:
             monitor.accepted.set_result(None)
@@ -238,16 +234,17 @@ class FormulaClient:
         goal = _request(MonitorFormula.Goal, formula, timeout, grounding, constraints)
         goal.name, goal.margin, goal.every_state = name, margin, every_state
         goal.restart_on_change, goal.record = restart_on_change, black_box_to_message(record)
-        monitor.call = FormulaAttempts(
+        call = FormulaAttempts(
             self._adapter,
             timeout,
             partial(self._send_formula, goal, wait, on_feedback),
             partial(self._end, monitor, on_verdict),
-            on_interruption and partial(_notify, self._node, on_interruption),
+            on_interruption and partial(notify_listener, self._node, on_interruption),
         )
-        return self._added(monitor, monitor.call)
+        return self._added(monitor, call)
 
     def _added(self, monitor: Monitor, call: FormulaAttempts) -> Monitor:
+        monitor.call = call
         self._attempts.add(call)
         call.call.accepted.add_done_callback(lambda _: monitor.accepted.set_result(None))
         return monitor
@@ -262,7 +259,7 @@ class FormulaClient:
     ) -> ActionCall:
         every_state = goal.every_state
         goal.timeout = nanoseconds_to_duration(round(timeout * SECOND_NS))
-        return self._send(
+        return self._goals.send(
             MonitorFormula,
             goal,
             GoalTimeouts(wait, timeout),
@@ -274,7 +271,7 @@ class FormulaClient:
         if monitor.call is not None:
             self._attempts.discard(monitor.call)
         monitor.outcome.set_result(answer)
-        _notify(self._node, on_verdict, answer)
+        notify_listener(self._node, on_verdict, answer)
 
     def monitor_plan(
         self,
@@ -290,7 +287,8 @@ class FormulaClient:
         `on_verdict` is called for every change of the status of a formula. The other options are
         those of all formulas.
         """
-        check_arguments(plan=plan, grounding=grounding, constraints=constraints, wait=wait)
+        check_arguments(plan=plan, on_verdict=on_verdict)
+        check_arguments(grounding=grounding, constraints=constraints, wait=wait)
         monitor = PlanMonitor(plan.name, self._coordinator, on_verdict)
 
         def end(result: Any, error: DyKnowError | None) -> None:
@@ -303,7 +301,7 @@ class FormulaClient:
             return monitor
         goal = plan_to_goal(plan)
         goal.grounding, goal.constraints = int(grounding), constraints_to_message(constraints)
-        monitor.call = self._send(
+        monitor.call = self._goals.send(
             MonitorPlan,
             goal,
             GoalTimeouts(wait, None),
@@ -311,44 +309,6 @@ class FormulaClient:
             lambda feedback: monitor.update(verdict_from_message(feedback.verdict)),
         )
         return monitor
-
-    def _send(
-        self,
-        action_type: Any,
-        goal: Any,
-        timeouts: GoalTimeouts,
-        on_end: Callable[[Any, DyKnowError | None], None],
-        on_feedback: Callable[[Any], None],
-    ) -> ActionCall:
-        def end(result: Any, error: DyKnowError | None) -> None:
-            self._calls.discard(call)
-            on_end(result, error)
-
-        call = ActionCall(
-            self._adapter,
-            self._coordinator,
-            self._action(action_type),
-            goal,
-            timeouts,
-            on_end=end,
-            on_feedback=on_feedback,
-        )
-        self._calls.add(call)
-        return call
-
-    def _action(self, action_type: Any) -> ActionClient:
-        if action_type not in self._actions:
-            self._actions[action_type] = ActionClient(
-                self._node,
-                action_type,
-                f'{self._name}/{snake_case(action_type.__name__)}',
-                callback_group=MutuallyExclusiveCallbackGroup(),
-                goal_service_qos_profile=SERVICE,
-                result_service_qos_profile=SERVICE,
-                cancel_service_qos_profile=SERVICE,
-                feedback_sub_qos_profile=QoSProfile(depth=SERVICE.depth),
-            )
-        return self._actions[action_type]
 
     def _refusal(self, timeout_s: float, constraints: StreamConstraints) -> DyKnowError | None:
         """Return the reason why a request cannot be sent, if there is one."""
@@ -380,15 +340,3 @@ def _request(
         constraints=constraints_to_message(constraints),
         timeout=nanoseconds_to_duration(round(timeout_s * SECOND_NS)),
     )
-
-
-def _notify(node: Node, listener: Callable[[Answer], Any], answer: Answer) -> None:
-    """Call a listener, which may be `async`."""
-    if not inspect.iscoroutinefunction(listener):
-        listener(answer)
-        return
-    executor = node.executor
-    if executor is not None and node in executor.get_nodes():
-        executor.create_task(listener, answer)
-    else:
-        warnings.warn(f'no executor spins the node, so {listener} is not run', stacklevel=2)

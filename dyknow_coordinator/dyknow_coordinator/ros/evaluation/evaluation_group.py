@@ -153,7 +153,7 @@ class EvaluationGroup:
     @property
     def titles(self) -> str:
         """The names of its formulas, for people; only the first ones of many."""
-        titles = [member.title for member in self._members.values()]
+        titles = list(dict.fromkeys(member.title for member in self._members.values()))
         more = ', ...' if len(titles) > _MAX_TITLES else ''
         return f'{", ".join(titles[:_MAX_TITLES])}{more}'
 

@@ -117,6 +117,11 @@ class FormulaEvaluation(Evaluation):
         return self.request.name or self.canonical_formula or self.request.formula
 
     @property
+    def names(self) -> tuple[str, ...]:
+        """The names that end it: its title, or without a name of its own, the formula as sent."""
+        return (self.title,) if self.request.name else (self.title, self.request.formula)
+
+    @property
     def waits_for(self) -> str:
         """Why no state comes; empty if states come or it is not evaluated."""
         return self._group.waits_for if self._group is not None else ''

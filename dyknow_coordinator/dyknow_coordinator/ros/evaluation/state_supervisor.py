@@ -69,6 +69,14 @@ class StateObserver(Protocol):
         """Record that there are no more states."""
 
 
+class StateUsers(StateObserver, Protocol):
+    """Formulas over the same states."""
+
+    @property
+    def titles(self) -> str:
+        """The names of the formulas, for people."""
+
+
 class StateSupervisor:
     """Supervisor of the states of a formula group, which replaces their streams.
 
@@ -83,7 +91,7 @@ class StateSupervisor:
         group_id: int,
         name: str,
         inputs: FormulaInputs,
-        observer: StateObserver,
+        observer: StateUsers,
     ) -> None:
         self.inputs = inputs
         self._context = context
@@ -254,7 +262,9 @@ class StateSupervisor:
                 await self._context.node.deadlines.after(POLL_PERIOD_S)
             else:
                 del self._faults[:count]
-                self._observer.add_event(f'{fault.error.message}; {self._description()}')
+                event = f'{fault.error.message}; {self._description()}'
+                self._observer.add_event(event)
+                self._context.node.get_logger().warning(f'{self._observer.titles}: {event}')
         limit.cancel()
         self._is_changing = False
         if not self._has_ended:

@@ -43,6 +43,7 @@ from dyknow_reactions.ros.black_box.formula_origins import FormulaOrigins
 from dyknow_reactions.ros.black_box.raw_topics import RawTopics
 from dyknow_reactions.ros.black_box.recorder_settings import RecorderSettings
 from dyknow_reactions.ros.black_box.snapshot import SnapshotService
+from dyknow_stream_processing.ros import PAUSES, is_pause_recent
 
 PERIOD_S: Final = 0.1
 """The period in which boxes are closed, and publishers are looked for."""
@@ -61,6 +62,7 @@ class BlackBoxRecorder(DyKnowNode):
 
     def __init__(self) -> None:
         super().__init__('black_box_recorder')
+        PAUSES.start()
         settings = self._settings = RecorderSettings.declare(self)
         self._snapshot = (
             SnapshotService(self, settings.snapshot_service) if settings.snapshot_service else None
@@ -159,8 +161,9 @@ class BlackBoxRecorder(DyKnowNode):
 
     def _update(self) -> None:
         """Follow the topics, forget what is not needed, and write the boxes that are due."""
-        now = self.now()
-        for box in self._watch.due(now):
+        self._origins.refresh()
+        # After a pause, messages of the time of a box may wait to be received.
+        for box in () if is_pause_recent() else self._watch.due(self.now()):
             self._start_writing(box)
         self._follow_topics()
 
@@ -175,7 +178,8 @@ class BlackBoxRecorder(DyKnowNode):
                 kept[topic] = min(kept.get(topic, begin), begin)
         for topic in self._topics.follow(kept):
             self._ring.remove(topic)
-        for topic, begin in kept.items():
+        # After a pause, a failure may be reported later than REPORT_DELAY_NS.
+        for topic, begin in () if is_pause_recent() else kept.items():
             self._ring.forget(topic, begin)
         self._origins.keep(self._watch.watched)
 
@@ -195,11 +199,11 @@ class BlackBoxRecorder(DyKnowNode):
         offers = {each: self._topics.offer(each) for each in origin.topics}
         topics = {topic: offer for topic, offer in offers.items() if offer is not None}
         messages = [each for each in messages if each.topic in topics]
-        states = [each for each in messages if each.topic == origin.state_stream]
         versions, configuration = _versions(), self._configuration
         folder = self._folder
 
         def write() -> Path:
+            states = (each for each in messages if each.topic == origin.state_stream)
             numbers = [_state_number(each) for each in states]
             content = content_of(box, origin, numbers, versions, configuration)
             return folder.write(content, box.failure.time, messages, topics)
@@ -291,6 +295,10 @@ class BlackBoxRecorder(DyKnowNode):
             raise DyKnowError('\n'.join(errors), ExitCode.UNAVAILABLE)
         response.paths = [path for path, _ in outcomes if path]
 
+    def _formulas_without_streams(self) -> list[str]:
+        watched = self._watch.watched if self._snapshot is None else ()
+        return [name for name, started in watched if not self._origins[name, started].has_streams]
+
     def _report_health(self) -> None:
         faults = [*self._topics.faults, *([self._latest_fault] if self._latest_fault else [])]
         drops = self._ring.dropped - self._reported_drops
@@ -299,6 +307,9 @@ class BlackBoxRecorder(DyKnowNode):
         if drops:
             level = DiagnosticStatus.WARN
             text = f'the limits of memory have removed {drops} messages within the last second'
+        elif unknown := self._formulas_without_streams():
+            level = DiagnosticStatus.WARN
+            text = f'the stream manager has not reported the streams of {listed(unknown)} yet'
         if faults:
             level, text = DiagnosticStatus.ERROR, faults[-1]
         values = {

@@ -12,11 +12,16 @@ from dyknow_common import DyKnowError
 from dyknow_common.ros import DyKnowNode, RemoteNode
 from dyknow_coordinator import EvaluationPhase, EvaluationStatus
 from dyknow_coordinator.ros.streams_mirror import StreamsMirror
-from dyknow_reactions.black_box.box_content import FormulaOrigin, sorts_of, state_origin
+from dyknow_reactions.black_box.box_content import (
+    FormulaOrigin,
+    StateOrigin,
+    sorts_of,
+    state_origin,
+)
 from dyknow_reactions.black_box.failures import FormulaKey
 
 SEARCH_ATTEMPTS: Final = 3
-"""How often the ontology manager is asked for the objects of a formula's sorts."""
+"""How often the objects of a formula's sorts and its streams are looked for."""
 
 RETRY_DELAY_S: Final = 1.0
 
@@ -44,19 +49,20 @@ class FormulaOrigins:
     def note(self, key: FormulaKey, status: EvaluationStatus) -> FormulaOrigin:
         """Process the status of a formula, and return what is known of it."""
         found = self._found.setdefault(key, FormulaOrigin(status))
-        if status.state_stream and status.state_stream != found.state_stream:
-            self._find_streams(status, found)
+        if status.state_stream:
+            found.reported_stream = status.state_stream
+            self._find_streams(found)
         # After the end, there is no state stream any more.
         if status.states_progressed and status.state_stream in {'', found.state_stream}:
             found.status = status
         is_canonical = status.phase not in {EvaluationPhase.GROUNDING, EvaluationPhase.ENDED}
         if is_canonical and key not in self._searches:
             self._searches[key] = Future()
-            self._node.spawn(self._find_objects, status.formula, found, self._searches[key])
+            self._node.spawn(self._search, status.formula, found, self._searches[key])
         return found
 
     def search(self, key: FormulaKey) -> Future:
-        """Return the search for the objects of a formula's sorts; it ends whatever it finds."""
+        """Return the search for the objects and streams of a formula; it ends whatever it finds."""
         if key in self._searches:
             return self._searches[key]
         ended: Future = Future()
@@ -68,28 +74,37 @@ class FormulaOrigins:
         self._found = {key: each for key, each in self._found.items() if key in keys}
         self._searches = {key: each for key, each in self._searches.items() if key in keys}
 
-    def _find_streams(self, status: EvaluationStatus, found: FormulaOrigin) -> None:
+    def refresh(self) -> None:
+        """Look for the streams that the stream manager had not reported yet."""
+        for found in self._found.values():
+            self._find_streams(found)
+
+    def _find_streams(self, found: FormulaOrigin) -> None:
+        topic = found.reported_stream
+        if found.has_streams:
+            return
         try:
-            namespace = self._node.get_namespace()
-            origin = state_origin(status.state_stream, self._streams.known, namespace)
+            origin = state_origin(topic, self._streams.known, self._node.get_namespace())
         except DyKnowError as error:
             found.faults.add(error.message)
-            return
+            origin = StateOrigin()
         if origin is not None:
-            found.origin, found.state_stream = origin, status.state_stream
+            found.origin, found.state_stream = origin, topic
 
-    async def _find_objects(self, formula: str, found: FormulaOrigin, search: Future) -> None:
+    async def _search(self, formula: str, found: FormulaOrigin, search: Future) -> None:
         try:
             for attempt in range(SEARCH_ATTEMPTS):
                 if attempt:
                     await self._node.deadlines.after(RETRY_DELAY_S)
-                if await self._has_objects(formula, found):
+                if found.domains is None:
+                    await self._find_objects(formula, found)
+                if found.is_known:
                     return
         finally:
             search.set_result(None)
 
-    async def _has_objects(self, formula: str, found: FormulaOrigin) -> bool:
-        """Ask for the objects of a formula's sorts; return True if they are known."""
+    async def _find_objects(self, formula: str, found: FormulaOrigin) -> None:
+        """Ask for the objects of a formula's sorts."""
         domains: dict[str, tuple[str, ...]] = {}
         try:
             for sort in sorts_of(formula):
@@ -97,6 +112,5 @@ class FormulaOrigins:
                 domains[sort] = tuple(answer.instances)
         except DyKnowError as error:
             found.objects_fault = f'the objects of the sorts are not known: {error.message}'
-            return False
+            return
         found.domains, found.objects_fault = domains, ''
-        return True

@@ -17,6 +17,7 @@ from dyknow_stream_processing.ros import (
     find_publication,
     message_class,
     next_request,
+    time_of_receipt,
 )
 
 _STEP_BACK_NS: Final = SECOND_NS
@@ -120,11 +121,10 @@ class RawTopics:
 
     def _receive(self, topic: str, held: _RawTopic, data: bytes, info: Any) -> None:
         now = self._node.now()
-        received = (
-            now
-            if is_time_simulated(self._node)
-            else min(info.get('received_timestamp') or now, now)
-        )
+        received = now
+        if not is_time_simulated(self._node):
+            received = min(info.get('received_timestamp') or now, now)
+            received = time_of_receipt(received, info.get('source_timestamp') or received)
         if now < held.latest - _STEP_BACK_NS:
             held.latest = 0
             self._on_restart(topic)

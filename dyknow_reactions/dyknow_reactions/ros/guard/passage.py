@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping
 from typing import Any, Final
 
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
-from rclpy.qos import QoSProfile, ReliabilityPolicy
+from rclpy.qos import QoSPolicyKind, QoSProfile, ReliabilityPolicy
 from rclpy.qos_overriding_options import QoSOverridingOptions
 from rclpy.serialization import deserialize_message
 
@@ -21,6 +21,7 @@ from dyknow_stream_processing.ros import (
     extractor,
     find_publication,
     message_class,
+    next_request,
 )
 
 QUEUE_DEPTH: Final = 10
@@ -60,13 +61,13 @@ class Passage:
         self._class: Any = None
         self._publisher: Any = None
         self._subscription: Any = None
-        self._is_reliable = True
+        self._request: Publication | None = None
         self._safe: Callable[[Any], bytes] | None = None
         self._read: Callable[[Any], Any] | None = None
-        self.obstacle = f'nobody publishes {self._input}, and the guard states no type'
-        """Why messages cannot be passed on; empty if they can."""
         if guard.message_type:
             self._use(guard.message_type)
+        self.obstacle = self._missing_type
+        """Why messages cannot be passed on; empty if they can."""
 
     @property
     def bypass(self) -> str:
@@ -82,8 +83,15 @@ class Passage:
             found = find_publication(self._node, self._input)
             if found is not None:
                 self._match(found)
+            self.obstacle = self._missing_type
         except DyKnowError as error:
             self.obstacle = error.message
+
+    @property
+    def _missing_type(self) -> str:
+        if self._class is not None:
+            return ''
+        return f'nobody publishes {self._input}, and the guard states no type'
 
     def values(self, data: bytes) -> Mapping[str, Value]:
         """Return the values of a message, by their paths."""
@@ -108,12 +116,16 @@ class Passage:
             raise ReactionError(
                 f'{self._input} is published with the type {found.type_name}, not with {self._type}'
             )
-        self.obstacle = ''
-        if self._is_reliable and not found.reliable:
+        request = next_request(self._request, found)
+        if request.reliable != self._is_reliable:
             # A reliable subscription would receive nothing of a publisher that is not.
-            self._is_reliable = False
             self._node.destroy_subscription(self._subscription)
-            self._subscribe()
+            self._subscribe(reliable=request.reliable)
+        self._request = request
+
+    @property
+    def _is_reliable(self) -> bool:
+        return self._request is None or self._request.reliable
 
     def _use(self, type_name: str) -> None:
         """Create the topics of a type."""
@@ -130,10 +142,9 @@ class Passage:
             QoSProfile(depth=QUEUE_DEPTH),
             qos_overriding_options=QoSOverridingOptions.with_default_policies(),
         )
-        self._subscribe()
-        self.obstacle = ''
+        self._subscribe(reliable=True)
 
-    def _subscribe(self) -> None:
+    def _subscribe(self, *, reliable: bool) -> None:
         policy = ReliabilityPolicy
         self._subscription = self._node.create_subscription(
             self._class,
@@ -141,9 +152,12 @@ class Passage:
             self._on_message,
             QoSProfile(
                 depth=QUEUE_DEPTH,
-                reliability=policy.RELIABLE if self._is_reliable else policy.BEST_EFFORT,
+                reliability=policy.RELIABLE if reliable else policy.BEST_EFFORT,
             ),
             raw=True,
-            qos_overriding_options=QoSOverridingOptions.with_default_policies(),
+            # The parameters of all policies would keep the reliability of the first subscription.
+            qos_overriding_options=QoSOverridingOptions(
+                (QoSPolicyKind.HISTORY, QoSPolicyKind.DEPTH)
+            ),
             callback_group=self._group,
         )

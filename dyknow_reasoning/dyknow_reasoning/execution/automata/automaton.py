@@ -25,7 +25,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from operator import itemgetter
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 from dyknow_reasoning.progression.bounds import Bound, TimeQuestion
 from dyknow_reasoning.progression.gaps import Gap, apart, halves_after
@@ -76,7 +76,7 @@ class Move:
 
     target: Location
     kept: tuple[int, ...]
-    select: Callable[[Times], Times]
+    select: Callable[[tuple[Any, ...]], tuple[Any, ...]]
     is_alike: bool
 
 
@@ -238,7 +238,7 @@ def _grafted(
     return root.yes or move
 
 
-def _selection(kept: tuple[int, ...]) -> Callable[[Times], Times]:
+def _selection(kept: tuple[int, ...]) -> Callable[[tuple[Any, ...]], tuple[Any, ...]]:
     match kept:
         case ():
             return lambda _: ()

@@ -8,6 +8,8 @@ Candidates of earlier states are put before the recording as states of their own
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 
 from dyknow_reasoning.execution.past.machines import Machine, PreviousMachine, SinceMachine
@@ -17,21 +19,27 @@ from dyknow_reasoning.progression.nodes import AtLeast, Constant, Junction, Lite
 _MAX_TIME = 1 << 60
 
 
-def node_truths(node: Node, symbols: Array) -> Array:
-    """Return the truth of a formula without windows, for each truth of its atoms as bits."""
+def node_truths(node: Node, truth_of: Callable[[int], Array], count: int) -> Array:
+    """Return the truth of a formula without windows, for many states or objects.
+
+    Args:
+        node: the formula.
+        truth_of: returns the truth of the atom of a slot.
+        count: the number of states or objects.
+    """
     match node:
-        case Constant(value=value):
-            return np.full(len(symbols), value)
         case Literal(slot=slot, positive=positive):
-            truths: Array = ((symbols >> slot & 1) == positive).astype(bool)
-            return truths
+            truths = truth_of(slot)
+            return truths if positive else ~truths
         case Junction(universal=universal, parts=parts):
             combine = np.logical_and if universal else np.logical_or
-            found: Array = combine.reduce([node_truths(part, symbols) for part in parts])
+            found: Array = combine.reduce([node_truths(part, truth_of, count) for part in parts])
             return found
-        case AtLeast(count=count, parts=parts):
-            counts: Array = np.sum([node_truths(part, symbols) for part in parts], axis=0)
-            return counts >= count
+        case AtLeast(count=least, parts=parts):
+            counts: Array = np.sum([node_truths(part, truth_of, count) for part in parts], axis=0)
+            return counts >= least
+        case Constant(value=value):
+            return np.full(count, value)
         case _:  # pragma: no cover - operands have no windows
             raise AssertionError(node)
 

@@ -30,14 +30,13 @@ from dyknow_reasoning.execution.vectors.atom_vectors import (
     FieldVectors,
     Truths,
     VectorState,
-    bits,
 )
 from dyknow_reasoning.execution.vectors.batch_keys import MAX_BATCH_SLOTS, atom_form
 from dyknow_reasoning.execution.vectors.instance_vectors import MAX_VECTOR_TIME
 from dyknow_reasoning.language.formula import Atom, walk
 from dyknow_reasoning.language.terms import Number, TextLiteral, Truth
 from dyknow_reasoning.language.type_checking import Kind
-from dyknow_reasoning.progression.nodes import TRUE, slots
+from dyknow_reasoning.progression.nodes import TRUE, Node, slots
 
 MIN_REGISTERS: Final = 24
 """The fewest registers that are faster together."""
@@ -151,17 +150,14 @@ class RegisterVectors:
         first = registers[0]
         self._registers = registers
         self._target = results.vector(tuple(each.field for each in registers), Kind.BOOLEAN)
-        self._truths: list[tuple[int, Truths]] = [
-            (slot, operands.truths([each.operands.atoms[slot] for each in registers], first.kinds))
+        self._truths: dict[int, Truths] = {
+            slot: operands.truths([each.operands.atoms[slot] for each in registers], first.kinds)
             for slot in slots(first.mask)
-        ]
-        symbols = np.arange(1 << first.mask.bit_length())
-        sides = first.operands
-        # Of the operands, by the symbol; None if the left one is always true.
-        self._left = None if sides.left is TRUE else node_truths(sides.left, symbols)
-        self._right = node_truths(sides.right, symbols)
+        }
         self._vectors: SinceVectors | PreviousVectors | None = None
-        self._symbols: Array = np.empty(0)
+        # The truth of the operands at the state that was last read; None if always true.
+        self._left: Array | None = None
+        self._right: Array = np.empty(0)
 
     @property
     def is_large(self) -> bool:
@@ -170,15 +166,19 @@ class RegisterVectors:
 
     def read(self) -> None:
         """Read the atoms from the values that were last loaded; may raise UnreadableError."""
-        self._symbols = bits(self._truths)
+        operands = self._registers[0].operands
+        self._left = None if operands.left is TRUE else self._truth_of(operands.left)
+        self._right = self._truth_of(operands.right)
 
     def step(self, time: int, state: VectorState) -> None:
         """Take the state that was read, and add the fields of the registers to it."""
         if self._vectors is None:
             self._vectors = self._made()
-        left = None if self._left is None else self._left.take(self._symbols)
-        found = self._vectors.step(time, left, self._right.take(self._symbols))
+        found = self._vectors.step(time, self._left, self._right)
         self._target.compute(~found if self._registers[0].is_negated else found, state)
+
+    def _truth_of(self, operand: Node) -> Array:
+        return node_truths(operand, lambda slot: self._truths[slot](), len(self._registers))
 
     def put_back(self) -> None:
         """Store the memories in the registers, before these take a state themselves."""

@@ -138,7 +138,10 @@ class Register:
             operands = self.operands
             sequence = symbols.of_atoms(operands.atoms, self.mask, self.kinds)
             if len(symbols.states) == len(recording):
-                sides = [node_truths(n, sequence.symbols) for n in (operands.left, operands.right)]
+                sides = [
+                    node_truths(node, sequence.truths, len(recording))
+                    for node in (operands.left, operands.right)
+                ]
                 (machine,) = self._machines
                 found = step_many(machine, recording.times, *sides)
                 return {self.field: found != self.is_negated}

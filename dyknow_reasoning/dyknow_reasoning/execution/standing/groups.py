@@ -43,9 +43,11 @@ class Group(NamedTuple):
 
     def moved(self, move: Move, now: int | None) -> Group:
         """Return the group after a move; `now` is the time that a new clock has."""
-        clocks = (*self.clocks, now)
-        kept = tuple([clocks[number] for number in move.kept])
-        return Group(move.target, kept, self.after_gap)
+        return Group(move.target, move.select((*self.clocks, now)), self.after_gap)
+
+    def stays(self, move: Move, now: int) -> bool:
+        """Return True if a move leads to the group itself."""
+        return move.target is self.location and move.select((*self.clocks, now)) == self.clocks
 
     def times_of(self, begin: int) -> Times:
         """Return the clocks of the start state that is valid at a time, in nanoseconds."""
@@ -100,10 +102,6 @@ class Validity(NamedTuple):
     until: float = inf
     fades: float = inf
 
-    def before(self, time: int) -> Validity:
-        """Return the times before another one."""
-        return Validity(min(self.until, time), self.fades)
-
 
 class Part(NamedTuple):
     """Starts of a group that make the same move.
@@ -111,12 +109,14 @@ class Part(NamedTuple):
     Args:
         runs: the starts.
         move: the move.
-        validity: the times for which it is the same one.
+        until: as of the validity of the move.
+        fades: as of the validity of the move.
     """
 
     runs: list[Run]
     move: Move
-    validity: Validity
+    until: float = inf
+    fades: float = inf
 
 
 ALWAYS: Final = Validity()
@@ -149,62 +149,83 @@ class Answers:
         self._times = times
         self._explore = explore
 
-    def follow(self, decision: Decision | None, runs: list[Run], known: Validity = ALWAYS) -> None:
-        """Follow the answers of some starts, at least one, to their moves."""
+    def follow(
+        self,
+        decision: Decision | None,
+        runs: list[Run],
+        until: float = inf,
+        fades: float = inf,
+    ) -> None:
+        """Follow the answers of some starts, at least one, to their moves.
+
+        Args:
+            decision: the decision of the starts.
+            runs: the starts.
+            until: as of the validity of the answers so far.
+            fades: as of the validity of the answers so far.
+        """
+        clocks, now = self._clocks, self._now
         while type(decision) is Guard:
-            later, earlier = self._clocks[decision.later], self._clocks[decision.earlier]
-            if later is not OWN and earlier is not OWN:
-                more_than = decision.more_than
-                answer = later - earlier > more_than
-                if decision.later == self._now and not answer:
-                    known = known.before(earlier + more_than + 1)
-                elif decision.earlier == self._now and answer:
-                    known = known.before(later - more_than)
-                decision = decision.yes if answer else decision.no
-            else:
-                self._follow_own(decision, runs, known)
+            later, earlier = clocks[decision.later], clocks[decision.earlier]
+            if later is OWN or earlier is OWN:
+                self._follow_own(decision, runs, until, fades)
                 return
+            more_than = decision.more_than
+            if later - earlier > more_than:
+                if decision.earlier == now:
+                    until = min(until, later - more_than)
+                decision = decision.yes
+            else:
+                if decision.later == now:
+                    until = min(until, earlier + more_than + 1)
+                decision = decision.no
         if type(decision) is Move:
-            self.found.append(Part(runs, decision, known))
+            self.found.append(Part(runs, decision, until, fades))
         else:
             self.unknown.append(runs)
 
-    def _follow_own(self, guard: Guard, runs: list[Run], known: Validity) -> None:
+    def _follow_own(self, guard: Guard, runs: list[Run], until: float, fades: float) -> None:
         """Follow the answers to a guard about the starts themselves and another time.
 
         The answer of starts of some age differs from that of younger ones.
         """
-        if self._clocks[guard.later] is OWN:
-            other, age, of_older, of_younger = guard.earlier, -guard.more_than, 'no', 'yes'
+        older_say_yes = self._clocks[guard.later] is not OWN
+        if older_say_yes:
+            other, age = guard.later, guard.more_than + 1
         else:
-            other, age, of_older, of_younger = guard.later, guard.more_than + 1, 'yes', 'no'
+            other, age = guard.earlier, -guard.more_than
         time = self._clocks[other]
         assert time is not OWN  # noqa: S101 - the clocks of a guard are of different states
         older, younger = split(runs, time - age + 1, self._times)
-        is_now = other == self._now
         if older:
-            self.follow(getattr(guard, of_older), older, known)
+            self.follow(guard.yes if older_say_yes else guard.no, older, until, fades)
         if younger:
-            if is_now and self._is_true_from(guard, of_older, younger, age):
-                known = Validity(known.until, min(known.fades, age))
-            elif is_now:
-                known = known.before(younger[0].begin + age)
-            self.follow(getattr(guard, of_younger), younger, known)
+            if other == self._now:
+                if self._is_true_from(guard, younger, age, answer=older_say_yes):
+                    fades = min(fades, age)
+                else:
+                    until = min(until, younger[0].begin + age)
+            self.follow(guard.no if older_say_yes else guard.yes, younger, until, fades)
 
-    def _is_true_from(self, guard: Guard, branch: str, runs: Sequence[Run], age: int) -> bool:
-        """Return True if a branch, for starts of some age, certainly leads to true."""
+    def _is_true_from(self, guard: Guard, runs: Sequence[Run], age: int, *, answer: bool) -> bool:
+        """Return True if an answer, which starts of some age give, certainly leads to true."""
         if self._explore is None:
             return False
-        if _truth(getattr(guard, branch)) is None:
+        truth = _truth(guard.yes if answer else guard.no)
+        if truth is None:
             # The age itself, which a start may skip, and later ones may have different moves.
             self._explore(runs, runs[0].begin + age)
             self._explore(runs, runs[0].begin + age + 1)
-        return _truth(getattr(guard, branch)) is True
+            truth = _truth(guard.yes if answer else guard.no)
+        return truth is True
 
 
 def _truth(decision: Decision | None) -> bool | None:
     """Return True if all moves of a decision are to true, None if all that are known are."""
     if isinstance(decision, Guard):
-        branches = {_truth(decision.yes), _truth(decision.no)}
-        return False if False in branches else None if None in branches else True
+        yes = _truth(decision.yes)
+        if yes is False:
+            return False
+        no = _truth(decision.no)
+        return None if no and yes is None else no
     return None if decision is None else decision.target.verdict is True

@@ -24,7 +24,7 @@ _MAX_ATOMS = 2048
 
 def joint_reader(instances: Sequence[FormulaInstance]) -> JointReader:
     """Return a reader of all atoms on which the fresh formulas of some instances depend."""
-    predicates = [_predicates(each) for each in instances]
+    predicates = [predicates_of(each) for each in instances]
     counts = [len(each) for each in predicates]
     if sum(counts) > _MAX_ATOMS or max(counts, default=0) > MAX_GENERATED:
         readers = [
@@ -47,6 +47,7 @@ def joint_reader(instances: Sequence[FormulaInstance]) -> JointReader:
     )
 
 
-def _predicates(instance: FormulaInstance) -> dict[int, Predicate]:
+def predicates_of(instance: FormulaInstance) -> dict[int, Predicate]:
+    """Return the predicates of the atoms on which a fresh formula depends, by their slots."""
     atoms, kinds = instance.atoms, instance.kinds
     return {slot: predicate(atoms[slot], kinds) for slot in slots(instance.node.mask)}

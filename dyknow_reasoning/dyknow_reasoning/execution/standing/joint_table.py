@@ -76,13 +76,9 @@ class JointTable:
             number: of the latest state.
             now: its valid time, in nanoseconds.
         """
-        groups = starts.groups.items()
-        if (
-            any(group.after_gap for group, _ in groups)
-            or starts.run_count() > _MAX_RUNS
-            or number - starts.oldest(own=False) > MAX_AGE
-        ):
+        if not has_position(starts, number):
             return None
+        groups = starts.groups.items()
         position = tuple(
             (
                 group.location,
@@ -130,6 +126,20 @@ class JointTable:
             ]
             for location, clocks, runs in position
         }
+
+
+def has_position(starts: OpenStarts, number: int) -> bool:
+    """Return True if some starts, which have joined, are a joint position at a fixed period.
+
+    Args:
+        starts: the starts.
+        number: of the latest state.
+    """
+    return (
+        starts.run_count() <= _MAX_RUNS
+        and number - starts.oldest(own=False) <= MAX_AGE
+        and not any(group.after_gap for group in starts.groups)
+    )
 
 
 def _mirrored(clocks: Clocks, now: int) -> Clocks:

@@ -330,7 +330,7 @@ class OpenStarts:
                 return Validity(until, known.fades)
         decision = location.moves.get(symbol)
         if type(decision) is Move:
-            return ALWAYS if group.moved(decision, now) == group else None
+            return ALWAYS if group.stays(decision, now) else None
 
         def explore(some: Sequence[Run], time: int) -> None:
             automaton.move(location, symbol, (*group.times_of(some[0].begin), time))
@@ -338,16 +338,14 @@ class OpenStarts:
         answers = Answers(group, now, self._times, explore if self.can_fade else None)
         answers.follow(decision, runs)
         parts = answers.found
-        if answers.unknown or any(group.moved(part.move, now) != group for part in parts):
+        if answers.unknown or not all(group.stays(part.move, now) for part in parts):
             return None
         if len(parts) == 1:
-            found = parts[0].validity
+            found = Validity(parts[0].until, parts[0].fades)
             if group is self._fresh:
                 self._known_validity[symbol] = Validity(found.until - begin, found.fades)
             return found
-        ends = (
-            min(part.validity.until, part.runs[0].begin + part.validity.fades) for part in parts
-        )
+        ends = (min(part.until, part.runs[0].begin + part.fades) for part in parts)
         return Validity(min(ends))
 
     def _keep_idle(self, group: Group, runs: list[Run], part: Validity) -> None:
@@ -367,7 +365,7 @@ class OpenStarts:
         automaton, location, symbol = self.template.automaton, group.location, self._symbol
         decision = location.moves.get(symbol)
         if type(decision) is Move:
-            return [Part(runs, decision, ALWAYS)]
+            return [Part(runs, decision)]
         found: list[Part] = []
         pending = [runs]
         while pending:

@@ -35,10 +35,15 @@ def count_states(runs: Iterable[Run]) -> int:
 
 def union(some: Sequence[Run], others: Sequence[Run]) -> list[Run]:
     """Return the states of either, as few runs in their order; each argument is in order."""
-    if not some or not others or some[-1].last + 1 < others[0].first:
+    if not some or not others:
         return [*some, *others]
-    if others[-1].last + 1 < some[0].first:
-        return [*others, *some]
+    if others[-1].last < some[0].first:
+        some, others = others, some
+    between = others[0].first - some[-1].last
+    if between > 1:
+        return [*some, *others]
+    if between == 1:
+        return [*some[:-1], some[-1].to(others[0]), *others[1:]]
     return coalesced(merge(some, others))
 
 
@@ -118,6 +123,21 @@ class StateTimes:
         """Append the valid times of the next states."""
         self._times.extend(times)
 
+    def repeat(self, period: int, states: int, *, kept: int) -> None:
+        """Append the valid times of states that come at a period.
+
+        Args:
+            period: in nanoseconds.
+            states: how many there are.
+            kept: if there are more, the times of all states but this number are forgotten.
+        """
+        latest = self._times[-1] + states * period
+        if states > kept:
+            self._first = len(self) + states - kept
+            self._times.clear()
+            states = kept
+        self._times.extend(range(latest - (states - 1) * period, latest + 1, period))
+
     def forget(self, before: int) -> None:
         """Forget the times of the states before the one of a number."""
         del self._times[: max(before - self._first, 0)]
@@ -134,6 +154,8 @@ def split(runs: list[Run], time: int, times: StateTimes) -> tuple[list[Run], lis
     """
     if not runs or runs[-1].end < time:
         return runs, []
+    if runs[0].begin >= time:
+        return [], runs
     at = bisect_left(runs, time, key=lambda run: run.end)
     older, younger = runs[:at], runs[at:]
     first = younger[0]

@@ -13,6 +13,7 @@ from dyknow_reasoning.execution.automata.instance_states import (
     InstanceState,
 )
 from dyknow_reasoning.execution.automata.templates import Template
+from dyknow_reasoning.execution.fast_path import Step
 from dyknow_reasoning.execution.standing.failures import Failure, Failures
 from dyknow_reasoning.execution.standing.groups import DecidedStarts
 from dyknow_reasoning.execution.standing.joint_reader import joint_reader
@@ -65,8 +66,6 @@ class StandingMonitor:
     def __init__(
         self, formula_id: int, instances: Sequence[Instance], kinds: Kinds, node_limit: int
     ) -> None:
-        self.latest: int | None = None
-        """The valid time of the latest state, in nanoseconds."""
         self._failures = Failures()
         self._times = StateTimes()
         self.instances = [
@@ -85,8 +84,6 @@ class StandingMonitor:
         self._symbols: tuple[int, ...] = (-1,) * len(self._starts)
         self._node_limit = node_limit
         self._tabulated = TabulatedStarts(self._starts, self._times, node_limit)
-        # The time before which look-ups may be used, and there is no cleanup.
-        self._looks_up_until: float = -inf
         self._keeps_failures = self._gap_follows = False
         # Of each instance, as of `OpenStarts`.
         self._ends: list[float] = [-inf] * len(self._starts)
@@ -113,17 +110,23 @@ class StandingMonitor:
 
     def remainders(self, number: int) -> list[InstanceState]:
         """Return what remains of the formula from an undecided state on, for each instance."""
-        self._settle(len(self._times))
+        self._settle()
         return [state for each in self._starts for state in each.states(number)]
 
     def undecided(self) -> list[Run]:
         """Return the states from which the formula is undecided."""
-        self._settle(len(self._times))
+        self._settle()
         return difference(self._undecided(), self._failures.runs)
+
+    @property
+    def quick_step(self) -> Step | None:
+        """Progresses over a state as `progress`, and returns True, if it needs look-ups only."""
+        return self._tabulated.quick_step
 
     @property
     def states(self) -> int:
         """The number of states so far."""
+        self._tabulated.synchronize()
         return len(self._times)
 
     @property
@@ -152,12 +155,10 @@ class StandingMonitor:
         Raises:
             ReasoningError: for values that cannot be used, or too many undecided starts.
         """
-        symbols = self._read(values)
-        # The same as in `take`, which most states do not need.
-        if now < self._looks_up_until and self._tabulated.look_up(now, symbols):
-            self.latest = now
-            return False
-        return self.take(symbols, now, lambda: values)
+        has_changed = self.take(self._read(values), now, lambda: values)
+        if self._tabulated.is_active:
+            self._tabulated.generate()
+        return has_changed
 
     def take(self, symbols: tuple[int, ...], now: int, values: _ValuesOf) -> bool:
         """Progress over a state of which the atoms are known; return as `progress`.
@@ -173,27 +174,24 @@ class StandingMonitor:
         if self._tabulated.is_active:
             is_clean = len(self._times) < self._next_cleanup
             if is_clean and self._tabulated.step(now, symbols):
-                self.latest = now
                 return False
             self._leave_tabulated(is_expensive=is_clean)
-        latest = now if self.latest is None else self.latest
         if symbols == self._symbols and now < self._joins_until:
             self._times.append(now)
-            self.latest = now
             return False
-        return self._step(symbols, now, now - latest, values)
+        return self._step(symbols, now, values)
 
     def gap(self) -> None:
         """Record that states may be missing before the next one."""
         if self._tabulated.is_active:
             self._leave_tabulated()
         self._joins_until = -inf
-        self._gap_follows = self.latest is not None
+        self._gap_follows = len(self._times) > 0
 
     def counts(self) -> StartCounts:
         """Return the numbers of starts by their verdicts."""
+        self._settle()
         states = len(self._times)
-        self._settle(states)
         false = self._failures.runs
         undecided = self._undecided()
         pending = count_outside(undecided, false)
@@ -213,12 +211,13 @@ class StandingMonitor:
             found = union(found, joined)
         return found
 
-    def _step(self, symbols: tuple[int, ...], now: int, elapsed: int, values: _ValuesOf) -> bool:
+    def _step(self, symbols: tuple[int, ...], now: int, values: _ValuesOf) -> bool:
         number = len(self._times)
         self._record_failing(number)
-        changed = self._gap_follows and self._cross_gap(Gap(now - elapsed, now), values)
+        changed = False
+        if self._gap_follows:
+            changed = self._cross_gap(Gap(self._times[number - 1], now), values)
         self._times.append(now)
-        self.latest = now
         decided: list[tuple[OpenStarts, DecidedStarts]] = []
         due = self._due(symbols, now)
         for index in due:
@@ -248,14 +247,12 @@ class StandingMonitor:
         if self._failures.waiting:
             self._joins_until = min([self._joins_until, *self._fading])
         elif not self._fails_at_once and not self._log:
-            self._tabulated.stepped(len(due))
-            left = self._next_cleanup - number - 1
-            self._looks_up_until = self._tabulated.looks_up_until(left)
+            next_attempt = self._tabulated.stepped(len(due))
+            self._joins_until = min(self._joins_until, next_attempt)
         return changed
 
     def _leave_tabulated(self, *, is_expensive: bool = True) -> None:
         """Let the starts take the next states."""
-        self._looks_up_until = -inf
         self._tabulated.leave(is_expensive=is_expensive)
         self._symbols = (-1,) * len(self._starts)
         self._joins_until = -inf
@@ -349,8 +346,9 @@ class StandingMonitor:
             number += 1
         return False
 
-    def _settle(self, end: int) -> None:
+    def _settle(self) -> None:
         self._tabulated.restore()
+        end = len(self._times)
         self._record_failing(end)
         for each in self._starts:
             each.join(end)
@@ -374,9 +372,9 @@ class StandingMonitor:
 
     def _clean_up(self) -> None:
         """Forget what no undecided start needs any more, and limit the rest."""
+        self._settle()
         states = len(self._times)
         self._next_cleanup = states + _CLEANUP_STATES
-        self._settle(states)
         runs = len(self._failures.kept) + sum(each.run_count() for each in self._starts)
         if runs > MAX_RUNS:
             raise ReasoningError(

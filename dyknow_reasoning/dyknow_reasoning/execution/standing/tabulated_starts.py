@@ -7,11 +7,19 @@ that is often the case, if states come at a fixed period, and if few look-ups ar
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import cached_property
 from math import inf
 from typing import Final
 
 from dyknow_reasoning.execution.automata.templates import Template
-from dyknow_reasoning.execution.standing.joint_table import MAX_AGE, JointRow, JointTable
+from dyknow_reasoning.execution.fast_path import LookUps, Step, look_ups_of
+from dyknow_reasoning.execution.standing.joint_reader import predicates_of
+from dyknow_reasoning.execution.standing.joint_table import (
+    MAX_AGE,
+    JointRow,
+    JointTable,
+    has_position,
+)
 from dyknow_reasoning.execution.standing.open_starts import OpenStarts
 from dyknow_reasoning.execution.standing.runs import StateTimes
 
@@ -24,6 +32,8 @@ _NEW_COST: Final = 8
 """A look-up that is new costs as much as this many steps."""
 _LOOK_UPS: Final = 128
 """So many look-ups cost as much as one step."""
+_JOINING_LOOK_UPS: Final = 8
+"""So many look-ups cost as much as a state that needs no step."""
 
 
 class TabulatedStarts:
@@ -37,20 +47,24 @@ class TabulatedStarts:
 
     def __init__(self, starts: Sequence[OpenStarts], times: StateTimes, node_limit: int) -> None:
         self.is_active = False
+        self.quick_step: Step | None = None
+        """Does the same as `step`, given the values of a state; False if a look-up is new."""
         self._starts = starts
         self._times = times
         self._node_limit = node_limit
         self._period = 0
-        # The time of the latest state while active.
+        # The time of the latest state while active, and the rows after it; `synchronize` first.
         self._latest = 0
+        self._rows: Sequence[JointRow] = ()
         self._tables: dict[Template, JointTable] = {}
-        self._rows: list[JointRow] = []
         # Since state `_since`: the steps, or the look-ups that were new.
         self._since = self._events = 0
         self._wait = _FEWEST_STATES
         # No table holds what past operators remember.
         uses_tables = not any(each.instance.node.looks_back for each in starts)
         self._next_attempt: float = _FEWEST_STATES if uses_tables else inf
+        # True if look-ups are also faster than states that need no step.
+        self._is_small = uses_tables and 0 < len(starts) < _JOINING_LOOK_UPS
         # The steps for a state without look-ups.
         self._steps = 0.0
 
@@ -61,37 +75,38 @@ class TabulatedStarts:
             now: the valid time of the state, in nanoseconds, which is appended to the times.
             symbols: the truth of the atoms of each instance.
         """
-        if self.look_up(now, symbols):
-            return True
-        if now - self._latest != self._period or not self._extend(symbols):
-            return False
-        self._times.append(now)
-        self._latest = now
-        return True
-
-    def look_up(self, now: int, symbols: Sequence[int]) -> bool:
-        """Do the same as `step`; return False, without effect, also if a look-up is new."""
+        self.synchronize()
+        self.quick_step = None
         if now - self._latest != self._period:
             return False
         try:
-            if len(symbols) == 1:
-                self._rows = [self._rows[0][symbols[0]]]
-            else:
-                self._rows = [row[symbol] for row, symbol in zip(self._rows, symbols)]  # noqa: B905
+            self._rows = [row[symbol] for row, symbol in zip(self._rows, symbols)]  # noqa: B905
         except KeyError:
-            return False
+            if not self._extend(symbols):
+                return False
         self._times.append(now)
         self._latest = now
         return True
 
-    def looks_up_until(self, states: int) -> float:
-        """Return the time from which on a number of further states have come; -inf if inactive."""
-        return self._latest + states * self._period + 1 if self.is_active else -inf
+    def generate(self) -> None:
+        """Use `quick_step` from the next state on, if there can be one."""
+        if self._look_ups:
+            self._look_ups.enter(self._latest, self._period, *self._rows)
+            self.quick_step = self._look_ups.step
+
+    def synchronize(self) -> None:
+        """Append the times of the states that `quick_step` took, as far as they are needed."""
+        if self.quick_step and self._look_ups:
+            latest, self._rows = self._look_ups.position()
+            states = (latest - self._latest) // self._period
+            self._times.repeat(self._period, states, kept=MAX_AGE + 1)
+            self._latest = latest
 
     def restore(self) -> None:
         """Bring the starts up to date."""
         if not self.is_active:
             return
+        self.synchronize()
         number = len(self._times) - 1
         for starts, row in zip(self._starts, self._rows, strict=True):
             table = self._tables[starts.template]
@@ -104,9 +119,12 @@ class TabulatedStarts:
             is_expensive: False to try look-ups again after the next state.
         """
         self.restore()
-        self.is_active = False
-        if len(self._times) - self._since > self._wait:
+        self.is_active, self.quick_step = False, None
+        states = len(self._times) - self._since
+        if self._events * _NEW_COST <= self._steps * states:
             self._wait = _FEWEST_STATES  # The attempt was worthwhile.
+        elif is_expensive:
+            self._wait = min(4 * self._wait, _MOST_STATES)
         self._since, self._events = len(self._times), 0
         self._next_attempt = self._since + (self._wait if is_expensive else 0)
 
@@ -114,30 +132,44 @@ class TabulatedStarts:
         """Forget all look-ups."""
         self._tables = {}
 
-    def stepped(self, steps: int) -> None:
+    def stepped(self, steps: int) -> float:
         """Use look-ups from the next state on if they are possible, and probably faster.
 
         Args:
             steps: how many steps the latest state took.
+
+        Returns:
+            The time by which it should be called again even if no state needs a step.
         """
         self._events += steps
         number = len(self._times) - 1
-        if number < self._next_attempt:
-            return
-        states = number + 1 - self._since
-        if states >= _FEWEST_STATES:
-            self._steps = self._events / states
-        self._since, self._events = number + 1, 0
-        self._next_attempt = self._since + self._wait
-        if self._steps * _LOOK_UPS > len(self._starts):
-            self._enter(number)
+        if number >= self._next_attempt:
+            states = number + 1 - self._since
+            if states >= _FEWEST_STATES:
+                self._steps = self._events / states
+            self._since, self._events = number + 1, 0
+            self._next_attempt = self._since + self._wait
+            if self._is_small or self._steps * _LOOK_UPS > len(self._starts):
+                self._enter(number)
+        if self.is_active or not self._is_small:
+            return inf
+        now = self._times[number]
+        period = now - self._times[number - 1] if number else 0
+        return now + (self._next_attempt - number) * period
+
+    @cached_property
+    def _look_ups(self) -> LookUps[JointRow] | None:
+        instances = [each.instance for each in self._starts]
+        return look_ups_of([(each, predicates_of(each)) for each in instances])
 
     def _enter(self, number: int) -> None:
         now = self._times[number]
         period = now - self._times[number - 1]
         for each in self._starts:
             each.join(number + 1)
-        first = max(min(each.oldest(own=True) for each in self._starts), number - MAX_AGE)
+        if not all(has_position(each, number) for each in self._starts):
+            return
+        first = min(each.oldest(own=True) for each in self._starts)
         if any(self._times[n] - self._times[n - 1] != period for n in range(first + 1, number)):
             return
         if period != self._period or any(table.is_full for table in self._tables.values()):
@@ -169,7 +201,6 @@ class TabulatedStarts:
         states = len(self._times) - self._since
         is_full = any(table.is_full for table in self._tables.values())
         if is_full or (self._events - _LEARNED) * _NEW_COST > self._steps * states:
-            self._wait = min(4 * self._wait, _MOST_STATES)
             return False
         if any(each.automaton.max_size > self._node_limit for each in self._tables.values()):
             return False

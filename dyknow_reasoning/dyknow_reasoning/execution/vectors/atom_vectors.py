@@ -10,13 +10,13 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from operator import itemgetter
+from struct import pack
 from typing import Any, TypeAlias
 from weakref import WeakValueDictionary
 
 import numpy as np
 
 from dyknow_common import COMPARISONS
-from dyknow_reasoning.execution.vectors.batch_keys import EXACT
 from dyknow_reasoning.language.formula import Atom, Comparison
 from dyknow_reasoning.language.terms import (
     Arithmetic,
@@ -36,7 +36,7 @@ from dyknow_reasoning.progression.atoms import (
     has_unknown_kind,
     kind_of,
 )
-from dyknow_reasoning.progression.functions import call_function_on_vectors
+from dyknow_reasoning.progression.functions import EXACT, call_function_on_vectors
 
 Array: TypeAlias = 'np.ndarray[Any, np.dtype[Any]]'
 
@@ -202,8 +202,8 @@ _CONSTANTS = Number | TextLiteral | Truth
 
 
 def bits(truths: Sequence[tuple[int, Truths]]) -> Array:
-    """Return the truth of atoms as bits; the atoms are given by their slots."""
-    integer = _integer_for(max(slot for slot, _ in truths))
+    """Return the truth of atoms as bits; the atoms are given by their slots, which increase."""
+    integer = _integer_for(truths[-1][0])
     found: Array | None = None
     for slot, holds in truths:
         bit = holds().view(np.uint8)
@@ -266,7 +266,7 @@ def _array(items: Sequence[Any], kind: Kind | None) -> Array:
     if types == {bool}:
         found = np.frombuffer(bytes(items), dtype=bool)
     elif types in ({float}, {np.float64}):
-        found = np.fromiter(items, float, len(items))
+        found = np.frombuffer(pack(f'{len(items)}d', *items))  # Faster than numpy from items.
     elif types in ({int}, {str}):
         found = np.array(items, dtype=object)
     else:

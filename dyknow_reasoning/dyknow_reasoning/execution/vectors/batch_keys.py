@@ -18,10 +18,8 @@ from dyknow_reasoning.language.terms import (
 )
 from dyknow_reasoning.language.type_checking import Kinds
 from dyknow_reasoning.progression.atoms import fields, kind_of
+from dyknow_reasoning.progression.functions import EXACT
 from dyknow_reasoning.progression.instances import Instance
-
-EXACT: Final = 1 << 53
-"""The smallest absolute value from which on some integers are not floats."""
 
 MAX_BATCH_SLOTS: Final = 6
 """The most atoms of instances in a batch, for which there are 2 ** 6 symbols."""

@@ -13,6 +13,7 @@ from dyknow_reasoning import (
     Feature,
     FieldReference,
     Number,
+    as_written,
     ground_atoms,
     objects_text,
     parse_formula,
@@ -154,7 +155,7 @@ def _panels_of(
         # A feature that the formula does not depend on after its simplification has no values.
         names = tuple(name for name in named if _has_values(known.signals.get(name)))
         if names:
-            texts.setdefault(names, []).append(str(atom))
+            texts.setdefault(names, []).append(str(as_written(atom)))
             found = thresholds.setdefault(names, {})
             if isinstance(atom, Comparison) and (threshold := _threshold(atom)):
                 found.setdefault(threshold.value, {})[threshold.text] = None
@@ -176,8 +177,8 @@ def _has_values(signal: Signal | None) -> bool:
 
 def _threshold(atom: Comparison) -> Threshold | None:
     if isinstance(atom.right, Number):
-        return Threshold(float(atom.right.value), f'{atom.operator} {atom.right}')
+        return Threshold(float(atom.right.value), f'{atom.operator} {as_written(atom.right)}')
     if isinstance(atom.left, Number):
         operator = _MIRRORED.get(atom.operator, atom.operator)
-        return Threshold(float(atom.left.value), f'{operator} {atom.left}')
+        return Threshold(float(atom.left.value), f'{operator} {as_written(atom.left)}')
     return None

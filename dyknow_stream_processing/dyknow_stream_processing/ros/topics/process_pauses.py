@@ -88,6 +88,19 @@ class ProcessPauses:
             is_recent = self._length and now - self._settled_at < _DELIVERY_NS
             return max(min(age, self._length), 0) if is_recent else 0
 
+    def waiting_since(self, age: int, now: int) -> int | None:
+        """Return the nanoseconds since which a message may have waited; `None` without a pause.
+
+        Args:
+            age: the time since the middleware has received the message, nanoseconds.
+            now: nanoseconds of the monotonic clock.
+        """
+        with self._lock:
+            self._note(now)
+            began = self._settled_at - SETTLING_NS - self._length
+            is_delayed = self._length and began <= now - age < self._settled_at
+            return now - began if is_delayed else None
+
     def note_sign_of_life(self, now: int) -> None:
         """Process a sign of life at a time, nanoseconds of the monotonic clock."""
         with self._lock:
@@ -112,6 +125,21 @@ class ProcessPauses:
 
 PAUSES: Final = ProcessPauses(time.monotonic_ns())
 """The pauses of this process."""
+
+
+def time_of_receipt(received: int, sent: int) -> int:
+    """Return when a message would have been received if this process had not paused.
+
+    This is the time at which it was sent, but not before the begin of the pause: the clock of the
+    sender may differ from that of this computer.
+
+    Args:
+        received: the time at which the middleware has received it by the system clock, nanoseconds.
+        sent: the time at which it was sent by the system clock of the sender, nanoseconds.
+    """
+    now = time.time_ns()
+    waiting_since = PAUSES.waiting_since(now - received, time.monotonic_ns())
+    return received if waiting_since is None else min(received, max(sent, now - waiting_since))
 
 
 def is_pause_recent() -> bool:

@@ -107,6 +107,8 @@ class TopicFeed:
         try:
             request = self._next_request()
             if request is None:
+                # A fault of publishers goes with them.
+                self._set_fault('')
                 return None
             class_ = message_class(request.type_name)
         except StreamError as error:

@@ -161,12 +161,16 @@ class TopicSources:
             name,
             received=source.received,
             is_silent=since is not None and (source.latest or 0) <= since,
-            fault=source.fault or self._topics.fault(name),
+            fault=self._topics.fault(name),
         )
         if publication is None:
+            # What was wrong with the messages of publishers has gone with them.
             return topic_reason(state, self._names.nearest(name))
         publishers, is_latched = len(publication.publishers), publication.latched
-        return topic_reason(replace(state, publishers=publishers, is_latched=is_latched))
+        fault = source.fault or state.fault
+        return topic_reason(
+            replace(state, publishers=publishers, is_latched=is_latched, fault=fault)
+        )
 
     def destroy(self) -> None:
         """Destroy all subscriptions; a second call does nothing."""

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections import defaultdict
+from collections.abc import Sequence
 from typing import Final
 
 from dyknow_common.ros import DyKnowNode, LogOnce
 from dyknow_stream_processing.dataflow.dataflow import Dataflow
 from dyknow_stream_processing.reporting.silence import ActivityMeter, joined_reasons
+from dyknow_stream_processing.reporting.stream_report import is_hidden
 from dyknow_stream_processing.ros.topics.clock_watch import ClockWatch
 from dyknow_stream_processing.ros.topics.topic_sources import TopicSources
 
@@ -46,11 +48,18 @@ class WaitingStreams:
                 for reason in self._reasons(name):
                     waiting[reason].append(name)
         for reason in self._log.new(waiting):
-            names = waiting[reason]
-            more = ', ...' if len(names) > _MAX_LISTED else ''
-            self._node.get_logger().warning(
-                f'{reason}; this delays: {", ".join(names[:_MAX_LISTED])}{more}'
-            )
+            self._report(reason, waiting[reason])
+
+    def _report(self, reason: str, names: Sequence[str]) -> None:
+        visible = [each for each in names if not is_hidden(each)]
+        shown = visible or names
+        more = ', ...' if len(shown) > _MAX_LISTED else ''
+        text = f'{reason}; this delays: {", ".join(shown[:_MAX_LISTED])}{more}'
+        if visible:
+            self._node.get_logger().warning(text)
+        else:
+            # The coordinator warns of the formulas that no state comes for.
+            self._node.get_logger().info(text)
 
     def reason(self, name: str) -> str:
         """Return what a stream waits for; empty while it has samples."""
