@@ -25,6 +25,7 @@ from dyknow_common.ros import VIOLATIONS
 from dyknow_stream_processing import Sample, StreamError, Violation
 from dyknow_stream_processing.ros import StreamProxy
 from dyknow_stream_processing.ros.topics.node_topics import NodeTopics
+from dyknow_stream_processing.ros.topics.process_pauses import PAUSES
 from services import Nodes, time_of
 from system import Client
 
@@ -330,7 +331,9 @@ def test_a_message_that_comes_while_others_are_processed_is_not_ahead_of_the_clo
     assert sample.available_time >= sample.valid_time > read
 
 
-def test_stamps_that_are_zero_negative_or_equal(client: Client) -> None:
+@pytest.mark.parametrize('paused_s', [0, 1])
+def test_stamps_that_are_zero_negative_or_equal(client: Client, paused_s: int) -> None:
+    """Messages stay in order, also where those without a stamp are received after a pause."""
     publisher = client.node.create_publisher(Odometry, '/a', RELIABLE)
     recording = Recording(client, 'select pose.pose.position.x as x from "/a" with max_lead = 9 s')
     client.spin_until(lambda: publisher.get_subscription_count() == 1, 'the match')
@@ -339,6 +342,9 @@ def test_stamps_that_are_zero_negative_or_equal(client: Client) -> None:
     negative.header.stamp.sec = -5
     for message in (odometry(0), negative, odometry(begun + SECOND), odometry(begun + SECOND)):
         publisher.publish(message)
+    if paused_s:
+        time.sleep(0.3)  # The middleware receives them.
+        PAUSES.note_sign_of_life(time.monotonic_ns() - paused_s * SECOND)
     client.spin_until(lambda: len(recording.samples) == 3, 'samples')
     zero, *equal = recording.samples
     assert zero.valid_time == zero.available_time > begun

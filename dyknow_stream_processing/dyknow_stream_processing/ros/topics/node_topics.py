@@ -21,7 +21,7 @@ from __future__ import annotations
 
 import time
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Iterator
 from typing import Any, ClassVar, Final
 from weakref import WeakKeyDictionary, proxy
 
@@ -156,8 +156,8 @@ class NodeTopics:
             self._taken += feed.take()
         if self._pause.goes_on(now):
             return False
-        if (began := self._pause.end()) is not None:
-            self._taken = deque(self._in_time(each, began) for each in self._taken)
+        if (began := self._pause.end()) is not None and not self.is_time_simulated:
+            self._taken = deque(_in_time(self._taken, began))
         # A violation was published before the samples that it casts doubt on.
         for relay in filter(None, [feed.relay for feed in feeds]):
             relay.catch_up()
@@ -182,14 +182,6 @@ class NodeTopics:
 
     def _go_on(self) -> None:
         self.catch_up(self._node.get_clock().now().nanoseconds)
-
-    def _in_time(self, message: ReceivedMessage, began: int) -> ReceivedMessage:
-        """Return a message with the earliest time, from a pause on, at which it may have come."""
-        times = (each.valid_time(message.message) for each in message.feed.listeners)
-        valid_time = next(times, None)
-        if valid_time is None or self.is_time_simulated:
-            return message
-        return message._replace(receipt_time=min(message.receipt_time, max(valid_time, began)))
 
     def refresh(self) -> None:
         """Match the subscriptions to the publishers of all topics."""
@@ -216,3 +208,18 @@ class NodeTopics:
         elif self._timer.timer_period_ns != period_ns:
             self._timer.timer_period_ns = period_ns
             self._timer.reset()
+
+
+def _in_time(messages: Iterable[ReceivedMessage], began: int) -> Iterator[ReceivedMessage]:
+    """Give messages the earliest times, from the begin of a pause on, at which they may have come.
+
+    The stamps of a topic may be missing or out of order; its messages stay in order.
+    """
+    latest: dict[TopicFeed, int] = {}
+    for message in messages:
+        feed, time_ns = message.feed, message.receipt_time
+        stamps = (each.valid_time(message.message) for each in feed.listeners)
+        if (stamp := next(stamps, None)) is not None:
+            time_ns = min(time_ns, max(stamp, began))
+        latest[feed] = max(time_ns, latest.get(feed, time_ns))
+        yield message._replace(receipt_time=latest[feed])
