@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -118,18 +119,25 @@ def comparable(value: Any) -> Any:
     return value
 
 
+@cache
+def readers(name: str) -> tuple[Any, CdrReader]:
+    """Return the readers of live and of recorded messages of a type."""
+    layout = TypeLayout(TypeDefinition(name))
+    return extractor(message_class(name), PATHS[name]), CdrReader(layout, PATHS[name])
+
+
 @settings(max_examples=max(300, settings.default.max_examples), deadline=None)
 @given(messages())
 def test_recorded_values_are_live_values(message: Any) -> None:
     class_ = type(message)
     name = f'{class_.__module__.split(".")[0]}/msg/{class_.__name__}'
+    read_live, reader = readers(name)
     data = serialize_message(message)
-    live = extractor(class_, PATHS[name])(deserialize_message(data, class_))
+    live = read_live(deserialize_message(data, class_))
     reasons = live.reasons if isinstance(live, PartialFields) else {}
     rows = live.rows if isinstance(live, PartialFields) else {}
     assert live.keys() | reasons.keys() | rows.keys() == set(PATHS[name])
-    layout = TypeLayout(TypeDefinition(name))
-    recorded, faults = CdrReader(layout, PATHS[name]).read(StoredMessages.of([0], [0], [data]))
+    recorded, faults = reader.read(StoredMessages.of([0], [0], [data]))
     assert not faults
     assert {path: rows[0] for path, rows in recorded.absent.items()} == reasons
     for path, found_live in {**live, **rows}.items():
