@@ -5,13 +5,15 @@ from __future__ import annotations
 import signal
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
 from diagnostic_msgs.msg import DiagnosticStatus
 from dyknow_interfaces import srv
-from dyknow_interfaces.msg import ExitStatus, StreamSpec
+from dyknow_interfaces.msg import ExitStatus, StreamSpec, StreamStatusArray
+from rclpy.node import Node
 
-from stream_nodes import TANK, StreamNodes
+from stream_nodes import LATCHED, TANK, StreamNodes
 from system import POLL
 
 ONE, TWO = '/engine_one', '/engine_two'
@@ -238,6 +240,32 @@ def test_what_is_done_at_an_engine_is_known(nodes: StreamNodes) -> None:
     nodes.until(lambda: 'level' in nodes.engines_of(), 'it is known')
     nodes.call(ONE, srv.StreamDestroy, stream_name='level')
     nodes.until(lambda: not nodes.engines_of(), 'it is known to be no more')
+
+
+def test_an_engine_that_was_restarted_before_its_heartbeat_says_so(nodes: StreamNodes) -> None:
+    """Its services may be discovered first: they know of no streams."""
+    nodes.start(ONE)
+    nodes.start_manager()
+    nodes.wait_for_engines(ONE)
+    nodes.create('level', LEVEL)
+    nodes.wait_until_flowing('level')
+    nodes.kill(ONE)
+    asked: list[None] = []
+
+    def list_no_streams(_: Any, response: Any) -> Any:
+        asked.append(None)
+        return response
+
+    restarted = Node(ONE.strip('/'), context=nodes.client.context)
+    nodes.client.executor.add_node(restarted)
+    restarted.create_service(srv.ListStreams, '~/list_streams', list_no_streams)
+    reports = restarted.create_publisher(StreamStatusArray, '~/streams', LATCHED)
+    reports.publish(StreamStatusArray(engines=[ONE]))
+    nodes.until(lambda: bool(asked), 'the manager asks for the streams')
+    restarted.destroy_node()
+    nodes.start(ONE)
+    nodes.until(lambda: 'recreated' in nodes.report.streams[0].message, 'the stream is back')
+    nodes.wait_until_flowing('level')
 
 
 def test_requests_that_come_together(nodes: StreamNodes) -> None:

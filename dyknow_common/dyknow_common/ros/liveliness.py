@@ -40,11 +40,13 @@ class NodeLiveliness:
 
     Attributes:
         started_at: the start of the node's latest known run in nanoseconds; 0 if none is known.
+        signs: the number of signs of life.
         silence: the number of the reader's periods since the last sign of life.
     """
 
     def __init__(self) -> None:
         self.started_at = 0
+        self.signs = 0
         self.silence = 0
 
     @property
@@ -57,6 +59,7 @@ class NodeLiveliness:
         # If two nodes of one name meet, the older one must not look like a restart of the younger.
         if started_at >= self.alive_since:
             self.started_at, self.silence = started_at, 0
+            self.signs += 1
 
 
 class Heartbeats:

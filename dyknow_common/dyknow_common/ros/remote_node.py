@@ -10,7 +10,7 @@ from the time of start in its status:
     9.0 s  the node is restarted: `on_found`
 
 If a killed node is restarted before 7.2 s, the new time of start shows that, and `on_lost` and
-`on_found` follow each other at once.
+`on_found` follow each other at once. Its services may answer before; see `confirm_run`.
 """
 
 from __future__ import annotations
@@ -40,7 +40,10 @@ The first answer may need a process or modules that take seconds to start on a b
 """
 
 POLL_PERIOD_S = 0.02
-"""The period of checks for a service that discovery has not found yet."""
+"""The period of checks for a service that discovery has not found yet, and for signs of life."""
+
+CONFIRMING_SIGNS = 2
+"""The number of signs of life that confirm a run: one of an earlier run may still be waiting."""
 
 
 class NodeAdapter:
@@ -178,6 +181,19 @@ class RemoteNode:
         finally:
             self._calls.discard(response)
             client.remove_pending_request(call)
+
+    async def confirm_run(self) -> None:
+        """Wait until the node shows that it was not restarted before the answers received so far.
+
+        Raises:
+            DyKnowError: UNAVAILABLE, if it was, or shows no life.
+        """
+        run, signs = self._run, self._liveliness.signs + CONFIRMING_SIGNS
+        while self.alive and self._run == self._liveliness.started_at == run:
+            if self._liveliness.signs >= signs:
+                return
+            await self._node.deadlines.after(POLL_PERIOD_S)
+        raise self.unavailable('has died')
 
     def release(self) -> None:
         """Destroy the subscription and the clients; pending calls fail with CANCELLED."""

@@ -10,7 +10,7 @@ For example, the manager `/robot1/stream_manager` starts:
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from functools import partial
 from typing import Any, Final
 
@@ -94,6 +94,24 @@ class Engines:
     def discard_report(self, name: str, stream: str) -> None:
         """Discard the report of a stream that an engine has just made or destroyed."""
         self._reports.get(name, {}).pop(stream, None)
+
+    async def list_streams(self, name: str, made: Iterable[str]) -> frozenset[str]:
+        """Return the streams that an engine makes.
+
+        One that was just restarted has none: they are lost, and nobody has destroyed them.
+
+        Args:
+            name: of the engine.
+            made: the streams that it is known to make.
+
+        Raises:
+            DyKnowError: if it does not answer, or was restarted.
+        """
+        response = await self.remotes[name].call(ListStreams)
+        listed = frozenset(response.stream_names)
+        if not listed.issuperset(made):
+            await self.remotes[name].confirm_run()
+        return listed
 
     async def may_make(self, name: str, stream: str) -> bool:
         """Return True if an engine answers that it makes a stream, or does not answer."""

@@ -21,7 +21,7 @@ from collections.abc import Callable
 from typing import Any, Final
 
 from dyknow_interfaces.msg import StreamSpec
-from dyknow_interfaces.srv import ListStreams, StreamCreateFromSpec, StreamDestroy
+from dyknow_interfaces.srv import StreamCreateFromSpec, StreamDestroy
 
 from dyknow_common import SECOND_NS, DyKnowError, ExitCode, round_time
 from dyknow_common.ros import DyKnowNode, constraints_to_message
@@ -172,8 +172,9 @@ class Placement:
     async def _adopt_all(self, engine: str) -> None:
         """Update the registry with the streams of an engine."""
         version = self._registry.version
+        made = [stream.name for stream in self._registry.made_by(engine) if stream.topic]
         try:
-            response = await self._engines.remotes[engine].call(ListStreams)
+            listed = await self._engines.list_streams(engine, made)
         except DyKnowError as error:
             self._node.get_logger().info(str(error))
             return
@@ -181,7 +182,6 @@ class Placement:
             # The response may be older than the changes meanwhile.
             self._reconcile_again = self._engines.is_ready(engine)
             return
-        listed = frozenset(response.stream_names)
         self._forget_missing(engine, listed)
         for name, report in sorted(self._engines.reports(engine).items()):
             if name in listed and not self._locks.is_held(name):
