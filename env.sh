@@ -17,3 +17,6 @@ if [ -f "$_dyknow_root/install/local_setup.bash" ]; then
   . "$_dyknow_root/install/local_setup.bash"
 fi
 unset _dyknow_root
+if [[ $- == *i* ]] && command -v register-python-argcomplete > /dev/null; then
+  eval "$(register-python-argcomplete dyknow)"
+fi

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import os
 import subprocess
 import sys
 from contextlib import suppress
+from pathlib import Path
 
 import pytest
 
@@ -119,3 +121,25 @@ def test_completion_needs_nothing_that_is_missing() -> None:
         text=True,
     )
     assert 'Traceback' not in done.stderr
+
+
+@pytest.mark.parametrize(
+    ('line', 'completions'),
+    [('dyknow ev', ['evaluate', 'evaluations']), ('dyknow parse --l', ['--language'])],
+)
+def test_completions(tmp_path: Path, line: str, completions: list[str]) -> None:
+    pytest.importorskip('argcomplete')
+    subprocess.run(
+        [sys.executable, '-c', 'import dyknow_command, sys; sys.exit(dyknow_command.main([]))'],
+        env={
+            **os.environ,
+            '_ARGCOMPLETE': '1',
+            '_ARGCOMPLETE_STDOUT_FILENAME': str(tmp_path / 'completions'),
+            'COMP_LINE': line,
+            'COMP_POINT': str(len(line)),
+            'PYTHONPATH': ':'.join(sys.path),
+        },
+        check=False,
+    )
+    found = (tmp_path / 'completions').read_text(encoding='utf-8')
+    assert [each.strip() for each in found.split('\x0b')] == completions
