@@ -16,6 +16,7 @@ from dyknow_reasoning import FormulaGroup
 from dyknow_reasoning.execution.past import histories, register_vectors
 from dyknow_reasoning.execution.past.machines import PreviousMachine, SinceMachine
 from dyknow_reasoning.execution.past.register_vectors import PreviousVectors, SinceVectors
+from dyknow_reasoning.execution.vectors.instance_vectors import MAX_VECTOR_TIME
 
 CASES = random_cases(300)
 NAMES = [f'o{number}' for number in range(6)]
@@ -24,6 +25,8 @@ PAST = [
     'historically[a, b] v[x] > 1',
     'p[x] since[a, b] v[x] < 2',
     'not p[x] since[a, b] (v[x] >= w[x] or q)',
+    '(q or v[x] > 1) since[a, b] p[x]',
+    'p[x] since[a, b] not s[x] = "on"',
     'previous p[x]',
     'previous (q and not p[x])',
     'once[a, b] p[x] or not once[a, b] v[x] = 2',
@@ -37,7 +40,7 @@ def test_vectors_remember_what_machines_do(seed: int) -> None:
     random = Random(seed)  # noqa: S311 - no secret
     for _ in range(CASES):
         start = random.choice([0, 0, 1, 3, 5])
-        end = random.choice([None, start, start + 1, start + 6])
+        end = random.choice([None, start, start + 1, start + 6, MAX_VECTOR_TIME - 1])
         has_left = random.random() < 0.7
         kind = random.choice([PreviousMachine, SinceMachine, SinceMachine])
         both: list[list[Any]] = [
@@ -46,7 +49,7 @@ def test_vectors_remember_what_machines_do(seed: int) -> None:
         ]
         plain, stored = both
         vectors: SinceVectors | PreviousVectors | None = None
-        offset = random.choice([0, -3, 1 << 62, -(1 << 62)])
+        offset = random.choice([0, -3, 1 << 62, -(1 << 62) - 1])
         for time in accumulate(random.choice([1, 1, 2, 7]) for _ in range(30)):
             now = time + offset - (40 * 7 if offset == 1 << 62 else 0)
             left = np.array([not has_left or random.random() < 0.8 for _ in range(5)])
@@ -55,7 +58,7 @@ def test_vectors_remember_what_machines_do(seed: int) -> None:
                 vectors = (SinceVectors if kind is SinceMachine else PreviousVectors)(stored)
             sides = list(zip(left.tolist(), right.tolist(), strict=True))
             expected = [each.step(now, *side) for each, side in zip(plain, sides, strict=True)]
-            assert vectors.step(now, left if has_left else None, right).tolist() == expected
+            assert vectors.step(now, ~left if has_left else None, right).tolist() == expected
             if random.random() < 0.2:
                 vectors.put_back()
                 vectors = None
@@ -83,6 +86,7 @@ def random_states(random: Random) -> list[tuple[int, dict[str, Any]]]:
             values[f'p[{name}]'] = random.random() < bias
             values[f'v[{name}]'] = random.choice([0.0, 1.0, 2.0, 3.0])
             values[f'w[{name}]'] = random.choice([1.0, 2.0])
+            values[f's[{name}]'] = random.choice(['on', 'off'])
         for name in list(values):
             if random.random() < odd:
                 values[name] = random.choice([nan, inf, 1, True, 'text', 1 << 54, 0.0])
