@@ -13,6 +13,7 @@ from reasoning_reference import random_cases
 
 from dyknow_common import Verdict
 from dyknow_reasoning import FormulaGroup
+from dyknow_reasoning.execution import fast_path, instance_pool
 from dyknow_reasoning.execution.past import histories, register_vectors
 from dyknow_reasoning.execution.past.machines import PreviousMachine, SinceMachine
 from dyknow_reasoning.execution.past.register_vectors import PreviousVectors, SinceVectors
@@ -119,16 +120,18 @@ def random_formulas(random: Random) -> list[tuple[str, str]]:
 def test_vectors_have_no_effect_on_results(monkeypatch: pytest.MonkeyPatch) -> None:
     """With unusable values, gaps, formulas that come and go, and formulas at every state."""
     monkeypatch.setattr(histories, '_MIN_STATES', 1)
-    monkeypatch.setattr('dyknow_reasoning.execution.instance_pool._MIN_BATCH_SIZE', 2)
+    monkeypatch.setattr(fast_path, '_MIN_STATES', 1)
     random = Random(1)  # noqa: S311 - no secret
-    used = 0
+    used = quick = 0
     for _ in range(CASES):
         texts, states = random_formulas(random), random_states(random)
+        texts += random_formulas(random) if random.random() < 0.5 else []
         gaps = {random.randrange(len(states))} if random.random() < 0.2 else set()
         every_state = random.random() < 0.3
         found = []
         for least in (2, 1000):
             monkeypatch.setattr(register_vectors, 'MIN_REGISTERS', least)
+            monkeypatch.setattr(instance_pool, '_MIN_BATCH_SIZE', least)
             group = FormulaGroup()
             for name, text in texts:
                 group.add_formula(name, text, every_state=every_state)
@@ -136,8 +139,10 @@ def test_vectors_have_no_effect_on_results(monkeypatch: pytest.MonkeyPatch) -> N
             found.append(outcomes(group, states, gaps))
             assert group._monitor is not None
             used += least == 2 and group._monitor.histories._vectors is not None
+            quick += group._monitor._batch_path.leave() is not None
         assert found[0] == found[1], (texts, states)
     assert used > CASES // 20
+    assert quick > CASES // 20
 
 
 def test_many_candidates_are_left_to_the_machines(monkeypatch: pytest.MonkeyPatch) -> None:

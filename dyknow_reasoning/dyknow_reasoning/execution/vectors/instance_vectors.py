@@ -72,7 +72,7 @@ class TabulatedVectors:
     def __init__(self, configurations: Configurations, numbers: Array, width: int) -> None:
         self._configurations = configurations
         self._width = width
-        self._rows: Array = numbers * width
+        self.rows: Array = numbers * width
         # For each step of time, by row + symbol: the row r of the next configuration, or -2 - r if
         # that is decided.
         self._tables: dict[int, Array] = {}
@@ -80,7 +80,7 @@ class TabulatedVectors:
     @property
     def numbers(self) -> Array:
         """The number of the configuration of each instance."""
-        return self._rows // self._width
+        return self.rows // self._width
 
     @property
     def locations(self) -> list[Location]:
@@ -89,32 +89,38 @@ class TabulatedVectors:
 
     def position(self, index: int, latest: int) -> tuple[Location, Times]:
         """Return the location and the clocks of an instance."""
-        return self._position(int(self._rows[index]), latest)
+        return self._position(int(self.rows[index]), latest)
 
     def keep(self, kept: Array) -> None:
         """Keep the selected instances only."""
-        self._rows = self._rows[kept]
+        self.rows = self.rows[kept]
 
     def step(self, symbols: Array, now: int, elapsed: int) -> list[Decided]:
         """Progress all instances over a state; return those that it decides."""
-        before = self._rows
+        rows = self.look_up(symbols, elapsed)
+        if rows is not None:
+            self.rows = rows
+            return []
+        before = self.rows
         codes = before + symbols
-        try:
+        after = self._table(elapsed)[codes]
+        if (after == _UNKNOWN).any():
+            self._fill(codes[after == _UNKNOWN], elapsed)
             after = self._tables[elapsed][codes]
+        self.rows = np.where(after < _UNKNOWN, -2 - after, after)
+        return list(self._decided(before, after, now - elapsed))
+
+    def look_up(self, symbols: Array, elapsed: int) -> Array | None:
+        """Return the rows after a state; None if that needs more, or decides an instance."""
+        try:
+            after = self._tables[elapsed][self.rows + symbols]
         except (KeyError, IndexError):
-            after = self._table(elapsed)[codes]
-        if np.count_nonzero(after < _ZERO):
-            if (after == _UNKNOWN).any():
-                self._fill(codes[after == _UNKNOWN], elapsed)
-                after = self._tables[elapsed][codes]
-            self._rows = np.where(after < _UNKNOWN, -2 - after, after)
-            return list(self._decided(before, after, now - elapsed))
-        self._rows = after
-        return []
+            return None
+        return None if np.count_nonzero(after < _ZERO) else after
 
     def clocked(self, automaton: Automaton, latest: int) -> ClockedVectors:
         """Return the same instances with clocks."""
-        present, inverse = np.unique(self._rows, return_inverse=True)
+        present, inverse = np.unique(self.rows, return_inverse=True)
         positions = [self._position(row, latest) for row in present.tolist()]
         return ClockedVectors(automaton, positions, self._width, inverse)
 
