@@ -13,9 +13,11 @@ from reasoning_reference import random_cases
 
 from dyknow_common import Verdict
 from dyknow_reasoning import FormulaGroup
+from dyknow_reasoning.execution import fast_path, instance_pool
 from dyknow_reasoning.execution.past import histories, register_vectors
 from dyknow_reasoning.execution.past.machines import PreviousMachine, SinceMachine
 from dyknow_reasoning.execution.past.register_vectors import PreviousVectors, SinceVectors
+from dyknow_reasoning.execution.vectors.instance_vectors import MAX_VECTOR_TIME
 
 CASES = random_cases(300)
 NAMES = [f'o{number}' for number in range(6)]
@@ -24,6 +26,8 @@ PAST = [
     'historically[a, b] v[x] > 1',
     'p[x] since[a, b] v[x] < 2',
     'not p[x] since[a, b] (v[x] >= w[x] or q)',
+    '(q or v[x] > 1) since[a, b] p[x]',
+    'p[x] since[a, b] not s[x] = "on"',
     'previous p[x]',
     'previous (q and not p[x])',
     'once[a, b] p[x] or not once[a, b] v[x] = 2',
@@ -37,7 +41,7 @@ def test_vectors_remember_what_machines_do(seed: int) -> None:
     random = Random(seed)  # noqa: S311 - no secret
     for _ in range(CASES):
         start = random.choice([0, 0, 1, 3, 5])
-        end = random.choice([None, start, start + 1, start + 6])
+        end = random.choice([None, start, start + 1, start + 6, MAX_VECTOR_TIME - 1])
         has_left = random.random() < 0.7
         kind = random.choice([PreviousMachine, SinceMachine, SinceMachine])
         both: list[list[Any]] = [
@@ -46,7 +50,7 @@ def test_vectors_remember_what_machines_do(seed: int) -> None:
         ]
         plain, stored = both
         vectors: SinceVectors | PreviousVectors | None = None
-        offset = random.choice([0, -3, 1 << 62, -(1 << 62)])
+        offset = random.choice([0, -3, 1 << 62, -(1 << 62) - 1])
         for time in accumulate(random.choice([1, 1, 2, 7]) for _ in range(30)):
             now = time + offset - (40 * 7 if offset == 1 << 62 else 0)
             left = np.array([not has_left or random.random() < 0.8 for _ in range(5)])
@@ -55,7 +59,7 @@ def test_vectors_remember_what_machines_do(seed: int) -> None:
                 vectors = (SinceVectors if kind is SinceMachine else PreviousVectors)(stored)
             sides = list(zip(left.tolist(), right.tolist(), strict=True))
             expected = [each.step(now, *side) for each, side in zip(plain, sides, strict=True)]
-            assert vectors.step(now, left if has_left else None, right).tolist() == expected
+            assert vectors.step(now, ~left if has_left else None, right).tolist() == expected
             if random.random() < 0.2:
                 vectors.put_back()
                 vectors = None
@@ -83,6 +87,7 @@ def random_states(random: Random) -> list[tuple[int, dict[str, Any]]]:
             values[f'p[{name}]'] = random.random() < bias
             values[f'v[{name}]'] = random.choice([0.0, 1.0, 2.0, 3.0])
             values[f'w[{name}]'] = random.choice([1.0, 2.0])
+            values[f's[{name}]'] = random.choice(['on', 'off'])
         for name in list(values):
             if random.random() < odd:
                 values[name] = random.choice([nan, inf, 1, True, 'text', 1 << 54, 0.0])
@@ -115,16 +120,18 @@ def random_formulas(random: Random) -> list[tuple[str, str]]:
 def test_vectors_have_no_effect_on_results(monkeypatch: pytest.MonkeyPatch) -> None:
     """With unusable values, gaps, formulas that come and go, and formulas at every state."""
     monkeypatch.setattr(histories, '_MIN_STATES', 1)
-    monkeypatch.setattr('dyknow_reasoning.execution.instance_pool._MIN_BATCH_SIZE', 2)
+    monkeypatch.setattr(fast_path, '_MIN_STATES', 1)
     random = Random(1)  # noqa: S311 - no secret
-    used = 0
+    used = quick = 0
     for _ in range(CASES):
         texts, states = random_formulas(random), random_states(random)
+        texts += random_formulas(random) if random.random() < 0.5 else []
         gaps = {random.randrange(len(states))} if random.random() < 0.2 else set()
         every_state = random.random() < 0.3
         found = []
         for least in (2, 1000):
             monkeypatch.setattr(register_vectors, 'MIN_REGISTERS', least)
+            monkeypatch.setattr(instance_pool, '_MIN_BATCH_SIZE', least)
             group = FormulaGroup()
             for name, text in texts:
                 group.add_formula(name, text, every_state=every_state)
@@ -132,8 +139,10 @@ def test_vectors_have_no_effect_on_results(monkeypatch: pytest.MonkeyPatch) -> N
             found.append(outcomes(group, states, gaps))
             assert group._monitor is not None
             used += least == 2 and group._monitor.histories._vectors is not None
+            quick += group._monitor._batch_path.leave() is not None
         assert found[0] == found[1], (texts, states)
     assert used > CASES // 20
+    assert quick > CASES // 20
 
 
 def test_many_candidates_are_left_to_the_machines(monkeypatch: pytest.MonkeyPatch) -> None:

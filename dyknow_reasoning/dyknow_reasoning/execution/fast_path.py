@@ -1,8 +1,8 @@
-"""The fast path: generated code for states at which each instance needs one table look-up only.
+"""The fast path, for states at which each instance needs one table look-up only.
 
-Most states of most streams are such. One function reads each field once for all instances, checks
-its type, and moves each instance to the next row of its table. If that is impossible, the function
-has no effect.
+Most states of most streams are such. For individual instances, one function of generated code reads
+each field once for all instances, checks its type, and moves each instance to the next row of its
+table. For batches, the vectors are read as always. If look-ups do not suffice, both have no effect.
 """
 
 from __future__ import annotations
@@ -15,14 +15,17 @@ from dyknow_reasoning.errors import ReasoningError
 from dyknow_reasoning.execution.automata.configurations import Row
 from dyknow_reasoning.execution.automata.instance_states import FormulaInstance
 from dyknow_reasoning.execution.automata.readers import MAX_GENERATED, Reader, ReaderCode
+from dyknow_reasoning.execution.instance_pool import InstancePool
 from dyknow_reasoning.execution.single_instance import SingleInstance
+from dyknow_reasoning.execution.vectors.atom_vectors import Array, UnreadableError
+from dyknow_reasoning.execution.vectors.instance_vectors import MAX_VECTOR_TIME, TabulatedVectors
 from dyknow_reasoning.progression.atoms import Predicate, Values
 
 _MAX_INSTANCES = 256
 _MAX_ATOMS = 2048
 """The most atoms of all instances: code for many takes long to compile."""
 _MIN_STATES = 4
-"""States without more than look-ups before code is generated."""
+"""States without more than look-ups before code is generated, or batches take the fast path."""
 
 Step: TypeAlias = Callable[[int, Values], bool]
 
@@ -72,51 +75,96 @@ def make():
 
 
 class FastPath:
-    """Progresses instances by generated code, between `enter` and `leave`.
-
-    `step` is that of `LookUps`. It is None if the fast path is not entered.
-    """
+    """Progresses instances by generated code, between `enter` and `leave`."""
 
     def __init__(self) -> None:
-        self.step: Step | None = None
+        self._is_entered = False
         self._instances: Sequence[SingleInstance] = ()
         self._readers: list[Reader] = []
         self._look_ups: LookUps[Row]
         self._states = 0
 
-    def enter(self, instances: Sequence[SingleInstance], elapsed: int, latest: int) -> None:
-        """Enter the fast path if it is worthwhile.
+    def enter(self, pool: InstancePool, elapsed: int, latest: int) -> Step | None:
+        """Enter the fast path if it is worthwhile, and return the `step` of `LookUps`.
 
         Args:
-            instances: the instances, each at a configuration.
+            pool: the instances, each at a configuration.
             elapsed: the step of time for which the fast path works, in nanoseconds.
             latest: the valid time of the latest state.
         """
         self._states += 1
+        instances = pool.singles
         is_same = instances is self._instances
         if not (is_same and self._readers == [each.read for each in instances]):
             if self._states < _MIN_STATES:
-                return
+                return None
             look_ups = look_ups_of([(each.instance, each.predicates) for each in instances])
             if look_ups is None:
-                return
+                return None
             self._states = 0
             self._look_ups, self._instances = look_ups, instances
             self._readers = [each.read for each in instances]
         configurations = (each.configuration for each in instances)
         rows = (found.row(elapsed) for found in configurations if found)
         self._look_ups.enter(latest, elapsed, *rows)
-        self.step = self._look_ups.step
+        self._is_entered = True
+        return self._look_ups.step
 
     def leave(self) -> int | None:
         """Leave the fast path; return the valid time of the latest state, None if not entered."""
-        if self.step is None:
+        if not self._is_entered:
             return None
-        self.step = None
+        self._is_entered = False
         latest, rows = self._look_ups.position()
         for instance, row in zip(self._instances, rows, strict=True):
             instance.configuration = row.configuration
         return latest
+
+
+class BatchPath:
+    """The fast path of batches, whose next rows are looked up before any instance is moved."""
+
+    def __init__(self) -> None:
+        self._is_entered = False
+        self._pool: InstancePool
+        self._tables: list[TabulatedVectors] = []
+        self._elapsed = self._latest = self._states = 0
+
+    def enter(self, pool: InstancePool, elapsed: int, latest: int) -> Step | None:
+        """Enter the fast path if it is worthwhile, as that of `FastPath`."""
+        self._states += 1
+        tables = [found for batch in pool.batches if (found := batch.tables)]
+        if self._states < _MIN_STATES or len(tables) < len(pool.batches):
+            return None
+        self._pool, self._tables = pool, tables
+        self._elapsed, self._latest = elapsed, latest
+        self._is_entered = True
+        return self._step
+
+    def leave(self) -> int | None:
+        """Leave the fast path; return the valid time of the latest state, None if not entered."""
+        if not self._is_entered:
+            return None
+        self._is_entered, self._states = False, 0
+        return self._latest
+
+    def _step(self, time: int, values: Values) -> bool:
+        if time - self._latest != self._elapsed or time > MAX_VECTOR_TIME:
+            return False
+        try:
+            symbols = self._pool.read_batches(values)
+        except UnreadableError:
+            return False
+        found: list[Array] = []
+        for tables, each in zip(self._tables, symbols, strict=True):
+            rows = tables.look_up(each, self._elapsed)
+            if rows is None:
+                return False
+            found.append(rows)
+        for tables, rows in zip(self._tables, found, strict=True):
+            tables.rows = rows
+        self._latest = time
+        return True
 
 
 def look_ups_of(

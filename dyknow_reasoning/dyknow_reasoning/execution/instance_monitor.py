@@ -18,7 +18,7 @@ from dyknow_reasoning.execution.automata.instance_states import (
 from dyknow_reasoning.execution.automata.sampling import SamplingRegularity
 from dyknow_reasoning.execution.automata.templates import Template
 from dyknow_reasoning.execution.block_progression import BlockProgression
-from dyknow_reasoning.execution.fast_path import FastPath, Step
+from dyknow_reasoning.execution.fast_path import BatchPath, FastPath, Step
 from dyknow_reasoning.execution.instance_pool import InstancePool, Symbols
 from dyknow_reasoning.execution.past.histories import Histories
 from dyknow_reasoning.execution.past.operand_histories import OperandHistory
@@ -66,10 +66,11 @@ class InstanceMonitor:
         self._new: list[InstanceState] = []
         self._pool = InstancePool(self._shared_vectors)
         self._fast_path = FastPath()
+        self._batch_path = BatchPath()
         # Progresses all instances over a state like `progress`, and returns True. It returns False,
         # and has no effect, if that needs more than a table look-up for each instance.
         self.quick_step: Step | None = None
-        # True if the latest state needed no more than a look-up for each individual instance.
+        # True if look-ups alone may progress all instances over a state like the latest.
         self._needs_look_ups_only = False
         # True if a formula may be near the node limit.
         self._is_large = False
@@ -150,8 +151,8 @@ class InstanceMonitor:
             failures = {**failures, **unreadable}
         outcomes = self._step(symbols, valid_time, elapsed)
         if self._needs_look_ups_only:
-            self._fast_path.enter(self._pool.singles, elapsed, valid_time)
-            self.quick_step = self._fast_path.step
+            path: FastPath | BatchPath = self._batch_path if self._pool.batches else self._fast_path
+            self.quick_step = path.enter(self._pool, elapsed, valid_time)
         if outcomes or failures or crossed:
             return {**crossed, **_by_id({**failures, **outcomes})}
         return _NO_OUTCOMES
@@ -228,7 +229,6 @@ class InstanceMonitor:
             self._remove(outcomes, irrelevant)
             found[index] = _by_id(outcomes)
         self._latest = recording.time(end - 1)
-        self._needs_look_ups_only = False
         if failures := self._check_limits(self._latest):
             found[end - 1] = _by_id({**found.get(end - 1, {}), **failures})
         return end, found
@@ -284,7 +284,8 @@ class InstanceMonitor:
             outcomes = {**outcomes, **failures}
         self._needs_look_ups_only = (
             regular
-            and not (pool.batches or self._is_large or not pool.singles)
+            and not self._is_large
+            and bool(pool.singles) is not bool(pool.batches)
             and all(single.configuration for single in pool.singles)
         )
         return outcomes
@@ -350,7 +351,6 @@ class InstanceMonitor:
             safe_size = self._node_limit // self._aggregation.count(state.instance.formula_id)
             state.template.safe_size = min(state.template.safe_size, safe_size)
         self._is_large = any(template.is_large for template in self._templates.values())
-        self._needs_look_ups_only = False
 
     def _remove(self, formulas: Collection[int], instances: Iterable[FormulaInstance] = ()) -> None:
         self._leave_fast_path()
@@ -359,9 +359,8 @@ class InstanceMonitor:
 
     def _leave_fast_path(self) -> None:
         self.quick_step = None
-        latest = self._fast_path.leave()
-        if latest is not None:
-            self._latest = latest
+        for latest in (self._fast_path.leave(), self._batch_path.leave()):
+            self._latest = self._latest if latest is None else latest
 
     def _check_limits(self, now: int) -> Mapping[int, Outcome]:
         """Limit memory; return the errors of formulas that are too large, which are removed."""

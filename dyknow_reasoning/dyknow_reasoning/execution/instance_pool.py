@@ -121,7 +121,18 @@ class InstancePool:
             ReasoningError: for unusable values of an individual instance.
         """
         singles = [single.read(values) for single in self.singles]
-        return singles, self._read_batches(values) if self.batches else ()
+        return singles, self.read_batches(values) if self.batches else ()
+
+    def read_batches(self, values: Values) -> Sequence[Array]:
+        """Return the truth of the atoms of the batches; raise UnreadableError as `read` does."""
+        try:
+            self.fields.load(values)
+        except UnreadableError:
+            if not any(batch.loads_too_much for batch in self.batches):
+                raise
+            self._attach()
+            self.fields.load(values)
+        return [batch.symbols() for batch in self.batches]
 
     def sizes(self, latest: int) -> Mapping[int, int]:
         """Return the number of nodes that the instances of each formula have together."""
@@ -146,16 +157,6 @@ class InstancePool:
         self.fields = FieldVectors(self._shared)
         for batch in self.batches:
             batch.attach(self.fields)
-
-    def _read_batches(self, values: Values) -> Sequence[Array]:
-        try:
-            self.fields.load(values)
-        except UnreadableError:
-            if not any(batch.loads_too_much for batch in self.batches):
-                raise
-            self._attach()
-            self.fields.load(values)
-        return [batch.symbols() for batch in self.batches]
 
     def read_one_by_one(self, values: Values) -> tuple[Symbols, Mapping[int, ReasoningError]]:
         """Return the truth of the atoms at a state; remove the formulas with unusable values.

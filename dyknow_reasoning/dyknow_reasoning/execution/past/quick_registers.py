@@ -44,7 +44,7 @@ class QuickRegisters:
 
     def step(self, time: int, values: Values) -> Values | None:
         """Return the values of a state with those of the registers; None if it had no effect."""
-        if abs(time) > MAX_VECTOR_TIME or self.is_large:
+        if abs(time) > MAX_VECTOR_TIME:
             return None
         state = VectorState(values)
         try:

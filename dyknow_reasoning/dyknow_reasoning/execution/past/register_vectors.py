@@ -29,6 +29,7 @@ from dyknow_reasoning.execution.vectors.atom_vectors import (
     Array,
     FieldVectors,
     Truths,
+    UnreadableError,
     VectorState,
 )
 from dyknow_reasoning.execution.vectors.batch_keys import MAX_BATCH_SLOTS, atom_form
@@ -36,13 +37,14 @@ from dyknow_reasoning.execution.vectors.instance_vectors import MAX_VECTOR_TIME
 from dyknow_reasoning.language.formula import Atom, walk
 from dyknow_reasoning.language.terms import Number, TextLiteral, Truth
 from dyknow_reasoning.language.type_checking import Kind
-from dyknow_reasoning.progression.nodes import TRUE, Node, slots
+from dyknow_reasoning.progression.nodes import TRUE, Literal, Node, slots
 
 MIN_REGISTERS: Final = 24
 """The fewest registers that are faster together."""
 
 _NONE: Final = -(1 << 63)
 """Stands for no time; earlier than any other."""
+_NEVER: Final = np.array(_NONE)
 
 _MAX_YOUNGER: Final = 1 << 22
 """The most truths of candidates that are kept; machines prune them one by one."""
@@ -65,36 +67,51 @@ class SinceVectors:
             for time, _ in each.younger:
                 younger.setdefault(time, np.zeros(len(machines), bool))[row] = True
         self._younger = deque(sorted(younger.items()))
+        # Faster operands than numbers of Python: the time of the state, and the earliest for which
+        # a candidate is young enough.
+        self._now, self._since = np.array(0), np.array(_NONE + 1)
         # The latest state of each at which the left side did not hold: earlier candidates are gone.
-        self._broken = np.full(len(machines), _NONE)
+        # None before there is such a state.
+        self._broken: Array | None = None
 
     @property
     def is_large(self) -> bool:
         """True if single machines need much less memory."""
         return len(self._younger) * len(self._machines) > _MAX_YOUNGER
 
-    def step(self, time: int, left: Array | None, right: Array) -> Array:
+    def step(self, time: int, ends: Array | None, right: Array) -> Array:
         """Take the truth of the operands at a state; return that of the operators.
 
         Args:
             time: the valid time of the state, in nanoseconds.
-            left: of the left operand; None if it is always true.
+            ends: of the negated left operand; None if the left operand is always true.
             right: of the right operand.
         """
-        while self._younger and self._younger[0][0] <= time - self._start:
-            candidate, rows = self._younger.popleft()
-            np.copyto(self._latest, candidate, where=self._valid(candidate, rows))
-        since = _NONE if self._end is None else time - self._end
-        found: Array = self._latest >= max(since, _NONE + 1)
-        if left is not None:
-            np.copyto(self._latest, _NONE, where=~left)
-            np.copyto(self._broken, time, where=~left)
+        latest, younger = self._latest, self._younger
+        self._now[()] = time
+        if self._end is not None:
+            self._since[()] = time - self._end
         if self._start == 0:
-            np.copyto(self._latest, time, where=right)
-            found |= right
-        elif right.any():
-            self._younger.append((time, right))
+            latest[right] = self._now
+        while younger and younger[0][0] <= time - self._start:
+            candidate, rows = younger.popleft()
+            latest[self._valid(candidate, rows)] = candidate
+        found: Array = latest >= self._since
+        if ends is not None:
+            self._break(ends, right)
+        if self._start and np.count_nonzero(right):
+            younger.append((time, right))
         return found
+
+    def _break(self, ends: Array, right: Array) -> None:
+        """Remove earlier candidates where the left side does not hold."""
+        if self._start == 0:
+            self._latest[ends > right] = _NEVER
+            return
+        self._latest[ends] = _NEVER
+        if self._broken is None:
+            self._broken = np.full(len(self._machines), _NONE)
+        self._broken[ends] = self._now
 
     def put_back(self) -> None:
         """Store the memories in the machines."""
@@ -108,8 +125,7 @@ class SinceVectors:
 
     def _valid(self, time: int, rows: Array) -> Array:
         """Return which candidates of a state are not gone."""
-        valid: Array = rows & (self._broken <= time)
-        return valid
+        return rows if self._broken is None else rows & (self._broken <= time)
 
 
 class PreviousVectors:
@@ -122,7 +138,7 @@ class PreviousVectors:
         self._value = np.array([each.value for each in machines])
         self._times: tuple[int, ...] = ()
 
-    def step(self, time: int, _left: Array | None, right: Array) -> Array:
+    def step(self, time: int, _ends: Array | None, right: Array) -> Array:
         """Take the truth of the operand at a state; return that of the operators."""
         self._times = (*self._times[-1:], time)
         found, self._value = self._value, right
@@ -154,9 +170,13 @@ class RegisterVectors:
             slot: operands.truths([each.operands.atoms[slot] for each in registers], first.kinds)
             for slot in slots(first.mask)
         }
+        left, right = first.operands.left, first.operands.right
+        # Of the negated left operand; None if the left operand is always true.
+        self._read_ends = None if left is TRUE else self._truths_of(left, negated=True)
+        self._read_right = self._truths_of(right)
         self._vectors: SinceVectors | PreviousVectors | None = None
-        # The truth of the operands at the state that was last read; None if always true.
-        self._left: Array | None = None
+        # The truth of the operands at the state that was last read.
+        self._ends: Array | None = None
         self._right: Array = np.empty(0)
 
     @property
@@ -165,20 +185,29 @@ class RegisterVectors:
         return self._vectors is not None and self._vectors.is_large
 
     def read(self) -> None:
-        """Read the atoms from the values that were last loaded; may raise UnreadableError."""
-        operands = self._registers[0].operands
-        self._left = None if operands.left is TRUE else self._truth_of(operands.left)
-        self._right = self._truth_of(operands.right)
+        """Read the atoms from the values that were last loaded.
+
+        Raises:
+            UnreadableError: if they do not fit into vectors, or the memories are too large.
+        """
+        if self.is_large:
+            raise UnreadableError
+        self._ends = self._read_ends() if self._read_ends else None
+        self._right = self._read_right()
 
     def step(self, time: int, state: VectorState) -> None:
         """Take the state that was read, and add the fields of the registers to it."""
         if self._vectors is None:
             self._vectors = self._made()
-        found = self._vectors.step(time, self._left, self._right)
+        found = self._vectors.step(time, self._ends, self._right)
         self._target.compute(~found if self._registers[0].is_negated else found, state)
 
-    def _truth_of(self, operand: Node) -> Array:
-        return node_truths(operand, lambda slot: self._truths[slot](), len(self._registers))
+    def _truths_of(self, operand: Node, *, negated: bool = False) -> Truths:
+        if isinstance(operand, Literal):
+            holds = self._truths[operand.slot]
+            return holds if operand.positive is not negated else lambda: ~holds()
+        truths, count = self._truths, len(self._registers)
+        return lambda: node_truths(operand, lambda slot: truths[slot](), count) != negated
 
     def put_back(self) -> None:
         """Store the memories in the registers, before these take a state themselves."""
@@ -208,7 +237,7 @@ def _key(register: Register) -> Hashable:
     machine, operands = register.machine, register.operands
     if machine is None or not 0 < register.mask.bit_length() <= MAX_BATCH_SLOTS:
         return None
-    if any(abs(time) > MAX_VECTOR_TIME for time in _times(machine)):
+    if any(abs(time) >= MAX_VECTOR_TIME for time in _times(machine)):
         return None
     atoms = [operands.atoms[slot] for slot in slots(register.mask)]
     forms = tuple(atom_form(atom, register.kinds) for atom in atoms)

@@ -7,10 +7,9 @@ float equals) raises `UnreadableError`. The states must then be read value by va
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from operator import itemgetter
-from struct import pack
+from operator import countOf, itemgetter
+from struct import Struct
 from typing import Any, TypeAlias
 from weakref import WeakValueDictionary
 
@@ -46,6 +45,12 @@ Truths: TypeAlias = Callable[[], Array]
 Columns: TypeAlias = Mapping[str, Array]
 """For each field, its values at the states of a recording."""
 
+# By the letters of numpy: the kinds of fields that may have values of a type.
+_KINDS: Mapping[str, tuple[Kind | None, ...]] = {
+    'f': (Kind.NUMBER, None),
+    'i': (Kind.NUMBER, None),
+    'b': (Kind.BOOLEAN, None),
+}
 _WIDE: Mapping[str, type] = {'i': int, 'f': float}
 _MAX_INT = (1 << 63) - 1
 # Faster operands than numbers of Python.
@@ -66,16 +71,14 @@ class VectorState(dict[str, Any]):
     Fields whose values were computed as a vector are added when one of them is looked up.
     """
 
-    def __init__(self, values: Values) -> None:
-        super().__init__(values)
-        self._computed: list[tuple[Sequence[str], Array]] = []
+    _computed: tuple[tuple[Sequence[str], Array], ...] = ()
 
     def add(self, fields: Sequence[str], vector: Array) -> None:
         """Add fields whose values are those of a vector."""
-        self._computed.append((fields, vector))
+        self._computed += ((fields, vector),)
 
     def __missing__(self, name: str) -> Any:
-        computed, self._computed = self._computed, []
+        computed, self._computed = self._computed, ()
         for names, vector in computed:
             self.update(zip(names, vector.tolist(), strict=True))
         if name in self:
@@ -96,6 +99,7 @@ class FieldVector:
         self._fields = fields
         self._kind = kind
         self._items: Callable[[Values], Any] = itemgetter(*fields)
+        self._pack = Struct(f'{len(fields)}d').pack
         self._state: VectorState | None = None
 
     def load(self, values: Values) -> None:
@@ -107,7 +111,7 @@ class FieldVector:
             items = self._items(values)
         except KeyError:
             raise UnreadableError from None
-        self.values = _array(items if len(self._fields) > 1 else (items,), self._kind)
+        self.values = self._array(items if len(self._fields) > 1 else (items,))
         if isinstance(values, VectorState):
             self._state = values
 
@@ -126,6 +130,21 @@ class FieldVector:
         if len({array.dtype for array in arrays}) > 1:
             raise UnreadableError
         self.values = checked(np.ascontiguousarray(np.stack(arrays).T), self._kind)
+
+    def _array(self, items: Sequence[Any]) -> Array:
+        first = type(items[0])
+        if countOf(map(type, items), first) != len(items):
+            raise UnreadableError
+        found: Array
+        if first is float or first is np.float64:
+            found = np.frombuffer(self._pack(*items))  # Faster than numpy from items.
+        elif first is bool:
+            found = np.frombuffer(bytes(items), dtype=bool)
+        elif first is int or first is str:
+            found = np.array(items, dtype=object)
+        else:
+            raise UnreadableError
+        return checked(found, self._kind)
 
 
 SharedVectors: TypeAlias = WeakValueDictionary[VectorKey, FieldVector]
@@ -260,35 +279,17 @@ def _object_vector(values: Sequence[Any]) -> Array:
     return np.fromiter(values, object, len(values))
 
 
-def _array(items: Sequence[Any], kind: Kind | None) -> Array:
-    types = set(map(type, items))
-    found: Array
-    if types == {bool}:
-        found = np.frombuffer(bytes(items), dtype=bool)
-    elif types in ({float}, {np.float64}):
-        found = np.frombuffer(pack(f'{len(items)}d', *items))  # Faster than numpy from items.
-    elif types in ({int}, {str}):
-        found = np.array(items, dtype=object)
-    else:
-        raise UnreadableError
-    return checked(found, kind)
-
-
 def checked(found: Array, kind: Kind | None) -> Array:
     """Return a vector of one type; raise UnreadableError if the kind does not allow its values."""
-    match found.dtype.kind:
-        case 'f' if kind in {Kind.NUMBER, None}:
-            if math.isnan(np.minimum.reduce(found, axis=None)):
-                raise UnreadableError
-        case 'i' if kind in {Kind.NUMBER, None}:
-            if found.size and max(-int(found.min()), int(found.max())) >= EXACT:
-                raise UnreadableError
-        case 'b' if kind in {Kind.BOOLEAN, None}:
-            pass
-        case 'O':
-            return _checked_objects(found, kind)
-        case _:
-            raise UnreadableError
+    letter = found.dtype.kind
+    if letter == 'O':
+        return _checked_objects(found, kind)
+    if kind not in _KINDS.get(letter, ()):
+        raise UnreadableError
+    if letter == 'f' and np.count_nonzero(np.isnan(found)):
+        raise UnreadableError
+    if letter == 'i' and found.size and max(-int(found.min()), int(found.max())) >= EXACT:
+        raise UnreadableError
     return found
 
 

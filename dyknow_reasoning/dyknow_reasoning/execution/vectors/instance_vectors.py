@@ -38,6 +38,8 @@ from dyknow_reasoning.execution.automata.configurations import Configuration, Co
 from dyknow_reasoning.execution.vectors.atom_vectors import Array
 
 _UNKNOWN = -1
+# A faster operand than a number of Python.
+_ZERO = np.array(0)
 
 MAX_VECTOR_TIME: Final = 1 << 62
 """The largest absolute time whose differences from others fit into vectors, in nanoseconds."""
@@ -62,19 +64,23 @@ class Decided(NamedTuple):
 
 
 class TabulatedVectors:
-    """The number of the configuration of each instance.
+    """The configuration of each instance: its number times `width`, a row of the tables.
 
     `width` is the number of possible symbols, which are the truths of the atoms as bits.
     """
 
     def __init__(self, configurations: Configurations, numbers: Array, width: int) -> None:
-        self.numbers = numbers
         self._configurations = configurations
         self._width = width
-        self._factor = np.array(width)
-        # For each step of time, by number * width + symbol: the number n of the next configuration,
-        # or -2 - n if that is decided.
+        self.rows: Array = numbers * width
+        # For each step of time, by row + symbol: the row r of the next configuration, or -2 - r if
+        # that is decided.
         self._tables: dict[int, Array] = {}
+
+    @property
+    def numbers(self) -> Array:
+        """The number of the configuration of each instance."""
+        return self.rows // self._width
 
     @property
     def locations(self) -> list[Location]:
@@ -83,31 +89,39 @@ class TabulatedVectors:
 
     def position(self, index: int, latest: int) -> tuple[Location, Times]:
         """Return the location and the clocks of an instance."""
-        return self._position(int(self.numbers[index]), latest)
+        return self._position(int(self.rows[index]), latest)
 
     def keep(self, kept: Array) -> None:
         """Keep the selected instances only."""
-        self.numbers = self.numbers[kept]
+        self.rows = self.rows[kept]
 
     def step(self, symbols: Array, now: int, elapsed: int) -> list[Decided]:
         """Progress all instances over a state; return those that it decides."""
-        before = self.numbers
-        codes = before * self._factor + symbols
-        table = self._table(elapsed)
-        after = table.take(codes)
-        if np.minimum.reduce(after) < 0:
-            if (after == _UNKNOWN).any():
-                self._fill(codes[after == _UNKNOWN], elapsed)
-                after = self._tables[elapsed].take(codes)
-            self.numbers = np.where(after < _UNKNOWN, -2 - after, after)
-            return list(self._decided(before, after, now - elapsed))
-        self.numbers = after
-        return []
+        rows = self.look_up(symbols, elapsed)
+        if rows is not None:
+            self.rows = rows
+            return []
+        before = self.rows
+        codes = before + symbols
+        after = self._table(elapsed)[codes]
+        if (after == _UNKNOWN).any():
+            self._fill(codes[after == _UNKNOWN], elapsed)
+            after = self._tables[elapsed][codes]
+        self.rows = np.where(after < _UNKNOWN, -2 - after, after)
+        return list(self._decided(before, after, now - elapsed))
+
+    def look_up(self, symbols: Array, elapsed: int) -> Array | None:
+        """Return the rows after a state; None if that needs more, or decides an instance."""
+        try:
+            after = self._tables[elapsed][self.rows + symbols]
+        except (KeyError, IndexError):
+            return None
+        return None if np.count_nonzero(after < _ZERO) else after
 
     def clocked(self, automaton: Automaton, latest: int) -> ClockedVectors:
         """Return the same instances with clocks."""
-        present, inverse = np.unique(self.numbers, return_inverse=True)
-        positions = [self._position(number, latest) for number in present.tolist()]
+        present, inverse = np.unique(self.rows, return_inverse=True)
+        positions = [self._position(row, latest) for row in present.tolist()]
         return ClockedVectors(automaton, positions, self._width, inverse)
 
     def _table(self, elapsed: int) -> Array:
@@ -126,16 +140,19 @@ class TabulatedVectors:
             number, symbol = divmod(code, self._width)
             before = configurations.found[number]
             after = configurations.step(before, symbol & before.location.node.mask, elapsed)
-            decided = after.location.verdict is not None
-            self._table(elapsed)[code] = -2 - after.number if decided else after.number
+            decided, row = after.location.verdict is not None, after.number * self._width
+            self._table(elapsed)[code] = -2 - row if decided else row
 
     def _decided(self, before: Array, after: Array, latest: int) -> Iterator[Decided]:
         for index in np.flatnonzero(after < _UNKNOWN).tolist():
-            verdict = self._configurations.found[-2 - int(after[index])].location.verdict
+            verdict = self._configuration(-2 - int(after[index])).location.verdict
             yield Decided(index, verdict is True, *self._position(int(before[index]), latest))
 
-    def _position(self, number: int, latest: int) -> tuple[Location, Times]:
-        found: Configuration = self._configurations.found[number]
+    def _configuration(self, row: int) -> Configuration:
+        return self._configurations.found[row // self._width]
+
+    def _position(self, row: int, latest: int) -> tuple[Location, Times]:
+        found = self._configuration(row)
         return found.location, tuple(latest - age for age in found.ages)
 
 

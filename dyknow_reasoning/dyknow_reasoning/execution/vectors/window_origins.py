@@ -20,7 +20,8 @@ class WindowOrigins:
     """
 
     def __init__(self, states: Sequence[InstanceState]) -> None:
-        self._opens_later = states[0].template.opens_windows_later
+        self.opens_later = states[0].template.opens_windows_later
+        """True if a window may open after the first state."""
         self._fresh: Array = np.array([state.is_fresh for state in states])
         self._has_fresh = bool(self._fresh.any())
         begins = [min(state.window_origins.values(), default=0) for state in states]
@@ -28,7 +29,7 @@ class WindowOrigins:
         self._origins: dict[Sides, Array] = {}
         self._open: dict[Sides, Array] = {}
         known = {sides for state in states for sides in state.window_origins}
-        for sides in known if self._opens_later else ():
+        for sides in known if self.opens_later else ():
             origins = [state.window_origins.get(sides) for state in states]
             self._open[sides] = np.array([time is not None for time in origins])
             self._origins[sides] = np.array([time or 0 for time in origins], dtype=np.int64)
@@ -39,7 +40,7 @@ class WindowOrigins:
             self._begins[self._fresh] = now
             self._fresh[:] = False
             self._has_fresh = False
-        if not self._opens_later:
+        if not self.opens_later:
             return
         locations = vectors.locations
         known = {sides for location in locations for sides in location.unbounded}
@@ -61,7 +62,7 @@ class WindowOrigins:
         """Return the origins of the windows of a location, for one instance."""
         if self._fresh[index]:
             return {}
-        if not self._opens_later:
+        if not self.opens_later:
             return dict.fromkeys(location.unbounded, int(self._begins[index]))
         found = ((sides, self._origins.get(sides)) for sides in location.unbounded)
         return {sides: int(origins[index]) for sides, origins in found if origins is not None}
