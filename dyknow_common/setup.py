@@ -6,7 +6,10 @@ setup(
     name=PACKAGE,
     version='0.1.0',
     packages=find_packages(exclude=['test']),
-    package_data={'dyknow_common': ['py.typed', '**/*.lark'], 'dyknow_main': ['py.typed']},
+    package_data={
+        'dyknow_common': ['py.typed', '**/*.lark', '**/*.xml'],
+        'dyknow_main': ['py.typed'],
+    },
     data_files=[
         ('share/ament_index/resource_index/packages', [f'resource/{PACKAGE}']),
         (f'share/{PACKAGE}', ['package.xml']),

@@ -11,11 +11,11 @@ from typing import Any, cast
 import rclpy
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
-from rclpy.signals import SignalHandlerOptions
 
 from dyknow_bringup.errors import BringupError
 from dyknow_common import SECOND_NS, ExitCode, Verdict, duration_option, round_time
 from dyknow_common.executables import ERROR, FALSE, SUCCESS, describe, interruptible
+from dyknow_common.ros import start_ros
 from dyknow_configuration import warn_of_notes
 from dyknow_coordinator import Answer, Grounding, Progress, StandingVerdicts
 from dyknow_coordinator.ros import FormulaClient
@@ -47,7 +47,7 @@ def evaluate(chosen: argparse.Namespace) -> int:
 
 
 def _ask(chosen: argparse.Namespace) -> Answer:
-    rclpy.init(args=sys.argv, signal_handler_options=SignalHandlerOptions.NO)
+    start_ros()
     node = Node('dyknow_evaluate', start_parameter_services=False)
     executor = SingleThreadedExecutor()
     executor.add_node(node)

@@ -14,7 +14,6 @@ from typing import Any
 
 import rclpy
 from rclpy.executors import SingleThreadedExecutor
-from rclpy.signals import SignalHandlerOptions
 from rich.live import Live
 
 from dyknow_bringup.demonstration.expectations import HOLDS, VIOLATED, MonitoredFormula
@@ -24,7 +23,7 @@ from dyknow_bringup.ros.formula_monitor import FormulaMonitor
 from dyknow_bringup.simulation.scenario import UNDECIDED
 from dyknow_common import SECOND_NS, duration_option
 from dyknow_common.executables import ERROR, FALSE, SUCCESS, describe, interruptible
-from dyknow_common.ros import TICK_PERIOD_S
+from dyknow_common.ros import TICK_PERIOD_S, start_ros
 from dyknow_common.tables import Terminal
 from dyknow_configuration import RequestedFormula, read_robot, warn_of_notes
 
@@ -121,10 +120,7 @@ def _watching(
     parameters = ['-p', f'coordinator:={json.dumps(options.coordinator)}', '-p', 'timeout:=1.0e+9']
     # Lines of the log would disturb the table; they are still on /rosout.
     quiet = ['--disable-stdout-logs'] if is_live else []
-    rclpy.init(
-        args=[*sys.argv, '--ros-args', *parameters, *quiet],
-        signal_handler_options=SignalHandlerOptions.NO,
-    )
+    start_ros([*sys.argv, '--ros-args', *parameters, *quiet])
     try:
         node = FormulaMonitor(
             formulas,

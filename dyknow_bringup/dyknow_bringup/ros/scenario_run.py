@@ -12,7 +12,6 @@ import rclpy
 from diagnostic_msgs.msg import DiagnosticStatus
 from dyknow_interfaces.srv import ListStreams
 from rclpy.executors import SingleThreadedExecutor
-from rclpy.signals import SignalHandlerOptions
 
 from dyknow_bringup.errors import BringupError
 from dyknow_bringup.processes.composition import composed
@@ -28,7 +27,7 @@ from dyknow_bringup.simulation.fleet import vehicle_names
 from dyknow_bringup.simulation.scenario import load_scenario
 from dyknow_common import SECOND_NS, ExitCode
 from dyknow_common.executables import FALSE, SUCCESS, interruptible
-from dyknow_common.ros import LATCHED, DyKnowNode, RemoteNode
+from dyknow_common.ros import LATCHED, DyKnowNode, RemoteNode, start_ros
 from dyknow_common.tables import Terminal
 
 START_TIMEOUT_S = 30.0
@@ -150,7 +149,7 @@ def run_scenario(
         Launcher(logs or Path(temporary), log_level=log_level) as launcher,
     ):
         run = make_run(launcher, Path(temporary))
-        rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
+        start_ros()
         try:
             return SUCCESS if run.run() else FALSE
         finally:

@@ -11,12 +11,11 @@ import rclpy
 from diagnostic_msgs.msg import DiagnosticStatus
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
-from rclpy.signals import SignalHandlerOptions
 
 from dyknow_bringup.errors import BringupError
 from dyknow_common import SECOND_NS, ExitCode, round_duration
 from dyknow_common.executables import interruptible
-from dyknow_common.ros import STATUS, TICK_PERIOD_S
+from dyknow_common.ros import STATUS, TICK_PERIOD_S, start_ros
 from dyknow_coordinator import has_loaded
 
 _NAME = 'dyknow_up'
@@ -37,10 +36,7 @@ class SystemStart:
 
     def __enter__(self) -> Self:
         enclave = f'{self._namespace.rstrip("/")}/{_NAME}'
-        rclpy.init(
-            args=['--ros-args', '--enclave', enclave],
-            signal_handler_options=SignalHandlerOptions.NO,
-        )
+        start_ros(['--ros-args', '--enclave', enclave])
         self._node = Node(_NAME, namespace=self._namespace, start_parameter_services=False)
         for name in self._nodes:
             self._node.create_subscription(

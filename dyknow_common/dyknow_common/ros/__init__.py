@@ -6,6 +6,7 @@ from dyknow_common.ros.commands import (
     ros_errors,
     run_ros_main,
     run_with_node,
+    start_ros,
 )
 from dyknow_common.ros.deadlines import TICK_PERIOD_S
 from dyknow_common.ros.executor import (
@@ -115,6 +116,7 @@ __all__ = [
     'run_ros_main',
     'run_with_node',
     'snake_case',
+    'start_ros',
     'supports_node_executor',
     'time_to_nanoseconds',
     'topic_fault',

@@ -1,13 +1,14 @@
-"""Commands that ask running nodes: their main function, their node, options with durations."""
+"""The start of ROS, and commands that ask running nodes: their main function, their node."""
 
 from __future__ import annotations
 
 import argparse
 import os
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import closing, contextmanager
 from functools import partial
+from pathlib import Path
 from typing import Any
 
 import rclpy
@@ -35,6 +36,36 @@ ROS_ERRORS = (
     rclpy_implementation.UnknownROSArgsError,
 )
 """Errors of rclpy about what the user has written on the command line."""
+
+_PROFILE = 'FASTRTPS_DEFAULT_PROFILES_FILE'
+"""The variable that Fast DDS 2 reads, and no other middleware."""
+
+_PROFILE_OF_FOLDER = 'DEFAULT_FASTRTPS_PROFILES.xml'
+
+
+def start_ros(arguments: Sequence[str] | None = None) -> None:
+    """Initialise rclpy without its signal handlers; errors are those of `rclpy.init`.
+
+    Args:
+        arguments: of the command line; None: those of this process.
+    """
+    _announce_in_thread()
+    arguments = None if arguments is None else list(arguments)
+    rclpy.init(args=arguments, signal_handler_options=SignalHandlerOptions.NO)
+
+
+def _announce_in_thread() -> None:
+    """Let Fast DDS 2 announce this process in a thread, unless the user has other settings.
+
+    Fast DDS announces a process before it accepts messages. The others answer the first
+    announcement only, at once, so their answers may be lost. The process then discovers them at
+    their next periodic announcement, up to 3 s later.
+
+    The security plugins have not been tested with this setting.
+    """
+    has_profile = _PROFILE in os.environ or Path(_PROFILE_OF_FOLDER).exists()
+    if not has_profile and os.environ.get('ROS_SECURITY_ENABLE') != 'true':
+        os.environ[_PROFILE] = str(Path(__file__).with_name('discovery.xml'))
 
 
 class CommandNode:
@@ -138,7 +169,7 @@ def run_with_node(name: str, work: Callable[[CommandNode], None]) -> int:
         work: does the work of the command.
     """
     # An interrupt must end the command by an exception, while its context is still valid.
-    rclpy.init(args=sys.argv, signal_handler_options=SignalHandlerOptions.NO)
+    start_ros()
     try:
         with closing(CommandNode(name)) as node, interruptible():
             work(node)

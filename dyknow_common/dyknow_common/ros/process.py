@@ -22,11 +22,11 @@ from contextlib import suppress
 import rclpy
 from rclpy.exceptions import NameValidationException, ParameterException
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
-from rclpy.signals import SignalHandlerOptions, install_signal_handlers
+from rclpy.signals import install_signal_handlers
 
 from dyknow_common.errors import DyKnowError, one_line
 from dyknow_common.executables import CANNOT_START, FAULT, LAUNCHER
-from dyknow_common.ros.commands import ROS_ERRORS
+from dyknow_common.ros.commands import ROS_ERRORS, start_ros
 from dyknow_common.ros.deadlines import TICK_PERIOD_S
 from dyknow_common.ros.executor import node_executor
 from dyknow_common.ros.node import DyKnowNode, snake_case
@@ -132,9 +132,8 @@ def run(
     stopped, left = threading.Event(), threading.Event()
     handle(STOP_SIGNALS, lambda *_: stopped.set())
     _end_with_launcher()
-    arguments = None if arguments is None else list(arguments)
     try:
-        rclpy.init(args=arguments, signal_handler_options=SignalHandlerOptions.NO)
+        start_ros(arguments)
     except ROS_ERRORS as error:
         print(one_line(error), file=sys.stderr)  # noqa: T201
         return failure

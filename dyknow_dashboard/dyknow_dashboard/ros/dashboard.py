@@ -20,11 +20,10 @@ from typing import Any, Final
 import rclpy
 from rclpy.executors import ExternalShutdownException
 from rclpy.node import Node
-from rclpy.signals import SignalHandlerOptions
 
 from dyknow_common import ExitCode
 from dyknow_common.executables import SUCCESS, describe
-from dyknow_common.ros import NodeAdapter, command_main, node_executor
+from dyknow_common.ros import NodeAdapter, command_main, node_executor, start_ros
 from dyknow_dashboard.errors import DashboardError
 from dyknow_dashboard.model.board import Board
 from dyknow_dashboard.model.requests import AskedFormula
@@ -147,7 +146,7 @@ def dashboard(options: argparse.Namespace) -> int:
     """Serve the page until a signal, and return the exit code."""
     picture_library('plotly', 'dyknow dashboard')
     served = ServerOptions(options.host, options.port, options.read_only)
-    rclpy.init(args=sys.argv, signal_handler_options=SignalHandlerOptions.NO)
+    start_ros()
     try:
         asyncio.run(_serve(served, options.namespace))
     finally:
