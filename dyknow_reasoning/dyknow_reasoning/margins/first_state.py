@@ -9,13 +9,15 @@ from abc import abstractmethod
 from collections import deque
 from collections.abc import Sequence
 from math import inf
-from typing import Any
+from typing import Any, cast
 
 from dyknow_reasoning.margins.operators import (
     HIGHEST,
     LOWEST,
     Assumption,
     MarginOperator,
+    MarginThreshold,
+    PairMargin,
     Robustness,
     Steps,
 )
@@ -102,6 +104,14 @@ class FirstExtremum(FirstMargin):
         self._bounds[unknown] = bound
         return (bound,)
 
+    def stable_until(self, threshold: MarginThreshold, skipped: int = 0) -> float:  # noqa: ARG002
+        """Return when the window ends, or when a margin of the body falls short."""
+        if self._has_ended:
+            return inf
+        if threshold.unknown == self.decisive:
+            return self._state + self.end
+        return self.body.stable_until(threshold)
+
     def _ended_margin(self, inner: Sequence[Robustness]) -> Sequence[Robustness]:
         """Return the margin after the end of the window, where an unknown one decides."""
         if len(inner) < len(self._open) and self._is_open():
@@ -142,6 +152,18 @@ class FirstUntil(FirstMargin):
         if is_unknown or self._latest < self._state + self.end:
             found = self._added(*found, inf, (unknown, unknown))
         return (found[0],)
+
+    def stable_until(self, threshold: MarginThreshold, skipped: int = 0) -> float:  # noqa: ARG002
+        """Return when the window ends, or when a margin of the side that counts falls short."""
+        if self._has_ended:
+            return inf
+        sides, unknown = cast('PairMargin', self.body), threshold.unknown
+        left, right = sides.members
+        if unknown == self.decisive and sides.left_reaches(threshold.limit, unknown):
+            return min(self._state + self.end, left.stable_until(threshold))
+        if unknown != self.decisive and left.is_immediate:
+            return right.stable_until(threshold)
+        return -inf
 
     def _add(self, leave: float, margin: Any) -> None:
         self._margin, self._left = self._added(self._margin, self._left, leave, margin)

@@ -1,4 +1,11 @@
-"""The margin of one formula over states, with its bounds while it is undecided."""
+"""The margin of one formula over states, with its bounds while it is undecided.
+
+A state rarely changes a bound. Example: the upper bound of `always eventually[0 s, 5 s] x > 2` only
+falls when a window ends without a margin that reaches the bound. So with the bounds, the operators
+give the time until which these do not change (`stable_until`), perhaps only if the margins of some
+comparisons reach a bound at each further state (guards). Until then, only the guards are read when
+a margin is asked for.
+"""
 
 from __future__ import annotations
 
@@ -16,8 +23,11 @@ from dyknow_reasoning.margins.operators import (
     HIGHEST,
     LOWEST,
     Assumption,
+    Guard,
     MarginOperator,
+    MarginThreshold,
     Robustness,
+    Signals,
     Steps,
 )
 from dyknow_reasoning.progression.atoms import Values
@@ -28,6 +38,9 @@ _MAX_STEPS = 64
 
 _MAX_WORK = 4096
 """The number of operators, times that of the states that are processed together."""
+
+_PAUSE = 8
+"""The times that bounds are found without asking how long they are stable, if that did not help."""
 
 
 class MarginBound:
@@ -168,6 +181,15 @@ class FormulaMargin(BoundedMargins):
 
     every_state = False
 
+    def __init__(self, formula: Formula, kinds: Kinds, domains: Domains, limit: int) -> None:
+        super().__init__(formula, kinds, domains, limit)
+        # The bounds do not change before a time while all states satisfy the guards.
+        self._stable_until = -inf
+        self._guards: list[Guard] = []
+        # The number of the collected states that satisfy them.
+        self._checked = 0
+        self._pause = 0
+
     def step(self, valid_time: int, values: Values) -> None:
         """Process a state that is later than the one before."""
         first = self._bounds[0]
@@ -180,12 +202,51 @@ class FormulaMargin(BoundedMargins):
 
     def at_present(self) -> Margin:
         """Return the bounds, after the latest state."""
-        self._process()
         if self._latest is None:
             return Margin(-inf, inf)
-        return self._margin(
-            self._bound(self._bounds[0], LOWEST), self._bound(self._bounds[-1], HIGHEST)
+        if self._guards and self._latest < self._stable_until:
+            self._check_guards()
+        if self._latest < self._stable_until:
+            self._pause = 0
+        else:
+            self._process()
+            self._find_bounds()
+        return self._latest_margin
+
+    def _find_bounds(self) -> None:
+        lower = self._bound(self._bounds[0], LOWEST)
+        upper = self._bound(self._bounds[-1], HIGHEST)
+        before = self._latest_margin
+        if self._margin(lower, upper) is not before or self._pause:
+            self._pause = max(self._pause - 1, 0)
+            return
+        self._pause = _PAUSE
+        self._guards.clear()
+        self._stable_until = min(
+            self._bounds[0].operator.stable_until(MarginThreshold(lower, LOWEST, self._guards)),
+            self._bounds[-1].operator.stable_until(MarginThreshold(upper, HIGHEST, self._guards)),
         )
+
+    def _check_guards(self) -> None:
+        """Forget how long the bounds are stable if a new state does not satisfy a guard."""
+        collected = cast('list[Signals]', self._steps.signals)
+        for signals in collected[self._checked :]:
+            for read, is_satisfied in self._guards:
+                if not is_satisfied(read(signals)):
+                    self._stable_until = -inf
+                    return
+        self._checked = len(collected)
+
+    def _process(self) -> None:
+        if self._latest is not None and self._latest < self._stable_until:
+            self._check_guards()
+        self._checked = 0
+        super()._process()
+
+    def _fork(self) -> None:
+        # What is not known satisfies no guards.
+        self._stable_until = -inf
+        super()._fork()
 
     def _bound(self, bound: MarginBound, unknown: Robustness) -> Robustness:
         """Return the bound if the future is unknown."""

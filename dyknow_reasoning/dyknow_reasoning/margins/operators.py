@@ -27,9 +27,10 @@ from bisect import bisect_right
 from collections import deque
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from itertools import chain, islice, repeat, zip_longest
 from math import inf
-from operator import itemgetter
+from operator import ge, itemgetter, le
 from typing import Any, Self, TypeAlias, cast
 
 Robustness: TypeAlias = tuple[float, int]
@@ -102,6 +103,26 @@ def reaches(margin: Robustness, limit: Robustness, unknown: Robustness) -> bool:
     return margin >= limit if unknown[0] > 0 else margin <= limit
 
 
+Guard: TypeAlias = tuple[Reader, Callable[[Robustness], bool]]
+"""A condition on the margin of a formula without temporal operators, at each later state."""
+
+
+class MarginThreshold:
+    """A limit of margins, and the guards under which they reach it later.
+
+    Args:
+        limit: the limit.
+        unknown: the margin of all that is unknown, `LOWEST` or `HIGHEST`.
+        guards: the guards, which others may add to.
+    """
+
+    def __init__(self, limit: Robustness, unknown: Robustness, guards: list[Guard]) -> None:
+        self.limit = limit
+        self.unknown = unknown
+        self.guards = guards
+        self.reached_by = partial(le if unknown[0] > 0 else ge, limit)
+
+
 class Copyable:
     """An object whose attributes may be changed independently in a copy."""
 
@@ -153,6 +174,18 @@ class MarginOperator(Copyable, ABC):
             unknown: the margin of all that is unknown, `LOWEST` or `HIGHEST`.
         """
 
+    def stable_until(self, threshold: MarginThreshold, skipped: int = 0) -> float:  # noqa: ARG002
+        """Return a time before which no margin falls short of a limit, if the guards hold.
+
+        That is for those that were not returned by `step` yet and reach the limit at present, and
+        for those at later states.
+
+        Args:
+            threshold: the limit; the guards are added to it.
+            skipped: the number of the earliest margins that do not matter.
+        """
+        return -inf
+
 
 class StateMargin(MarginOperator):
     """A formula without temporal operators.
@@ -182,6 +215,11 @@ class StateMargin(MarginOperator):
     def open_margins(self, limit: Robustness, unknown: Robustness) -> Sequence[Any]:  # noqa: ARG002
         """Return nothing: all margins are known."""
         return ()
+
+    def stable_until(self, threshold: MarginThreshold, skipped: int = 0) -> float:  # noqa: ARG002
+        """Return that it depends on the margins at later states alone."""
+        threshold.guards.append((self.read, threshold.reached_by))
+        return inf
 
 
 class JunctionMargin(MarginOperator):
@@ -227,6 +265,10 @@ class JunctionMargin(MarginOperator):
             # One unknown margin decides.
             return list(map(self.join, zip(*members, strict=False)))
         return list(map(self.join, zip_longest(*members, fillvalue=unknown)))
+
+    def stable_until(self, threshold: MarginThreshold, skipped: int = 0) -> float:  # noqa: ARG002
+        """Return the time before which no margin of a member falls short."""
+        return min(each.stable_until(threshold) for each in self.members)
 
 
 class PairMargin(JunctionMargin):
@@ -292,6 +334,23 @@ class StateJunction(MarginOperator):
         # An unknown margin of the other formula changes nothing.
         joined += islice(self._queue, len(others), None)
         return () if reaches(join(joined), limit, unknown) else joined
+
+    def stable_until(self, threshold: MarginThreshold, skipped: int = 0) -> float:
+        """Return the time before which the margin of the other formula does not fall short."""
+        if self._decisive != threshold.unknown:
+            threshold.guards.append((self.read, threshold.reached_by))
+            return self.other.stable_until(threshold)
+        queue = cast('deque[Robustness]', self._queue)
+        reached = enumerate(map(threshold.reached_by, queue))
+        skipped = next((i for i, is_reached in reached if not is_reached), len(queue))
+        others = MarginThreshold(threshold.limit, threshold.unknown, [])
+        time = self.other.stable_until(others, skipped)
+        if skipped == len(queue) and (others.guards or time == -inf):
+            # No open margin depends on the other formula.
+            threshold.guards.append((self.read, threshold.reached_by))
+            return inf
+        threshold.guards += others.guards
+        return time
 
 
 class PreviousMargin(MarginOperator):

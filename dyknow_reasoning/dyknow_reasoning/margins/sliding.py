@@ -5,7 +5,7 @@ from __future__ import annotations
 from abc import abstractmethod
 from collections import deque
 from collections.abc import Sequence
-from itertools import chain, repeat
+from itertools import chain, islice, repeat
 from math import inf
 from typing import Any, Generic, TypeVar, cast
 
@@ -15,8 +15,10 @@ from dyknow_reasoning.margins.operators import (
     MAX_WAITING,
     Assumption,
     MarginOperator,
+    MarginThreshold,
     PairMargin,
     Robustness,
+    StateMargin,
     Steps,
     reaches,
 )
@@ -148,6 +150,14 @@ class SlidingMargin(MarginOperator, Generic[WindowT]):
             found.append(window.margin(state))
         return found
 
+    def _end_of_first(self, since: float, skipped: int) -> float:
+        """Return when the window of the first state since a time ends, without some earliest ones.
+
+        It may be that of the next state.
+        """
+        states = (each for each in islice(self._states, skipped, None) if each is not None)
+        return max(next(states, self._now + 1), since) + self.end
+
     @abstractmethod
     def _unknown_of_body(self, unknown: Robustness) -> Any:
         """Return what the body passes on if all is unknown."""
@@ -184,6 +194,30 @@ class SlidingExtremum(SlidingMargin[ExtremumWindow]):
             return self._margins(inner, unknown)
         # A window that has not ended has an unknown margin.
         return self._margins_of_ended(limit, unknown)
+
+    def stable_until(self, threshold: MarginThreshold, skipped: int = 0) -> float:
+        """Return when an open window ends, or when a margin of the body falls short."""
+        if threshold.unknown != self.decisive:
+            # Margins before the latest state can be in the window of a later one.
+            return -inf if self.start < 0 else self.body.stable_until(threshold)
+        reached = self._window.latest_reaching(threshold.limit, threshold.unknown)
+        since = -inf if reached is None else reached - self.start + 1
+        end = self._end_of_first(since, skipped)
+        if end > self._now or self.end < 0:
+            return end
+        # States whose windows have ended reach the limit by margins that are not known yet.
+        if (reached := self._latest_open(threshold)) is not None:
+            since = max(since, reached - self.start + 1)
+        return min(self._end_of_first(since, skipped), self.body.stable_until(threshold))
+
+    def _latest_open(self, threshold: MarginThreshold) -> float | None:
+        """Return the time of the latest unknown margin of the body that reaches a limit."""
+        open_ = self._open
+        inner = self.body.open_margins(threshold.limit, threshold.unknown)
+        if len(inner) < len(open_):
+            return open_[-1][1]
+        pairs = zip(reversed(open_), reversed(inner), strict=False)
+        return next((last for (_, last), each in pairs if threshold.reached_by(each)), None)
 
     def _is_open(self, state: int, end: float) -> bool:
         start = state + self.start
@@ -222,8 +256,15 @@ class SlidingUntil(_SlidingPairs[UntilWindow]):
     """
 
     def __init__(self, body: PairMargin, start: float, end: float, *, universal: bool) -> None:
-        super().__init__(body, UntilWindow(start, end, universal=universal))
+        window = UntilWindow(start, end, universal=universal)
+        super().__init__(body, window)
         self.decisive = LOWEST if universal else HIGHEST
+        self._guard: StateMargin | None = None
+        left, right = body.members
+        if start == 0 and isinstance(left, StateMargin) and isinstance(right, StateMargin):
+            # Where the right side reaches a limit, it ends all open windows.
+            sides, better = (left.read, right.read), window.better
+            self._guard = StateMargin(lambda signals: better(read(signals) for read in sides))
 
     def open_margins(self, limit: Robustness, unknown: Robustness) -> Sequence[Robustness]:
         """Return the margins that are not known yet, until all that follow reach the limit."""
@@ -233,6 +274,15 @@ class SlidingUntil(_SlidingPairs[UntilWindow]):
             # So a window that has not ended reaches the limit, too.
             return self._margins_of_ended(limit, unknown)
         return super().open_margins(limit, unknown)
+
+    def stable_until(self, threshold: MarginThreshold, skipped: int = 0) -> float:
+        """Return when an open window ends, or when the left side falls short."""
+        sides, unknown = cast('PairMargin', self.body), threshold.unknown
+        if unknown != self.decisive or not sides.left_reaches(threshold.limit, unknown):
+            return -inf
+        since = self._window.latest_break(threshold) - self.start
+        guarded = (self._guard or sides.members[0]).stable_until(threshold)
+        return min(self._end_of_first(since, skipped), guarded)
 
     def _left_reaches(self, limit: Robustness, unknown: Robustness) -> bool:
         """Return True if the left side reaches the limit at all steps that count."""

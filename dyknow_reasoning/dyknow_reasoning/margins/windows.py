@@ -17,12 +17,20 @@ same form, so a window is a product, which two stacks (`Product`) maintain.
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from bisect import bisect_right
 from collections import deque
 from collections.abc import Callable, Iterable
 from math import inf
 from typing import Any, TypeAlias
 
-from dyknow_reasoning.margins.operators import HIGHEST, LOWEST, Copyable, Robustness, reaches
+from dyknow_reasoning.margins.operators import (
+    HIGHEST,
+    LOWEST,
+    Copyable,
+    MarginThreshold,
+    Robustness,
+    reaches,
+)
 
 
 class MarginWindow(Copyable, ABC):
@@ -53,7 +61,9 @@ class MarginWindow(Copyable, ABC):
     def margin(self, state: int) -> Robustness:
         """Drop what has left the window of a state, and return the margin of the state."""
 
-    def latest_reaching(self, limit: Robustness, unknown: Robustness, since: float) -> float | None:
+    def latest_reaching(
+        self, limit: Robustness, unknown: Robustness, since: float = inf
+    ) -> float | None:
         """Return the time of a margin that reaches a limit, the latest one if it is before `since`.
 
         Of pairs, it is the right margin.
@@ -99,8 +109,17 @@ class ExtremumWindow(MarginWindow):
             kept.popleft()
         return kept[0][1] if kept else self.neutral
 
-    def _latest(self) -> Iterable[tuple[float, Robustness]]:
-        return reversed(self._kept)
+    def latest_reaching(
+        self,
+        limit: Robustness,
+        unknown: Robustness,
+        since: float = inf,  # noqa: ARG002
+    ) -> float | None:
+        """Return the time of the latest margin that reaches a limit."""
+        # Each margin is further from the limit than the one before.
+        kept = self._kept
+        end = bisect_right(kept, False, key=lambda each: not reaches(each[1], limit, unknown))
+        return kept[end - 1][0] if end else None
 
 
 class Product(Copyable):
@@ -225,6 +244,19 @@ class UntilWindow(_PairWindow):
         """Return True if the left margins of all steps reach a limit."""
         totals = (self._before.total(), self._window.total())
         return all(each is None or reaches(each[0], limit, unknown) for each in totals)
+
+    def latest_break(self, threshold: MarginThreshold) -> float:
+        """Return the time of the latest step after which none matters to the states before it.
+
+        There, the right side reaches the limit, or the left side falls short of it.
+        """
+        last: float
+        for _, last, (left, right) in reversed(self._window.elements):
+            if threshold.reached_by(right):
+                return last + 1
+            if not threshold.reached_by(left):
+                return last
+        return -inf
 
     def _latest(self) -> Iterable[tuple[float, Robustness]]:
         return ((last, right) for _, last, (_, right) in reversed(self._window.elements))
