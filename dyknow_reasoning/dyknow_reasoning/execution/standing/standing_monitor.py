@@ -369,6 +369,7 @@ class StandingMonitor:
                     automaton.forget(locations)
                     for starts in used:
                         starts.forget()
+                    self._symbols = (-1,) * len(self._starts)
 
     def _clean_up(self) -> None:
         """Forget what no undecided start needs any more, and limit the rest."""
