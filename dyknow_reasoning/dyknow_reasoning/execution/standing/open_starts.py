@@ -26,12 +26,11 @@ dropped later (see `fading`).
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from math import inf
 from typing import Final
 
-from dyknow_reasoning.errors import ReasoningError
 from dyknow_reasoning.execution.automata.automaton import Location, Move, Times
 from dyknow_reasoning.execution.automata.instance_states import (
     DecidingMoment,
@@ -381,17 +380,3 @@ class OpenStarts:
                 return known
             for part in parts:
                 automaton.move(location, symbol, (*group.times_of(part.runs[0].begin), now))
-
-
-def check_sizes(locations: Iterable[Location], node_limit: int) -> None:
-    """Check that what remains of a formula is not too large.
-
-    Raises:
-        ReasoningError: if it is.
-    """
-    size = max(each.node.size for each in locations)
-    if size > node_limit:
-        raise ReasoningError(
-            f'what remains of the formula has {size} nodes, more than {node_limit} (the '
-            "limit 'node_limit'); use shorter intervals or fewer nested operators"
-        )
