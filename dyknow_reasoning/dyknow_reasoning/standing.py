@@ -284,9 +284,9 @@ class StandingFormulas:
         """Progress all formulas over a state; return those that fail, which should be removed."""
         failures: dict[int, ReasoningError] = {}
         for formula_id, each in self.formulas.items():
-            if (quick_step := each.quick_step) and quick_step(valid_time, values):
-                continue
             try:
+                if (quick_step := each.quick_step) and quick_step(valid_time, values):
+                    continue
                 if each.progress(valid_time, values):
                     self._changed.add(formula_id)
             except ReasoningError as error:

@@ -119,11 +119,40 @@ def test_memory_stays_bounded(monkeypatch: pytest.MonkeyPatch) -> None:
     for second in range(5000):
         group.progress(second * SECOND, {'p': second % 3 == 0, 'q': second % 7 == 0})
         assert len(monitor.failures) < 100
-        assert len(monitor._times._times) < 200
+        assert len(monitor._times.kept) < 200
     counts = group.standing.summary(formula_id).counts
     assert counts.holds + counts.fails + counts.undecided == 5000
     fails = [s for s in range(0, 4996, 3) if not any(t % 7 == 0 for t in range(s, s + 4))]
     assert counts.fails == len(fails) == monitor.failure_count
+
+
+@pytest.mark.parametrize('objects', [1, 20])
+@pytest.mark.parametrize('truth', [True, False])
+@pytest.mark.parametrize('step', [1, 2])
+def test_memory_stays_bounded_while_states_are_alike(
+    objects: int,
+    truth: bool,  # noqa: FBT001
+    step: int,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(standing_monitor, '_CLEANUP_STATES', 64)
+    group, formula_id = begun('forall u in UAV: p[u]', UAV=[f'u{i}' for i in range(objects)])
+    monitor = group.standing.formulas[formula_id].monitor
+    values = {f'p[u{i}]': truth for i in range(objects)}
+    for number in range(1000):
+        assert not group.progress(step * number + number % step, values)
+    assert len(monitor._times.kept) < 100
+    counts = group.standing.summary(formula_id).counts
+    assert (counts.holds, counts.fails) == ((1000, 0) if truth else (0, 1000))
+
+
+def test_unusable_values_after_states_that_are_alike() -> None:
+    group, _ = begun('always[0 s, 2 s] p')
+    for second in (0, 1, 3, 4, 7):
+        assert not group.progress(second * SECOND, {'p': True})
+    (result,) = group.progress(8 * SECOND, {'p': 'text'})
+    assert result.error
+    assert not group.standing.formulas
 
 
 def test_too_many_runs_are_an_error(monkeypatch: pytest.MonkeyPatch) -> None:

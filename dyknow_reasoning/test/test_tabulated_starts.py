@@ -191,7 +191,7 @@ def test_look_ups_stop_for_the_cleanup(monkeypatch: pytest.MonkeyPatch) -> None:
     for time in range(5000):
         assert not group.progress(time, {'p': time % 4 == 0, 'q': time % 4 == 2})
         looked_up += monitor._tabulated.is_active
-        assert len(monitor._times._times) < 400
+        assert len(monitor._times.kept) < 400
     assert looked_up > 4000
     assert group.standing.summary(formula_id).counts.holds == 5000
 
@@ -226,7 +226,7 @@ def test_states_that_generated_code_took_are_dropped_but_counted() -> None:
         assert not group.progress(time, {'p': time % 4 == 0, 'q': time % 4 == 2})
     assert monitor._tabulated.quick_step
     assert monitor.states == states
-    assert len(monitor._times._times) <= joint_table.MAX_AGE + 1
+    assert len(monitor._times.kept) <= joint_table.MAX_AGE + 1
     assert not group.progress(states, {'p': True, 'q': False})
     assert group.standing.summary(1).counts.undecided == 1
     for time in range(states + 1, states + 10):

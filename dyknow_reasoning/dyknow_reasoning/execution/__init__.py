@@ -27,8 +27,7 @@ from dyknow_reasoning.execution.recording import Recording
 from dyknow_reasoning.execution.standing.failures import Failure
 from dyknow_reasoning.execution.standing.recorded_states import progress_recording
 from dyknow_reasoning.execution.standing.standing_monitor import KEPT_FAILURES, StandingMonitor
-from dyknow_reasoning.execution.standing.start_counts import StartCounts
-from dyknow_reasoning.execution.standing.verdict_log import VerdictLog
+from dyknow_reasoning.execution.standing.verdict_log import StartCounts, VerdictLog
 
 __all__ = [
     'KEPT_FAILURES',

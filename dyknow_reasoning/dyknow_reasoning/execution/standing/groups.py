@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from math import inf
 from typing import Final, NamedTuple, TypeAlias
 
@@ -96,136 +96,70 @@ class Validity(NamedTuple):
 
     Args:
         until: the time before which it does, in nanoseconds.
-        fades: the age from which on the formula is true from a start instead; inf for never.
+        fades: the age from which on starts are in another group instead; inf for never.
+        successor: that group, which is true or keeps them.
     """
 
     until: float = inf
     fades: float = inf
+    successor: Group | None = None
 
 
 class Part(NamedTuple):
-    """Starts of a group that make the same move.
+    """Starts of a group with the same answers to guards.
 
     Args:
         runs: the starts.
-        move: the move.
-        until: as of the validity of the move.
-        fades: as of the validity of the move.
+        decision: after these answers; a move at the end, None if the automaton has none yet.
+        until: the time before which starts that are younger than `age` give the same answers.
+        age: in nanoseconds.
     """
 
     runs: list[Run]
-    move: Move
+    decision: Decision | None
     until: float = inf
-    fades: float = inf
+    age: float = inf
 
 
 ALWAYS: Final = Validity()
 """At all times."""
 
 
-class Answers:
-    """Answers the guards of a group at a time, and splits it where the answers differ.
+def follow(part: Part, clocks: Clocks, now: int, times: StateTimes) -> list[Part]:
+    """Follow the answers of some starts to their moves; split them where the answers differ.
 
     Args:
-        group: the group.
+        part: the starts, at least one, with their answers so far.
+        clocks: the clocks of their group.
         now: the time of a state, in nanoseconds.
         times: of all states.
-        explore: adds the move of the oldest start at a later time to the automaton; None if the
-            times for which a move is the same do not matter.
     """
-
-    def __init__(
-        self,
-        group: Group,
-        now: int,
-        times: StateTimes,
-        explore: Callable[[Sequence[Run], int], None] | None = None,
-    ) -> None:
-        self.found: list[Part] = []
-        self.unknown: list[list[Run]] = []
-        """The starts for which the automaton has no move yet."""
-        self._clocks = (*group.clocks, now)
-        self._now = len(group.clocks)
-        self._times = times
-        self._explore = explore
-
-    def follow(
-        self,
-        decision: Decision | None,
-        runs: list[Run],
-        until: float = inf,
-        fades: float = inf,
-    ) -> None:
-        """Follow the answers of some starts, at least one, to their moves.
-
-        Args:
-            decision: the decision of the starts.
-            runs: the starts.
-            until: as of the validity of the answers so far.
-            fades: as of the validity of the answers so far.
-        """
-        clocks, now = self._clocks, self._now
-        while type(decision) is Guard:
-            later, earlier = clocks[decision.later], clocks[decision.earlier]
-            if later is OWN or earlier is OWN:
-                self._follow_own(decision, runs, until, fades)
-                return
-            more_than = decision.more_than
-            if later - earlier > more_than:
-                if decision.earlier == now:
-                    until = min(until, later - more_than)
-                decision = decision.yes
+    runs, decision, until, age = part
+    found: list[Part] = []
+    present, clocks = len(clocks), (*clocks, now)
+    while isinstance(decision, Guard):
+        later, earlier = clocks[decision.later], clocks[decision.earlier]
+        # A clock before some time gives another answer than a later one.
+        if later is OWN or decision.earlier == present:
+            assert earlier is not OWN  # noqa: S101 - only one clock is OWN
+            clock, time = later, earlier + decision.more_than + 1
+            before, after = decision.no, decision.yes
+        else:
+            clock, time = earlier, later - decision.more_than
+            before, after = decision.yes, decision.no
+        first, last = (runs[0].begin, runs[-1].end) if clock is OWN else (clock, clock)
+        if last < time:
+            decision = before
+            continue
+        if first < time:
+            older, runs = split(runs, time, times)
+            found += follow(Part(older, before, until, age), clocks[:-1], now, times)
+        if present in (decision.later, decision.earlier):
+            limit = now - time + 1
+            if clock is OWN:
+                age = min(age, limit)
             else:
-                if decision.later == now:
-                    until = min(until, earlier + more_than + 1)
-                decision = decision.no
-        if type(decision) is Move:
-            self.found.append(Part(runs, decision, until, fades))
-        else:
-            self.unknown.append(runs)
-
-    def _follow_own(self, guard: Guard, runs: list[Run], until: float, fades: float) -> None:
-        """Follow the answers to a guard about the starts themselves and another time.
-
-        The answer of starts of some age differs from that of younger ones.
-        """
-        older_say_yes = self._clocks[guard.later] is not OWN
-        if older_say_yes:
-            other, age = guard.later, guard.more_than + 1
-        else:
-            other, age = guard.earlier, -guard.more_than
-        time = self._clocks[other]
-        assert time is not OWN  # noqa: S101 - the clocks of a guard are of different states
-        older, younger = split(runs, time - age + 1, self._times)
-        if older:
-            self.follow(guard.yes if older_say_yes else guard.no, older, until, fades)
-        if younger:
-            if other == self._now:
-                if self._is_true_from(guard, younger, age, answer=older_say_yes):
-                    fades = min(fades, age)
-                else:
-                    until = min(until, younger[0].begin + age)
-            self.follow(guard.no if older_say_yes else guard.yes, younger, until, fades)
-
-    def _is_true_from(self, guard: Guard, runs: Sequence[Run], age: int, *, answer: bool) -> bool:
-        """Return True if an answer, which starts of some age give, certainly leads to true."""
-        if self._explore is None:
-            return False
-        truth = _truth(guard.yes if answer else guard.no)
-        if truth is None:
-            # The age itself, which a start may skip, and later ones may have different moves.
-            self._explore(runs, runs[0].begin + age)
-            self._explore(runs, runs[0].begin + age + 1)
-            truth = _truth(guard.yes if answer else guard.no)
-        return truth is True
-
-
-def _truth(decision: Decision | None) -> bool | None:
-    """Return True if all moves of a decision are to true, None if all that are known are."""
-    if isinstance(decision, Guard):
-        yes = _truth(decision.yes)
-        if yes is False:
-            return False
-        no = _truth(decision.no)
-        return None if no and yes is None else no
-    return None if decision is None else decision.target.verdict is True
+                until = min(until, clock + limit)
+        decision = after
+    found.append(Part(runs, decision, until, age))
+    return found

@@ -19,18 +19,18 @@ Example, `p -> eventually[0, 5 s] q`, with a state each second:
 While the truth of the atoms stays the same, and no guard changes its answer, each state does to the
 groups what the one before did: nothing. Then the states only join the group of the latest start,
 or are decided at once as the latest one was. Such states need no call, until `joins_until`. Nor do
-states at which the only change is that the formula becomes true from the oldest starts: these
-starts *fade*, and are dropped later.
+states at which the only change is that the oldest starts leave their group for one and the same
+other group, or that the formula becomes true from them: these starts *fade*, and are moved or
+dropped later (see `fading`).
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from math import inf
 from typing import Final
 
-from dyknow_reasoning.errors import ReasoningError
 from dyknow_reasoning.execution.automata.automaton import Location, Move, Times
 from dyknow_reasoning.execution.automata.instance_states import (
     DecidingMoment,
@@ -39,14 +39,15 @@ from dyknow_reasoning.execution.automata.instance_states import (
     InstanceVerdict,
 )
 from dyknow_reasoning.execution.automata.templates import Template
+from dyknow_reasoning.execution.standing.fading import Future
 from dyknow_reasoning.execution.standing.groups import (
     ALWAYS,
     OWN,
-    Answers,
     DecidedStarts,
     Group,
     Part,
     Validity,
+    follow,
 )
 from dyknow_reasoning.execution.standing.runs import (
     Run,
@@ -80,7 +81,7 @@ class OpenStarts:
         self.can_fade = True
         """True if `fades_at` may be later than the state that decides."""
         self.fades_at: float = inf
-        """The time at which the formula becomes true from a start in this way, in nanoseconds."""
+        """The time at which a start leaves its group in this way, in nanoseconds."""
         self._times = times
         self.groups: dict[Group, list[Run]] = {}
         """The starts; call `join` before."""
@@ -97,7 +98,9 @@ class OpenStarts:
         self._known_validity: dict[int, Validity] = {}
 
     def forget(self) -> None:
-        """Forget the results that are kept of the automaton."""
+        """Forget the results that are kept of the automaton; the next state needs a step."""
+        self.join(len(self._times))
+        self.resume(self.groups)
         self._known_fresh.clear()
         self._known_validity.clear()
 
@@ -161,7 +164,7 @@ class OpenStarts:
         return InstanceState(instance, self.template, group.location, times, {})
 
     def join(self, end: int) -> None:
-        """Let the states before a number join that needed no `step`, and drop those that faded."""
+        """Let the states before a number join that needed no `step`, and move those that faded."""
         first, self._joined = self._joined, end
         if end == first:
             return
@@ -169,25 +172,26 @@ class OpenStarts:
             run = Run(first, end - 1, self._times[first], self._times[end - 1])
             add_latest(self.groups.setdefault(self._fresh, []), run)
         latest = self._times[end - 1]
-        if latest >= self.fades_at:
-            for group, validity in list(self._idle.items()):
-                runs = self.groups[group] = self._unfaded(self.groups[group], validity, latest)
-                if not runs:
-                    del self.groups[group], self._idle[group]
-            self.fades_at = self._next_fade()
+        if latest < self.fades_at:
+            return
+        self.fades_at = inf
+        for group, validity in list(self._idle.items()):
+            runs = self._unfaded(self.groups[group], validity, latest)
+            if runs:
+                self.groups[group] = runs
+                self.fades_at = min(self.fades_at, runs[0].begin + validity.fades)
+            else:
+                del self.groups[group], self._idle[group]
 
     def _unfaded(self, runs: list[Run], validity: Validity, now: int) -> list[Run]:
-        """Return the starts of a group that a state, like those before, leaves undecided."""
-        if validity.fades == inf:
+        """Return the starts that a state, like those before, leaves in their group."""
+        successor = validity.successor
+        if not successor:
             return runs
-        return split(runs, now - int(validity.fades) + 1, self._times)[1]
-
-    def _next_fade(self) -> float:
-        groups = self._idle.items()
-        return min(
-            (self.groups[group][0].begin + validity.fades for group, validity in groups),
-            default=inf,
-        )
+        faded, remaining = split(runs, now - int(validity.fades) + 1, self._times)
+        if faded and successor.location.verdict is None:
+            self._keep_idle(successor, faded, Validity(validity.until))
+        return remaining
 
     def verdict(self, decided: DecidedStarts) -> InstanceVerdict:
         """Return the verdict on the instance from the first of some starts on."""
@@ -283,26 +287,28 @@ class OpenStarts:
 
     def _move(self, group: Group, runs: list[Run], now: int, decided: list[DecidedStarts]) -> None:
         """Move the starts of a group over a state."""
-        for part in self._parts(group, runs, now):
-            target = group.moved(part.move, now)
+        for part, move in self._parts(group, runs, now):
+            target = group.moved(move, now)
             verdict = target.location.verdict
             if verdict is None:
-                self._keep(target, part.runs)
+                self._keep(target, part)
             else:
-                decided.append(DecidedStarts(group, verdict, part.runs, self._symbol))
+                decided.append(DecidedStarts(group, verdict, part, self._symbol))
 
     def _begin(self, number: int, now: int) -> None:
         """Begin at the latest state, and find out how long the following ones do the same."""
         if len(self._known_fresh) > _MAX_KNOWN:
-            self.forget()
+            self._known_fresh.clear()
+            self._known_validity.clear()
         fresh = self._known_fresh.get(self._symbol)
         if fresh is None:
             move = self.template.automaton.move(self._initial.location, self._symbol, (now,))
             fresh = self._known_fresh[self._symbol] = self._initial.moved(move, OWN)
         self._fresh = fresh
-        self._joined = number
+        self._joined = number + 1
         self.fades_at = self.joins_until = inf
-        self.join(number + 1)
+        if fresh.location.verdict is None:
+            add_latest(self.groups.setdefault(fresh, []), Run(number, number, now, now))
         idle = self._idle
         for group, runs in self.groups.items():
             validity = idle.get(group) or self._validity(group, runs, now + 1)
@@ -324,69 +330,53 @@ class OpenStarts:
         """
         automaton, location, symbol = self.template.automaton, group.location, self._symbol
         begin = runs[0].begin
-        if group is self._fresh and (known := self._known_validity.get(symbol)):
+        if group == self._fresh and (known := self._known_validity.get(symbol)):
             until = begin + known.until
             if now < min(until, begin + known.fades):
-                return Validity(until, known.fades)
+                return Validity(until, known.fades, known.successor)
         decision = location.moves.get(symbol)
         if type(decision) is Move:
             return ALWAYS if group.stays(decision, now) else None
+        parts = follow(Part(runs, decision), group.clocks, now, self._times)
+        for _, move, _, _ in parts:
+            if type(move) is not Move or not group.stays(move, now):
+                return None
+        if len(parts) > 1:
+            return Validity(min(min(part.until, part.runs[0].begin + part.age) for part in parts))
+        _, _, until, age = parts[0]
+        found = None
+        if begin + age < until and self.can_fade:
+            found = Future(automaton, symbol, begin, now).fading(group, int(age), until)
+        found = found or Validity(min(until, begin + age))
+        if group == self._fresh:
+            self._known_validity[symbol] = found._replace(until=found.until - begin)
+        return found
 
-        def explore(some: Sequence[Run], time: int) -> None:
-            automaton.move(location, symbol, (*group.times_of(some[0].begin), time))
-
-        answers = Answers(group, now, self._times, explore if self.can_fade else None)
-        answers.follow(decision, runs)
-        parts = answers.found
-        if answers.unknown or not all(group.stays(part.move, now) for part in parts):
-            return None
-        if len(parts) == 1:
-            found = Validity(parts[0].until, parts[0].fades)
-            if group is self._fresh:
-                self._known_validity[symbol] = Validity(found.until - begin, found.fades)
-            return found
-        ends = (min(part.until, part.runs[0].begin + part.fades) for part in parts)
-        return Validity(min(ends))
-
-    def _keep_idle(self, group: Group, runs: list[Run], part: Validity) -> None:
-        if group in self.groups:  # Others have moved here: how long they stay is unknown.
-            self.groups[group] = union(self.groups[group], runs)
-        else:
-            self.groups[group] = runs
-            self._idle[group] = part
+    def _keep_idle(self, group: Group, runs: list[Run], validity: Validity) -> None:
+        others = self.groups.get(group)
+        self.groups[group] = union(others, runs) if others else runs
+        if not others:
+            self._idle[group] = validity
+        elif known := self._idle.get(group):  # Else others have moved here.
+            fading = known if known.successor else validity
+            self._idle[group] = fading._replace(until=min(known.until, validity.until))
 
     def _keep(self, group: Group, runs: list[Run]) -> None:
         found = self.groups.get(group)
         self.groups[group] = union(found, runs) if found else runs
         self._idle.pop(group, None)
 
-    def _parts(self, group: Group, runs: list[Run], now: int) -> list[Part]:
+    def _parts(self, group: Group, runs: list[Run], now: int) -> list[tuple[list[Run], Move]]:
         """Split the starts of a group into parts that make one move each."""
         automaton, location, symbol = self.template.automaton, group.location, self._symbol
         decision = location.moves.get(symbol)
         if type(decision) is Move:
-            return [Part(runs, decision)]
-        found: list[Part] = []
-        pending = [runs]
-        while pending:
-            answers = Answers(group, now, self._times)
-            answers.follow(location.moves.get(symbol), pending.pop())
-            found += answers.found
-            for each in answers.unknown:
-                automaton.move(location, symbol, (*group.times_of(each[0].begin), now))
-                pending.append(each)
-        return found
-
-
-def check_sizes(locations: Iterable[Location], node_limit: int) -> None:
-    """Check that what remains of a formula is not too large.
-
-    Raises:
-        ReasoningError: if it is.
-    """
-    size = max(each.node.size for each in locations)
-    if size > node_limit:
-        raise ReasoningError(
-            f'what remains of the formula has {size} nodes, more than {node_limit} (the '
-            "limit 'node_limit'); use shorter intervals or fewer nested operators"
-        )
+            return [(runs, decision)]
+        while True:
+            part = Part(runs, location.moves.get(symbol))
+            parts = follow(part, group.clocks, now, self._times)
+            known = [(runs, move) for runs, move, _, _ in parts if type(move) is Move]
+            if len(known) == len(parts):
+                return known
+            for part in parts:
+                automaton.move(location, symbol, (*group.times_of(part.runs[0].begin), now))

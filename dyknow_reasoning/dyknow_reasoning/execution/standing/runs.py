@@ -103,25 +103,26 @@ class StateTimes:
     """The valid times of the latest states, by their numbers, which count from 0."""
 
     def __init__(self) -> None:
-        self._times: list[int] = []
+        self.kept: list[int] = []
+        """Those that are not forgotten."""
         self._first = 0
         # Appends the valid time of the next state.
-        self.append = self._times.append
+        self.append = self.kept.append
 
     def __len__(self) -> int:
         """The number of all states so far."""
-        return self._first + len(self._times)
+        return self._first + len(self.kept)
 
     def __getitem__(self, number: int) -> int:
-        return self._times[number - self._first]
+        return self.kept[number - self._first]
 
     def number_at(self, time: int) -> int:
         """Return the number of the first kept state that is valid at a time or later."""
-        return self._first + bisect_left(self._times, time)
+        return self._first + bisect_left(self.kept, time)
 
     def extend(self, times: Iterable[int]) -> None:
         """Append the valid times of the next states."""
-        self._times.extend(times)
+        self.kept.extend(times)
 
     def repeat(self, period: int, states: int, *, kept: int) -> None:
         """Append the valid times of states that come at a period.
@@ -131,16 +132,16 @@ class StateTimes:
             states: how many there are.
             kept: if there are more, the times of all states but this number are forgotten.
         """
-        latest = self._times[-1] + states * period
+        latest = self.kept[-1] + states * period
         if states > kept:
             self._first = len(self) + states - kept
-            self._times.clear()
+            self.kept.clear()
             states = kept
-        self._times.extend(range(latest - (states - 1) * period, latest + 1, period))
+        self.kept.extend(range(latest - (states - 1) * period, latest + 1, period))
 
     def forget(self, before: int) -> None:
         """Forget the times of the states before the one of a number."""
-        del self._times[: max(before - self._first, 0)]
+        del self.kept[: max(before - self._first, 0)]
         self._first = max(self._first, before)
 
 

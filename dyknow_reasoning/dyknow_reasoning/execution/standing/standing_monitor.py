@@ -17,7 +17,8 @@ from dyknow_reasoning.execution.fast_path import Step
 from dyknow_reasoning.execution.standing.failures import Failure, Failures
 from dyknow_reasoning.execution.standing.groups import DecidedStarts
 from dyknow_reasoning.execution.standing.joint_reader import joint_reader
-from dyknow_reasoning.execution.standing.open_starts import OpenStarts, check_sizes
+from dyknow_reasoning.execution.standing.limits import limit_automata
+from dyknow_reasoning.execution.standing.open_starts import OpenStarts
 from dyknow_reasoning.execution.standing.remembering_starts import open_starts
 from dyknow_reasoning.execution.standing.runs import (
     Run,
@@ -29,9 +30,8 @@ from dyknow_reasoning.execution.standing.runs import (
     union,
     union_of,
 )
-from dyknow_reasoning.execution.standing.start_counts import StartCounts
 from dyknow_reasoning.execution.standing.tabulated_starts import TabulatedStarts
-from dyknow_reasoning.execution.standing.verdict_log import VerdictLog
+from dyknow_reasoning.execution.standing.verdict_log import StartCounts, VerdictLog
 from dyknow_reasoning.language.type_checking import Kinds
 from dyknow_reasoning.progression.atoms import Values
 from dyknow_reasoning.progression.gaps import Gap, Half
@@ -85,9 +85,8 @@ class StandingMonitor:
         self._node_limit = node_limit
         self._tabulated = TabulatedStarts(self._starts, self._times, node_limit)
         self._keeps_failures = self._gap_follows = False
-        # Of each instance, as of `OpenStarts`.
+        # Of each instance, `joins_until` of its starts.
         self._ends: list[float] = [-inf] * len(self._starts)
-        self._fading: list[float] = [inf] * len(self._starts)
         # The time before which states with the same truth of the atoms need no step.
         self._joins_until: float = -inf
         self._log: VerdictLog | None = None
@@ -98,7 +97,8 @@ class StandingMonitor:
         self._forgotten_fails = self._forgotten_unknown = 0
         # The starts from which the formula cannot become true, because of a gap.
         self._unprovable: list[Run] = []
-        self._next_cleanup = _CLEANUP_STATES
+        # With more times, what is no longer needed is dropped.
+        self._most_kept = _CLEANUP_STATES
 
     def keep_all(self) -> VerdictLog:
         """Keep all failures, and return a log of all verdicts; call it before the first state."""
@@ -120,8 +120,18 @@ class StandingMonitor:
 
     @property
     def quick_step(self) -> Step | None:
-        """Progresses over a state as `progress`, and returns True, if it needs look-ups only."""
-        return self._tabulated.quick_step
+        """Does the same as `progress`, and returns True, for most states; else it has no effect."""
+        if self._tabulated.is_active or len(self._starts) > 1:  # Many atoms are read once only.
+            return self._tabulated.quick_step
+        return self._join
+
+    def _join(self, now: int, values: Values) -> bool:
+        """Take a state that needs no step, as it is like the one before; a `quick_step`."""
+        may_join = now < self._joins_until and len(self._times.kept) < self._most_kept
+        if may_join and self._read(values) == self._symbols:
+            self._times.append(now)
+            return True
+        return False
 
     @property
     def states(self) -> int:
@@ -171,12 +181,12 @@ class StandingMonitor:
         Raises:
             ReasoningError: for too many undecided starts.
         """
+        is_clean = len(self._times.kept) < self._most_kept
         if self._tabulated.is_active:
-            is_clean = len(self._times) < self._next_cleanup
             if is_clean and self._tabulated.step(now, symbols):
                 return False
             self._leave_tabulated(is_expensive=is_clean)
-        if symbols == self._symbols and now < self._joins_until:
+        if symbols == self._symbols and now < self._joins_until and is_clean:
             self._times.append(now)
             return False
         return self._step(symbols, now, values)
@@ -224,7 +234,6 @@ class StandingMonitor:
             starts = self._starts[index]
             decided += [(starts, found) for found in starts.step(symbols[index])]
             self._ends[index] = starts.joins_until
-            self._fading[index] = starts.fades_at
             if starts.fails_at_once:
                 self._fails_at_once.add(index)
             else:
@@ -239,13 +248,12 @@ class StandingMonitor:
             if self._log:
                 self._log.add_at_once(begins.runs[0])
             self._failing_since = number + 1
-        self._limit_size()
-        if number >= self._next_cleanup:
-            self._clean_up()
+        self._limit_memory()
         changed |= self._end_failures()
         self._joins_until = min(self._ends, default=inf)
         if self._failures.waiting:
-            self._joins_until = min([self._joins_until, *self._fading])
+            fading = (each.fades_at for each in self._starts)
+            self._joins_until = min(self._joins_until, *fading)
         elif not self._fails_at_once and not self._log:
             next_attempt = self._tabulated.stepped(len(due))
             self._joins_until = min(self._joins_until, next_attempt)
@@ -325,7 +333,6 @@ class StandingMonitor:
             return False
         for each in self._starts:
             each.join(len(self._times))
-        self._fading = [each.fades_at for each in self._starts]
         ended = [each for each in self._failures.waiting if self._holds_after(each.run)]
         for failure in ended:
             self._failures.end(failure)
@@ -353,28 +360,17 @@ class StandingMonitor:
         for each in self._starts:
             each.join(end)
 
-    def _limit_size(self) -> None:
-        """Limit the memory of automata that have grown, and the size of what remains."""
-        for template in self._templates:
-            automaton = template.automaton
-            if not automaton.has_grown:
-                continue
-            automaton.has_grown = False
-            if automaton.max_size > self._node_limit or automaton.is_full:
-                used = [each for each in self._starts if each.template is template]
-                locations = {each for starts in used for each in starts.locations}
-                check_sizes(locations, self._node_limit)
-                if automaton.is_full:
-                    self._tabulated.forget()
-                    automaton.forget(locations)
-                    for starts in used:
-                        starts.forget()
+    def _limit_memory(self) -> None:
+        if limit_automata(self._templates, self._starts, self._node_limit):
+            self._tabulated.forget()
+            self._symbols = (-1,) * len(self._starts)
+        if len(self._times.kept) > self._most_kept:
+            self._clean_up()
 
     def _clean_up(self) -> None:
         """Forget what no undecided start needs any more, and limit the rest."""
         self._settle()
         states = len(self._times)
-        self._next_cleanup = states + _CLEANUP_STATES
         runs = len(self._failures.kept) + sum(each.run_count() for each in self._starts)
         if runs > MAX_RUNS:
             raise ReasoningError(
@@ -383,6 +379,7 @@ class StandingMonitor:
             )
         oldest = min((each.oldest(own=True) for each in self._starts), default=states)
         self._times.forget(min(oldest, states - 2))
+        self._most_kept = len(self._times.kept) + _CLEANUP_STATES
         oldest = min((each.oldest(own=False) for each in self._starts), default=states)
         waiting = (each.run.last for each in self._failures.waiting)
         oldest = min([oldest, *waiting])

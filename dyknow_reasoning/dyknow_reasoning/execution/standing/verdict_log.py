@@ -1,12 +1,30 @@
-"""A log of the verdicts from each state on."""
+"""A log of the verdicts from each state on, and their numbers."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable
+from dataclasses import dataclass
 
 from dyknow_reasoning.execution.standing.groups import DecidedStarts
 from dyknow_reasoning.execution.standing.runs import Run
 from dyknow_reasoning.progression.gaps import Gap, Half
+
+
+@dataclass(frozen=True, slots=True)
+class StartCounts:
+    """The numbers of start states, by their verdicts.
+
+    Args:
+        holds: from which the formula is true.
+        fails: from which it is false.
+        undecided: from which it is undecided yet.
+        unknown: from which its verdict depends on states that are missing in a gap.
+    """
+
+    holds: int = 0
+    fails: int = 0
+    undecided: int = 0
+    unknown: int = 0
 
 
 class VerdictLog:
