@@ -26,10 +26,12 @@ class StateFault:
     Args:
         error: the error of the formulas if nothing can replace them.
         transient: True if the streams themselves are not at fault, and may be chosen again.
+        settled_at_s: the time from which the stream manager knows what has replaced them.
     """
 
     error: CoordinationError
     transient: bool
+    settled_at_s: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)

@@ -43,9 +43,16 @@ from dyknow_coordinator.grounding.source_choice import (
 from dyknow_coordinator.grounding.state_specification import FormulaInputs, state_specification
 from dyknow_coordinator.ros.context import CoordinatorContext
 from dyknow_coordinator.ros.evaluation.state_stream import StateStream
+from dyknow_stream_processing import ViolationKind
 
-RESUME_TIMEOUT_S: Final = 1.5
+RESUME_TIMEOUT_S: Final = 2.0
 """Time within which other streams must replace those that failed."""
+
+SETTLING_S: Final = 0.5
+"""Time after which the stream manager has noticed that another stream has the name of a known one.
+
+Until then, it would make states of the other one.
+"""
 
 ABSENCE_TIMEOUT_S: Final = 1.0
 """Time for which a feature may have no annotation: they are replaced one after the other."""
@@ -202,7 +209,9 @@ class StateSupervisor:
             return
         if violation.constraint in TRANSIENT:
             error = CoordinationError(_describe(violation), ExitCode.UNAVAILABLE)
-            self._interrupt(StateFault(error, transient=True))
+            is_recreated = violation.constraint == ViolationKind.SOURCE
+            settled_at_s = self._context.wall_time_s() + SETTLING_S if is_recreated else 0.0
+            self._interrupt(StateFault(error, transient=True, settled_at_s=settled_at_s))
         elif violation.stream_name == stream.name:
             self._context.node.spawn(self._find_silent_sources, stream, violation)
         else:
@@ -249,6 +258,10 @@ class StateSupervisor:
         limit = self._context.node.deadlines.after(RESUME_TIMEOUT_S)
         limit.add_done_callback(lambda _: self._give_up())
         while self._faults and not self._has_ended:
+            settled_at_s = max(each.settled_at_s for each in self._faults)
+            if (wait_s := settled_at_s - self._context.wall_time_s()) > 0:
+                await self._context.node.deadlines.after(wait_s)
+                continue
             fault, count = worst_fault(self._faults), len(self._faults)
             chosen = self._choose(self.inputs.candidates)
             if not fault.transient and any(map(self._is_excluded, chosen)):

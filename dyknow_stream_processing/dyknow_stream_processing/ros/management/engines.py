@@ -10,7 +10,7 @@ For example, the manager `/robot1/stream_manager` starts:
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Mapping
 from functools import partial
 from typing import Any, Final
 
@@ -95,21 +95,23 @@ class Engines:
         """Discard the report of a stream that an engine has just made or destroyed."""
         self._reports.get(name, {}).pop(stream, None)
 
-    async def list_streams(self, name: str, made: Iterable[str]) -> frozenset[str]:
+    async def list_streams(self, name: str, made: Callable[[], set[str]]) -> frozenset[str]:
         """Return the streams that an engine makes.
 
         One that was just restarted has none: they are lost, and nobody has destroyed them.
 
         Args:
             name: of the engine.
-            made: the streams that it is known to make.
+            made: returns the streams that it is known to make at present.
 
         Raises:
             DyKnowError: if it does not answer, or was restarted.
         """
+        before = made()
         response = await self.remotes[name].call(ListStreams)
         listed = frozenset(response.stream_names)
-        if not listed.issuperset(made):
+        # Streams that were made or destroyed meanwhile are not missing.
+        if (before & made()) - listed:
             await self.remotes[name].confirm_run()
         return listed
 

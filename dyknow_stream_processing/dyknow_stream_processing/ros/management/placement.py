@@ -127,19 +127,20 @@ class Placement:
 
         If it was only unreachable, it makes copies when it returns, which are then unwanted.
         """
-        made = [each.name for each in self._registry.made_by(engine) if each.topic]
-        self._unwanted.update((engine, name) for name in made)
+        self._unwanted.update((engine, name) for name in self._made_by(engine))
         self._registry.withdraw_all(engine)
         self.conflicts = {key: text for key, text in self.conflicts.items() if key[0] != engine}
 
     def is_settled(self, engine: str) -> bool:
         """Return True if an engine reports the streams that it is known to make, and no others."""
-        known = {stream.name for stream in self._registry.made_by(engine) if stream.topic}
         reports = self._engines.reports(engine)
-        return known == reports.keys() and all(
+        return self._made_by(engine) == reports.keys() and all(
             self._compared.get((engine, name), ())[:2] == (report.specification, report.constraints)
             for name, report in reports.items()
         )
+
+    def _made_by(self, engine: str) -> set[str]:
+        return {stream.name for stream in self._registry.made_by(engine) if stream.topic}
 
     def reconcile_soon(self) -> None:
         """Update the registry from the engines and make the streams that wait, soon.
@@ -172,9 +173,8 @@ class Placement:
     async def _adopt_all(self, engine: str) -> None:
         """Update the registry with the streams of an engine."""
         version = self._registry.version
-        made = [stream.name for stream in self._registry.made_by(engine) if stream.topic]
         try:
-            listed = await self._engines.list_streams(engine, made)
+            listed = await self._engines.list_streams(engine, lambda: self._made_by(engine))
         except DyKnowError as error:
             self._node.get_logger().info(str(error))
             return
