@@ -286,22 +286,20 @@ def test_a_command_that_prints_much(
         return files[-1]
 
     monkeypatch.setattr(commands, 'tempfile', SimpleNamespace(TemporaryFile=noted))
-    program = 'head -c 10000000 /dev/zero; head -c 10000000 /dev/zero >&2; read x <"$0"; '
+    program = 'head -c 10000000 /dev/zero; head -c 10000000 /dev/zero >&2; : >"$1"; read x <"$0"; '
     program += 'echo the end >&2; exit 4'
-    go_on = tmp_path / 'go_on'
+    go_on, has_printed = tmp_path / 'go_on', tmp_path / 'has_printed'
     os.mkfifo(go_on)
-    words = json.dumps(['sh', '-c', program, str(go_on)])
+    words = json.dumps(['sh', '-c', program, str(go_on), str(has_printed)])
     requested = formula(tmp_path, f'{{false: {{run: {words}, timeout: 60 s}}}}')
     with Triggers(observed.node, [requested]) as triggers:
         triggers.on_progress(requested, Progress(4, SECOND, '', episodes=VIOLATED))
         (file,) = files
-        sizes: list[int] = []
 
         def is_emptied() -> bool:
-            sizes.append(os.fstat(file.fileno()).st_size)
-            return sizes[-1] == 0 < max(sizes)
+            return has_printed.exists() and os.fstat(file.fileno()).st_size == 0
 
-        observed.client.spin_until(is_emptied, 'the file is emptied', instead=lambda: sizes)
+        observed.client.spin_until(is_emptied, 'the file is emptied')
         go_on.write_text('go on\n', encoding='utf-8')
         observed.client.spin_until(lambda: triggers.is_idle, 'the end of the command')
         (use,) = triggers.uses
