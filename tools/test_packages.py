@@ -13,7 +13,7 @@ from set_up import ROOT, dependencies, report, run
 VENV = ROOT / '.venv-{}.{}'.format(*sys.version_info[:2])
 PYTHON = VENV / 'bin' / 'python'
 STAMP = VENV / 'set-up-for'
-GROUPS = ('run', 'report', 'test', 'test-beside-launch-testing')
+GROUPS = ('run', 'images', 'pages', 'test', 'test-beside-launch-testing')
 
 
 def main():

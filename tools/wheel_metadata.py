@@ -6,8 +6,8 @@ from pathlib import Path
 
 from hatchling.metadata.plugin.interface import MetadataHookInterface
 
-OPTIONAL = ('report', 'cluster')
-"""The dependency groups that are extras of the wheel."""
+OPTIONAL = {'report': ('images', 'pages'), 'cluster': ('cluster',)}
+"""The extras of the wheel, and the dependency groups of each."""
 
 
 class WheelMetadata(MetadataHookInterface):
@@ -21,5 +21,6 @@ class WheelMetadata(MetadataHookInterface):
         metadata['version'] = package.findtext('version')
         metadata['dependencies'] = groups['run']
         metadata['optional-dependencies'] = {
-            name: groups[name] for name in OPTIONAL if name in groups
+            extra: [each for name in names for each in groups[name]]
+            for extra, names in OPTIONAL.items()
         }
