@@ -123,6 +123,8 @@ class Interruption:
     def __call__(self, number: int, _: object) -> None:
         """Raise KeyboardInterrupt(number), unless that is deferred."""
         ignore(TERMINAL_SIGNALS)
+        # The exception may end a constructor. Python would print that the finalizer fails then.
+        sys.unraisablehook = lambda _: None
         self._number = number
         if not self._is_deferred:
             raise KeyboardInterrupt(number)

@@ -1,4 +1,4 @@
-"""Signals in an executable whose work is done."""
+"""Signals in an executable: while it works, and when its work is done."""
 
 from __future__ import annotations
 
@@ -33,9 +33,38 @@ print('clean')
 """
 
 
+HALF_MADE = """
+import os
+import signal
+
+from dyknow_common.executables import interruptible
+
+class Half:
+    def __init__(self):
+        os.kill(os.getpid(), signal.SIGTERM)
+        self.name = 'whole'
+
+    def __del__(self):
+        print(self.name)
+
+try:
+    with interruptible():
+        Half()
+except KeyboardInterrupt as error:
+    print(*error.args)
+"""
+
+
 @pytest.mark.parametrize('name', ['SIGINT', 'SIGTERM', 'SIGHUP'])
 @pytest.mark.parametrize('program', [LATE_SIGNAL, SIGNALS_AT_THE_END])
 def test_ignored_signals_say_nothing(program: str, name: str) -> None:
     command = [sys.executable, '-c', program.format(name=name)]
     ended = subprocess.run(command, capture_output=True, text=True, check=False, timeout=60)
     assert (ended.returncode, ended.stdout, ended.stderr) == (0, 'clean\n', '')
+
+
+def test_an_object_that_a_signal_leaves_half_made_prints_nothing() -> None:
+    done = subprocess.run(
+        [sys.executable, '-c', HALF_MADE], capture_output=True, text=True, check=False
+    )
+    assert (done.stdout, done.stderr, done.returncode) == ('15\n', '', 0)
