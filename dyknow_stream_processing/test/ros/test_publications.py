@@ -41,6 +41,11 @@ def test_nothing_is_received_twice(first: Publication, others: list[Publication]
         assert before.suits(held) or not held.latched
 
 
+def test_what_a_publisher_kept_is_received_if_it_is_found_after_the_subscription() -> None:
+    latched = Publication('a/msg/A', frozenset({(1,)}), latched=True)
+    assert next_request(Publication('a/msg/A'), latched) == latched
+
+
 def test_other_publishers_are_matched_again() -> None:
     weak = Publication('a/msg/A', frozenset({(1,)}), reliable=False)
     strong = Publication('a/msg/A', frozenset({(2,)}), latched=True)

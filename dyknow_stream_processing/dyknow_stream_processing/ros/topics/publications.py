@@ -105,10 +105,10 @@ def next_request(held: Publication | None, found: Publication) -> Publication:
     """Return what to request from the publishers found, given the current request.
 
     The request becomes weaker if a publisher offers less, as it would not match otherwise. It does
-    not become stronger while a publisher stays: a new subscription might miss messages.
+    not become stronger while a publisher stays: a new subscription might miss messages. A request
+    that was made before any publisher was found is as good as none: it may not have been latched.
     """
-    replaced = held is not None and held.publishers and not held.publishers & found.publishers
-    if held is None or replaced or found.type_name != held.type_name:
+    if held is None or not held.publishers & found.publishers or found.type_name != held.type_name:
         return found
     reliable = held.reliable and found.reliable
     # A new subscription to latched publishers would receive their messages twice.
