@@ -6,7 +6,8 @@ import signal
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
-from itertools import pairwise
+from itertools import dropwhile, pairwise
+from math import inf
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +16,7 @@ from geometry_msgs.msg import Twist
 from std_srvs.srv import Trigger
 
 from dyknow_bringup.processes.processes import Process
-from dyknow_common.ros import LATCHED_HISTORY
+from dyknow_common.ros import LATCHED_HISTORY, time_to_nanoseconds
 from system import Client, System
 
 TIMEOUT = '600 ms'
@@ -110,20 +111,28 @@ class GuardedBase:
             instead=lambda: (self.state, self.reason),
         )
 
-    def assert_safe_after(self, event: float, limit: float) -> None:
+    def assert_safe_after(self, event: float, limit: float, *, reopens: bool = False) -> None:
         """Wait for the safe message; no command passes that was sent after a limit.
 
         Args:
             event: the time of what must close the guard.
             limit: seconds until the guard must be closed.
+            reopens: whether the guard may open again by itself, at any time after it has closed.
         """
         self.wait_for_message(is_zero, 'the safe message')
         end = time.time() + 0.5
         self.client.spin_until(lambda: time.time() > end, 'more commands')
-        late = [sent - event for sent in self._passed() if sent > event + limit + SLACK_S]
+        opened = self._opened_after(event) if reopens else inf
+        late = [sent - event for sent in self._passed() if event + limit + SLACK_S < sent < opened]
         assert not late, f'commands have passed that were sent {late} s after the event'
-        assert is_zero(self.received[-1][1])
         self.assert_nothing_passed_while_closed()
+
+    def _opened_after(self, event: float) -> float:
+        """Return when the guard opened after it has closed after an event; inf if it did not."""
+        after = [each for each in self.statuses if seconds(each.header.stamp) >= event]
+        closed = dropwhile(lambda each: each.state == GuardStatus.OPEN, after)
+        opened = (each for each in closed if each.state == GuardStatus.OPEN)
+        return next((seconds(each.header.stamp) for each in opened), inf)
 
     def assert_nothing_passed_while_closed(self) -> None:
         """The guard has passed nothing from each report that it is closed to the next report."""
@@ -149,6 +158,11 @@ class GuardedBase:
 
     def _on_output(self, message: Any) -> None:
         self.received.append((time.monotonic(), message))
+
+
+def seconds(stamp: Any) -> float:
+    """Return a Time as seconds."""
+    return time_to_nanoseconds(stamp) / 1e9
 
 
 def is_zero(message: Any) -> bool:

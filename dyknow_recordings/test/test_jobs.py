@@ -181,7 +181,8 @@ def test_a_fresh_process_takes_the_place_of_a_forked_one(
         first = endless.reader()
         assert command_of(first) == command_of(process.pid)
         for worker in workers_of(process.pid):
-            os.kill(worker, signal.SIGKILL)
+            with suppress(ProcessLookupError):  # One that has ended meanwhile.
+                os.kill(worker, signal.SIGKILL)
         out, _ = process.communicate(timeout=LIMIT_S)
     found = names(out)
     assert [name for name, _ in found] == paths
