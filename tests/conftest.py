@@ -1,11 +1,15 @@
-"""Fixtures of the system tests, and how they are distributed over processes.
+"""Fixtures of the system tests, and how all tests are distributed over processes.
 
 `pytest -n 6` runs six processes. Each runs one unit of tests after the other, the longest first: a
-group of modules that share one running system, a module, or a single test.
+group of modules that share one running system, a module, or a single test. System tests wait most
+of the time, the tests of packages compute. So every third process runs the tests of packages, with
+a low priority, while the others run the system tests.
 """
 
 from __future__ import annotations
 
+import os
+import subprocess
 import sys
 from contextlib import closing
 from pathlib import Path
@@ -19,6 +23,7 @@ from collections.abc import Iterator
 
 from browser import Browser, missing_programs, open_browser
 from evaluations import Evaluations, Spares
+from fork_server import ForkingPopen
 from system import Batteries, Client, SharedSystem, System, private_environment
 
 FOLDER = Path(__file__).parent
@@ -87,17 +92,50 @@ OF_INDEPENDENT_TESTS = {
 IN_BOTH_COMPOSITIONS = {'test_change', 'test_evaluate_formula', 'test_stand_ins'}
 """Modules that run with a process for each node, and with one process for all of them."""
 
+IN_PROCESSES = {
+    'test_failures',
+    'test_forged_messages',
+    'test_formula_client',
+    'test_guard',
+    'test_hung_nodes',
+}
+"""Modules that stop or kill single nodes. For the others, one process has all nodes."""
+
+OF_PROCESSES = {'test_exit_codes', 'test_launch_files', 'test_stopping', 'test_up', 'test_watchdog'}
+"""Modules about the start and the end of processes, or that find them by /proc: none is forked."""
+
 SHARED_SYSTEM = pytest.StashKey[SharedSystem]()
+
+LOW_PRIORITY = 10
+"""The nice value of processes that run the tests of packages."""
+
+
+def is_system_test(test: str) -> bool:
+    """Return True if a test, given its node id, is in this folder."""
+    return Path(test.partition('::')[0]).parent.name == FOLDER.name
+
+
+def runs_packages_first(worker: str) -> bool:
+    """Return True if a process runs the tests of packages before system tests: `gw2`, `gw5`."""
+    return int(worker.removeprefix('gw')) % 3 == 2
 
 
 def unit_of(test: str) -> str:
     """Return the name of the unit of a test, given its node id."""
     path = Path(test.partition('::')[0])
-    if path.parent.name != FOLDER.name:
+    if not is_system_test(test):
         return str(path)
     if path.stem in OF_INDEPENDENT_TESTS:
         return test
-    return next((' '.join(modules) for modules in SCHEDULE if path.stem in modules), str(path))
+    modules = next((modules for modules in SCHEDULE if path.stem in modules), (path.name,))
+    return str(path.with_name(' '.join(modules)))
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    """Start executables fast, and leave the processor to the nodes of system tests."""
+    subprocess.Popen = ForkingPopen  # type: ignore[misc]
+    if hasattr(config, 'workerinput') and runs_packages_first(config.workerinput['workerid']):
+        os.nice(LOW_PRIORITY)
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
@@ -122,6 +160,13 @@ def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> Any:
         def _split_scope(self, nodeid: str) -> str:
             return unit_of(nodeid)
 
+        def _assign_work_unit(self, node: Any) -> None:
+            if runs_packages_first(node.gateway.id):
+                of_packages = (unit for unit in self.workqueue if not is_system_test(unit))
+                first = next(of_packages, next(iter(self.workqueue)))
+                self.workqueue.move_to_end(first, last=False)
+            super()._assign_work_unit(node)
+
     config.option.loadscopereorder = False
     return UnitScheduling(config, log)
 
@@ -133,6 +178,13 @@ def pytest_runtest_teardown(item: pytest.Item, nextitem: pytest.Item | None) -> 
     shared = item.config.stash.get(SHARED_SYSTEM, None)
     if shared and (nextitem is None or unit_of(nextitem.nodeid) != unit_of(item.nodeid)):
         shared.stop()
+
+
+@pytest.fixture(autouse=True, scope='module')
+def _processes_are_forked(request: pytest.FixtureRequest) -> Iterator[None]:
+    ForkingPopen.is_enabled = request.path.stem not in OF_PROCESSES
+    yield
+    ForkingPopen.is_enabled = False
 
 
 @pytest.fixture(scope='session')
@@ -147,7 +199,7 @@ def shared_system(
 def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
     """Run the tests of some modules in both compositions."""
     if (
-        metafunc.module.__name__.rpartition('.')[2] in IN_BOTH_COMPOSITIONS
+        metafunc.definition.path.stem in IN_BOTH_COMPOSITIONS
         and 'composition' in metafunc.fixturenames
     ):
         metafunc.parametrize(
@@ -162,7 +214,7 @@ def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
 @pytest.fixture(scope='module')
 def composition(request: pytest.FixtureRequest) -> bool:
     """True if one process has all nodes."""
-    return getattr(request, 'param', False)
+    return getattr(request, 'param', request.path.stem not in IN_PROCESSES)
 
 
 @pytest.fixture(scope='module')

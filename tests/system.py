@@ -1,7 +1,4 @@
-"""A running DyKnow for tests: real nodes in a private ROS domain.
-
-By default each node has a process of its own, which tests may stop or kill.
-"""
+"""A running DyKnow for tests: real nodes in a private ROS domain."""
 
 from __future__ import annotations
 
@@ -194,7 +191,8 @@ class System:
         parameters: of nodes, by their names, where they differ from the defaults.
         short_lease: whether it is noticed within seconds that a node was killed.
         spares: names of batteries beside those of the vehicles.
-        composition: whether one process, `dyknow_nodes`, has all nodes.
+        composition: whether one process, `dyknow_nodes`, has all nodes; else tests may kill
+            each of them.
     """
 
     def __init__(
@@ -206,7 +204,7 @@ class System:
         parameters: Mapping[str, Mapping[str, ParameterValue]] | None = None,
         short_lease: bool = False,
         spares: tuple[str, ...] = (),
-        composition: bool = False,
+        composition: bool = True,
     ) -> None:
         self.environment = private_environment()
         self.running: dict[str, subprocess.Popen[bytes]] = {}

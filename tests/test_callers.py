@@ -26,7 +26,7 @@ pytestmark = pytest.mark.usefixtures('calm')
 def system(tmp_path_factory: pytest.TempPathFactory) -> Iterator[System]:
     folder = tmp_path_factory.mktemp('system')
     parameters = {'stream_reasoning_engine': {'orphan_limit': 4.0}}
-    with System(folder, parameters=parameters, short_lease=True) as running:
+    with System(folder, parameters=parameters, short_lease=True, composition=False) as running:
         yield running
 
 

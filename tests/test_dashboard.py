@@ -33,7 +33,7 @@ def page(browser: Browser) -> LivePage:
 
 @pytest.fixture(scope='module')
 def served(shared_system: Any) -> Iterator[tuple[System, str]]:
-    system = shared_system.get()
+    system = shared_system.get(composition=False)
     with dashboard(system.environment) as address:
         system.batteries.reset()
         yield system, address

@@ -39,7 +39,7 @@ class Diagnostics:
 
 @pytest.fixture(scope='module')
 def system(shared_system: SharedSystem) -> System:
-    return shared_system.get(parameters=SOON_NOTICED, spares=SPARES, composition=False)
+    return shared_system.get(parameters=SOON_NOTICED, spares=SPARES, composition=True)
 
 
 @pytest.fixture

@@ -113,7 +113,7 @@ def test_a_process_stops_at_any_moment(line: list[str], code: int) -> None:
 
 @pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
 def test_nodes_stop_while_formulas_are_grounded(tmp_path: Path, number: signal.Signals) -> None:
-    with System(tmp_path) as system:
+    with System(tmp_path, composition=False) as system:
         actions = ActionClient(
             system.client.node,
             MonitorFormula,
