@@ -49,7 +49,7 @@ test: setup-tests build  ## run all tests
 	@$(IN_ENVIRONMENT) python -m pytest -n $(TEST_PROCESSES)
 
 test-long: setup-tests build  ## run property tests with RANDOM_CASES (100000) each; REFERENCE_TESTS selects files
-	@$(IN_ENVIRONMENT) DYKNOW_LONG_TESTS=$(RANDOM_CASES) nice -n 19 \
+	@$(IN_ENVIRONMENT) DYKNOW_RANDOM_CASES=$(RANDOM_CASES) nice -n 19 \
 	  python -m pytest -n $(TEST_PROCESSES) --durations=0 $(REFERENCE_TESTS)
 
 test-packages:  ## run the tests that need no ROS under another Python (PYTHON=python3.12)

@@ -24,16 +24,17 @@ import dyknow_stream_processing  # noqa: F401
 
 # Tests assert what comes out, not how fast: other processes may have the machine.
 settings.register_profile('dyknow', deadline=None, suppress_health_check=[HealthCheck.too_slow])
-# A long run, `make test-long`: each property test has at least so many random cases.
-LONG_RUN = int(os.environ.get('DYKNOW_LONG_TESTS', '0'))
+# Random cases of each property test, if they are other than usual: `make test-long` has many of them.
+RANDOM_CASES = int(os.environ.get('DYKNOW_RANDOM_CASES', '0'))
+LONG_RUN = 1000
 settings.register_profile(
-    'long',
-    max_examples=max(100, LONG_RUN),
+    'random_cases',
+    max_examples=max(1, RANDOM_CASES),
     deadline=None,
     database=None,
     suppress_health_check=list(HealthCheck),
 )
-settings.load_profile('long' if LONG_RUN else 'dyknow')
+settings.load_profile('random_cases' if RANDOM_CASES else 'dyknow')
 
 # The cores of the packages need no ROS, and no more do their tests.
 collect_ignore_glob = [] if find_spec('rclpy') else ['dyknow_*/test/ros/*']
@@ -41,7 +42,7 @@ collect_ignore_glob = [] if find_spec('rclpy') else ['dyknow_*/test/ros/*']
 
 def pytest_collection_modifyitems(items: Sequence[pytest.Item]) -> None:
     """Give the tests of a long run as much time as they need."""
-    if LONG_RUN:
+    if RANDOM_CASES > LONG_RUN:
         for item in items:
             item.add_marker(pytest.mark.timeout(0), append=False)
 

@@ -155,7 +155,9 @@ def run(*command):
         if process.returncode != 0:
             output.seek(0)
             print(output.read().decode(errors='replace'), file=sys.stderr)
-            print(f'failed with exit code {process.returncode}: {" ".join(command)}', file=sys.stderr)
+            print(
+                f'failed with exit code {process.returncode}: {" ".join(command)}', file=sys.stderr
+            )
             sys.exit(process.returncode)
 
 

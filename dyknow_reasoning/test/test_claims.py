@@ -335,7 +335,7 @@ def of_instance(formula: Any, name: str) -> Any:
     return with_changed_parts(formula, partial(of_instance, name=name))
 
 
-@settings(max_examples=random_cases(400), deadline=None, suppress_health_check=list(HealthCheck))
+@settings(max_examples=random_cases(130), deadline=None, suppress_health_check=list(HealthCheck))
 @given(cases())
 @pytest.mark.timeout(1200)
 def test_every_claim_is_true(case: tuple[Formula, Sequence[str], States]) -> None:

@@ -138,7 +138,7 @@ def expansion(bound: CountBound, number: int, members: tuple[Formula, ...]) -> F
 
 
 @pytest.mark.timeout(3600)
-@settings(max_examples=random_cases(125), deadline=None)
+@settings(max_examples=random_cases(40), deadline=None)
 @given(BOUNDS, st.integers(0, 4), st.lists(formulas(2), min_size=1, max_size=4), irregular)
 def test_a_count_is_its_expansion(
     bound: CountBound, number: int, members: list[Formula], trace: list[tuple[int, dict[str, bool]]]
@@ -155,7 +155,7 @@ def test_a_count_is_its_expansion(
 
 
 @pytest.mark.timeout(3600)
-@settings(max_examples=random_cases(125), deadline=None)
+@settings(max_examples=random_cases(40), deadline=None)
 @given(BOUNDS, st.integers(0, 5), formulas(2), st.data())
 def test_a_quantifier_is_a_count_of_its_instances(
     bound: CountBound, number: int, body: Formula, data: st.DataObject

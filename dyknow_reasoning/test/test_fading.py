@@ -47,7 +47,7 @@ def random_states(random: Random, *, gaps: bool) -> States:
 @pytest.mark.timeout(3600)
 def test_the_verdicts_are_those_of_single_evaluations(text: str, gaps: bool) -> None:  # noqa: FBT001
     random = Random(text)  # noqa: S311
-    for _ in range(random_cases(40)):
+    for _ in range(random_cases(10)):
         check(text, {}, random_states(random, gaps=gaps))
 
 

@@ -118,7 +118,7 @@ ANY = st.one_of(
 
 
 @pytest.mark.timeout(3600)
-@settings(max_examples=random_cases(62), deadline=None)
+@settings(max_examples=random_cases(20), deadline=None)
 @given(
     st.sampled_from(CALLS),
     st.lists(st.tuples(ANY, ANY), min_size=3, max_size=6),

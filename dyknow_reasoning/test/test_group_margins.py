@@ -151,7 +151,7 @@ def test_too_many_operators_are_refused() -> None:
         group.begin({})
 
 
-@settings(max_examples=random_cases(300), deadline=None)
+@settings(max_examples=random_cases(100), deadline=None)
 @given(formulas(3, leaves), states)
 def test_margins_agree_with_verdicts(formula: Formula, steps: list) -> None:
     times = list(accumulate(step for step, _ in steps))
@@ -171,7 +171,7 @@ def test_margins_agree_with_verdicts(formula: Formula, steps: list) -> None:
         ]
 
 
-@settings(max_examples=random_cases(100), deadline=None)
+@settings(max_examples=random_cases(30), deadline=None)
 @given(formulas(3, leaves), states, st.integers(0, 12))
 def test_recordings_have_the_same_margins(formula: Formula, steps: list, first: int) -> None:
     times = list(accumulate(step for step, _ in steps))

@@ -195,7 +195,7 @@ def cases(draw: st.DrawFn) -> Any:
 
 
 @pytest.mark.timeout(3600)
-@settings(max_examples=random_cases(150), deadline=None, suppress_health_check=list(HealthCheck))
+@settings(max_examples=random_cases(50), deadline=None, suppress_health_check=list(HealthCheck))
 @given(cases(), st.data())
 def test_random_formulas_over_random_states(case: Any, data: st.DataObject) -> None:
     with pytest.MonkeyPatch.context() as patch:

@@ -43,7 +43,7 @@ from dyknow_reasoning.language.formula import (
 )
 from dyknow_reasoning.language.terms import Feature, Truth
 
-CASES = random_cases(600)
+CASES = random_cases(200)
 
 
 def started(*texts: str) -> FormulaGroup:
@@ -426,7 +426,7 @@ def test_a_history_with_a_gap_is_known_again_after_its_window() -> None:
     assert 'missing' not in result.explanation
 
 
-@settings(max_examples=random_cases(200), deadline=None, suppress_health_check=list(HealthCheck))
+@settings(max_examples=random_cases(65), deadline=None, suppress_health_check=list(HealthCheck))
 @given(formulas(2), st.lists(st.tuples(st.integers(1, 4), st.booleans(), st.booleans())))
 def test_duals(formula: Formula, rows: list[tuple[int, bool, bool]]) -> None:
     """`historically` and `once`, and `once` and `since`."""

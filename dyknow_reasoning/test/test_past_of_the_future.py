@@ -31,7 +31,7 @@ from dyknow_reasoning.language.formula import (
 from dyknow_reasoning.language.terms import Feature
 from dyknow_reasoning.standing import start_verdicts
 
-CASES = random_cases(150)
+CASES = random_cases(50)
 
 Outcome = tuple[Verdict, int | None] | None
 """A verdict and the time of the deciding state; None without one."""

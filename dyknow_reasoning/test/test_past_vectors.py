@@ -19,7 +19,7 @@ from dyknow_reasoning.execution.past.machines import PreviousMachine, SinceMachi
 from dyknow_reasoning.execution.past.register_vectors import PreviousVectors, SinceVectors
 from dyknow_reasoning.execution.vectors.instance_vectors import MAX_VECTOR_TIME
 
-CASES = random_cases(300)
+CASES = random_cases(100)
 NAMES = [f'o{number}' for number in range(6)]
 PAST = [
     'once[a, b] p[x]',

@@ -100,7 +100,7 @@ def check(
 @pytest.mark.timeout(3600)
 def test_all_paths_give_the_same_results(most_step: int) -> None:
     some_paths = st.lists(st.sampled_from(PATHS[:-1]), min_size=3, max_size=3, unique=True)
-    settings(max_examples=random_cases(62), deadline=None, suppress_health_check=list(HealthCheck))(
+    settings(max_examples=random_cases(20), deadline=None, suppress_health_check=list(HealthCheck))(
         given(formulas(3), recordings(most_step), some_paths)(check)
     )()
 
@@ -174,7 +174,7 @@ TERMS = st.recursive(
 )
 
 
-@settings(max_examples=random_cases(125), deadline=None)
+@settings(max_examples=random_cases(40), deadline=None)
 @given(
     TERMS,
     st.sampled_from(['=', '!=', '<', '<=', '>', '>=']),

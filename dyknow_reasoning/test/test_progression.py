@@ -24,7 +24,7 @@ from dyknow_reasoning.language.formula import (
 )
 from dyknow_reasoning.language.terms import Feature, Truth
 
-EXAMPLES = random_cases(400)
+EXAMPLES = random_cases(130)
 
 
 def verdicts(formula: Formula, trace: Trace) -> list[bool | None]:
@@ -167,7 +167,7 @@ def continuations(trace: Trace, states: int) -> list[Trace]:
     ]
 
 
-@settings(max_examples=random_cases(60), deadline=None)
+@settings(max_examples=random_cases(20), deadline=None)
 @given(formulas(2), traces(st.just(1), most=3))
 def test_no_verdict_that_a_continuation_contradicts(formula: Formula, trace: Trace) -> None:
     found = verdicts(formula, trace)

@@ -128,5 +128,5 @@ def test_verdicts_are_those_of_sentil(most_step: int) -> None:
             assert (robustness > 0) == (found is Verdict.TRUE), (theirs(formula), trace)
 
     settings(
-        max_examples=random_cases(400), deadline=None, suppress_health_check=list(HealthCheck)
+        max_examples=random_cases(130), deadline=None, suppress_health_check=list(HealthCheck)
     )(given(formulas(3).filter(bounded), traces(most_step))(check))()

@@ -68,7 +68,7 @@ def check(formula: Formula, trace: list[tuple[int, float]], gaps: set[int]) -> N
 
 
 @pytest.mark.timeout(3600)
-@settings(max_examples=random_cases(300), deadline=None)
+@settings(max_examples=random_cases(100), deadline=None)
 @given(formulas(3, leaves), traces, st.sets(st.integers(1, 8), max_size=2))
 def test_the_worst_margin_is_the_least_of_single_evaluations(
     formula: Formula, trace: list, gaps: set[int]

@@ -16,7 +16,7 @@ from dyknow_reasoning.execution import StandingMonitor
 from dyknow_reasoning.language.formula import Formula, PastFormula, walk
 from dyknow_reasoning.language.parsing import parse_formula
 
-EXAMPLES = random_cases(300)
+EXAMPLES = random_cases(100)
 Domains = Mapping[str, Sequence[str]]
 OBJECTS = ('a', 'b', 'c')
 

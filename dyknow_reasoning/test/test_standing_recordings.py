@@ -13,7 +13,7 @@ from reasoning_reference import random_cases
 from dyknow_reasoning import FormulaGroup, FormulaLimits
 from dyknow_reasoning.execution.standing import recorded_states
 
-CASES = random_cases(200)
+CASES = random_cases(65)
 OBJECTS = ['a', 'b']
 FORMULAS = [
     'v[x] > 1 -> eventually[0, 5 ns] p[x]',

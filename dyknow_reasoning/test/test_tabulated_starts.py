@@ -26,7 +26,7 @@ from dyknow_reasoning.execution import fast_path
 from dyknow_reasoning.execution.standing import joint_table, standing_monitor, tabulated_starts
 from dyknow_reasoning.language.formula import Formula
 
-CASES = random_cases(150)
+CASES = random_cases(50)
 FORMULAS = [
     'p[x] -> eventually[0, 5 ns] q[x]',
     'p[x] -> eventually[2 ns, 5 ns] always[0, 1 ns] q[x]',
@@ -66,7 +66,7 @@ def test_many_objects() -> None:
             check(f'forall x in S: {body}', {'S': OBJECTS}, states)
 
     settings(
-        max_examples=random_cases(300), deadline=None, suppress_health_check=list(HealthCheck)
+        max_examples=random_cases(100), deadline=None, suppress_health_check=list(HealthCheck)
     )(given(formulas(3), recordings(NAMES, 1))(run))()
 
 

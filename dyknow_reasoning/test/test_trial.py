@@ -63,7 +63,7 @@ def random_states(random: Random, count: int) -> list[tuple[int, dict[str, Any]]
 @given(
     st.randoms(use_true_random=False), st.sampled_from(['', 'always ', 'forall v in Sort: always '])
 )
-@settings(max_examples=random_cases(100), deadline=None)
+@settings(max_examples=random_cases(30), deadline=None)
 def test_the_verdicts_are_those_of_a_group_over_the_accepted_states(
     random: Random, prefix: str
 ) -> None:

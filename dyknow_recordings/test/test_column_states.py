@@ -220,7 +220,7 @@ PUBLISHERS = st.sampled_from([None, 1, 2])
 SOME = st.lists(st.sampled_from(FORMULAS + STREAM_FORMULAS), min_size=1, max_size=6, unique=True)
 
 
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=25, deadline=None)
 @given(MESSAGES, BATCHES, SOME, st.sampled_from(STARTS), PUBLISHERS)
 def test_plain_recordings(
     files: MonitoringFiles,
@@ -233,7 +233,7 @@ def test_plain_recordings(
     compare(made(drawn), batch, formulas, start, files, publishers)
 
 
-@settings(max_examples=80, deadline=None)
+@settings(max_examples=30, deadline=None)
 @given(MESSAGES, st.data(), BATCHES, SOME, st.sampled_from(STARTS), PUBLISHERS)
 def test_recordings_with_faults(
     files: MonitoringFiles,
@@ -259,7 +259,7 @@ class TwoStreams(NoVocabulary):
         return tuple(f'stream {name} = select v as Power from "/{name}"' for name in 'ac')
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=20, deadline=None)
 @given(MESSAGES, st.data(), BATCHES)
 def test_stand_ins(drawn: Drawn, data: st.DataObject, batch: int) -> None:
     for _ in range(data.draw(st.integers(0, 3))):
