@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections import defaultdict
+from collections.abc import Iterable, Mapping
+from itertools import chain
+from typing import Any
 
 from dyknow_common import NOWHERE
 from dyknow_stream_processing.language.sink_message import SinkMessage
@@ -65,6 +68,7 @@ def specifications_by_sink(specification: Specification) -> Mapping[str, Specifi
             or two of one name.
     """
     streams = {each.name: each for each in specification.declared(StreamDeclaration)}
+    places = _places(specification)
     found: dict[str, Specification] = {}
     for sink in specification.declared(SinkDeclaration):
         name = sink.stream.name if isinstance(sink.stream, StreamReference) else None
@@ -81,22 +85,38 @@ def specifications_by_sink(specification: Specification) -> Mapping[str, Specifi
                 if reference.name in streams and reference.name not in {*used, *found}:
                     used.add(reference.name)
                     pending.append(reference.name)
-        found[name] = _part(specification, sink, used)
+        found[name] = _part(specification, places, sink, used)
     if not found:
         position = specification.declarations[-1].position
         raise specification.error('no stream is made; add a sink, such as: sink a', position)
     return found
 
 
-def _part(specification: Specification, sink: SinkDeclaration, names: set[str]) -> Specification:
-    kept = [each for each in specification.declared(StreamDeclaration) if each.name in names]
+def _places(specification: Specification) -> defaultdict[tuple[type, str], list[int]]:
+    """Return the places of the declarations, except sinks, by kind and name."""
+    places: defaultdict[tuple[type, str], list[int]] = defaultdict(list)
+    for place, each in enumerate(specification.declarations):
+        if not isinstance(each, SinkDeclaration):
+            places[type(each), each.name].append(place)
+    return places
+
+
+def _part(
+    specification: Specification,
+    places: defaultdict[tuple[type, str], list[int]],
+    sink: SinkDeclaration,
+    names: set[str],
+) -> Specification:
+    def declared(keys: Iterable[tuple[type, str]]) -> list[Any]:
+        return [
+            specification.declarations[at] for at in sorted(chain(*map(places.__getitem__, keys)))
+        ]
+
+    kept = declared((StreamDeclaration, name) for name in names)
     terms = [term for each in kept for term in subterms(each.stream)]
-    units = {term.unit for term in terms if isinstance(term, Call)}
-    sources = {term.name for term in terms if isinstance(term, StreamReference)}
-    declared = [
-        each
-        for each in specification.declarations
-        if (isinstance(each, UnitDeclaration) and each.name in units)
-        or (isinstance(each, SourceDeclaration) and each.name in sources)
-    ]
-    return Specification((*declared, *kept, sink), text=specification.text)
+    units = {(UnitDeclaration, term.unit) for term in terms if isinstance(term, Call)}
+    sources = {
+        (SourceDeclaration, term.name) for term in terms if isinstance(term, StreamReference)
+    }
+    others = declared({*units, *sources})
+    return Specification((*others, *kept, sink), text=specification.text)
