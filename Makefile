@@ -9,8 +9,8 @@ BUILT_FROM := $(shell find $(PACKAGES) -type f -not -path '*/test/*' -not -path 
 # Python keeps what it has compiled, even where it is told not to: hundreds of processes start.
 export PYTHONDONTWRITEBYTECODE :=
 IN_ENVIRONMENT := source env.sh &&
-# Processes that run tests. On two cores, more of them delay each other's nodes.
-TEST_PROCESSES ?= 2
+# Processes that run tests. Two thirds of them run system tests, which wait most of the time.
+TEST_PROCESSES ?= 6
 
 .DEFAULT_GOAL := help
 # Random cases of each property test in a long run, and the tests that compare with a slow reference.
@@ -50,7 +50,7 @@ test: setup-tests build  ## run all tests
 
 test-long: setup-tests build  ## run property tests with RANDOM_CASES (100000) each; REFERENCE_TESTS selects files
 	@$(IN_ENVIRONMENT) DYKNOW_RANDOM_CASES=$(RANDOM_CASES) nice -n 19 \
-	  python -m pytest -n $(TEST_PROCESSES) --durations=0 $(REFERENCE_TESTS)
+	  python -m pytest -n auto --durations=0 $(REFERENCE_TESTS)
 
 test-packages:  ## run the tests that need no ROS under another Python (PYTHON=python3.12)
 	@$(PYTHON) tools/test_packages.py

@@ -117,7 +117,9 @@ class Server:
         self._lock = threading.Lock()
         descriptor = str(end.fileno())
         command = [sys.executable, __file__, descriptor]
-        self._process = subprocess.Popen(command, pass_fds=[end.fileno()])
+        # Tests find the processes of a domain by this variable.
+        environment = {k: v for k, v in os.environ.items() if k != 'ROS_DOMAIN_ID'}
+        self._process = subprocess.Popen(command, pass_fds=[end.fileno()], env=environment)
         end.close()
 
     def fork(self, given: Mapping[str, Any], streams: list[int]) -> int:

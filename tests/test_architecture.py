@@ -10,7 +10,7 @@ import pytest
 ROOT = Path(__file__).parent.parent
 
 
-_FILE = re.compile(r'`(\w+/[\w/]+\.(?:py|lark|msg|owl))`(?: \(((?:`[^`]+`(?:, )?)+)\))?')
+_FILE = re.compile(r'`(\w+/[\w/]+\.(?:py|lark|msg|owl|txt))`(?: \(((?:`[^`]+`(?:, )?)+)\))?')
 
 
 def _files_of_changes() -> list[tuple[str, str]]:
@@ -23,7 +23,7 @@ def _files_of_changes() -> list[tuple[str, str]]:
 @pytest.mark.parametrize(('path', 'names'), _files_of_changes())
 def test_the_table_of_changes_names_what_is_there(path: str, names: str) -> None:
     package = path.partition('/')[0]
-    folder = ROOT if package in {'dyknow_interfaces', 'tools'} else ROOT / package
+    folder = ROOT if package in {'dyknow_interfaces', 'tests', 'tools'} else ROOT / package
     text = (folder / path).read_text(encoding='utf-8')
     for name in re.findall(r'`([^`]+)`', names):
         assert re.search(rf'\b{re.escape(name)}\b', text), name
