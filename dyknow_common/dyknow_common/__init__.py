@@ -91,7 +91,7 @@ from dyknow_common.text_files import (
     replace_private,
     replace_text,
 )
-from dyknow_common.units import check_unit, unit_conversion
+from dyknow_common.units import UnitConversion, check_unit, unit_conversion
 from dyknow_common.values import COMPARISONS, Value, ValueType
 from dyknow_common.verdict import Margin, Verdict
 
@@ -143,6 +143,7 @@ __all__ = [
     'SyntaxBuilder',
     'SyntaxNode',
     'TextPosition',
+    'UnitConversion',
     'UnnestedArray',
     'Value',
     'ValueType',

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable
+from dataclasses import dataclass
 from fractions import Fraction
 from functools import cache, lru_cache
 from typing import Any, Final
@@ -62,8 +62,41 @@ def check_unit(unit: str) -> None:
         _parsed(unit)
 
 
+@dataclass(frozen=True, slots=True)
+class UnitConversion:
+    """A conversion of numbers from one unit to another: value * factor + offset.
+
+    Args:
+        factor: as a float.
+        offset: as a float.
+        exact: factor and offset without a rounding.
+    """
+
+    factor: float
+    offset: float
+    exact: tuple[Fraction, Fraction]
+
+    def __call__(self, value: float) -> float:
+        """Convert the value of a sample: each operation rounds."""
+        return value * self.factor + self.offset
+
+    def of_constant(self, value: float) -> float:
+        """Convert a number as it is written, 0.29 m to 29.0 cm; round once.
+
+        An integer that no float holds stays an integer.
+
+        Raises:
+            OverflowError: if the result is too large for a float.
+        """
+        factor, offset = self.exact
+        converted = Fraction(repr(value)) * factor + offset
+        rounded = float(converted)
+        is_rounded_integer = converted.denominator == 1 and converted != rounded
+        return int(converted) if is_rounded_integer else rounded
+
+
 @lru_cache(maxsize=4096)
-def unit_conversion(given: str, wanted: str) -> Callable[[float], float] | None:
+def unit_conversion(given: str, wanted: str) -> UnitConversion | None:
     """Return the conversion of numbers between two units; `None` if the numbers are the same.
 
     Units of logarithms, such as dBm, convert to themselves only.
@@ -85,9 +118,9 @@ def unit_conversion(given: str, wanted: str) -> Callable[[float], float] | None:
     # float each have their own errors.
     except Exception as error:
         raise DyKnowError(f"the unit '{given}' does not convert to '{wanted}'") from error
-    if (factor, offset) == (1.0, 0.0):
+    if (end - origin, origin) == (1, 0):
         return None
-    return lambda value: value * factor + offset
+    return UnitConversion(factor, offset, (end - origin, origin))
 
 
 @cache

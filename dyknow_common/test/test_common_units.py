@@ -2,9 +2,12 @@
 
 import subprocess
 import sys
+from fractions import Fraction
 
 import pint
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from dyknow_common import DyKnowError, check_unit, unit_conversion
 from dyknow_common.units import COMMON_UNITS
@@ -34,6 +37,39 @@ def test_a_common_unit_converts_to_others() -> None:
     conversion = unit_conversion('km/h', 'm/s')
     assert conversion is not None
     assert conversion(36.0) == 10.0
+
+
+FACTORS = {
+    ('m', 'cm'): Fraction(100),
+    ('cm', 'm'): Fraction(1, 100),
+    ('km/h', 'm/s'): Fraction(5, 18),
+    ('ft', 'm'): Fraction(3048, 10000),
+    ('m', 'ft'): Fraction(10000, 3048),
+    ('min', 's'): Fraction(60),
+    ('%', 'dimensionless'): Fraction(1, 100),
+    ('g', 'kg'): Fraction(1, 1000),
+    ('mile', 'km'): Fraction(1609344, 1000000),
+}
+
+
+@given(
+    pair=st.sampled_from(sorted(FACTORS)),
+    text=st.decimals(-(10**6), 10**6, places=4) | st.integers(-(10**18), 10**18),
+)
+def test_a_constant_is_rounded_once(pair: tuple[str, str], text: object) -> None:
+    value = int(str(text)) if '.' not in str(text) else float(str(text))
+    conversion = unit_conversion(*pair)
+    assert conversion is not None
+    exact = Fraction(str(text)) * FACTORS[pair]
+    converted = conversion.of_constant(value)
+    assert converted == (exact if exact.denominator == 1 else float(exact))
+
+
+def test_a_temperature_is_rounded_once() -> None:
+    conversion = unit_conversion('degC', 'K')
+    assert conversion is not None
+    assert (conversion.of_constant(0.1), conversion(0.1)) == (273.25, 273.25)
+    assert conversion.of_constant(-273.15) == 0
 
 
 @pytest.mark.parametrize(('given', 'wanted'), [('m', 'V'), ('V', 'warp'), ('warp', 'warp')])

@@ -15,6 +15,8 @@ from dyknow_reasoning import FormulaGroup, ReasoningError, parse_constants, pars
         ('let v: m/s in v[r] < 1 "m / s"', 'v[r] < 1'),
         ('let v: m/s in v[r]<1m/s and p', '(v[r] < 1) and p'),
         ('let v: m/s in -5 m/s <= v[r]', '-5 <= v[r]'),
+        ('let x: cm in x <= 0.29 m', 'x <= 29.0'),
+        ('let x: m in x = 9007199254740993 km', 'x = 9007199254740993000'),
         ('let T: K in T < 20 degC', 'T < 293.15'),
         ('let T: K in max(T, 0 degC) > 1 K', 'max(T, 273.15) > 1'),
         ('let T: degC in T - 5 degC < 90 degC', '(T - 5) < 90'),

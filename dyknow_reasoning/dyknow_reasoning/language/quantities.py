@@ -16,11 +16,11 @@ features.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, TypeAlias
 
-from dyknow_common import DyKnowError, PositionedError, unit_conversion
+from dyknow_common import DyKnowError, PositionedError, UnitConversion, unit_conversion
 from dyknow_reasoning.errors import ReasoningError
 from dyknow_reasoning.language.constants import Units
 from dyknow_reasoning.language.formula import (
@@ -206,9 +206,9 @@ class _Conversion:
         raise PositionedError(f'{reason}; {correction.format(name=name)}', term.position)
 
 
-def _converted_value(value: float, convert: Callable[[float], float]) -> float:
+def _converted_value(value: float, conversion: UnitConversion) -> float:
     try:
-        return convert(value)
+        return conversion.of_constant(value)
     except OverflowError:
         return math.inf
 
