@@ -58,7 +58,7 @@ def nodes(tmp_path_factory: pytest.TempPathFactory, folder: Path) -> Iterator[No
             'ontology_path': [str(folder)],
             'allow_download': True,
             'load_limit': 2.0,
-            'query_limit': 3.0,
+            'query_limit': 1.5,
             'worker_memory': 384,
         },
         SEMANTICS: {},
@@ -168,7 +168,7 @@ def test_too_many_queries_are_refused(nodes: Nodes) -> None:
     futures = [
         nodes.request(ONTOLOGY, srv.OntologyQuery, sparql=QUERIES['product']) for _ in range(30)
     ]
-    # 18 queries of 3 s each in two processes
+    # 18 queries of 1.5 s each in two processes
     nodes.client.spin_until(lambda: all(each.done() for each in futures), 'the answers', 90.0)
     codes = [each.result().exit_status.code for each in futures]
     assert codes.count(ExitStatus.UNAVAILABLE) == 30 - codes.count(TIMEOUT) > 0
