@@ -24,9 +24,9 @@ import dyknow_stream_processing  # noqa: F401
 
 # Tests assert what comes out, not how fast: other processes may have the machine.
 settings.register_profile('dyknow', deadline=None, suppress_health_check=[HealthCheck.too_slow])
-# Random cases of each property test, if they are other than usual: `make test-long` has many of them.
+# Random cases of each property test, if their number is unusual: `make test-long` has many.
 RANDOM_CASES = int(os.environ.get('DYKNOW_RANDOM_CASES', '0'))
-LONG_RUN = 1000
+LONG_RUN = 1000  # More cases than this may take longer than the time limit of a test.
 settings.register_profile(
     'random_cases',
     max_examples=max(1, RANDOM_CASES),

@@ -300,6 +300,9 @@ def test_a_chunk_whose_header_is_wrong(tmp_path: Path) -> None:
         assert [each.log_time for each in bag.messages()] in ([50, 60, 70], [1, 50, 60, 70])
 
 
+POINTER = b'version https://git-lfs.github.com/spec/v1\noid sha256:4d7a2146\nsize 12345\n'
+
+
 @pytest.mark.parametrize(
     ('name', 'content', 'reason'),
     [
@@ -312,7 +315,10 @@ def test_a_chunk_whose_header_is_wrong(tmp_path: Path) -> None:
         ('a.ulg', b'time_s, x\n', 'the file is no log of PX4'),
         ('a.csv', b'\xff\xfe\0', 'it is not in UTF-8'),
         ('a.db3', b'SQLite format 3\0', 'not a readable bag'),
-        ('a.bag', b'#ROSBAG V2.0', 'not a recording; DyKnow reads'),
+        ('a.bag', b'#ROSBAG V2.0', 'a bag of ROS 1; convert it with: rosbags-convert --src'),
+        ('a.bin', b'\xa3\x95', 'not a recording; DyKnow reads'),
+        ('a.mcap', POINTER, 'a pointer file of Git LFS, not the recording; run: git lfs pull'),
+        ('a.csv', POINTER, 'a pointer file of Git LFS'),
     ],
 )
 def test_files_that_are_no_recordings(
@@ -342,6 +348,9 @@ def test_folders_that_are_no_recordings(tmp_path: Path) -> None:
         'rosbag2_bagfile_information: {relative_file_paths: [a.mcap]}'
     )
     with pytest.raises(RecordingError, match=r'the files of the bag are missing: a\.mcap'):
+        open_recording(tmp_path)
+    (tmp_path / 'a.mcap').write_bytes(POINTER)
+    with pytest.raises(RecordingError, match=r'a\.mcap: a pointer file of Git LFS'):
         open_recording(tmp_path)
 
 

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+import shlex
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import Final
 
@@ -24,6 +25,9 @@ _FORMATS: Final[Mapping[str, Callable[[Path], RecordingReader]]] = {
 ENDINGS: Final = tuple(_FORMATS)
 """The endings of the files that are recordings."""
 
+_POINTER: Final = b'version https://git-lfs.github.com/spec/'
+"""The begin of a file that stands for another one until Git LFS has fetched that."""
+
 
 def open_recording(path: Path) -> RecordingReader:
     """Open a recording: a bag of rosbag2, a log of PX4, or a trace of comma-separated values.
@@ -42,12 +46,28 @@ def open_recording(path: Path) -> RecordingReader:
         if not is_folder and not path.is_file():
             # A named pipe would be waited for.
             raise RecordingError(f'{path}: not a file; copy the recording into one')
+        _check_is_fetched(path.iterdir() if is_folder else (path,))
     except OSError as error:
         raise RecordingError(f'{path}: cannot be read: {error.strerror}') from None
     format_class = Bag if is_folder else _FORMATS.get(path.suffix.lower())
+    if path.suffix.lower() == '.bag' and format_class is None:
+        raise RecordingError(
+            f'{path}: a bag of ROS 1; convert it with: '
+            f'rosbags-convert --src {shlex.quote(str(path))} --dst FOLDER'
+        )
     if format_class is None:
         raise RecordingError(
             f'{path}: not a recording; DyKnow reads folders of rosbag2, and files that end in '
             '.mcap, .db3, .ulg or .csv'
         )
     return format_class(path)
+
+
+def _check_is_fetched(files: Iterable[Path]) -> None:
+    for file in files:
+        if file.suffix.lower() in ENDINGS and file.is_file():
+            with file.open('rb') as content:
+                if content.read(len(_POINTER)) == _POINTER:
+                    raise RecordingError(
+                        f'{file}: a pointer file of Git LFS, not the recording; run: git lfs pull'
+                    )
