@@ -22,9 +22,9 @@ def main():
     if not STAMP.exists() or STAMP.read_text(encoding='utf-8') != wanted:
         report(f'making {VENV.name} (half a minute)')
         run(sys.executable, '-m', 'venv', '--clear', str(VENV))
-        run(str(PYTHON), '-m', 'pip', 'install', '-qq', 'pip>=25.1')
+        run(str(PYTHON), '-m', 'pip', 'install', '-qq', '--no-compile', 'pip>=25.1')
         groups = [argument for group in GROUPS for argument in ('--group', group)]
-        run(str(PYTHON), '-m', 'pip', 'install', '-qq', *groups)
+        run(str(PYTHON), '-m', 'pip', 'install', '-qq', '--no-compile', *groups)
         STAMP.write_text(wanted, encoding='utf-8')
     packages = sorted(path.parent for path in ROOT.glob('dyknow_*/setup.py'))
     paths = os.pathsep.join(map(str, [*packages, ROOT / 'tests']))
