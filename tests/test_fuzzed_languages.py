@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 SCRIPT = Path(__file__).parent.parent / 'benchmarks' / 'fuzz_languages.py'
-INPUTS = 2000
+INPUTS = 1000
 
 
 @pytest.mark.parametrize(
