@@ -28,6 +28,7 @@ import sys
 import threading
 import time
 from collections.abc import Mapping
+from functools import cache
 from importlib.metadata import distribution
 from pathlib import Path
 from typing import Any
@@ -98,14 +99,11 @@ FOLDERS = {
 }
 """The folders of the installed scripts."""
 
-_servers: dict[int, Server] = {}
 
-
+@cache
 def server() -> Server:
-    """Return the server of this process."""
-    if os.getpid() not in _servers:
-        _servers[os.getpid()] = Server()
-    return _servers[os.getpid()]
+    """Return the server of this process, started at the first call."""
+    return Server()
 
 
 class Server:

