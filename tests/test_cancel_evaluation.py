@@ -97,8 +97,9 @@ def test_a_formula_of_a_plan_then_has_failed(system: System, evaluations: Evalua
         system.client.executor.create_task(monitor.started, 'fly')
         evaluations.wait_for_state()
         assert cancel(system, 'calm').cancelled == 1
-        system.client.executor.create_task(monitor.succeeded, 'fly')
+        reported = system.client.executor.create_task(monitor.succeeded, 'fly')
         system.client.spin_until(monitor.outcome.done, 'the end of the plan')
+        system.client.spin_until(reported.done, 'the answer to the report')
     (verdict,) = monitor.outcome.result().verdicts
     assert (verdict.phase, verdict.error.code) == (PlanPhase.FAILED, ExitCode.CANCELLED)
     assert verdict.error.message == WHO

@@ -312,6 +312,21 @@ def test_a_registered_topic_can_be_forgotten(managed: Nodes) -> None:
     assert_refused(answer.exit_status, MISSING, "'brief'", 'tank')
 
 
+def test_a_stream_that_is_destroyed_while_its_long_specification_is_parsed(managed: Nodes) -> None:
+    """The requests are answered in their order; else a stream would stay that nobody wants."""
+    text = f'select data from "/tank/level" where {" and ".join(["data > 0"] * 2000)}'
+    spec = StreamSpec(name='unwanted', specification=text)
+    # The client of the second service must be known before the first request is sent.
+    managed.call(MANAGER, srv.StreamDestroy, stream_name='unwanted')
+    created = managed.request(MANAGER, srv.StreamCreateFromSpec, spec=spec)
+    destroyed = managed.request(MANAGER, srv.StreamDestroy, stream_name='unwanted')
+    managed.client.spin_until(lambda: created.done() and destroyed.done(), 'both answers')
+    for each in (created, destroyed):
+        status = each.result().exit_status
+        assert status.code == ExitStatus.SUCCESS, status.message
+    assert 'unwanted' not in streams(managed, MANAGER)
+
+
 @pytest.mark.parametrize(
     ('name', 'text', 'code', 'words'),
     [

@@ -3,13 +3,19 @@
 from __future__ import annotations
 
 import asyncio
-from unittest.mock import MagicMock
+from typing import Any
+from unittest.mock import AsyncMock, MagicMock
 
 import pytest
 
 from dyknow_common import ExitCode, StreamConstraints
-from dyknow_coordinator import CoordinationError
+from dyknow_coordinator import CoordinationError, Grounding
+from dyknow_coordinator.grounding.feature_sources import Candidates, FeatureSource
+from dyknow_coordinator.grounding.state_specification import FormulaInputs
 from dyknow_coordinator.ros.evaluation.state_stream import StateStream
+from dyknow_coordinator.ros.evaluation.state_supervisor import StateSupervisor
+
+POWER = 'Power[uav1]'
 
 
 def test_a_stream_that_was_destroyed_before_its_creation_is_not_created() -> None:
@@ -22,3 +28,43 @@ def test_a_stream_that_was_destroyed_before_its_creation_is_not_created() -> Non
     assert caught.value.code is ExitCode.CANCELLED
     context.cleanup.keep_stream.assert_not_called()
     context.clients.create_stream.assert_not_called()
+
+
+def test_a_stream_that_is_not_needed_any_more_is_destroyed_after_its_creation() -> None:
+    """A request to destroy it might overtake the one to create it, and find nothing."""
+    context = MagicMock()
+    stream = StateStream(context, 'states_2', MagicMock(), MagicMock())
+
+    async def create(*_: object) -> tuple[str, str]:
+        stream.destroy()
+        context.cleanup.destroy_stream.assert_not_called()
+        return 'states_2', 'states_2/violations'
+
+    context.clients.create_stream = create
+    asyncio.run(stream.create('select data from "/a"', StreamConstraints()))
+    context.cleanup.destroy_stream.assert_called_once_with('states_2')
+    context.node.create_subscription.assert_not_called()
+
+
+def test_a_better_stream_that_comes_with_the_verdict_is_not_used() -> None:
+    """Nobody would destroy the states that are made of it."""
+    context = MagicMock()
+    context.wall_time.return_value = 0
+    context.clients.evaluate_group = AsyncMock()
+    context.clients.create_stream = AsyncMock(return_value=('states_2', 'states_2/violations'))
+    spawned: list[Any] = []
+    context.node.spawn = spawned.append
+    found = _candidates('b')
+    inputs = FormulaInputs((), Grounding.AUTO, (POWER,), found, {}, StreamConstraints())
+    supervisor = StateSupervisor(context, 7, 'states_1', inputs, MagicMock())
+    supervisor.update_candidates(_candidates('a', 'b'))
+    supervisor.end()
+    (improve,) = spawned
+    asyncio.run(improve())
+    context.clients.create_stream.assert_not_called()
+
+
+def _candidates(*streams: str) -> Candidates:
+    return Candidates(
+        tuple(FeatureSource(POWER, f'p_{each}', f'p_{each} = {each}') for each in streams)
+    )

@@ -38,7 +38,7 @@ from dyknow_stream_processing.ros.management.persistence_files import Persistenc
 from dyknow_stream_processing.ros.management.placement import Placement
 from dyknow_stream_processing.ros.messages.message_types import message_class
 from dyknow_stream_processing.ros.messages.stream_report_messages import StreamReportPublisher
-from dyknow_stream_processing.ros.stream_limits import StreamLimits, parse_beside
+from dyknow_stream_processing.ros.stream_limits import StreamLimits
 from dyknow_stream_processing.ros.topics.publications import find_publication
 from dyknow_stream_processing.ros.topics.violation_relay import VIOLATIONS_SUFFIX
 
@@ -62,7 +62,6 @@ class StreamManager(DyKnowNode):
             'discovery_period', 0.25, 'Seconds between two searches for new engines.', (0.01, 60.0)
         )
         self._limits = StreamLimits(self, MAX_STREAMS)
-        self._background = Background(self)
         self._registry = self._new_registry()
         self._memory = PersistenceFile(memory, self.get_fully_qualified_name())
         self._memory_error = Throttle(ERROR_PERIOD_S)
@@ -78,7 +77,9 @@ class StreamManager(DyKnowNode):
             self._on_engine_report,
             self._on_engine_lost,
         )
-        self._placement = Placement(self, self._registry, self._engines, self._on_change)
+        self._placement = Placement(
+            self, self._registry, self._engines, Background(self), self._on_change
+        )
         self._report_publisher = StreamReportPublisher(self, self._engines.ready, self._reports)
         self.serve(StreamCreateFromSpec, self._create)
         self.serve(StreamDestroy, self._destroy)
@@ -116,7 +117,6 @@ class StreamManager(DyKnowNode):
         spec = request.spec
         check_name(spec.name)
         self._limits.check(self._registry.specifications(), spec)
-        await parse_beside(self._background, spec.specification)
         constraints = constraints_from_message(spec.constraints)
         created = await self._placement.create(
             CreatedStream(spec.name, spec.specification, constraints)

@@ -49,18 +49,25 @@ class StateStream:
         if self._is_destroyed:
             text = f"stream '{self.name}' is not needed any more"
             raise CoordinationError(text, ExitCode.CANCELLED)
-        self._is_created = True
         self._context.cleanup.keep_stream(self.name)
-        topic, violations = await self._context.clients.create_stream(
-            self.name, specification, constraints
-        )
+        try:
+            topic, violations = await self._context.clients.create_stream(
+                self.name, specification, constraints
+            )
+        finally:
+            self._is_created = True
+            if self._is_destroyed:
+                self.destroy()
         expected, self.topic = self.topic, topic
-        if self._is_created:
+        if not self._is_destroyed:
             self._subscribe(violations)
         return topic == expected
 
     def destroy(self) -> None:
-        """Destroy the stream."""
+        """Destroy the stream; if it is being created, after that.
+
+        A request to destroy it might overtake the one to create it.
+        """
         self._is_destroyed = True
         if self._watch is not None:
             self._watch.stop()

@@ -290,6 +290,8 @@ class StateSupervisor:
             self._observer.fail(CoordinationError(f'{error.message}{reason}', error.code))
 
     async def _improve(self) -> None:
+        if self._has_ended:
+            return  # Since it was spawned. Nobody would destroy another stream.
         try:
             chosen = self._choose(self.inputs.candidates)
             if chosen != self.chosen:

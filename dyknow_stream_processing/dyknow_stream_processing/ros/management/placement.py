@@ -24,7 +24,7 @@ from dyknow_interfaces.msg import StreamSpec
 from dyknow_interfaces.srv import StreamCreateFromSpec, StreamDestroy
 
 from dyknow_common import SECOND_NS, DyKnowError, ExitCode, round_time
-from dyknow_common.ros import DyKnowNode, constraints_to_message
+from dyknow_common.ros import Background, DyKnowNode, constraints_to_message
 from dyknow_stream_processing.management.conflicts import (
     engines_missing,
     name_taken,
@@ -36,6 +36,7 @@ from dyknow_stream_processing.management.streams import CreatedStream, Stream
 from dyknow_stream_processing.reporting.stream_report import StreamReport
 from dyknow_stream_processing.ros.management.engines import Engines
 from dyknow_stream_processing.ros.management.keyed_lock import KeyedLock
+from dyknow_stream_processing.ros.stream_limits import parse_beside
 
 ENGINE_TIMEOUT_NS: Final = 3 * SECOND_NS
 """Time that a new stream waits for an engine to be there."""
@@ -57,6 +58,7 @@ class Placement:
     engine carried it out.
 
     Args:
+        background: parses specifications.
         on_change: is called when a stream has changed.
     """
 
@@ -65,6 +67,7 @@ class Placement:
         node: DyKnowNode,
         registry: StreamRegistry,
         engines: Engines,
+        background: Background,
         on_change: Callable[[], None],
     ) -> None:
         self.conflicts: dict[tuple[str, str], str] = {}
@@ -72,6 +75,7 @@ class Placement:
         self._node = node
         self._registry = registry
         self._engines = engines
+        self._background = background
         self._on_change = on_change
         self._locks = KeyedLock()
         self._unwanted: set[tuple[str, str]] = set()
@@ -95,7 +99,9 @@ class Placement:
         Raises:
             DyKnowError: if it cannot be made; then it is not registered either.
         """
+        # A request to destroy the stream may come while its specification is parsed.
         async with self._locks.hold(stream.name):
+            await parse_beside(self._background, stream.specification)
             self._registry.add(stream)
             try:
                 await self._wait_for_engine()
