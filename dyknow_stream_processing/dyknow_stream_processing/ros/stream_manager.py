@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -38,7 +39,7 @@ from dyknow_stream_processing.ros.management.persistence_files import Persistenc
 from dyknow_stream_processing.ros.management.placement import Placement
 from dyknow_stream_processing.ros.messages.message_types import message_class
 from dyknow_stream_processing.ros.messages.stream_report_messages import StreamReportPublisher
-from dyknow_stream_processing.ros.stream_limits import StreamLimits
+from dyknow_stream_processing.ros.stream_limits import StreamLimits, parse_beside
 from dyknow_stream_processing.ros.topics.publications import find_publication
 from dyknow_stream_processing.ros.topics.violation_relay import VIOLATIONS_SUFFIX
 
@@ -78,7 +79,11 @@ class StreamManager(DyKnowNode):
             self._on_engine_lost,
         )
         self._placement = Placement(
-            self, self._registry, self._engines, Background(self), self._on_change
+            self,
+            self._registry,
+            self._engines,
+            partial(parse_beside, Background(self)),
+            self._on_change,
         )
         self._report_publisher = StreamReportPublisher(self, self._engines.ready, self._reports)
         self.serve(StreamCreateFromSpec, self._create)

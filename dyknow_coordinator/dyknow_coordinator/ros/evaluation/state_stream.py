@@ -46,9 +46,7 @@ class StateStream:
         Raises:
             DyKnowError: if it cannot be created, or was destroyed before that.
         """
-        if self._is_destroyed:
-            text = f"stream '{self.name}' is not needed any more"
-            raise CoordinationError(text, ExitCode.CANCELLED)
+        self._check_is_needed()
         self._context.cleanup.keep_stream(self.name)
         try:
             topic, violations = await self._context.clients.create_stream(
@@ -76,6 +74,11 @@ class StateStream:
         if self._is_created:
             self._is_created = False
             self._context.cleanup.destroy_stream(self.name)
+
+    def _check_is_needed(self) -> None:
+        if self._is_destroyed:
+            text = f"stream '{self.name}' is not needed any more"
+            raise CoordinationError(text, ExitCode.CANCELLED)
 
     def _subscribe(self, violations: str) -> None:
         self._subscription = self._context.node.create_subscription(

@@ -290,11 +290,10 @@ class StateSupervisor:
             self._observer.fail(CoordinationError(f'{error.message}{reason}', error.code))
 
     async def _improve(self) -> None:
-        if self._has_ended:
-            return  # Since it was spawned. Nobody would destroy another stream.
         try:
             chosen = self._choose(self.inputs.candidates)
-            if chosen != self.chosen:
+            # If it has ended since this was spawned, nobody would destroy another stream.
+            if chosen != self.chosen and not self._has_ended:
                 await self._switch(chosen, gap=False)
                 self._observer.add_event(f'other streams are better now; {self._description()}')
         except DyKnowError as error:

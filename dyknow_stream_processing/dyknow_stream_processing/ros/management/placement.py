@@ -17,14 +17,14 @@ would have the same topic in this one, or not at all.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Awaitable, Callable
 from typing import Any, Final
 
 from dyknow_interfaces.msg import StreamSpec
 from dyknow_interfaces.srv import StreamCreateFromSpec, StreamDestroy
 
 from dyknow_common import SECOND_NS, DyKnowError, ExitCode, round_time
-from dyknow_common.ros import Background, DyKnowNode, constraints_to_message
+from dyknow_common.ros import DyKnowNode, constraints_to_message
 from dyknow_stream_processing.management.conflicts import (
     engines_missing,
     name_taken,
@@ -36,7 +36,6 @@ from dyknow_stream_processing.management.streams import CreatedStream, Stream
 from dyknow_stream_processing.reporting.stream_report import StreamReport
 from dyknow_stream_processing.ros.management.engines import Engines
 from dyknow_stream_processing.ros.management.keyed_lock import KeyedLock
-from dyknow_stream_processing.ros.stream_limits import parse_beside
 
 ENGINE_TIMEOUT_NS: Final = 3 * SECOND_NS
 """Time that a new stream waits for an engine to be there."""
@@ -58,7 +57,7 @@ class Placement:
     engine carried it out.
 
     Args:
-        background: parses specifications.
+        parse: checks a specification, and caches what it says.
         on_change: is called when a stream has changed.
     """
 
@@ -67,7 +66,7 @@ class Placement:
         node: DyKnowNode,
         registry: StreamRegistry,
         engines: Engines,
-        background: Background,
+        parse: Callable[[str], Awaitable[object]],
         on_change: Callable[[], None],
     ) -> None:
         self.conflicts: dict[tuple[str, str], str] = {}
@@ -75,7 +74,7 @@ class Placement:
         self._node = node
         self._registry = registry
         self._engines = engines
-        self._background = background
+        self._parse = parse
         self._on_change = on_change
         self._locks = KeyedLock()
         self._unwanted: set[tuple[str, str]] = set()
@@ -101,7 +100,7 @@ class Placement:
         """
         # A request to destroy the stream may come while its specification is parsed.
         async with self._locks.hold(stream.name):
-            await parse_beside(self._background, stream.specification)
+            await self._parse(stream.specification)
             self._registry.add(stream)
             try:
                 await self._wait_for_engine()
