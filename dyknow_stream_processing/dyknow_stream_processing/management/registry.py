@@ -88,6 +88,10 @@ class StreamRegistry:
         """Return the streams that wait for an engine, in the order of the requests."""
         return tuple(each for each in self._created() if each.waits)
 
+    def recreated(self) -> dict[str, str]:
+        """Return where, when and why streams were recreated, by stream name."""
+        return {each.name: each.message for each in self._created() if each.topic and each.message}
+
     def get(self, name: str) -> Stream | None:
         """Return a stream that was created or registered; `None` if there is none."""
         return self._streams.get(name)

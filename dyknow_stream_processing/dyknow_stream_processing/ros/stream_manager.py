@@ -234,7 +234,7 @@ class StreamManager(DyKnowNode):
                 'refused': str(len(failed)),
                 'engines': ' '.join(self._engines.ready()),
                 **{stream.name: stream.message for stream in unplaced if stream.message},
-                **self._placement.recreated(),
+                **self._registry.recreated(),
             },
         )
 

@@ -84,14 +84,6 @@ class Placement:
         self._reconcile_again = False
         node.create_timer(RETRY_PERIOD_S, self._retry, clock=node.wall_clock)
 
-    def recreated(self) -> dict[str, str]:
-        """Return where, when and why streams were recreated, by stream name."""
-        return {
-            stream.name: stream.message
-            for stream in self._registry.streams()
-            if isinstance(stream, CreatedStream) and stream.topic and stream.message
-        }
-
     async def create(self, stream: CreatedStream) -> Any:
         """Create a stream, and return the response of the engine that makes it.
 
