@@ -241,6 +241,21 @@ def test_a_topic_that_falls_silent() -> None:
     assert check(source, 'always "/b".p < 5').waits_for == ''
 
 
+@pytest.mark.parametrize(
+    ('times', 'end', 'reason'),
+    [
+        ([0.0, 4.0, 8.0], 18, ''),
+        ([0.0, 4.0, 8.0], 22, '/a has fallen silent'),
+        ([0.0], 22, ''),  # A single message has no rate.
+    ],
+)
+def test_a_topic_is_silent_by_its_own_rate(times: list[float], end: float, reason: str) -> None:
+    source = recording([*series('/a', times), *series('/b', steps(0, end))])
+    assert check(source, 'always "/a".p < 5').waits_for == reason
+    late = check(source, 'always "/a".p < 5', start=EpisodeStart(at(9)))
+    assert str(late.error) == 'the recording has no state: /a has fallen silent'
+
+
 def test_a_stand_in_replaces_a_broken_stream(files: MonitoringFiles) -> None:
     main = series('/main', [*steps(0, 1), *steps(1.5, 3)])
     spare = [*series('/spare', steps(0, 2.95, 0.2)), sample('/spare', 3.0, p=7.0)]

@@ -71,12 +71,12 @@ def test_faults_of_a_log(path: Path) -> None:
     path.write_bytes(log([]) + rows + dropout + data(0, START_US, 9)[:-1])
     with open_recording(path) as opened:
         found = [row.values['x'] for row in in_order(opened.columns({'/number': ['x']}))]
-        assert found == [2, 0, 1, 4]
+        assert found == [0, 1, 4]
         assert [str(fault) for fault in opened.faults] == [
             f'{path}: the file ends early, within a message',
-            f'{path}: the logger has lost messages, first for 250 ms after 9223372036854.775 s',
             "topic '/number': a message has no time",
             "topic '/number': the log time jumps back, first for 2.00 s after 5.000002 s",
+            f'{path}: the logger has lost messages, first for 250 ms',
             f'{path}: no message is recorded, first for 14400 s after 5.000002 s',
         ]
 

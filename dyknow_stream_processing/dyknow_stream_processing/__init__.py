@@ -40,7 +40,11 @@ from dyknow_stream_processing.language.type_rules import Unit
 from dyknow_stream_processing.management.relocation import in_namespace
 from dyknow_stream_processing.management.stream_files import read_streams
 from dyknow_stream_processing.path_values import rows_reader, value_reader
-from dyknow_stream_processing.reporting.silence import joined_reasons, nearest_topics
+from dyknow_stream_processing.reporting.silence import (
+    SILENT_PERIODS,
+    joined_reasons,
+    nearest_topics,
+)
 from dyknow_stream_processing.reporting.stream_report import SAMPLE_TYPE
 from dyknow_stream_processing.sample import PartialFields, Sample, WholeMessage
 from dyknow_stream_processing.violation import Violation, ViolationKind
@@ -48,6 +52,7 @@ from dyknow_stream_processing.violation import Violation, ViolationKind
 __all__ = [
     'ALL',
     'SAMPLE_TYPE',
+    'SILENT_PERIODS',
     'STATELESS_UNITS',
     'TF_STATIC',
     'WHOLE',

@@ -224,9 +224,11 @@ class StateGroup:
             error = self._latest_error
             self.episodes.fail(CoordinationError(f'{error.message}; {reason}', error.code))
         self.episodes.finish()
-        since = start - 1 if self._latest is None else end - WAITING_LIMIT_NS
-        if self._latest_receipt <= since:
+        if self._latest is None:
+            since = max(start, self._begin) - 1
             self.waits_for = self._streams.waits_for(self._stream, since)
+        elif self._latest_receipt <= (since := end - WAITING_LIMIT_NS):
+            self.waits_for = self._streams.waits_for(self._stream, since, (start, end))
 
     def _choose(self, now: int) -> tuple[FeatureSource, ...]:
         inputs, known = self._inputs, self._streams.known

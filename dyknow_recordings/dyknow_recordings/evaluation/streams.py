@@ -19,6 +19,7 @@ from dyknow_recordings.reading.recording import RecordedFields
 from dyknow_stream_processing import (
     ALL,
     SAMPLE_TYPE,
+    SILENT_PERIODS,
     WHOLE,
     Dataflow,
     PartialFields,
@@ -244,12 +245,21 @@ class RecordedStreams:
         topics = map(self.absolute, self.dataflow.topics(name))
         return {topic: self._received.get(topic, 0) for topic in topics}
 
-    def waits_for(self, name: str, since: int) -> str:
-        """Return why a stream has had no samples since a time, nanoseconds."""
-        reasons = self.dataflow.waits_for(
-            name, since, lambda topic: self._topic_reason(topic, since)
-        )
-        return joined_reasons(reasons)
+    def waits_for(self, name: str, since: int, span: tuple[int, int] | None = None) -> str:
+        """Return why a stream has had no samples since a time.
+
+        Args:
+            name: of the stream.
+            since: in nanoseconds.
+            span: the start and end of the recording, in nanoseconds, to judge by the rate of each
+                topic whether it has fallen silent; None to name each without a message since then.
+        """
+
+        def reason(topic: str) -> str:
+            is_due = span is None or self._is_due(self.absolute(topic), *span)
+            return self._topic_reason(topic, since if is_due else -1)
+
+        return joined_reasons(self.dataflow.waits_for(name, since, reason))
 
     def absolute(self, topic: str) -> str:
         """Return the absolute name of a topic."""
@@ -317,6 +327,14 @@ class RecordedStreams:
         self.dataflow.report(
             name, Violation(name, ViolationKind.MESSAGE, valid_time, now, 0, 0, text)
         )
+
+    def _is_due(self, topic: str, start: int, end: int) -> bool:
+        """Return True if a topic should have had another message; after a single one, none is."""
+        content, latest = self._topics.get(topic), self._received.get(topic, 0)
+        if content is None or not content.count or not latest:
+            return True
+        period = (latest - start) // (content.count - 1) if content.count > 1 else end
+        return end - latest > SILENT_PERIODS * period
 
     def _topic_reason(self, name: str, since: int) -> str:
         topic = self.absolute(name)

@@ -1,7 +1,8 @@
 """Logs of PX4 (`.ulg`), read by pyulog.
 
 A topic `vehicle_status` is `/vehicle_status` here, its second instance `/vehicle_status_1`, its
-type `px4/vehicle_status`. Times count from the start of the autopilot, in nanoseconds.
+type `px4/vehicle_status`. Times count from the start of the autopilot, in nanoseconds. The latest
+message from before the start of the log is the value at its start.
 """
 
 from __future__ import annotations
@@ -11,12 +12,10 @@ from collections.abc import Collection, Iterator, Mapping
 from contextlib import redirect_stdout
 from io import StringIO
 from pathlib import Path
-from struct import Struct
 from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
-from pyulog import ULog
 
 from dyknow_common import ExitCode, ValueType, absence, all_elements, listed_as
 from dyknow_recordings.errors import RecordingError
@@ -30,11 +29,19 @@ from dyknow_recordings.reading.recording import (
     count_silences,
     count_steps_back,
 )
+from dyknow_recordings.reading.ulog_formats import BoundedLog
+from dyknow_recordings.reading.ulog_times import (
+    HEADER_SIZE,
+    TimedRows,
+    file_order,
+    first_written_late,
+    log_span,
+    placed,
+    records,
+)
 
 ULOG_MAGIC: Final = b'\x55\x4c\x6f\x67\x01\x12\x35'
 
-_HEADER_SIZE: Final = 16
-_RECORD: Final = Struct('<HB')
 _MICROSECOND: Final = 1000
 _BATCH_MESSAGES: Final = 1 << 14
 _INDEX: Final = re.compile(r'\[(\d+)\]', re.ASCII)
@@ -57,14 +64,18 @@ class UlogRecording(RecordingReader):
 
     def __init__(self, path: Path) -> None:
         super().__init__(path)
-        log = _read(path, self._opening)
+        content, log = _read(path, self._opening)
         self._data: dict[str, _LoggedTopic] = {}
+        self._start: int | None = None
+        ids = () if log.file_corruption else {each.msg_id for each in log.data_list}
+        order = file_order(content, ids)
         for data in log.data_list:
             name = f'/{data.name}_{data.multi_id}' if data.multi_id else f'/{data.name}'
             if name in self._data or 'timestamp' not in data.data:
                 self._opening.add(f"topic '{name}'", 'it has no times, or occurs twice: left out')
             else:
-                self._data[name] = _LoggedTopic(name, data, self._opening)
+                self._data[name] = _LoggedTopic(name, data, order.get(data.msg_id), self._opening)
+        self._place(log)
 
     @property
     def topics(self) -> tuple[RecordedTopic, ...]:
@@ -100,7 +111,36 @@ class UlogRecording(RecordingReader):
         times = [each.times for each in self._data.values() if len(each.times)]
         if not times:
             return None
-        return min(int(each[0]) for each in times), max(int(each[-1]) for each in times)
+        first = min(int(each[0]) for each in times) if self._start is None else self._start
+        return first, max(int(each[-1]) for each in times)
+
+    def _place(self, log: Any) -> None:
+        """Move values from before the log to its start, and leave messages without a time out."""
+        start = log.start_timestamp * _MICROSECOND
+        topics = [each.timed for each in self._data.values()]
+        if any(len(each) and each.times[-1] >= start for each in topics):
+            span = log_span(topics, start)
+            late = first_written_late(topics, span)
+            for topic in self._data.values():
+                topic.timed, early, strays = placed(topic.timed, start, span, late)
+                for count, moment in ((early, 'before the log'), (strays, 'long after its end')):
+                    if count:
+                        reason = f'a message has no time: its stamp is from {moment}'
+                        self._opening.add(f"topic '{topic.name}'", reason, count)
+            self._start = span[0]
+        elif any(map(len, topics)):
+            reason = 'all messages are from before the start in its header, which is not used'
+            self._opening.add(str(self.path), reason)
+        self._add_dropouts(log)
+
+    def _add_dropouts(self, log: Any) -> None:
+        first, last = self._times() or (1, 0)
+        for dropout in log.dropouts:
+            detail = f'for {dropout.duration} ms'
+            # It is placed by the latest stamp, which may be wrong.
+            if first <= dropout.timestamp * _MICROSECOND <= last:
+                detail += f' after {dropout.timestamp / 1e6:.3f} s'
+            self._opening.add(str(self.path), 'the logger has lost messages', detail=detail)
 
     def _columns(self, fields: Mapping[str, Collection[str]]) -> Iterator[MessageColumns]:
         self._reading = FaultCounter()
@@ -127,12 +167,19 @@ class _LoggedTopic:
     Args:
         name: of the topic.
         data: as pyulog has read it.
+        positions: the numbers of its messages in the file; None if they are unknown.
         faults: where messages without a time are counted.
     """
 
-    def __init__(self, name: str, data: Any, faults: FaultCounter) -> None:
+    def __init__(
+        self,
+        name: str,
+        data: Any,
+        positions: NDArray[np.int64] | None,
+        faults: FaultCounter,
+    ) -> None:
+        self.name = name
         self.message_type = f'px4/{data.name}'
-        self._name = name
         self._columns = data.data
         types = {each.field_name: each.type_str for each in data.field_data}
         self._kinds = {path: _VALUE_TYPES.get(kind, ValueType.INT) for path, kind in types.items()}
@@ -145,34 +192,42 @@ class _LoggedTopic:
         times = stamps[rows].astype(np.int64) * _MICROSECOND
         count_steps_back(times, f"topic '{name}'", faults)
         order = np.argsort(times, kind='stable')
-        self._order = rows[order]
-        self.times = times[order]
+        rows = rows[order]
+        if positions is not None:
+            positions = positions[rows] if len(positions) == len(stamps) else None
+        self.timed = TimedRows(times[order], rows, positions)
+
+    @property
+    def times(self) -> NDArray[np.int64]:
+        """The times of the messages, in order."""
+        return self.timed.times
 
     def check(self, paths: Collection[str], file: Path) -> None:
         """Check that the messages have some fields; raise RecordingError if not."""
         for path in paths:
             if path not in self._kinds and listed_as(self.fields, path):
                 raise RecordingError(
-                    f"{file}: '{path}' of topic '{self._name}' is computed from an array, which "
+                    f"{file}: '{path}' of topic '{self.name}' is computed from an array, which "
                     'is not possible for logs of PX4; name single elements'
                 )
             if path not in self._kinds:
-                lack = absence(f"topic '{self._name}'", self.fields, path)
+                lack = absence(f"topic '{self.name}'", self.fields, path)
                 raise RecordingError(f'{file}: {lack}', ExitCode.NOT_FOUND)
 
     def part(
         self, paths: Collection[str], rows: slice, positions: NDArray[np.int64]
     ) -> MessageColumns:
         """Return fields of some of the messages."""
-        values = {path: self._columns[path][self._order[rows]] for path in paths}
+        values = {path: self._columns[path][self.timed.rows[rows]] for path in paths}
         for path in paths:
             if self._kinds[path] is ValueType.BOOLEAN:
                 values[path] = values[path] != 0
         times = self.times[rows]
-        return MessageColumns(self._name, self.message_type, times, None, values, positions)
+        return MessageColumns(self.name, self.message_type, times, None, values, positions)
 
 
-def _read(path: Path, faults: FaultCounter) -> Any:
+def _read(path: Path, faults: FaultCounter) -> tuple[bytes, Any]:
+    """Return the content of a log, and what pyulog has read of it."""
     try:
         data = path.read_bytes()
     except OSError as error:
@@ -184,7 +239,13 @@ def _read(path: Path, faults: FaultCounter) -> Any:
     try:
         # The library prints warnings; what they say is among the faults.
         with redirect_stdout(StringIO()), path.open('rb') as file:
-            log = ULog(file)
+            log = BoundedLog(file)
+    except RecordingError as error:
+        raise RecordingError(f'{path}: not a readable log of PX4: {error}') from None
+    except MemoryError:
+        raise RecordingError(
+            f'{path}: the log needs more memory than this computer has', ExitCode.UNAVAILABLE
+        ) from None
     except Exception as error:
         # Damaged files make the library raise errors of many kinds, some without a text.
         reason = str(error) or type(error).__name__
@@ -193,17 +254,11 @@ def _read(path: Path, faults: FaultCounter) -> Any:
         faults.add(str(path), 'parts of the file are damaged: they are left out')
     elif _ends_early(data):
         faults.add(str(path), 'the file ends early, within a message')
-    for dropout in log.dropouts:
-        detail = f'for {dropout.duration} ms after {dropout.timestamp / 1e6:.3f} s'
-        faults.add(str(path), 'the logger has lost messages', detail=detail)
-    return log
+    return data, log
 
 
 def _ends_early(data: bytes) -> bool:
-    position = _HEADER_SIZE
-    while position + _RECORD.size <= len(data):
-        position += _RECORD.size + _RECORD.unpack_from(data, position)[0]
-    return position != len(data)
+    return max((end for _, _, end in records(data)), default=HEADER_SIZE) != len(data)
 
 
 def _listed(kinds: Mapping[str, ValueType]) -> Mapping[str, ValueType]:
