@@ -24,7 +24,8 @@ from dyknow_recordings import (
     open_recording,
 )
 from dyknow_recordings.reading.messages.cdr import CdrReader
-from dyknow_recordings.reading.messages.definitions import TypeDefinition, TypeLayout
+from dyknow_recordings.reading.messages.definitions import TypeDefinition
+from dyknow_recordings.reading.messages.layouts import TypeLayout
 from dyknow_recordings.reading.messages.stored_messages import StoredMessages
 from dyknow_stream_processing import PartialFields
 from dyknow_stream_processing.ros import extractor, message_class

@@ -17,6 +17,7 @@ from dyknow_configuration import (
     read_robot,
     robot_text,
 )
+from dyknow_recordings import add_reading_options, message_types
 
 
 def init(options: argparse.Namespace) -> int:
@@ -69,6 +70,7 @@ def add_init_options(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument('--force', action='store_true', help='replace the file if it exists')
     add_duration_option(parser)
+    add_reading_options(parser)
     parser.add_argument(
         '--export', type=Path, metavar='FOLDER', help='write the files of a robot.yaml to a folder'
     )
@@ -89,7 +91,10 @@ def _observed(options: argparse.Namespace) -> tuple[tuple[ObservedTopic, ...], s
         sys.stderr.write(f'listening for {round_duration(options.duration)}...\n')
         origin = f'{round_duration(options.duration)} of a running robot'
         return observe(options.duration, fields_of_interest), origin
-    found = (each for path in options.file for each in observe_recording(path, fields_of_interest))
+    types = message_types(options)
+    found = (
+        each for path in options.file for each in observe_recording(path, types, fields_of_interest)
+    )
     return tuple(found), ', '.join(map(str, options.file))
 
 

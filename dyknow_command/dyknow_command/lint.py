@@ -15,6 +15,7 @@ from dyknow_command.observing import add_duration_option, observe, observe_recor
 from dyknow_common import DyKnowError, round_duration
 from dyknow_common.executables import SUCCESS, describe
 from dyknow_configuration import ObservedTopic
+from dyknow_recordings import add_reading_options, message_types
 
 FINDINGS = 1
 """The exit code if something was found."""
@@ -67,6 +68,7 @@ def add_lint_options(parser: argparse.ArgumentParser) -> None:
         '--recording', type=Path, metavar='FILE', help='check the topics of a recording, too'
     )
     add_duration_option(parser)
+    add_reading_options(parser)
     parser.add_argument('--json', action='store_true', help='print a line of JSON for each finding')
 
 
@@ -118,7 +120,7 @@ def _finding_of(error: DyKnowError, inputs: LintInputs) -> Finding:
 
 def _observed(options: argparse.Namespace) -> tuple[ObservedTopic, ...] | None:
     if options.recording is not None:
-        return observe_recording(options.recording, lambda *_: ())
+        return observe_recording(options.recording, message_types(options), lambda *_: ())
     return observe(options.duration, lambda *_: ()) if options.live else None
 
 

@@ -19,7 +19,7 @@ from dyknow_configuration import (
     SeenValues,
     TopicTimes,
 )
-from dyknow_recordings import MessageColumns, TopicContent, open_recording
+from dyknow_recordings import MessageColumns, MessageTypes, TopicContent, open_recording
 
 
 @dataclass(slots=True)
@@ -53,18 +53,21 @@ class _RecordedTimes:
         return TopicTimes.of(_joined(self.stamps) if is_stamped else None, receipts, end)
 
 
-def observe_recording(path: Path, fields: ReadFields, topic: str = '') -> tuple[ObservedTopic, ...]:
+def observe_recording(
+    path: Path, types: MessageTypes, fields: ReadFields, topic: str = ''
+) -> tuple[ObservedTopic, ...]:
     """Return the topics of a recording.
 
     Args:
         path: of the recording.
+        types: where the definitions of message types are that it lacks.
         fields: returns the fields of a topic whose values are wanted.
         topic: the only topic to observe; empty for all.
 
     Raises:
         RecordingError: if the recording cannot be read, or lacks the topic.
     """
-    with closing(open_recording(path)) as recording:
+    with closing(open_recording(path, types)) as recording:
         contents = recording.contents
         wanted = {
             name: fields(each.message_type, each.fields)

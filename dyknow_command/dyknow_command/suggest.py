@@ -18,6 +18,7 @@ from dyknow_configuration import (
     proposed_timing,
     timing_of,
 )
+from dyknow_recordings import add_reading_options, message_types
 
 
 def suggest(options: argparse.Namespace) -> int:
@@ -26,7 +27,7 @@ def suggest(options: argparse.Namespace) -> int:
     if options.recording is None:
         found = observe(options.duration, lambda *_: (), name)
     else:
-        found = observe_recording(options.recording, lambda *_: (), name)
+        found = observe_recording(options.recording, message_types(options), lambda *_: (), name)
     topic = next((each for each in found if each.count), None)
     if topic is None:
         where = options.recording or f'{round_duration(options.duration)}; is it published?'
@@ -58,6 +59,7 @@ def add_suggest_options(parser: argparse.ArgumentParser) -> None:
         'recording', nargs='?', type=Path, help='a recording, in the place of the running robot'
     )
     add_duration_option(parser)
+    add_reading_options(parser)
     parser.add_argument('--json', action='store_true', help='print a line of JSON')
 
 

@@ -19,7 +19,12 @@ from dyknow_recordings.evaluation.vocabulary import MonitoringFiles, Vocabulary
 from dyknow_recordings.reading.bags.bag import Bag, RecordedMessage
 from dyknow_recordings.reading.columns import MessageColumns
 from dyknow_recordings.reading.contents import TopicContent
-from dyknow_recordings.reading.opening import open_recording
+from dyknow_recordings.reading.messages.message_types import MessageTypes
+from dyknow_recordings.reading.opening import (
+    add_reading_options,
+    message_types,
+    open_recording,
+)
 from dyknow_recordings.reading.recording import (
     QualityOfService,
     RecordedFields,
@@ -43,6 +48,7 @@ __all__ = [
     'GroundedFormula',
     'Judgement',
     'MessageColumns',
+    'MessageTypes',
     'MonitoringFiles',
     'Outcome',
     'PictureFiles',
@@ -59,9 +65,11 @@ __all__ = [
     'StateGap',
     'TopicContent',
     'Vocabulary',
+    'add_reading_options',
     'evaluate_recording',
     'in_order',
     'load_vocabulary',
+    'message_types',
     'open_recording',
     'read_black_box',
 ]

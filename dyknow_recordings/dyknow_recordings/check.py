@@ -34,7 +34,12 @@ from dyknow_recordings.evaluation.episodes import Every
 from dyknow_recordings.evaluation.vocabulary import MonitoringFiles
 from dyknow_recordings.jobs.progress import ProgressBar
 from dyknow_recordings.jobs.recording_job import JobResult, RecordingJob, run_here
-from dyknow_recordings.reading.opening import ENDINGS, open_recording
+from dyknow_recordings.reading.opening import (
+    ENDINGS,
+    add_reading_options,
+    message_types,
+    open_recording,
+)
 from dyknow_recordings.reporting.documents import failure_document, topics_document
 from dyknow_recordings.reporting.judgement import Judgement
 from dyknow_recordings.reporting.outputs import (
@@ -122,6 +127,7 @@ def _add_inputs(parser: argparse.ArgumentParser) -> None:
         '--formula', action='append', default=[], metavar='TEXT', help='a formula; repeatable'
     )
     add_domain_option(parser)
+    add_reading_options(parser)
 
 
 def _add_times(parser: argparse.ArgumentParser) -> None:
@@ -244,6 +250,7 @@ def _jobs(options: argparse.Namespace) -> tuple[RecordingJob, ...]:
         if len(boxes) == len(set(options.recording)):
             return tuple(_box_job(options, path, boxes[path]) for path in options.recording)
     files, formulas = _configuration(options)
+    types = message_types(options)
     return tuple(
         RecordingJob(
             str(path),
@@ -254,6 +261,7 @@ def _jobs(options: argparse.Namespace) -> tuple[RecordingJob, ...]:
             options.every,
             keep_signals=_draws(options),
             margins=options.margins,
+            types=types,
         )
         for path in options.recording
     )
@@ -275,6 +283,7 @@ def _box_job(options: argparse.Namespace, path: Path, box: BlackBoxContent) -> R
         keep_signals=_draws(options),
         margins=options.margins or box.margin,
         black_box=box,
+        types=message_types(options),
     )
 
 
@@ -331,7 +340,7 @@ def _list_topics(options: argparse.Namespace) -> int:
     code = SUCCESS
     for path in options.recording:
         try:
-            with open_recording(path) as recording:
+            with open_recording(path, message_types(options)) as recording:
                 if options.json:
                     print_document(topics_document(recording))
                 else:

@@ -11,7 +11,8 @@ from random_types import Member, all_values, definition, messages, types
 from dyknow_common import ValueType, listed_as
 from dyknow_recordings.errors import RecordingError
 from dyknow_recordings.reading.messages.cdr import CdrReader
-from dyknow_recordings.reading.messages.definitions import TypeDefinition, TypeLayout
+from dyknow_recordings.reading.messages.definitions import TypeDefinition
+from dyknow_recordings.reading.messages.layouts import TypeLayout
 from dyknow_recordings.reading.messages.stored_messages import StoredMessages
 
 Drawn = tuple[dict[str, list[Member]], list[Any], list[bytes]]
@@ -133,7 +134,7 @@ def test_unknown_types() -> None:
         TypeLayout(TypeDefinition('made_up/msg/Top', 'ros2msg', 'float64'))
     with pytest.raises(RecordingError, match=r"definition of .* 'made_up/msg/Top' cannot be read"):
         TypeLayout(TypeDefinition('made_up/msg/Top', 'protobuf', 'float64 x'))
-    with pytest.raises(RecordingError, match='the message type made_up/msg/Top contains itself'):
+    with pytest.raises(RecordingError, match="message type 'made_up/msg/Top' contains itself"):
         TypeLayout(TypeDefinition('made_up/msg/Top', 'ros2msg', 'Top[] x\n'))
 
 

@@ -107,7 +107,8 @@ def test_an_unknown_message_type(tmp_path: Path, capsys: pytest.CaptureFixture[s
     assert code == 2
     (formula,) = document['formulas']
     assert (
-        'the message type made_up/msg/Unknown of /x is not defined' in (formula['error']['message'])
+        "no message of /x can be read: the message type 'made_up/msg/Unknown' is unknown"
+        in formula['error']['message']
     )
 
 

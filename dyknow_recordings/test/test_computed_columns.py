@@ -13,7 +13,8 @@ from test_cdr import stored
 
 from dyknow_common import listed_as
 from dyknow_recordings.reading.messages.cdr import CdrReader
-from dyknow_recordings.reading.messages.definitions import TypeDefinition, TypeLayout
+from dyknow_recordings.reading.messages.definitions import TypeDefinition
+from dyknow_recordings.reading.messages.layouts import TypeLayout
 
 Drawn = tuple[dict[str, list[Member]], list[Any], list[bytes]]
 MAX_EXACT = 1e30

@@ -147,7 +147,7 @@ def test_a_topic_of_an_unknown_type() -> None:
     source.contents['/a'] = TopicContent(TYPE, None, has_stamp=False, count=2)
     error = check(source, 'always "/a".p < 5').error
     assert error is not None
-    assert f'the message type {TYPE} of /a is not defined' in error.message
+    assert f'no message of /a can be read: the message type {TYPE} is not defined' in error.message
 
 
 def in_watts(formula: str, files: MonitoringFiles) -> FormulaReport:

@@ -101,7 +101,7 @@ class RecordingEvaluation:
         self._recording = recording
         self._keep_signals, self._margins = keep_signals, margins
         self._start = start
-        self._streams = RecordedStreams(recording.contents, files.streams)
+        self._streams = RecordedStreams(recording.contents, files.streams, recording.fault_of)
         self._pending: list[StateGroup] = []
         with closing(load_vocabulary(files, recording.contents)) as vocabulary:
             self._vocabulary_notes = tuple(vocabulary.notes)

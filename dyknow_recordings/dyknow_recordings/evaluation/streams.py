@@ -46,13 +46,20 @@ class RecordedStreams:
     Args:
         topics: the recorded topics by absolute name.
         files: in the stream language; each sink in them is a stream.
+        fault_of: returns a fault of the messages of a topic; empty if there is none.
 
     Raises:
         StreamError: naming a file that cannot be read or parsed.
     """
 
-    def __init__(self, topics: Mapping[str, TopicContent], files: Iterable[TextSource]) -> None:
+    def __init__(
+        self,
+        topics: Mapping[str, TopicContent],
+        files: Iterable[TextSource],
+        fault_of: Callable[[str], str] = lambda _: '',
+    ) -> None:
         self._topics = topics
+        self._fault_of = fault_of
         self._units = load_units()
         self._requested = {each.name: each for each in read_streams(files)}
         self.dataflow = self._new_dataflow()
@@ -343,10 +350,12 @@ class RecordedStreams:
             nearest = nearest_topics(topic, self._topics)
             hint = f' (did you mean {" or ".join(nearest)}?)' if nearest else ''
             return f'the recording has no topic {topic}{hint}'
+        fault = self._fault_of(topic)
+        if content.fields is None or (fault and not self._received[topic]):
+            reason = fault or f'the message type {content.message_type} is not defined'
+            return f'no message of {topic} can be read: {reason}'
         if not content.count:
             return f'the recording has no message of {topic}'
-        if content.fields is None:
-            return f'the message type {content.message_type} of {topic} is not defined'
         if topic in self._rejected:
             return f'messages of {topic} cannot be used: {self._rejected[topic]}'
         return f'{topic} has fallen silent' if self._received[topic] <= since else ''

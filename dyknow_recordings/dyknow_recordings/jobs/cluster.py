@@ -152,4 +152,8 @@ def _absolute(job: RecordingJob) -> RecordingJob:
         streams=absolute(job.files.streams),
         bridges=absolute(job.files.bridges),
     )
-    return replace(job, path=job.path.absolute(), files=files)
+    types = job.types
+    if types is not None:
+        folders = tuple(each.absolute() for each in types.folders)
+        types = replace(types, folders=folders)
+    return replace(job, path=job.path.absolute(), files=files, types=types)

@@ -15,6 +15,7 @@ from dyknow_recordings.evaluation.episodes import FIRST_BEGIN, EpisodeStart, Eve
 from dyknow_recordings.evaluation.evaluation import evaluate_recording
 from dyknow_recordings.evaluation.results import RecordingReport
 from dyknow_recordings.evaluation.vocabulary import MonitoringFiles
+from dyknow_recordings.reading.messages.message_types import MessageTypes
 from dyknow_recordings.reading.opening import open_recording
 
 JobResult = RecordingReport | DyKnowError
@@ -36,6 +37,7 @@ class RecordingJob:
         keep_signals: True to keep the signals of the states, for pictures.
         margins: True to compute the margins of the formulas.
         black_box: the content of the recording if it is one that is to be checked by itself.
+        types: where the definitions of message types are that the recording lacks.
     """
 
     name: str
@@ -47,11 +49,12 @@ class RecordingJob:
     keep_signals: bool = False
     margins: bool = False
     black_box: BlackBoxContent | None = None
+    types: MessageTypes | None = None
 
     def run(self) -> JobResult:
         """Check the recording. A fault of any kind is an error of this recording alone."""
         try:
-            with open_recording(self.path) as recording:
+            with open_recording(self.path, self.types) as recording:
                 start = self._start(recording.start_time)
                 report = evaluate_recording(
                     recording,

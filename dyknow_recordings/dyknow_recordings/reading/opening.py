@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import argparse
 import shlex
 from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
@@ -10,16 +11,22 @@ from typing import Final
 from dyknow_common import ExitCode
 from dyknow_recordings.errors import RecordingError
 from dyknow_recordings.reading.bags.bag import Bag
+from dyknow_recordings.reading.messages.message_types import (
+    DISTROS,
+    MessageTypes,
+    check_folder,
+    sourced_prefixes,
+)
 from dyknow_recordings.reading.recording import RecordingReader
 from dyknow_recordings.reading.trace_recording import TraceRecording
 from dyknow_recordings.reading.ulog import UlogRecording
 
-_FORMATS: Final[Mapping[str, Callable[[Path], RecordingReader]]] = {
+_FORMATS: Final[Mapping[str, Callable[[Path, MessageTypes], RecordingReader]]] = {
     '.mcap': Bag,
     '.db3': Bag,
     '.zstd': Bag,
-    '.ulg': UlogRecording,
-    '.csv': TraceRecording,
+    '.ulg': lambda path, _: UlogRecording(path),
+    '.csv': lambda path, _: TraceRecording(path),
 }
 
 ENDINGS: Final = tuple(_FORMATS)
@@ -29,11 +36,46 @@ _POINTER: Final = b'version https://git-lfs.github.com/spec/'
 """The begin of a file that stands for another one until Git LFS has fetched that."""
 
 
-def open_recording(path: Path) -> RecordingReader:
+def add_reading_options(parser: argparse.ArgumentParser) -> None:
+    """Add the options whose values `message_types` returns."""
+    parser.add_argument(
+        '--distro',
+        choices=DISTROS,
+        metavar='NAME',
+        default='',
+        help='the distribution of ROS 2 that recordings are from, such as foxy, for message types '
+        'that they do not define (default: the one that they name; else humble for .db3 files, '
+        'jazzy for others)',
+    )
+    parser.add_argument(
+        '--messages',
+        action='append',
+        type=Path,
+        default=[],
+        metavar='FOLDER',
+        help='a folder with the .msg, .srv or .idl files of packages, for types that a recording '
+        'does not define; repeatable',
+    )
+
+
+def message_types(options: argparse.Namespace) -> MessageTypes:
+    """Return where the definitions are that recordings lack.
+
+    Raises:
+        RecordingError: NOT_FOUND, if a folder is missing.
+    """
+    for folder in options.messages:
+        check_folder(folder)
+    return MessageTypes(options.distro, tuple(options.messages), sourced_prefixes())
+
+
+def open_recording(path: Path, types: MessageTypes | None = None) -> RecordingReader:
     """Open a recording: a bag of rosbag2, a log of PX4, or a trace of comma-separated values.
 
     Args:
         path: of a folder with `metadata.yaml`, or of a `.mcap`, `.db3`, `.ulg` or `.csv` file.
+        types: where the definitions of message types are that it lacks; by default, those of its
+            distribution of ROS 2 and of the sourced workspaces.
 
     Raises:
         RecordingError: if the recording is missing (NOT_FOUND), has another format, or if no part
@@ -52,7 +94,7 @@ def open_recording(path: Path) -> RecordingReader:
     format_class = Bag if is_folder else _FORMATS.get(path.suffix.lower())
     if format_class is None:
         raise RecordingError(f'{path}: {_other_format(path)}')
-    return format_class(path)
+    return format_class(path, types or MessageTypes(prefixes=sourced_prefixes()))
 
 
 def _other_format(path: Path) -> str:

@@ -155,6 +155,12 @@ class RecordingReader(ABC):
         """The faults found on opening, and those that the latest reading has found so far."""
         return self._opening.faults + self._reading.faults
 
+    def fault_of(self, topic: str) -> str:
+        """Return the first fault of the messages of a topic so far; empty if there is none."""
+        place = f"topic '{topic}'"
+        faults = (*self._reading.faults, *self._opening.faults)
+        return next((each.reason for each in faults if each.place == place), '')
+
     @property
     @abstractmethod
     def topics(self) -> tuple[RecordedTopic, ...]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache, cached_property
 from pathlib import Path
 
@@ -14,14 +14,15 @@ from numpy.typing import NDArray
 
 from dyknow_common import ExitCode, ValueType
 from dyknow_recordings.errors import RecordingError
-from dyknow_recordings.reading.bags.bag_files import open_files
+from dyknow_recordings.reading.bags.bag_files import open_files, recorded_distro
 from dyknow_recordings.reading.bags.merging import merged
 from dyknow_recordings.reading.bags.storage import StoredChannel
 from dyknow_recordings.reading.columns import MessageColumns
 from dyknow_recordings.reading.contents import TopicContent
 from dyknow_recordings.reading.messages.cdr import CdrReader, DecodedFields
 from dyknow_recordings.reading.messages.decoded_messages import MessageDecoder
-from dyknow_recordings.reading.messages.definitions import TypeLayout
+from dyknow_recordings.reading.messages.layouts import TypeLayout
+from dyknow_recordings.reading.messages.message_types import DISTROS, NO_TYPES, MessageTypes
 from dyknow_recordings.reading.messages.stored_messages import StoredMessages
 from dyknow_recordings.reading.recording import (
     FaultCounter,
@@ -31,7 +32,7 @@ from dyknow_recordings.reading.recording import (
 )
 from dyknow_stream_processing import WHOLE
 
-_layout = cache(TypeLayout)
+_type_layout = cache(TypeLayout)
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,12 +57,13 @@ class Bag(RecordingReader):
 
     Args:
         path: a folder with `metadata.yaml`, or a single `.mcap` or `.db3` file.
+        types: where the definitions are that the bag lacks.
 
     Raises:
         RecordingError: for a bag that is missing (NOT_FOUND), or of which nothing can be read.
     """
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, types: MessageTypes = NO_TYPES) -> None:
         super().__init__(path)
         self._stack = ExitStack()
         try:
@@ -77,9 +79,14 @@ class Bag(RecordingReader):
         self._numbers = {channel: number for number, channel in enumerate(self._channels)}
         self._topics = _topics(counts)
         for topic, channels in self._by_topic().items():
-            types = dict.fromkeys(each.definition.name for each in channels if counts[each])
-            if len(types) > 1:
-                self._opening.add(f"topic '{topic}'", f'it changes its type: {", ".join(types)}')
+            names = dict.fromkeys(each.definition.name for each in channels if counts[each])
+            if len(names) > 1:
+                self._opening.add(f"topic '{topic}'", f'it changes its type: {", ".join(names)}')
+        if not types.distro and any(not each.definition.text for each in counts):
+            distro = recorded_distro(path, DISTROS) or self._files[0].default_distro
+            types = replace(types, distro=distro)
+        self._types = types
+        self._unreadable: dict[str, str] = {}
         self._is_open = True
 
     def close(self) -> None:
@@ -98,6 +105,10 @@ class Bag(RecordingReader):
         return {
             topic: self._content(channels) for topic, channels in sorted(self._by_topic().items())
         }
+
+    def fault_of(self, topic: str) -> str:
+        """Return why no message of a topic can be read, or its first fault."""
+        return self._unreadable.get(topic) or super().fault_of(topic)
 
     def messages(self, topics: Collection[str] = ()) -> Iterator[RecordedMessage]:
         """Return the messages in the order of their log times.
@@ -119,7 +130,7 @@ class Bag(RecordingReader):
         found: dict[str, ValueType] = {}
         for channel in self._channels:
             if channel.topic == topic:
-                found |= _layout(self._readable(channel).definition).fields
+                found |= self._layout(channel).fields
         return found
 
     def columns(self, fields: Mapping[str, Collection[str]]) -> Iterator[MessageColumns]:
@@ -131,10 +142,10 @@ class Bag(RecordingReader):
             channels = [self._readable(each) for each in self._channels if each.topic == topic]
             for channel in channels:
                 try:
-                    readers[self._numbers[channel]] = _ChannelReader(channel, paths)
+                    readers[self._numbers[channel]] = _ChannelReader(channel, self._types, paths)
                 except RecordingError as error:
                     left_out[self._numbers[channel]] = error
-                    readers[self._numbers[channel]] = _ChannelReader(channel, None)
+                    readers[self._numbers[channel]] = _ChannelReader(channel, self._types, None)
             errors = [left_out.get(self._numbers[channel]) for channel in channels]
             if (first := errors[0]) and all(errors):
                 raise RecordingError(f"{self.path}: topic '{topic}': {first}", first.code)
@@ -155,12 +166,16 @@ class Bag(RecordingReader):
         used = [each for each in channels if self._counts[each]] or channels
         for channel in used:
             try:
-                layout = _layout(self._readable(channel).definition)
-            except RecordingError:
+                layout = self._layout(channel)
+            except RecordingError as error:
+                self._unreadable[channel.topic] = str(error)
                 continue
             has_stamp, publishers = bool(layout.stamp_fields), _publishers(channels)
             return TopicContent(layout.name, layout.fields, has_stamp, count, publishers)
         return TopicContent(used[0].definition.name, None, has_stamp=False, count=count)
+
+    def _layout(self, channel: StoredChannel) -> TypeLayout:
+        return _type_layout(self._readable(channel).definition, self._types)
 
     def _readable(self, channel: StoredChannel) -> StoredChannel:
         if channel.serialisation != 'cdr':
@@ -217,24 +232,29 @@ class _ChannelReader:
 
     Args:
         channel: the channel.
+        types: where the definition of its type is if the bag lacks it.
         paths: of the fields; None to read no message, only the times.
 
     Raises:
         RecordingError: if the type is unknown, or lacks a field (NOT_FOUND).
     """
 
-    def __init__(self, channel: StoredChannel, paths: Collection[str] | None) -> None:
+    def __init__(
+        self, channel: StoredChannel, types: MessageTypes, paths: Collection[str] | None
+    ) -> None:
         self._channel = channel
         self._paths = sorted(paths or ())
         self._stamp: tuple[str, ...] = ()
         self._reader: CdrReader | None = None
-        self._decoder = MessageDecoder(channel.definition) if WHOLE in self._paths else None
+        self._decoder: MessageDecoder | None = None
+        self._by = '' if channel.definition.text else f' by its definition in {types.release}'
         if paths is not None:
-            layout = _layout(channel.definition)
+            layout = _type_layout(channel.definition, types)
+            self._decoder = MessageDecoder(layout) if WHOLE in self._paths else None
             single = set(paths) - {WHOLE}
             layout.check(single)
             self._stamp = layout.stamp_fields
-            self._reader = CdrReader(layout, {*single, *self._stamp})
+            self._reader = CdrReader(layout, {*single, *self._stamp}, is_exact=bool(self._by))
 
     def read(self, messages: StoredMessages, faults: FaultCounter) -> DecodedFields:
         """Return the fields of some messages, and count those that cannot be read."""
@@ -246,7 +266,7 @@ class _ChannelReader:
             unreadable = self._decoder.decode(messages, fields, WHOLE)
             found = {**found, 'a message cannot be decoded': unreadable} if unreadable else found
         for reason, count in found.items():
-            faults.add(f"topic '{self._channel.topic}'", f'{reason}, {name}', count)
+            faults.add(f"topic '{self._channel.topic}'", f'{reason}, {name}{self._by}', count)
         return fields
 
     def part(

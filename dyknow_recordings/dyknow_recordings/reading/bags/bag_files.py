@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import shutil
+from collections.abc import Collection
 from contextlib import ExitStack
 from pathlib import Path, PurePath
 from tempfile import TemporaryDirectory
@@ -18,6 +19,11 @@ from dyknow_recordings.reading.bags.storage import ZSTD_MAGIC, StorageFile, deco
 from dyknow_recordings.reading.recording import FaultCounter
 
 METADATA: Final = 'metadata.yaml'
+
+_DAMAGE: Final = (
+    yaml.YAMLError, ValueError, LookupError, TypeError, AttributeError, RecursionError
+)  # fmt: skip
+"""Raised where the metadata is damaged."""
 
 BAG_SUFFIXES: Final = ('.mcap', '.db3', '.mcap.zstd', '.db3.zstd')
 
@@ -119,15 +125,35 @@ def _paths(folder: Path, faults: FaultCounter) -> list[Path]:
     return [folder / name for name in named if name not in missing]
 
 
+def recorded_distro(path: Path, known: Collection[str]) -> str:
+    """Return the distribution of ROS 2 that the metadata of a bag names; empty if none is known.
+
+    Args:
+        path: of its folder, or of its file.
+        known: the distributions.
+    """
+    folder = path if path.is_dir() else path.parent
+    try:
+        found: Any = _information(folder / METADATA)
+        names = [PurePath(each).name for each in found['relative_file_paths']]
+        distro = found.get('ros_distro')
+    except (OSError, *_DAMAGE):
+        return ''
+    return distro if distro in known and (path == folder or path.name in names) else ''
+
+
+def _information(metadata: Path) -> Any:
+    return yaml.safe_load(metadata.read_text(encoding='utf-8'))['rosbag2_bagfile_information']
+
+
 def _named_files(metadata: Path, faults: FaultCounter) -> list[str] | None:
     try:
-        content: Any = yaml.safe_load(metadata.read_text(encoding='utf-8'))
-        paths = content['rosbag2_bagfile_information']['relative_file_paths']
+        paths = _information(metadata)['relative_file_paths']
         # Early versions give the path from the folder above.
         return [PurePath(path).name for path in paths]
     except OSError:
         reason = f'{METADATA} is missing'
-    except (yaml.YAMLError, ValueError, LookupError, TypeError, RecursionError):
+    except _DAMAGE:
         reason = f'{METADATA} is damaged'
     faults.add(str(metadata.parent), f'{reason}: the bag is read without it')
     return None

@@ -38,6 +38,7 @@ from dyknow_recordings.reading.bags.mcap_records import (
 from dyknow_recordings.reading.bags.storage import StoredChannel, offered_quality
 from dyknow_recordings.reading.messages.cdr_cursor import SerialisedMessages
 from dyknow_recordings.reading.messages.definitions import TypeDefinition
+from dyknow_recordings.reading.messages.message_types import LATEST
 from dyknow_recordings.reading.messages.stored_messages import (
     MessageBuffer,
     StoredBlock,
@@ -94,6 +95,7 @@ class McapFile:
     def __init__(self, path: Path, name: str, faults: FaultCounter) -> None:
         self._name = name
         self.faults = faults
+        self.default_distro = LATEST
         self._schemas: dict[int, TypeDefinition] = {}
         self._channels: dict[int, StoredChannel] = {}
         self._chunks: list[_Chunk] = []

@@ -19,6 +19,7 @@ from dyknow_recordings.reading.bags.storage import (
     offered_quality,
 )
 from dyknow_recordings.reading.messages.definitions import TypeDefinition
+from dyknow_recordings.reading.messages.message_types import LATEST
 from dyknow_recordings.reading.messages.stored_messages import StoredBlock, StoredMessages
 from dyknow_recordings.reading.recording import MAX_TIME, FaultCounter, count_steps_back
 
@@ -103,7 +104,9 @@ class SqliteFile:
     def _read_channels(self) -> dict[int, StoredChannel]:
         definitions: dict[str, TypeDefinition] = {}
         # Bags of ROS 2 Humble and before have no definitions.
+        self.default_distro = 'humble'
         if self._rows("SELECT name FROM sqlite_master WHERE name = 'message_definitions'"):
+            self.default_distro = LATEST
             definitions = {
                 row['topic_type']: TypeDefinition(
                     str(row['topic_type']),

@@ -47,6 +47,9 @@ class StorageFile(Protocol):
     faults: FaultCounter
     """Where faults are counted."""
 
+    default_distro: str
+    """The distribution of ROS 2 that it is taken to be from if nothing names one."""
+
     span: tuple[int, int] | None
     """The log times of the first and last message; None if there is no message."""
 

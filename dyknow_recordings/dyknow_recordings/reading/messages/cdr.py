@@ -25,10 +25,13 @@ from dyknow_recordings.reading.messages.cdr_cursor import (
     primitive_sizes,
 )
 from dyknow_recordings.reading.messages.computed_columns import ComputedColumns, is_computed
-from dyknow_recordings.reading.messages.definitions import TypeLayout
+from dyknow_recordings.reading.messages.layouts import TypeLayout
 from dyknow_recordings.reading.messages.stored_messages import StoredMessages
 
 _PADDING: Final = bytes(8)
+_MAX_PADDING: Final = 3
+"""The bytes that some middleware adds to a message."""
+
 _ORDERS: Final = {0: '>', 1: '<'}
 _CODES: Final = {'bool': 'u1', 'byte': 'u1', 'char': 'u1', 'float32': 'f4', 'float64': 'f8'} | {
     f'{sign}int{8 * size}': f'{code}{size}'
@@ -50,11 +53,13 @@ class DecodedFields:
         intact: False for messages that are too short for their type; the rest has no rows for them.
         values: by the path of the field.
         absent: the reasons why messages lack a field, by its path and the number of the message.
+        longer: the number of messages that are longer than their type, which are not intact.
     """
 
     intact: NDArray[np.bool_]
     values: dict[str, NDArray[np.generic]] = field(default_factory=dict)
     absent: dict[str, dict[int, str]] = field(default_factory=dict)
+    longer: int = 0
 
     def set(self, path: str, rows: NDArray[np.int64], values: NDArray[np.generic]) -> None:
         """Set the values of a field in some messages."""
@@ -90,9 +95,13 @@ class CdrReader:
     Args:
         layout: of the type.
         paths: of the fields, which the type has.
+        is_exact: True to leave out messages that are longer than their type: they have another one.
     """
 
-    def __init__(self, layout: TypeLayout, paths: Collection[str]) -> None:
+    def __init__(
+        self, layout: TypeLayout, paths: Collection[str], *, is_exact: bool = False
+    ) -> None:
+        self._is_exact = is_exact
         whole = {path for path in paths if is_computed(path)}
         self._steps = _Compiler(layout).message(layout.name, _tree(set(paths) - whole))
         self._computed = ComputedColumns(layout, whole) if whole else None
@@ -121,8 +130,9 @@ class CdrReader:
         unknown = sum(
             int((encapsulation == kind).sum()) for kind in kinds if kind not in (-1, 0, 1)
         )
-        short = len(messages) - int(fields.intact.sum()) - unknown
+        short = len(messages) - int(fields.intact.sum()) - unknown - fields.longer
         faults = {
+            'a message is longer than its type': fields.longer,
             'a message is shorter than its type': short,
             'a message is not serialised by CDR': unknown,
         }
@@ -139,6 +149,10 @@ class CdrReader:
         rows = np.arange(len(origins))
         for step in self._steps:
             step.run(cursor, rows, fields)
+        if self._is_exact:
+            longer = cursor.intact & (sizes - HEADER_SIZE - cursor.position > _MAX_PADDING)
+            fields.longer = int(longer.sum())
+            fields.intact &= ~longer
         return fields
 
 
@@ -147,6 +161,7 @@ def _joined(count: int, parts: Sequence[tuple[NDArray[np.int64], DecodedFields]]
     joined = DecodedFields(np.zeros(count, np.bool_))
     for rows, part in parts:
         joined.intact[rows] = part.intact
+        joined.longer += part.longer
         for path, values in part.values.items():
             if path not in joined.values:
                 joined.values[path] = np.zeros(count, values.dtype)

@@ -18,7 +18,7 @@ from dyknow_common import (
     field_type,
     parse_field,
 )
-from dyknow_recordings.reading.messages.definitions import TypeLayout
+from dyknow_recordings.reading.messages.layouts import TypeLayout
 from dyknow_recordings.reading.messages.stored_messages import StoredMessages
 from dyknow_recordings.reading.messages.whole_messages import WholeMessageReader
 from dyknow_stream_processing import NoValueError, rows_reader, value_reader

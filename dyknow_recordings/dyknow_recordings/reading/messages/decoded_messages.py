@@ -11,7 +11,7 @@ from rosbags.typesys.store import Typestore
 
 from dyknow_recordings.errors import RecordingError
 from dyknow_recordings.reading.messages.cdr import DecodedFields
-from dyknow_recordings.reading.messages.definitions import TypeDefinition, parsed_types
+from dyknow_recordings.reading.messages.layouts import TypeLayout
 from dyknow_recordings.reading.messages.stored_messages import StoredMessages
 
 
@@ -19,15 +19,15 @@ class MessageDecoder:
     """Decoder of the messages of a type, for the few that are needed as a whole.
 
     Args:
-        definition: of the type; without a text, that of ROS 2 Jazzy is used.
+        layout: of the type.
 
     Raises:
-        RecordingError: if the definition cannot be used.
+        RecordingError: if its definition cannot be used.
     """
 
-    def __init__(self, definition: TypeDefinition) -> None:
-        self._name = definition.name
-        self._store = _store(definition)
+    def __init__(self, layout: TypeLayout) -> None:
+        self._name = layout.name
+        self._store = _store(layout)
 
     def decode(self, messages: StoredMessages, fields: DecodedFields, name: str) -> int:
         """Add the messages to their fields, by a name; return the number of unreadable ones.
@@ -49,16 +49,14 @@ class MessageDecoder:
 
 
 @cache
-def _store(definition: TypeDefinition) -> Typestore:
-    if not definition.text:
-        return get_typestore(Stores.ROS2_JAZZY)
-    types: Any = {name: ([], list(members)) for name, members in parsed_types(definition).items()}
+def _store(layout: TypeLayout) -> Typestore:
+    types: Any = {name: ([], list(members)) for name, members in layout.reachable().items()}
     store = get_typestore(Stores.EMPTY)
     try:
         store.register(types)
     except Exception as error:
         # Damaged definitions make the library raise errors of many kinds.
         raise RecordingError(
-            f"messages of the type '{definition.name}' cannot be decoded by its definition"
+            f"messages of the type '{layout.name}' cannot be decoded by its definition"
         ) from error
     return store

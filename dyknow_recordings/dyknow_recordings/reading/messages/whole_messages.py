@@ -15,7 +15,7 @@ import numpy as np
 from rosbags.interfaces import Nodetype
 
 from dyknow_recordings.reading.messages.cdr_cursor import HEADER_SIZE, wide_text
-from dyknow_recordings.reading.messages.definitions import TypeLayout
+from dyknow_recordings.reading.messages.layouts import TypeLayout
 
 CODES: Final = {'bool': '?', 'byte': 'B', 'char': 'B', 'float32': 'f', 'float64': 'd'} | {
     f'{sign}int{8 << power}': code

@@ -1,0 +1,182 @@
+"""The fields of message types, in the order in which they are serialised."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass, replace
+from typing import Any, Final
+
+from rosbags.interfaces import Nodetype
+
+from dyknow_common import (
+    ExitCode,
+    ValueType,
+    absence,
+    all_elements,
+    listed_as,
+    parse_field,
+    shortened,
+)
+from dyknow_recordings.errors import RecordingError
+from dyknow_recordings.reading.messages.definitions import (
+    PLACEHOLDER,
+    Members,
+    TypeDefinition,
+    parsed_types,
+)
+from dyknow_recordings.reading.messages.message_types import NO_TYPES, MessageTypes
+
+_HEADER: Final = 'std_msgs/msg/Header'
+_STAMP: Final = ('header.stamp.sec', 'header.stamp.nanosec')
+
+_VALUE_TYPES: Final = {
+    'bool': ValueType.BOOLEAN,
+    'string': ValueType.STRING,
+    'wstring': ValueType.STRING,
+    'float32': ValueType.FLOAT,
+    'float64': ValueType.FLOAT,
+} | dict.fromkeys(
+    ('byte', 'char', *(f'{sign}int{bits}' for sign in ('', 'u') for bits in (8, 16, 32, 64))),
+    ValueType.INT,
+)
+
+
+MAX_VALUES: Final = 1 << 16
+"""The values of a message that are read one by one."""
+
+_MAX_NESTING: Final = 64
+
+
+@dataclass(frozen=True, slots=True)
+class _TypeSize:
+    """The size of a type.
+
+    Args:
+        values: the number of its values; an array of elements of a fixed size is one element.
+        text: the number of characters in their paths.
+        bytes: the least number that they take.
+        is_fixed: True if all messages have this size.
+    """
+
+    values: int
+    text: int
+    bytes: int
+    is_fixed: bool = True
+
+    def plus(self, member: _TypeSize, length: int) -> _TypeSize:
+        """Return the size with a member whose name has some length."""
+        return _TypeSize(
+            self.values + member.values,
+            self.text + member.text + member.values * length,
+            self.bytes + member.bytes,
+            self.is_fixed and member.is_fixed,
+        )
+
+
+class TypeLayout:
+    """The fields of a message type, in the order in which they are serialised.
+
+    Args:
+        definition: of the type.
+        types: where the definitions are that its text lacks.
+
+    Raises:
+        RecordingError: if the type is unknown (NOT_FOUND), or its definition cannot be read.
+    """
+
+    def __init__(self, definition: TypeDefinition, types: MessageTypes = NO_TYPES) -> None:
+        self.name = definition.name
+        self._others = types
+        self._types = parsed_types(definition)
+        self._sizes: dict[str, _TypeSize] = {}
+        self._measure(self.name, 0)
+        self.fields: Mapping[str, ValueType] = self._scalar_fields(self.name, '')
+
+    @property
+    def stamp_fields(self) -> tuple[str, ...]:
+        """The paths to the seconds and nanoseconds of the stamp; empty if there is no header."""
+        header = dict(self.members(self.name)).get('header')
+        # A recording may define a header of its own.
+        has_stamp = all(self.fields.get(path) is ValueType.INT for path in _STAMP)
+        return _STAMP if header == (Nodetype.NAME, _HEADER) and has_stamp else ()
+
+    def members(self, name: str) -> Members:
+        """Return the fields of this type, or of a type within it.
+
+        Raises:
+            RecordingError: NOT_FOUND, if the type is unknown.
+        """
+        found = self._types.get(name) or self._others.members(name)
+        if found is None:
+            raise RecordingError(
+                f"the message type '{shortened(name)}' is unknown: the recording does not define "
+                f'it, and it is not in {self._others.release}; give the folder of its .msg file by '
+                '--messages, or source its workspace',
+                ExitCode.NOT_FOUND,
+            )
+        return found
+
+    def check(self, paths: Collection[str]) -> None:
+        """Check that the type has some fields, and that each is a single value.
+
+        Raises:
+            RecordingError: NOT_FOUND, naming the fields that can be requested instead.
+        """
+        for path in paths:
+            if not listed_as(self.fields, path) or parse_field(path) is None:
+                raise RecordingError(absence(self.name, self.fields, path), ExitCode.NOT_FOUND)
+
+    def reachable(self) -> Mapping[str, Members]:
+        """Return this type and all types within it, by name."""
+        return {name: self.members(name) for name in self._sizes}
+
+    def _measure(self, name: str, depth: int) -> _TypeSize:
+        """Return the size of a type, before anything is made for each of its values.
+
+        Raises:
+            RecordingError: if it is too large, or contains itself.
+        """
+        if depth > _MAX_NESTING:
+            raise RecordingError(
+                f"the message type '{shortened(name)}' contains itself, or is nested too deeply"
+            )
+        if name not in self._sizes:
+            total = _TypeSize(0, 0, 0)
+            for member, kind in self.members(name):
+                total = total.plus(self._measured(kind, depth), len(member) + 1)
+            if max(total.values, total.text >> 8, total.bytes >> 15) > MAX_VALUES:
+                raise RecordingError(
+                    f"the message type '{shortened(name)}' is too large: it has more than "
+                    f'{MAX_VALUES} values, or 2 GiB'
+                )
+            self._sizes[name] = total
+        return self._sizes[name]
+
+    def _measured(self, kind: Any, depth: int) -> _TypeSize:
+        if kind[0] == Nodetype.NAME:
+            return self._measure(kind[1], depth + 1)
+        if kind[0] == Nodetype.BASE:
+            return _TypeSize(1, 0, 1, is_fixed=kind[1][0] not in {'string', 'wstring'})
+        element, size = kind[1]
+        found = self._measured(element, depth)
+        if kind[0] == Nodetype.SEQUENCE:
+            return replace(found, bytes=1, is_fixed=False)
+        # Elements of a fixed size are moved over at once, others one by one.
+        values = found.values if found.is_fixed else found.values * max(size, 1)
+        return replace(found, values=values, bytes=found.bytes * size)
+
+    def _scalar_fields(self, name: str, prefix: str) -> dict[str, ValueType]:
+        fields: dict[str, ValueType] = {}
+        for member, kind in self.members(name):
+            path, element = prefix + member, kind
+            if kind[0] in {Nodetype.ARRAY, Nodetype.SEQUENCE}:
+                element, size = kind[1]
+                bound = size if kind[0] == Nodetype.ARRAY else size or None
+                path = all_elements(path, bound)
+            if element[0] == Nodetype.NAME:
+                fields |= self._scalar_fields(element[1], f'{path}.')
+            elif element[1][0] not in _VALUE_TYPES:
+                raise RecordingError(f"'{path}' of {name} has the type {element[1][0]}")
+            elif member != PLACEHOLDER:
+                fields[path] = _VALUE_TYPES[element[1][0]]
+        return fields
