@@ -262,14 +262,17 @@ def test_types_that_cannot_be_read(tmp_path: Path) -> None:
         schema(1, 'made_up/msg/Unknown') + channel(1, 1, '/unknown'),
         schema(2, 'made_up/msg/Odd', '?') + channel(2, 2, '/odd'),
         schema(3, 'made_up/msg/Fine', 'bool x\n') + channel(3, 3, '/json', 'json'),
+        channel(4, 3, '/other', 'protobuf'),
     )
     with Bag(file) as bag:
-        assert [topic.name for topic in bag.topics] == ['/json', '/odd', '/unknown']
+        assert [topic.name for topic in bag.topics] == ['/json', '/odd', '/other', '/unknown']
         with pytest.raises(RecordingError, match="type 'made_up/msg/Unknown' is unknown"):
             bag.columns({'/unknown': []})
         with pytest.raises(RecordingError, match="type 'made_up/msg/Odd' cannot be read"):
             bag.fields('/odd')
-        with pytest.raises(RecordingError, match="'/json' is serialised as 'json'; DyKnow reads"):
+        with pytest.raises(RecordingError, match="'/other' is serialised as 'protobuf'; DyKnow"):
+            bag.columns({'/other': []})
+        with pytest.raises(RecordingError, match="'/json': its messages are JSON without a schema"):
             bag.columns({'/json': []})
         with pytest.raises(RecordingError, match='the recording has no messages'):
             _ = bag.start_time

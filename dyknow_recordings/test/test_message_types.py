@@ -13,7 +13,7 @@ from small_bags import channel, mcap, schema, stored
 from dyknow_configuration import RequestedFormula
 from dyknow_recordings import MessageTypes, RecordingError, evaluate_recording, open_recording
 from dyknow_recordings.check import main
-from dyknow_recordings.reading.messages import message_types
+from dyknow_recordings.reading.messages import definitions, message_types
 from dyknow_recordings.reading.messages.definitions import TypeDefinition
 from dyknow_recordings.reading.messages.layouts import TypeLayout
 
@@ -185,11 +185,11 @@ def test_types_of_any_size(text: str, reason: str) -> None:
 
 def test_folders_of_any_size(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(message_types, 'MAX_FILES', 3)
-    monkeypatch.setattr(message_types, 'MAX_TEXT', 100)
+    monkeypatch.setattr(definitions, 'MAX_DEFINITION', 100)
     path = tmp_path / 'large' / 'msg' / 'A.msg'
     path.parent.mkdir(parents=True)
     path.write_text('# ' * 51)
-    with pytest.raises(RecordingError, match=r'A\.msg: the definition is larger than 100 bytes'):
+    with pytest.raises(RecordingError, match=r'A\.msg: the definition of .* is larger than 100'):
         MessageTypes(folders=(tmp_path / 'large',)).members('large/msg/A')
     path.with_name('B.msg').touch()
     path.with_name('C.msg').touch()

@@ -21,7 +21,8 @@ from dyknow_recordings.reading.columns import MessageColumns
 from dyknow_recordings.reading.contents import TopicContent
 from dyknow_recordings.reading.messages.cdr import CdrReader, DecodedFields
 from dyknow_recordings.reading.messages.decoded_messages import MessageDecoder
-from dyknow_recordings.reading.messages.layouts import TypeLayout
+from dyknow_recordings.reading.messages.json_messages import JSON, JsonLayout, JsonReader
+from dyknow_recordings.reading.messages.layouts import MessageLayout, TypeLayout
 from dyknow_recordings.reading.messages.message_types import DISTROS, NO_TYPES, MessageTypes
 from dyknow_recordings.reading.messages.stored_messages import StoredMessages
 from dyknow_recordings.reading.recording import (
@@ -32,7 +33,11 @@ from dyknow_recordings.reading.recording import (
 )
 from dyknow_stream_processing import WHOLE
 
-_type_layout = cache(TypeLayout)
+
+@cache
+def _layout(channel: StoredChannel, types: MessageTypes) -> TypeLayout | JsonLayout:
+    is_json = channel.serialisation == JSON
+    return JsonLayout(channel.definition) if is_json else TypeLayout(channel.definition, types)
 
 
 @dataclass(frozen=True, slots=True)
@@ -174,14 +179,14 @@ class Bag(RecordingReader):
             return TopicContent(layout.name, layout.fields, has_stamp, count, publishers)
         return TopicContent(used[0].definition.name, None, has_stamp=False, count=count)
 
-    def _layout(self, channel: StoredChannel) -> TypeLayout:
-        return _type_layout(self._readable(channel).definition, self._types)
+    def _layout(self, channel: StoredChannel) -> MessageLayout:
+        return _layout(self._readable(channel), self._types)
 
     def _readable(self, channel: StoredChannel) -> StoredChannel:
-        if channel.serialisation != 'cdr':
+        if channel.serialisation not in {'cdr', JSON}:
             raise RecordingError(
                 f"{self.path}: topic '{channel.topic}' is serialised as "
-                f"'{channel.serialisation}'; DyKnow reads cdr, the serialisation of ROS 2",
+                f"'{channel.serialisation}'; DyKnow reads cdr, that of ROS 2, and json",
                 ExitCode.INVALID_ARGUMENT,
             )
         return channel
@@ -245,16 +250,19 @@ class _ChannelReader:
         self._channel = channel
         self._paths = sorted(paths or ())
         self._stamp: tuple[str, ...] = ()
-        self._reader: CdrReader | None = None
+        self._reader: CdrReader | JsonReader | None = None
         self._decoder: MessageDecoder | None = None
         self._by = '' if channel.definition.text else f' by its definition in {types.release}'
         if paths is not None:
-            layout = _type_layout(channel.definition, types)
-            self._decoder = MessageDecoder(layout) if WHOLE in self._paths else None
+            layout = _layout(channel, types)
             single = set(paths) - {WHOLE}
             layout.check(single)
             self._stamp = layout.stamp_fields
+            if isinstance(layout, JsonLayout):
+                self._reader = JsonReader(layout, paths)
+                return
             self._reader = CdrReader(layout, {*single, *self._stamp}, is_exact=bool(self._by))
+            self._decoder = MessageDecoder(layout) if WHOLE in self._paths else None
 
     def read(self, messages: StoredMessages, faults: FaultCounter) -> DecodedFields:
         """Return the fields of some messages, and count those that cannot be read."""

@@ -27,6 +27,7 @@ from dyknow_recordings.reading.messages.cdr_cursor import (
 from dyknow_recordings.reading.messages.computed_columns import ComputedColumns, is_computed
 from dyknow_recordings.reading.messages.layouts import TypeLayout
 from dyknow_recordings.reading.messages.stored_messages import StoredMessages
+from dyknow_recordings.reading.messages.whole_messages import WholeMessageReader
 
 _PADDING: Final = bytes(8)
 _MAX_PADDING: Final = 3
@@ -104,7 +105,8 @@ class CdrReader:
         self._is_exact = is_exact
         whole = {path for path in paths if is_computed(path)}
         self._steps = _Compiler(layout).message(layout.name, _tree(set(paths) - whole))
-        self._computed = ComputedColumns(layout, whole) if whole else None
+        self._computed = ComputedColumns(layout.fields, whole)
+        self._messages = WholeMessageReader(layout, self._computed.members) if whole else None
 
     def read(self, messages: StoredMessages) -> tuple[DecodedFields, Mapping[str, int]]:
         """Return the fields of the messages, and the number of unreadable ones by their reason."""
@@ -122,8 +124,11 @@ class CdrReader:
             for rows in [np.flatnonzero(encapsulation == kind)]
         ]
         fields = parts[0][1] if len(kinds) == len(parts) == 1 else _joined(len(messages), parts)
-        if self._computed is not None:
-            for path, values, absent in self._computed.read(messages, fields.intact):
+        if self._messages is not None:
+            pairs = zip(messages.contents(), fields.intact.tolist(), strict=True)
+            read = self._messages.read
+            whole = (read(data) if is_intact else None for data, is_intact in pairs)
+            for path, values, absent in self._computed.read(whole):
                 fields.values[path] = values
                 if absent:
                     fields.absent[path] = dict(absent)

@@ -1,8 +1,8 @@
-"""Columns of values that are found by keys or computed from arrays."""
+"""Columns of values that are read from whole messages, such as those computed from arrays."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from typing import Any, Final
 
 import numpy as np
@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from dyknow_common import (
     ComputedField,
     ElementKey,
+    FieldTypes,
     MessagePath,
     PathStep,
     UnnestedArray,
@@ -18,9 +19,6 @@ from dyknow_common import (
     field_type,
     parse_field,
 )
-from dyknow_recordings.reading.messages.layouts import TypeLayout
-from dyknow_recordings.reading.messages.stored_messages import StoredMessages
-from dyknow_recordings.reading.messages.whole_messages import WholeMessageReader
 from dyknow_stream_processing import NoValueError, rows_reader, value_reader
 
 ComputedColumn = tuple[str, NDArray[Any], Mapping[int, str]]
@@ -34,27 +32,23 @@ _DTYPES: Final[Mapping[ValueType | None, Any]] = {
 
 
 class ComputedColumns:
-    """Reader of values that are found by keys or computed from arrays.
+    """Reader of values of whole messages.
 
     Args:
-        layout: of the type of the messages.
-        paths: of the fields, which the type has.
+        fields: of the type of the messages.
+        paths: of the values, which the type has.
     """
 
-    def __init__(self, layout: TypeLayout, paths: Collection[str]) -> None:
-        self._readers = {path: _reader(layout, path) for path in paths}
-        self._types = {path: field_type(layout.fields, path) for path in paths}
-        self._messages = WholeMessageReader(
-            layout, {each for path in paths for each in _members(path)}
-        )
+    def __init__(self, fields: FieldTypes, paths: Collection[str]) -> None:
+        self.members = {each for path in paths for each in _members(path)}
+        self._readers = {path: _reader(fields, path) for path in paths}
+        self._types = {path: field_type(fields, path) for path in paths}
 
-    def read(self, messages: StoredMessages, intact: NDArray[np.bool_]) -> Iterator[ComputedColumn]:
-        """Yield the columns; messages that are not intact have no values."""
+    def read(self, messages: Iterable[Any]) -> Iterator[ComputedColumn]:
+        """Yield the columns, given each message as an object; None for one without values."""
         values: dict[str, list[Any]] = {path: [] for path in self._readers}
         absent: dict[str, dict[int, str]] = {path: {} for path in self._readers}
-        is_intact = intact.tolist()
-        for row, data in enumerate(messages.contents()):
-            message = self._messages.read(data) if is_intact[row] else None
+        for row, message in enumerate(messages):
             for path, read in self._readers.items():
                 value = _NOTHING.get(self._types[path])
                 try:
@@ -74,11 +68,11 @@ _NOTHING: Final[Mapping[ValueType | None, Any]] = {
 }
 
 
-def _reader(layout: TypeLayout, path: str) -> Callable[[Any], Any]:
+def _reader(fields: FieldTypes, path: str) -> Callable[[Any], Any]:
     field = parse_field(path)
     if isinstance(field, UnnestedArray):
-        return rows_reader(layout.fields, field)
-    return value_reader(layout.fields, path)
+        return rows_reader(fields, field)
+    return value_reader(fields, path)
 
 
 def is_computed(path: str) -> bool:

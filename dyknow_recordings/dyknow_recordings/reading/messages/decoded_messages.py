@@ -40,6 +40,8 @@ class MessageDecoder:
             if fields.intact[row]:
                 try:
                     column[row] = self._store.deserialize_cdr(data, self._name)
+                except MemoryError:
+                    raise
                 # Damaged messages make the library raise errors of many kinds.
                 except Exception:  # noqa: BLE001
                     fields.intact[row] = False

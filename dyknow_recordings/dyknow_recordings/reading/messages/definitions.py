@@ -22,6 +22,9 @@ PLACEHOLDER: Final = 'structure_needs_at_least_one_member'
 SERVICE_EVENT: Final = '_Event'
 """The end of the types of messages with the requests and responses of a service."""
 
+MAX_DEFINITION: Final = 1 << 20
+"""The characters of a definition, which takes some seconds to parse."""
+
 _IDL_SEPARATOR: Final = '=' * 80 + '\n'
 _SERVICE: Final = re.compile(rf'(?:{"=" * 80}\nSRV: [^\n]*\n)?(.*?)(?={"=" * 80}\n|\Z)', re.DOTALL)
 _BOUND: Final = re.compile(r'\bwstring<=\d+')
@@ -51,8 +54,15 @@ def parsed_types(definition: TypeDefinition) -> dict[str, Members]:
     """
     if not definition.text:
         return {}
+    if len(definition.text) > MAX_DEFINITION:
+        raise RecordingError(
+            f"the definition of the message type '{shortened(definition.name)}' is larger than "
+            f'{MAX_DEFINITION} characters'
+        )
     try:
         types = _parse(definition)
+    except MemoryError:
+        raise
     except Exception as error:
         # Damaged texts make the library raise errors of many kinds.
         raise RecordingError(

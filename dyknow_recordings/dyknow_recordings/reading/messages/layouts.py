@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, replace
 from typing import Any, Final
@@ -27,7 +28,7 @@ from dyknow_recordings.reading.messages.definitions import (
 from dyknow_recordings.reading.messages.message_types import NO_TYPES, MessageTypes
 
 _HEADER: Final = 'std_msgs/msg/Header'
-_STAMP: Final = ('header.stamp.sec', 'header.stamp.nanosec')
+STAMP: Final = ('header.stamp.sec', 'header.stamp.nanosec')
 
 _VALUE_TYPES: Final = {
     'bool': ValueType.BOOLEAN,
@@ -43,6 +44,9 @@ _VALUE_TYPES: Final = {
 
 MAX_VALUES: Final = 1 << 16
 """The values of a message that are read one by one."""
+
+MAX_TEXT: Final = 1 << 24
+"""The characters of the paths to them."""
 
 _MAX_NESTING: Final = 64
 
@@ -73,7 +77,35 @@ class _TypeSize:
         )
 
 
-class TypeLayout:
+class MessageLayout(ABC):
+    """The fields of a message type.
+
+    Args:
+        name: of the type.
+        fields: the paths to the single values with their types.
+    """
+
+    def __init__(self, name: str, fields: Mapping[str, ValueType]) -> None:
+        self.name = name
+        self.fields = fields
+
+    @property
+    @abstractmethod
+    def stamp_fields(self) -> tuple[str, ...]:
+        """The paths to the seconds and nanoseconds of the stamp; empty if there is no header."""
+
+    def check(self, paths: Collection[str]) -> None:
+        """Check that the type has some fields, and that each is a single value.
+
+        Raises:
+            RecordingError: NOT_FOUND, naming the fields that can be requested instead.
+        """
+        for path in paths:
+            if not listed_as(self.fields, path) or parse_field(path) is None:
+                raise RecordingError(absence(self.name, self.fields, path), ExitCode.NOT_FOUND)
+
+
+class TypeLayout(MessageLayout):
     """The fields of a message type, in the order in which they are serialised.
 
     Args:
@@ -90,15 +122,15 @@ class TypeLayout:
         self._types = parsed_types(definition)
         self._sizes: dict[str, _TypeSize] = {}
         self._measure(self.name, 0)
-        self.fields: Mapping[str, ValueType] = self._scalar_fields(self.name, '')
+        super().__init__(self.name, self._scalar_fields(self.name, ''))
 
     @property
     def stamp_fields(self) -> tuple[str, ...]:
         """The paths to the seconds and nanoseconds of the stamp; empty if there is no header."""
         header = dict(self.members(self.name)).get('header')
         # A recording may define a header of its own.
-        has_stamp = all(self.fields.get(path) is ValueType.INT for path in _STAMP)
-        return _STAMP if header == (Nodetype.NAME, _HEADER) and has_stamp else ()
+        has_stamp = all(self.fields.get(path) is ValueType.INT for path in STAMP)
+        return STAMP if header == (Nodetype.NAME, _HEADER) and has_stamp else ()
 
     def members(self, name: str) -> Members:
         """Return the fields of this type, or of a type within it.
@@ -115,16 +147,6 @@ class TypeLayout:
                 ExitCode.NOT_FOUND,
             )
         return found
-
-    def check(self, paths: Collection[str]) -> None:
-        """Check that the type has some fields, and that each is a single value.
-
-        Raises:
-            RecordingError: NOT_FOUND, naming the fields that can be requested instead.
-        """
-        for path in paths:
-            if not listed_as(self.fields, path) or parse_field(path) is None:
-                raise RecordingError(absence(self.name, self.fields, path), ExitCode.NOT_FOUND)
 
     def reachable(self) -> Mapping[str, Members]:
         """Return this type and all types within it, by name."""
@@ -144,7 +166,7 @@ class TypeLayout:
             total = _TypeSize(0, 0, 0)
             for member, kind in self.members(name):
                 total = total.plus(self._measured(kind, depth), len(member) + 1)
-            if max(total.values, total.text >> 8, total.bytes >> 15) > MAX_VALUES:
+            if max(total.values, total.bytes >> 15) > MAX_VALUES or total.text > MAX_TEXT:
                 raise RecordingError(
                     f"the message type '{shortened(name)}' is too large: it has more than "
                     f'{MAX_VALUES} values, or 2 GiB'

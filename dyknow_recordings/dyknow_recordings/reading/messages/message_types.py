@@ -19,6 +19,7 @@ from rosbags.typesys import Stores, get_typestore
 from dyknow_common import ExitCode
 from dyknow_recordings.errors import RecordingError
 from dyknow_recordings.reading.messages.definitions import (
+    MAX_DEFINITION,
     SERVICE_EVENT,
     Members,
     TypeDefinition,
@@ -35,9 +36,6 @@ LATEST: Final = 'jazzy'
 
 MAX_FILES: Final = 100_000
 """The files and folders of a folder with definitions."""
-
-MAX_TEXT: Final = 1 << 18
-"""The bytes of a file with a definition."""
 
 _ENCODINGS: Final = {'.msg': 'ros2msg', '.srv': 'ros2msg', '.idl': 'ros2idl'}
 
@@ -125,11 +123,9 @@ def _members_in(path: Path | None, name: str) -> Members | None:
 def _types_in(path: Path, name: str) -> Mapping[str, Members]:
     try:
         with path.open('rb') as file:
-            content = file.read(MAX_TEXT + 1)
+            content = file.read(MAX_DEFINITION + 1)
     except OSError as error:
         raise RecordingError(f'{path}: cannot be read: {error.strerror}') from None
-    if len(content) > MAX_TEXT:
-        raise RecordingError(f'{path}: the definition is larger than {MAX_TEXT} bytes')
     text = str(content, 'utf-8', 'replace')
     is_event = path.suffix == '.srv'
     root = f'{_base(name)}{SERVICE_EVENT}' if is_event else name
