@@ -5,6 +5,7 @@ from dyknow_coordinator.evaluation.answer import Answer, Progress
 from dyknow_coordinator.evaluation.evaluation import EvaluationPhase
 from dyknow_coordinator.evaluation.standing import StandingVerdicts, ViolationEpisode
 from dyknow_coordinator.grounding.candidate_search import CandidateSearch
+from dyknow_coordinator.grounding.compared_objects import check_compared_objects
 from dyknow_coordinator.grounding.feature_sources import (
     Candidates,
     FeatureSource,
@@ -73,6 +74,7 @@ __all__ = [
     'StateFault',
     'SymbolGrounding',
     'ViolationEpisode',
+    'check_compared_objects',
     'check_symbols',
     'describe_violation',
     'diagnose',

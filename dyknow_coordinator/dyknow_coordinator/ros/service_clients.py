@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from functools import partial
 from typing import Any, Final
 
@@ -113,10 +113,10 @@ class ServiceClients:
             for symbol in response.symbols
         )
 
-    async def instances(self, sort: str) -> tuple[str, ...]:
-        """Return the objects of a sort."""
-        response = await self.ontology_manager.call(ConceptGetInstances, concept_name=sort)
-        return tuple(response.instances)
+    async def domains(self, sorts: Iterable[str]) -> dict[str, tuple[str, ...]]:
+        """Return the objects of each sort."""
+        call = partial(self.ontology_manager.call, ConceptGetInstances)
+        return {sort: tuple((await call(concept_name=sort)).instances) for sort in sorts}
 
     async def query(self, sparql: str) -> list[tuple[str, ...]]:
         """Return the solutions of a query of the ontology."""

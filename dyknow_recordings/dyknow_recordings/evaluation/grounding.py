@@ -13,6 +13,7 @@ from dyknow_coordinator import (
     FeatureSource,
     FormulaInputs,
     Grounding,
+    check_compared_objects,
     check_symbols,
     feature_symbols,
     feature_units,
@@ -96,7 +97,7 @@ class FormulaGrounder:
         for text in texts:
             group.add_formula(text, text, margin=margin and text is texts[0])
         symbols = tuple(group.symbols())
-        domains = {sort: self._vocabulary.instances(sort) for sort in sort_names(symbols)}
+        domains = self._domains(symbols, texts)
         candidates = self._candidates(symbols)
         group.begin(domains)
         features = tuple(map(str, feature_symbols(group.symbols())))
@@ -111,6 +112,14 @@ class FormulaGrounder:
         )
         units = _finished(feature_units(symbols, self._query)) if margin else None
         return GroundedFormula(texts[0], texts[1] if trigger else '', inputs, units)
+
+    def _domains(
+        self, symbols: Sequence[Symbol], texts: Sequence[str]
+    ) -> dict[str, tuple[str, ...]]:
+        domains = {sort: self._vocabulary.instances(sort) for sort in sort_names(symbols)}
+        for text in texts:
+            _finished(check_compared_objects(text, domains, self._query))
+        return domains
 
     def _candidates(self, symbols: Sequence[Symbol]) -> Candidates:
         if self._states:

@@ -24,6 +24,7 @@ from dyknow_coordinator.evaluation.evaluation import Evaluation, EvaluationPhase
 from dyknow_coordinator.evaluation.history import History
 from dyknow_coordinator.evaluation.request import EvaluationRequest
 from dyknow_coordinator.evaluation.standing import StandingVerdicts
+from dyknow_coordinator.grounding.compared_objects import check_compared_objects
 from dyknow_coordinator.grounding.feature_sources import Grounding, SymbolGrounding
 from dyknow_coordinator.grounding.margin_units import feature_units, with_unit
 from dyknow_coordinator.grounding.sorts import infer_sorts, with_sorts
@@ -155,9 +156,8 @@ class FormulaEvaluation(Evaluation):
         if group is None or self.has_ended or self._is_preparing:
             return
         domains = group.states.inputs.domains
-        instances = self._context.clients.instances
         try:
-            if all([await instances(sort) == found for sort, found in domains.items()]):
+            if await self._context.clients.domains(domains) == domains:
                 return
             self._is_preparing = True
             prepared = await self._prepare()
@@ -306,8 +306,9 @@ class FormulaEvaluation(Evaluation):
         try:
             formula_id, symbols = await self._add_formula(group_id, name)
             # Step 4: the domain of each sort.
-            domains = {sort: await clients.instances(sort) for sort in sort_names(symbols)}
+            domains = await clients.domains(sort_names(symbols))
             self._context.limits.check_domains(symbols, domains)
+            await check_compared_objects(self.canonical_formula, domains, clients.query)
             # Step 5: the streams that match each feature.
             candidates = await find_candidates(self._context, symbols, request.grounding)
             # Step 7: the reasoning engine subscribes before the first state is published. Given
