@@ -54,8 +54,8 @@ from dyknow_semantics import (
     parse_bridges,
     parse_concept,
 )
-from dyknow_semantics.matching.bridges import bridge_triple
 from dyknow_semantics.matching.matching import Matcher
+from dyknow_semantics.ontology.bridges import bridge_triple
 from dyknow_stream_processing import (
     Dataflow,
     Sample,

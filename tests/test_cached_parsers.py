@@ -13,7 +13,7 @@ from dyknow_reasoning import parse_formula
 from dyknow_reasoning.language.grammar import LANGUAGE as FORMULA
 from dyknow_semantics import parse_annotations, parse_bridges, parse_concept
 from dyknow_semantics.annotations.annotation import ANNOTATION, CONCEPT
-from dyknow_semantics.matching.bridges import LANGUAGE as BRIDGES
+from dyknow_semantics.ontology.bridges import LANGUAGE as BRIDGES
 from dyknow_stream_processing import parse_specification
 from dyknow_stream_processing.language.specification import LANGUAGE as STREAM
 

@@ -30,6 +30,7 @@ def lint(capsys: pytest.CaptureFixture[str], *arguments: object) -> tuple[int, s
         ('guards', ['guards.yaml']),
         ('broken_annotations', ['broken.ssl']),
         ('unfitting_annotations', ['unfitting.ssl', ROVER / 'rover.owl']),
+        ('unfitting_bridges', ['unfitting.bridges', ROVER / 'rover.owl']),
         ('broken_streams', ['broken.streams']),
         ('formulas', ['formulas.txt']),
     ],

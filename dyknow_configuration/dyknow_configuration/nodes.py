@@ -22,12 +22,12 @@ _CONFIGURED: Final = (*PACKAGES, 'black_box_recorder')
 """The nodes whose parameters a file may give."""
 
 _FILES: Final = {
-    'stream_manager': 'streams',
-    'ontology_manager': 'ontologies',
-    'stream_semantics_manager': 'annotations',
-    'semantic_matching_engine': 'bridges',
+    ('stream_manager', 'streams'): 'streams',
+    ('ontology_manager', 'ontologies'): 'ontology',
+    ('ontology_manager', 'bridges'): 'bridges',
+    ('stream_semantics_manager', 'annotations'): 'annotations',
 }
-"""The parameters that the other parts of the file set."""
+"""The keys of the file that set parameters of nodes."""
 
 
 def read_parameters(value: YamlValue) -> dict[str, dict[str, ParameterValue]]:
@@ -43,14 +43,10 @@ def read_parameters(value: YamlValue) -> dict[str, dict[str, ParameterValue]]:
             raise name.error(unknown('node', node, _CONFIGURED))
         found[node] = {}
         for parameter, given in parameters.entries('a mapping from parameters to values'):
-            if parameter.text() == _FILES.get(node):
-                raise parameter.error(f"the key '{_key(node)}' of the file sets this parameter")
+            if key := _FILES.get((node, parameter.text())):
+                raise parameter.error(f"the key '{key}' of the file sets this parameter")
             found[node][parameter.text()] = _parameter(given)
     return found
-
-
-def _key(node: str) -> str:
-    return 'ontology' if _FILES[node] == 'ontologies' else _FILES[node]
 
 
 def _parameter(value: YamlValue) -> ParameterValue:

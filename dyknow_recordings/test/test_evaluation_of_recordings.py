@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 from recorded import TYPE, ListedSamples, RecordedSample, at, recording, sample
 
-from dyknow_common import DyKnowError, ExitCode, Verdict
+from dyknow_common import DyKnowError, ExitCode, InlineText, Verdict
 from dyknow_configuration import RequestedFormula
 from dyknow_reasoning import parse_constants
 from dyknow_recordings.evaluation.episodes import FROM_FIRST_STATE, EpisodeStart, Every
@@ -42,6 +42,28 @@ sink spare
 """
 
 
+ROBOT = """
+@prefix : <http://example.org/{name}#> .
+@prefix dyknow: <http://www.dyknow.org/ontology#> .
+@prefix owl: <http://www.w3.org/2002/07/owl#> .
+@prefix rdfs: <http://www.w3.org/2000/01/rdf-schema#> .
+<http://example.org/{name}> a owl:Ontology ; owl:imports <http://www.dyknow.org/ontology> .
+:{sort} a owl:Class ; rdfs:subClassOf dyknow:Object .
+:{feature} a owl:Class ; rdfs:subClassOf dyknow:Feature ;
+    dyknow:argument1 :{sort} ; dyknow:value_type "float" ; dyknow:unit "{unit}" .
+:{object} a owl:NamedIndividual, :{sort} .
+:scout a owl:NamedIndividual, :{sort} .
+"""
+BRIDGES = """
+robot2:height equivalent uav:Altitude; robot2:Drone into uav:UAV; robot2:self same uav:uav2;
+robot2:Drone into uav:Boat
+"""
+ANNOTATED = """
+stream "/drones" contains height[d] = ft for every d in Drone where d = id;
+stream "/scout" contains Altitude[uav:scout] = m
+"""
+
+
 def series(
     topic: str, times: Iterable[float], value: float = 1.0, field: str = 'p'
 ) -> list[RecordedSample]:
@@ -71,6 +93,62 @@ def files(tmp_path: Path) -> MonitoringFiles:
     for name, text in (('r.ttl', ONTOLOGY), ('r.ssl', ANNOTATIONS), ('r.streams', STREAMS)):
         (tmp_path / name).write_text(text)
     return MonitoringFiles((tmp_path / 'r.ttl',), (tmp_path / 'r.ssl',), (tmp_path / 'r.streams',))
+
+
+@pytest.fixture
+def bridged_files() -> MonitoringFiles:
+    robots = (
+        ROBOT.format(name='uav', sort='UAV', feature='Altitude', unit='m', object='uav2'),
+        ROBOT.format(name='robot2', sort='Drone', feature='height', unit='ft', object='self'),
+    )
+    return MonitoringFiles(
+        tuple(InlineText(f'robot {number}', text) for number, text in enumerate(robots)),
+        (InlineText('annotations', ANNOTATED),),
+        bridges=(InlineText('bridges', BRIDGES),),
+    )
+
+
+def drones(robot2: float, scout: float) -> ListedSamples:
+    """Return the heights of the drones of robot 2 in ft, and the altitude of another scout."""
+    heights = {'self': robot2, 'scout': scout}
+    return recording(
+        [
+            *(
+                sample('/drones', each + 0.01 * n, id=name, ft=heights[name])
+                for each in steps(0, 2)
+                for n, name in enumerate(heights)
+            ),
+            *series('/scout', steps(0, 2), 10.0, 'm'),
+        ]
+    )
+
+
+def test_objects_of_bridged_sorts(bridged_files: MonitoringFiles) -> None:
+    formula = 'forall u in UAV: always[0 s, 1 s] Altitude[u] < 30'
+    assert check(drones(50.0, 60.0), formula, bridged_files).outcome is Outcome.TRUE
+    for source, reason in (
+        (drones(1000.0, 60.0), 'Altitude[uav2] = 304.8'),
+        (drones(50.0, 500.0), 'Altitude[robot2:scout] = 152.4'),
+    ):
+        report = check(source, formula, bridged_files)
+        assert report.outcome is Outcome.FALSE
+        assert reason in report.episodes[0].explanation
+        found = {each.symbol for each in report.groundings}
+        assert found == {f'Altitude[{each}]' for each in ('uav2', 'uav:scout', 'robot2:scout')}
+    notes = evaluate_recording(source, [RequestedFormula(formula)], bridged_files).notes
+    assert any("unknown concept 'uav:Boat'" in each for each in notes)
+    own = check(drones(1000.0, 1000.0), 'forall d in Drone: always height[d] > 900', bridged_files)
+    assert own.outcome is Outcome.UNDECIDED
+
+
+@pytest.mark.parametrize('comparison', ['u != self', 'u != d', 'u != scout'])
+def test_no_object_is_compared_with_another_name(
+    bridged_files: MonitoringFiles, comparison: str
+) -> None:
+    text = f'forall u in UAV: forall d in Drone: {comparison} -> always Altitude[u] < height[d]'
+    error = check(drones(50.0, 60.0), text, bridged_files).error
+    assert error is not None
+    assert f"'{comparison}'" in str(error)
 
 
 def test_a_verdict_with_its_time_and_reason() -> None:

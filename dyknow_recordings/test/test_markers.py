@@ -134,5 +134,6 @@ def test_formulas_without_positions_are_not_drawn() -> None:
 
 
 def test_the_objects_of_ground_features() -> None:
-    found = objects_of(grounded('XYDist[uav2, uav1]', 'Wind', '"/a".ranges[0]', 'a.ranges[0]'))
-    assert found == {'uav1', 'uav2'}
+    references = 'Wind', '"/a".ranges[0]', 'a.ranges[0]'
+    found = objects_of(grounded('XYDist[uav2, uav1]', 'Z[robot2:scout]', *references))
+    assert found == {'uav1', 'uav2', 'robot2:scout'}

@@ -20,9 +20,15 @@ from dyknow_semantics.annotations.rechecking import (
     origins_of,
 )
 from dyknow_semantics.errors import SemanticsError
-from dyknow_semantics.matching.bridges import Bridge, Relation, bridged, parse_bridges
 from dyknow_semantics.matching.matching import Matcher, match
 from dyknow_semantics.matching.specifications import Match
+from dyknow_semantics.ontology.bridges import (
+    Bridge,
+    Relation,
+    bridge_triple,
+    bridged,
+    parse_bridges,
+)
 from dyknow_semantics.ontology.features import FeatureSignature
 from dyknow_semantics.ontology.knowledge import ALL_TRIPLES, Knowledge, Triple
 from dyknow_semantics.ontology.ontology import Ontology
@@ -53,6 +59,7 @@ __all__ = [
     'Relation',
     'SemanticsError',
     'Triple',
+    'bridge_triple',
     'bridged',
     'check_annotation',
     'check_annotations',

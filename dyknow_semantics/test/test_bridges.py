@@ -20,7 +20,7 @@ from dyknow_semantics import (
     parse_bridges,
     parse_concept,
 )
-from dyknow_semantics.matching.bridges import LANGUAGE
+from dyknow_semantics.ontology.bridges import LANGUAGE
 
 RDF_TYPE = 'http://www.w3.org/1999/02/22-rdf-syntax-ns#type'
 SUBCLASS_OF = 'http://www.w3.org/2000/01/rdf-schema#subClassOf'
@@ -71,7 +71,7 @@ SSL = """
 def matches(concept: str, bridges: str = BRIDGES, ssl: str = SSL) -> list[str]:
     found = bridged(TRIPLES, parse_bridges(bridges))
     assert not found.faults
-    matcher = Matcher(found.known, found.stated)
+    matcher = Matcher(found.known)
     matcher.set_annotations({str(each): each for each in parse_annotations(ssl)})
     matches = matcher.match(parse_concept(concept))
     return [f'{each.ground_feature} of {each.declaration.stream}' for each in matches]
@@ -130,8 +130,8 @@ def test_what_is_bridged_into_a_sort_is_not_in_the_streams_of_that_sort() -> Non
 
 
 def test_without_bridges_ontologies_know_nothing_of_each_other() -> None:
-    ontologies = bridged(TRIPLES, ())
-    assert ontologies.known is ontologies.stated
+    known = bridged(TRIPLES).known
+    assert known is known.stated
     assert len(matches('Altitude', '')) == 1
 
 
@@ -151,17 +151,16 @@ def test_equivalent_classes_and_same_individuals_of_owl_are_bridges_too() -> Non
 
 
 def test_an_index_learns_bridges() -> None:
-    ontologies = bridged(TRIPLES, parse_bridges(BRIDGES))
-    stated, known = ontologies.stated, ontologies.known
+    known = bridged(TRIPLES, parse_bridges(BRIDGES)).known
     annotations = {str(each): each for each in parse_annotations(SSL)}
     concept = parse_concept('Altitude[u] for every u in UAV')
-    new, old = Matcher(known, stated), Matcher(stated)
+    new, old = Matcher(known), Matcher(known.stated)
     new.set_annotations(annotations)
     old.set_annotations(annotations)
     assert old.match(concept) != new.match(concept)
-    old.set_knowledge(known, stated)
+    old.set_knowledge(known)
     assert old.match(concept) == new.match(concept)
-    old.set_knowledge(stated)
+    old.set_knowledge(known.stated)
     assert len(old.match(concept)) == 1
 
 

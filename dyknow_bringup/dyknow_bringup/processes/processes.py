@@ -106,13 +106,13 @@ def dyknow_processes(configuration: SystemConfiguration) -> tuple[Process, ...]:
         'stream_manager': _parameters(streams=configuration.streams),
         'ontology_manager': _parameters(
             ontologies=configuration.ontologies,
+            bridges=configuration.bridges,
             store=store and store / 'ontology.sqlite3',
             reasoner=configuration.reasoner,
         ),
         'stream_semantics_manager': _parameters(
             annotations=configuration.annotations, store=store and store / 'annotations.sqlite3'
         ),
-        'semantic_matching_engine': _parameters(bridges=configuration.bridges),
     }
     given = configuration.parameters
     nodes = [

@@ -73,12 +73,12 @@ def test_store_and_reasoner() -> None:
     assert parameters['stream_semantics_manager'] == {'store': '/kept/annotations.sqlite3'}
 
 
-def test_bridges_go_to_the_matching_engine(tmp_path: Path) -> None:
+def test_bridges_go_to_the_ontology_manager(tmp_path: Path) -> None:
     bridges = tmp_path / 'robots.bridges'
     bridges.touch()
     processes = dyknow_processes(SystemConfiguration(bridges=(bridges,)))
     parameters = {process.executable: process.parameters for process in processes}
-    assert parameters['semantic_matching_engine'] == {'bridges': [str(bridges)]}
+    assert parameters['ontology_manager'] == {'bridges': [str(bridges)]}
 
 
 @pytest.mark.parametrize('kind', ['ontologies', 'annotations', 'streams', 'bridges'])

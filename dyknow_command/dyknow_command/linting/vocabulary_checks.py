@@ -20,6 +20,7 @@ from dyknow_common import (
     absence,
     listed_as,
     position_at,
+    read_file,
     read_text,
 )
 from dyknow_configuration import ConfigurationError, TextSource
@@ -35,9 +36,11 @@ from dyknow_semantics import (
     Annotation,
     Knowledge,
     Ontology,
+    bridge_triple,
     check_annotation,
     check_fields,
     parse_annotations,
+    parse_bridges,
 )
 from dyknow_stream_processing import (
     Dataflow,
@@ -84,7 +87,8 @@ class VocabularyChecks:
             return
         with closing(vocabulary):
             if vocabulary.knowledge is not None:
-                yield from self._annotation_findings(vocabulary.knowledge)
+                yield from self._annotation_findings(vocabulary.knowledge.stated)
+                yield from self._bridge_findings(vocabulary.knowledge.stated)
             if inputs.has_robot or inputs.files.ontologies:
                 yield from self._formula_findings(vocabulary)
             else:
@@ -108,6 +112,14 @@ class VocabularyChecks:
                     yield error_at(place, error.reason)
                 else:
                     yield error_at(place, error)
+
+    def _bridge_findings(self, knowledge: Knowledge) -> Iterator[Finding]:
+        for source in self._inputs.files.bridges if self._inputs.files.ontologies else ():
+            for bridge in read_file(source, 'bridges', parse_bridges, ConfigurationError):
+                try:
+                    bridge_triple(bridge, knowledge)
+                except LanguageError as error:
+                    yield error_at(self._inputs.place_of(source), error)
 
     def _formula_findings(self, vocabulary: Vocabulary) -> Iterator[Finding]:
         streams = RecordedStreams(self._contents, self._inputs.files.streams)

@@ -177,8 +177,7 @@ class SystemReader:
         try:
             ontology = await nodes.remote(ONTOLOGY_MANAGER).call(OntologyQuery, sparql=ALL_TRIPLES)
             listed = await nodes.remote(SEMANTICS_MANAGER).call(ListSemanticSpecifications)
-            ontologies = bridged(triples_of(ontology), ())
-            matcher = Matcher(ontologies.known, ontologies.stated)
+            matcher = Matcher(bridged(triples_of(ontology)).known)
             faults = faults_of(listed)
             annotations = annotations_by_text(listed.ssl_statements)
             matcher.set_annotations(annotations, faults)

@@ -9,14 +9,12 @@ from dyknow_recordings.errors import RecordingError
 from dyknow_recordings.evaluation.vocabulary import MonitoringFiles
 from dyknow_recordings.reading.contents import TopicContent
 from dyknow_semantics import (
-    ALL_TRIPLES,
     Annotation,
     Knowledge,
     Matcher,
     Ontology,
     Origin,
     SemanticsError,
-    bridged,
     check_annotations,
     origins_of,
     parse_annotations,
@@ -47,15 +45,13 @@ class SemanticVocabulary:
             for bridge in read_file(path, 'bridges', parse_bridges, SemanticsError)
         )
         self._domains = files.domains
-        self._ontology = Ontology()
+        self._ontology = Ontology(bridges=bridges)
         try:
             for source in files.ontologies:
                 if isinstance(source, InlineText):
                     self._ontology.load_text(source.text)
                 else:
                     self._ontology.load(source)
-            _, triples = self._ontology.query(ALL_TRIPLES)
-            known = bridged(((s, p, o) for s, p, o in triples), bridges)
         except BaseException:
             self._ontology.close()
             raise
@@ -65,10 +61,11 @@ class SemanticVocabulary:
             for text, each in annotations.items()
             if (content := _topic_of(each, topics)) is not None and content.fields is not None
         }
-        checks = check_annotations(annotations, fields, known.stated, origins)
-        self.knowledge: Knowledge | None = known.stated
-        self.notes: Sequence[str] = (*known.faults, *checks.messages)
-        self._matcher = Matcher(known.known, known.stated)
+        knowledge = self._ontology.knowledge
+        checks = check_annotations(annotations, fields, knowledge.stated, origins)
+        self.knowledge: Knowledge | None = knowledge
+        self.notes: Sequence[str] = (*self._ontology.bridge_faults, *checks.messages)
+        self._matcher = Matcher(knowledge)
         self._matcher.set_annotations(annotations, checks.field_faults)
 
     def instances(self, sort: str) -> tuple[str, ...]:

@@ -45,7 +45,7 @@ class Vocabulary(Protocol):
 
     @property
     def knowledge(self) -> Knowledge | None:
-        """The ontologies without bridges; None if there are none."""
+        """The ontologies with the bridges between them; None if there are none."""
 
     @property
     def notes(self) -> Sequence[str]:

@@ -50,7 +50,7 @@ _TEXT_HEIGHT = 1.0
 _TEXT_COLUMNS = 60
 _ABOVE = 3.0
 _LINE_SPACING = 1.3
-_GROUND_FEATURE = re.compile(r"[A-Za-z_]\w*'*\[([A-Za-z_]\w*'*(?:, [A-Za-z_]\w*'*)*)\]", re.ASCII)
+_GROUND_FEATURE = re.compile(r"""[A-Za-z_]\w*'*\[([^\[\]"]+)\]""", re.ASCII)
 
 
 class MarkerShape(IntEnum):

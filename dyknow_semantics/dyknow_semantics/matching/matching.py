@@ -21,7 +21,6 @@ from __future__ import annotations
 from collections import defaultdict
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from itertools import product
 from typing import Final
 
 from dyknow_common import LanguageError, ValueType
@@ -76,13 +75,11 @@ class Matcher:
 
     Args:
         knowledge: the ontologies, with the bridges between them.
-        stated: the ontologies without bridges, if there are bridges.
     """
 
-    def __init__(self, knowledge: Knowledge, stated: Knowledge | None = None) -> None:
+    def __init__(self, knowledge: Knowledge) -> None:
         self.knowledge = knowledge
-        self._stated = stated or knowledge
-        self._object_names = ObjectNames(self._stated, knowledge)
+        self._object_names = ObjectNames(knowledge)
         self._entries: dict[str, _Entry] = {}
         self._annotations: Mapping[str, Annotation] = {}
         self._field_faults: Mapping[str, str] = {}
@@ -132,14 +129,14 @@ class Matcher:
             if not self._mentions[name]:
                 del self._mentions[name]
 
-    def set_knowledge(self, knowledge: Knowledge, stated: Knowledge | None = None) -> None:
-        """Replace the ontologies; the arguments are those of the class."""
-        before, after = (self.knowledge, self._stated), (knowledge, stated or knowledge)
-        if before == after:
+    def set_knowledge(self, knowledge: Knowledge) -> None:
+        """Replace the ontologies; the argument is that of the class."""
+        before = self.knowledge
+        if before is knowledge:
             return
-        self.knowledge, self._stated = after
-        self._object_names = ObjectNames(self._stated, knowledge)
-        compared = dict.fromkeys(zip(before, after, strict=True))
+        self.knowledge = knowledge
+        self._object_names = ObjectNames(knowledge)
+        compared = {(before, knowledge), (before.stated, knowledge.stated)}
         changed = [
             name
             for name in self._mentions
@@ -214,24 +211,22 @@ class Matcher:
                 raise _too_many(max_matches)
             for objects in carrier.pattern.common_objects(requested):
                 matches = carrier.matches.setdefault(query, {})
-                synonyms = self._synonyms(requested, objects) if has_synonyms else (objects,)
-                for names in synonyms:
-                    if names not in matches:
-                        keys = self._keys(carrier.pattern, objects)
-                        matches[names] = make_match(query, names, carrier, keys)
-                    made = matches[names]
-                    if made is not None:
-                        found.append(made)
-                    if len(found) > max_matches:
-                        raise _too_many(max_matches)
+                names = self._names(requested, objects) if has_synonyms else objects
+                if names not in matches:
+                    keys = self._keys(carrier.pattern, objects)
+                    matches[names] = make_match(query, names, carrier, keys)
+                made = matches[names]
+                if made is not None:
+                    found.append(made)
+                if len(found) > max_matches:
+                    raise _too_many(max_matches)
 
-    def _synonyms(self, requested: Pattern, objects: tuple[str, ...]) -> Iterable[tuple[str, ...]]:
+    def _names(self, requested: Pattern, objects: tuple[str, ...]) -> tuple[str, ...]:
         """Return the names of some objects in the ontology of the request."""
-        choices = (
-            self._object_names.names(sort, each) if sort else (name,)
+        return tuple(
+            self._object_names.name(sort, each) if sort else name
             for each, name, sort in zip(objects, requested.names, requested.sorts, strict=True)
         )
-        return product(*choices)
 
     def _keys(self, pattern: Pattern, objects: tuple[str, ...]) -> dict[str, str]:
         """Return, for each variable of a pattern, the name of its object in samples."""
@@ -244,7 +239,7 @@ class Matcher:
 
     def _entry(self, annotation: Annotation, field_fault: str) -> _Entry:
         try:
-            check_annotation(annotation, self._stated)
+            check_annotation(annotation, self.knowledge.stated)
         except LanguageError as error:
             return _Entry(annotation, (), error.reason)
         if field_fault:
@@ -254,7 +249,7 @@ class Matcher:
         identities = self._object_names.identities
         for content in annotation.contents:
             pattern = pattern_of(content.feature, annotation.ranges, self.knowledge, identities)
-            feature = self._stated.feature(pattern.feature)
+            feature = self.knowledge.stated.feature(pattern.feature)
             unit = content.unit or feature.unit
             is_number = feature.value_type in {ValueType.INT, ValueType.FLOAT}
             carriers.append(AnnotatedField(annotation, content, pattern, unit, is_number))

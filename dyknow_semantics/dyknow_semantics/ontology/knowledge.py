@@ -52,12 +52,14 @@ class Knowledge:
 
     Args:
         triples: the whole ontology with its imports.
+        stated: the same without the consequences of bridges; `None` if there are no bridges.
 
     Raises:
         SemanticsError: if the signature of a feature is incomplete or contradictory.
     """
 
-    def __init__(self, triples: Iterable[Triple]) -> None:
+    def __init__(self, triples: Iterable[Triple], stated: Knowledge | None = None) -> None:
+        self.stated = stated or self
         index = _TripleIndex(triples)
         self._concepts = {
             iri
@@ -131,7 +133,10 @@ class Knowledge:
         return self._superconcepts[iri]
 
     def instances(self, concept: str) -> tuple[str, ...]:
-        """Return the instances of a concept and of all concepts below it."""
+        """Return the instances of a concept and of all concepts below it, each once.
+
+        Of several names of an instance, it is one of the instances stated for the concept itself.
+        """
         return self._instances.get(self.concept_names.iri(concept), ())
 
     def concepts(self, instance: str) -> tuple[str, ...]:
@@ -205,7 +210,21 @@ class Knowledge:
         for iri in self._types:
             for concept in self._concepts_of(iri):
                 found[concept].append(self.instance_names.name(iri))
-        return {concept: tuple(sorted(names)) for concept, names in found.items()}
+        return {concept: self._each_once(concept, names) for concept, names in found.items()}
+
+    def _each_once(self, concept: str, names: list[str]) -> tuple[str, ...]:
+        """Return one name of each of some instances of a concept, sorted."""
+        if not self.has_synonyms:
+            return tuple(sorted(names))
+        stated = frozenset() if self.stated is self else {*self.stated.instances(concept)}
+        chosen: dict[str, str] = {}
+
+        def preference(name: str) -> tuple[bool, bool, str]:
+            return name not in stated, name != self.identity(name), name
+
+        for name in sorted(names, key=preference):
+            chosen.setdefault(self.identity(name), name)
+        return tuple(sorted(chosen.values()))
 
     def _names_of(self, concepts: frozenset[str]) -> tuple[str, ...]:
         return tuple(sorted(map(self.concept_names.name, concepts & self._concepts)))

@@ -10,6 +10,7 @@ from typing import Self
 
 from dyknow_common import listed, shortened
 from dyknow_semantics.errors import SemanticsError
+from dyknow_semantics.ontology.bridges import Bridge, bridged
 from dyknow_semantics.ontology.documents.access import MAX_STATEMENTS, Access
 from dyknow_semantics.ontology.documents.documents import Document, read_documents, read_text
 from dyknow_semantics.ontology.features import INHERITED, StatedSignature
@@ -25,7 +26,12 @@ from dyknow_semantics.ontology.new_entities import (
 from dyknow_semantics.ontology.queries import MAX_SOLUTIONS, Solutions, answer_query, check_query
 from dyknow_semantics.ontology.reasoner import Draft
 from dyknow_semantics.ontology.store import Store
-from dyknow_semantics.ontology.vocabulary import RUNTIME_ONTOLOGY, UPPER_ONTOLOGY
+from dyknow_semantics.ontology.vocabulary import (
+    BRIDGES_ONTOLOGY,
+    ENTAILED_ONTOLOGY,
+    RUNTIME_ONTOLOGY,
+    UPPER_ONTOLOGY,
+)
 
 Row = tuple[str, ...]
 """The values of a query's variables in one solution."""
@@ -45,6 +51,7 @@ class Ontology:
 
     Args:
         store: the file that keeps the ontology over restarts; `None` keeps nothing.
+        bridges: the rules between the ontologies; those about unknown names wait for these.
 
     Raises:
         SemanticsError: if the store cannot be opened; from the methods that load or draft, if a
@@ -52,15 +59,19 @@ class Ontology:
     """
 
     knowledge: Knowledge
-    """The present contents; each change replaces them."""
+    """The present contents with the consequences of bridges; each change replaces them."""
 
     triples: tuple[Triple, ...]
     """The solutions of `ALL_TRIPLES`; each change replaces them."""
 
+    bridge_faults: tuple[str, ...] = ()
+    """Why some bridges have no effect at present."""
+
     revision = 0
     """The number of changes, except those of entailed statements."""
 
-    def __init__(self, store: str | Path | None = None) -> None:
+    def __init__(self, store: str | Path | None = None, bridges: Iterable[Bridge] = ()) -> None:
+        self._bridges = tuple(bridges)
         self._max_statements = MAX_STATEMENTS
         self._copies = 0
         with ExitStack() as resources:
@@ -123,7 +134,7 @@ class Ontology:
         """
         if revision != self.revision:
             return False
-        self._change(lambda: self._store.put_entailed(entailed))
+        self._change(lambda: self._store.put_derived(ENTAILED_ONTOLOGY, entailed))
         self.revision = revision
         self._store.reopen()
         return True
@@ -244,16 +255,22 @@ class Ontology:
         """Make a change, and commit it if the result is valid."""
         try:
             change()
+            has_rules = bool(self._bridges) or BRIDGES_ONTOLOGY in self._store.ontologies
+            if has_rules:  # What they state about names that have changed is no longer true.
+                self._store.put_derived(BRIDGES_ONTOLOGY, ())
             triples = self._store.triples()
             self._check_size(triples)
-            knowledge = Knowledge(triples)
+            found = bridged(triples, self._bridges)
+            if has_rules:
+                self._store.put_derived(BRIDGES_ONTOLOGY, found.statements)
             self._store.commit()
             self._latest.unlink(missing_ok=True)
         except Exception:
             self._store.reopen()
             raise
         self.revision += 1
-        self.knowledge, self.triples = knowledge, triples
+        self.knowledge, self.bridge_faults = found.known, found.faults
+        self.triples = (*triples, *found.statements)
 
     def limit_growth(self, statements: int) -> None:
         """Limit the number of statements that are added to the present ones."""
@@ -279,7 +296,7 @@ class Ontology:
 
     def _dependencies(self, iri: str) -> Iterator[str]:
         """Yield the reasons why a concept cannot be destroyed."""
-        knowledge = self.knowledge
+        knowledge = self.knowledge.stated
         name = knowledge.name(iri)
         below = [other for other in knowledge.subconcepts(name) if other != name]
         features = [each.name for each in knowledge.features if name in each.argument_sorts]

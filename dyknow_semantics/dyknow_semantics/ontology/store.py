@@ -23,6 +23,7 @@ from dyknow_semantics.ontology.names import split_iri
 from dyknow_semantics.ontology.vocabulary import (
     ANNOTATION_PROPERTY,
     ARGUMENT,
+    BRIDGES_ONTOLOGY,
     ENTAILED_ONTOLOGY,
     ONTOLOGY,
     PREFIX,
@@ -84,21 +85,20 @@ class Store:
                 subject, predicate = map(ontology._abbreviate, (namespace, PREFIX))  # noqa: SLF001
                 ontology._add_data_triple_spod(subject, predicate, prefix, 0)  # noqa: SLF001
 
-    def put_entailed(self, triples: Iterable[Triple]) -> None:
-        """Replace the entailed statements."""
-        lines = [(ENTAILED_ONTOLOGY.rstrip('#'), TYPE, ONTOLOGY), *triples]
+    def put_derived(self, iri: str, triples: Iterable[Triple]) -> None:
+        """Replace the statements of ENTAILED_ONTOLOGY or of BRIDGES_ONTOLOGY."""
+        lines = [(iri.rstrip('#'), TYPE, ONTOLOGY), *triples]
         text = ''.join(
             f'<{subject}> <{predicate}> <{value}> .\n' for subject, predicate, value in lines
         )
-        entailed = OntologyText(ENTAILED_ONTOLOGY, 'ntriples', text.encode())
         with self._errors():
-            parse(self._world.get_ontology(ENTAILED_ONTOLOGY), entailed)
+            parse(self._world.get_ontology(iri), OntologyText(iri, 'ntriples', text.encode()))
 
     def text(self) -> bytes:
-        """Return the ontologies in N-Triples, without the entailed statements."""
+        """Return the ontologies in N-Triples, without derived statements."""
         with BytesIO() as file, suppressed_output():
             for iri, ontology in sorted(self._world.ontologies.items()):
-                if iri != ENTAILED_ONTOLOGY:
+                if iri not in {BRIDGES_ONTOLOGY, ENTAILED_ONTOLOGY}:
                     ontology.save(file, format='ntriples', commit=False)
             return file.getvalue()
 

@@ -39,6 +39,9 @@ RUNTIME_ONTOLOGY: Final = 'http://www.dyknow.org/runtime#'
 ENTAILED_ONTOLOGY: Final = 'http://www.dyknow.org/entailed#'
 """The ontology of the statements that a reasoner has derived from the others."""
 
+BRIDGES_ONTOLOGY: Final = 'http://www.dyknow.org/bridges#'
+"""The ontology of the statements that bridge rules make about the present names."""
+
 FEATURE: Final = UPPER_ONTOLOGY + 'Feature'
 NULLARY_FEATURE: Final = UPPER_ONTOLOGY + 'NullaryFeature'
 ARGUMENT: Final = UPPER_ONTOLOGY + 'argument'

@@ -14,8 +14,8 @@ from dyknow_common.ros import LONG_TIMEOUT_S, DyKnowNode, RemoteNode
 from dyknow_semantics.annotations.annotation import Annotation
 from dyknow_semantics.annotations.parsing import parse_annotations
 from dyknow_semantics.errors import SemanticsError
-from dyknow_semantics.matching.bridges import Bridge, Bridged, bridged, parse_bridges
-from dyknow_semantics.ontology.knowledge import ALL_TRIPLES, Triple
+from dyknow_semantics.ontology.bridges import Bridge, bridged, parse_bridges
+from dyknow_semantics.ontology.knowledge import ALL_TRIPLES, Knowledge, Triple
 
 Contents = TypeVar('Contents')
 
@@ -48,12 +48,12 @@ class Mirror(Generic[Contents]):
         return self._contents
 
 
-def mirror_ontologies(node: DyKnowNode, bridges: tuple[Bridge, ...] = ()) -> Mirror[Bridged]:
-    """Return a copy of the ontologies, with bridges between them."""
+def mirror_ontologies(node: DyKnowNode) -> Mirror[Knowledge]:
+    """Return a copy of the ontologies, with the bridges between them."""
     name = node.parameter('ontology_manager', 'ontology_manager', 'Name of the ontology manager.')
 
-    async def fetch(remote: RemoteNode) -> Bridged:
-        return bridged(triples_of(await remote.call(OntologyQuery, sparql=ALL_TRIPLES)), bridges)
+    async def fetch(remote: RemoteNode) -> Knowledge:
+        return bridged(triples_of(await remote.call(OntologyQuery, sparql=ALL_TRIPLES))).known
 
     return Mirror(RemoteNode(node, name, timeout_s=LONG_TIMEOUT_S), fetch)
 

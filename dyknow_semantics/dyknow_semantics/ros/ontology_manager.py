@@ -25,6 +25,7 @@ from dyknow_semantics.ontology.knowledge import ALL_TRIPLES, TRIPLE_VARIABLES
 from dyknow_semantics.ontology.ontology import Ontology
 from dyknow_semantics.ontology.reasoner import Reasoner, ReasonerProcess
 from dyknow_semantics.ros.inference import Inference
+from dyknow_semantics.ros.mirrors import read_bridges
 from dyknow_semantics.ros.ontology_work import Limits, OntologyWork
 from dyknow_semantics.ros.version import VersionPublisher
 
@@ -38,8 +39,9 @@ class OntologyManager(DyKnowNode):
 
     def __init__(self) -> None:
         super().__init__('ontology_manager')
-        files = self.parameter('ontologies', [''], 'OWL files (or IRIs) to load at the start.')
-        self._files = tuple(filter(None, files))
+        self._files = self._paths('ontologies', 'OWL files (or IRIs) to load at the start.')
+        self._bridge_files = self._paths('bridges', 'Files of bridges between ontologies.')
+        self._bridges = read_bridges(self._bridge_files)
         limits = Limits.of(self, self._files)
         store = self.parameter(
             'store', '', 'SQLite file that keeps the ontology over restarts; empty: in memory.'
@@ -51,16 +53,10 @@ class OntologyManager(DyKnowNode):
                 f'Reasoner that derives statements from the ontology: {", ".join(Reasoner)}.',
             )
         )
-        limit_s = self.parameter(
-            'reasoning_limit', 300.0, 'Seconds that a reasoner may take.', (1.0, 86400.0)
-        )
-        process = (
-            None
-            if self._reasoner is Reasoner.STRUCTURAL
-            else ReasonerProcess(self._reasoner, limit_s, limits.memory)
-        )
+        process = self._reasoner_process(limits.memory)
         self._version = VersionPublisher(self)
-        self._ontology = Ontology(store or None)
+        self._bridge_faults: tuple[str, ...] = ()
+        self._ontology = Ontology(store or None, self._bridges)
         self._work = OntologyWork(self, limits)
         for path_or_iri in self._files:
             known = self._ontology.ontologies
@@ -83,6 +79,17 @@ class OntologyManager(DyKnowNode):
         if self._inference.close():
             self._ontology.close()
         super().destroy_node()
+
+    def _paths(self, parameter: str, description: str) -> tuple[str, ...]:
+        return tuple(filter(None, self.parameter(parameter, [''], description)))
+
+    def _reasoner_process(self, memory: int) -> ReasonerProcess | None:
+        limit_s = self.parameter(
+            'reasoning_limit', 300.0, 'Seconds that a reasoner may take.', (1.0, 86400.0)
+        )
+        if self._reasoner is Reasoner.STRUCTURAL:
+            return None
+        return ReasonerProcess(self._reasoner, limit_s, memory)
 
     async def _create_concept(self, request: Any, _response: Any) -> None:
         sorts = tuple(request.argument_sorts)
@@ -138,14 +145,22 @@ class OntologyManager(DyKnowNode):
     def _report_change(self, fault: str, concepts: Iterable[str]) -> None:
         """Publish a change; the caller of the service is answered afterwards."""
         self._version.publish_change(concepts)
-        self.set_loaded({**self._ontology.knowledge.counts, 'files': len(self._files)})
+        bridges = {'bridges': len(self._bridges)} if self._bridge_files else {}
+        files = len(self._files) + len(self._bridge_files)
+        self.set_loaded({**self._ontology.knowledge.counts, **bridges, 'files': files})
+        bridge_faults, reported = self._ontology.bridge_faults, self._bridge_faults
+        values = {'version': str(self._version.number), 'reasoner': self._reasoner}
+        # With the other bridges, the node works: a warning, and the message of a running node.
+        level = DiagnosticStatus.WARN if bridge_faults else None
         self.set_status(
             fault or RUNNING,
-            {'version': str(self._version.number), 'reasoner': self._reasoner},
-            level=DiagnosticStatus.ERROR if fault else None,
+            values | ({'faults': '\n'.join(bridge_faults)} if bridge_faults else {}),
+            level=DiagnosticStatus.ERROR if fault else level,
         )
-        if fault:
-            self.get_logger().error(fault)
+        self._bridge_faults = bridge_faults
+        for each in (fault, *(each for each in bridge_faults if each not in reported)):
+            if each:
+                self.get_logger().error(each)
 
 
 def main() -> int:

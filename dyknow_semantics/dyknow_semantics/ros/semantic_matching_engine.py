@@ -4,18 +4,16 @@ from __future__ import annotations
 
 from typing import Any
 
-from diagnostic_msgs.msg import DiagnosticStatus
 from dyknow_interfaces.srv import FindAllMatchingStreams
 
 from dyknow_common import DyKnowError, ExitCode
 from dyknow_common.ros import RUNNING, DyKnowNode, run
 from dyknow_semantics.annotations.parsing import parse_concept
 from dyknow_semantics.errors import SemanticsError
-from dyknow_semantics.matching.bridges import Bridged
 from dyknow_semantics.matching.matching import MAX_MATCHES, Matcher
 from dyknow_semantics.ontology.knowledge import Knowledge
 from dyknow_semantics.ros.lengths import check_length, max_characters
-from dyknow_semantics.ros.mirrors import mirror_annotations, mirror_ontologies, read_bridges
+from dyknow_semantics.ros.mirrors import mirror_annotations, mirror_ontologies
 
 
 class SemanticMatchingEngine(DyKnowNode):
@@ -23,19 +21,19 @@ class SemanticMatchingEngine(DyKnowNode):
 
     def __init__(self) -> None:
         super().__init__('semantic_matching_engine')
-        files = self.parameter('bridges', [''], 'Files of bridges between ontologies.')
-        paths = list(filter(None, files))
-        bridges = read_bridges(paths)
-        self.set_loaded({'bridges': len(bridges), 'files': len(paths)})
+        if any(self.parameter('bridges', [''], 'Moved to the ontology manager.')):
+            raise SemanticsError(
+                'bridges is a parameter of the ontology_manager; move it there: the objects of '
+                'sorts follow bridges, too'
+            )
         self.set_status(RUNNING)
         self._max_characters = max_characters(self)
         self._max_matches = self.parameter(
             'max_matches', MAX_MATCHES, 'Streams that match a concept.', (1, 10**7)
         )
-        self._ontologies = mirror_ontologies(self, bridges)
+        self._ontologies = mirror_ontologies(self)
         self._annotations = mirror_annotations(self)
         self._matcher = Matcher(Knowledge(()))
-        self._faults: tuple[str, ...] = ()
         # An early update shortens the first request.
         for mirror in (self._ontologies, self._annotations):
             mirror.remote.on_found.append(lambda: self.spawn(self._update_early))
@@ -51,28 +49,16 @@ class SemanticMatchingEngine(DyKnowNode):
         response.stream_specifications = [found.specification for found in matches]
 
     async def _update(self) -> None:
-        ontologies = await self._ontologies.contents()
+        knowledge = await self._ontologies.contents()
         listed = await self._annotations.contents()
-        self._matcher.set_knowledge(ontologies.known, ontologies.stated)
+        self._matcher.set_knowledge(knowledge)
         self._matcher.set_annotations(listed.annotations, listed.faults)
-        self._report_faults(ontologies)
 
     async def _update_early(self) -> None:
         try:
             await self._update()
         except DyKnowError as error:
             self.get_logger().info(f'nothing can be matched yet: {error}')
-
-    def _report_faults(self, ontologies: Bridged) -> None:
-        """Report the bridges that are invalid for the ontologies, if they have changed."""
-        if ontologies.faults == self._faults:
-            return
-        self._faults = ontologies.faults
-        for fault in self._faults:
-            self.get_logger().error(fault)
-        # The node works with the other bridges: a warning, and the message of a running node.
-        level = DiagnosticStatus.WARN if self._faults else DiagnosticStatus.OK
-        self.set_status(RUNNING, {'faults': '\n'.join(self._faults)}, level=level)
 
 
 def main() -> int:

@@ -14,8 +14,8 @@ from dyknow_common.ros import CommandNode, command_main, run_with_node
 from dyknow_common.tables import Terminal
 from dyknow_semantics.annotations.parsing import parse_concept
 from dyknow_semantics.errors import SemanticsError
-from dyknow_semantics.matching.bridges import bridged
 from dyknow_semantics.matching.matching import Matcher
+from dyknow_semantics.ontology.bridges import bridged
 from dyknow_semantics.ontology.knowledge import ALL_TRIPLES
 from dyknow_semantics.reporting.hierarchy import (
     explanation_tree,
@@ -69,7 +69,11 @@ def add_semantics_options(parser: argparse.ArgumentParser) -> None:
         '--explain', metavar='CONCEPT', help='explain which streams match it and which do not'
     )
     parser.add_argument(
-        '--bridges', metavar='FILE', action='append', default=[], help='bridges to follow'
+        '--bridges',
+        metavar='FILE',
+        action='append',
+        default=[],
+        help='bridges to follow, beside those of the system',
     )
     parser.add_argument('--json', action='store_true', help='print a line of JSON')
     parser.add_argument(
@@ -94,9 +98,9 @@ def _fetch_matcher(options: argparse.Namespace, command: CommandNode) -> Matcher
     ontology = command.call(OntologyQuery, options.ontology_manager, timeout_ns, sparql=ALL_TRIPLES)
     listed = command.call(ListSemanticSpecifications, options.semantics_manager, timeout_ns)
     ontologies = bridged(triples_of(ontology), bridges)
-    if ontologies.faults:
+    if options.bridges and ontologies.faults:
         raise SemanticsError('\n'.join(ontologies.faults))
-    matcher = Matcher(ontologies.known, ontologies.stated)
+    matcher = Matcher(ontologies.known)
     matcher.set_annotations(annotations_by_text(listed.ssl_statements), faults_of(listed))
     return matcher
 

@@ -31,6 +31,7 @@ from dyknow_semantics.ontology.documents.sources import (
     source_of_text,
 )
 from dyknow_semantics.ontology.vocabulary import (
+    BRIDGES_ONTOLOGY,
     ENTAILED_ONTOLOGY,
     RUNTIME_ONTOLOGY,
     UPPER_ONTOLOGY,
@@ -158,7 +159,7 @@ def read_document(source: OntologySource, access: Access) -> Document:
 
 def _check_owner(iri: str, source: OntologySource) -> None:
     """Check that an ontology does not replace one of DyKnow itself."""
-    for own in (UPPER_ONTOLOGY, RUNTIME_ONTOLOGY, ENTAILED_ONTOLOGY):
+    for own in (UPPER_ONTOLOGY, RUNTIME_ONTOLOGY, ENTAILED_ONTOLOGY, BRIDGES_ONTOLOGY):
         if same_ontology(iri, own) and source.location != UPPER_ONTOLOGY:
             raise SemanticsError(f'the ontology <{own}> is part of DyKnow; give yours another IRI')
 

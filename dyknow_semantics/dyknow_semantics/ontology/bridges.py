@@ -3,6 +3,10 @@
 `robot2:height equivalent uav:Altitude`: two features, or two sorts, mean the same;
 `robot2:Drone into uav:UAV`: each instance of the first is one of the second, but not vice versa;
 `robot2:self same uav:uav2`: two names of one object.
+
+An ontology may state the same, with the properties `into`, `equivalent` and `same` of the upper
+ontology. The ontology manager states the rules of files so, in an ontology of their own, which all
+nodes receive with the others.
 """
 
 from __future__ import annotations
@@ -25,7 +29,12 @@ from dyknow_common import (
 )
 from dyknow_semantics.ontology.features import differences
 from dyknow_semantics.ontology.knowledge import Knowledge, Triple
-from dyknow_semantics.ontology.vocabulary import EQUIVALENT_CLASS, SAME_AS, SUBCLASS_OF
+from dyknow_semantics.ontology.vocabulary import (
+    EQUIVALENT_CLASS,
+    SAME_AS,
+    SUBCLASS_OF,
+    UPPER_ONTOLOGY,
+)
 
 
 class Relation(StrEnum):
@@ -36,11 +45,15 @@ class Relation(StrEnum):
     SAME = 'same'
 
 
-_PREDICATES: Final = {
-    Relation.EQUIVALENT: EQUIVALENT_CLASS,
-    Relation.INTO: SUBCLASS_OF,
-    Relation.SAME: SAME_AS,
+_RELATIONS: Final = {f'{UPPER_ONTOLOGY}{each}': each for each in Relation}
+"""The properties of the upper ontology that state bridges."""
+
+_CONSEQUENCES: Final = {
+    f'{UPPER_ONTOLOGY}equivalent': EQUIVALENT_CLASS,
+    f'{UPPER_ONTOLOGY}into': SUBCLASS_OF,
+    f'{UPPER_ONTOLOGY}same': SAME_AS,
 }
+"""For each of them, the predicate with the same consequences inside one ontology."""
 
 LANGUAGE: Final = Language(
     'bridges',
@@ -85,7 +98,7 @@ def parse_bridges(text: str) -> tuple[Bridge, ...]:
 
 
 def bridge_triple(bridge: Bridge, knowledge: Knowledge) -> Triple:
-    """Return the RDF triple that a bridge adds to the ontologies that it joins.
+    """Return the RDF triple that states a bridge.
 
     Raises:
         LanguageError: with the position, for an unknown name, two names of different kinds, or two
@@ -104,7 +117,7 @@ def bridge_triple(bridge: Bridge, knowledge: Knowledge) -> Triple:
             iris.append(names.iri(name))
     if bridge.relation is not Relation.SAME:
         _check_kinds(bridge, knowledge)
-    return iris[0], _PREDICATES[bridge.relation], iris[1]
+    return iris[0], f'{UPPER_ONTOLOGY}{bridge.relation}', iris[1]
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
@@ -112,18 +125,18 @@ class Bridged:
     """Ontologies and the bridges between them.
 
     Args:
-        stated: the knowledge of the ontologies without bridges.
-        known: the same, with the consequences of the bridges.
+        known: the knowledge of the ontologies, with the consequences of the bridges.
+        statements: the triples that state the valid bridge rules.
         faults: messages about invalid bridges, which are left out.
     """
 
-    stated: Knowledge
     known: Knowledge
+    statements: tuple[Triple, ...] = ()
     faults: tuple[str, ...] = ()
 
 
-def bridged(triples: Iterable[Triple], bridges: Iterable[Bridge]) -> Bridged:
-    """Return the knowledge of ontologies without and with the bridges between them.
+def bridged(triples: Iterable[Triple], rules: Iterable[Bridge] = ()) -> Bridged:
+    """Return the knowledge of ontologies with the bridges that they state, and bridge rules.
 
     Raises:
         SemanticsError: if an ontology is malformed, or the ontologies contradict each other over
@@ -131,15 +144,35 @@ def bridged(triples: Iterable[Triple], bridges: Iterable[Bridge]) -> Bridged:
     """
     all_triples = tuple(triples)
     stated = Knowledge(all_triples)
-    added: list[Triple] = []
     faults: list[str] = []
+    statements = _valid(rules, stated, faults)
+    texts = (
+        str(Bridge(source, _RELATIONS[predicate], target))
+        for source, predicate, target in all_triples
+        if predicate in _RELATIONS
+    )
+    bridges = *statements, *_valid(map(_only_bridge, texts), stated, faults)
+    added = [(source, _CONSEQUENCES[relation], target) for source, relation, target in bridges]
+    known = Knowledge((*all_triples, *added), stated) if added else stated
+    return Bridged(known, statements, tuple(faults))
+
+
+def _valid(
+    bridges: Iterable[Bridge], knowledge: Knowledge, faults: list[str]
+) -> tuple[Triple, ...]:
+    """Return the triples that state valid bridges; append to `faults` why others are not."""
+    found: list[Triple] = []
     for bridge in bridges:
         try:
-            added.append(bridge_triple(bridge, stated))
+            found.append(bridge_triple(bridge, knowledge))
         except LanguageError as error:
             faults.append(error.message)
-    known = Knowledge((*all_triples, *added)) if added else stated
-    return Bridged(stated, known, tuple(faults))
+    return tuple(found)
+
+
+def _only_bridge(text: str) -> Bridge:
+    (bridge,) = parse_bridges(text)
+    return bridge
 
 
 def _check_kinds(bridge: Bridge, knowledge: Knowledge) -> None:
