@@ -16,27 +16,39 @@ HOLDS: Final = 'holds'
 VIOLATED: Final = 'violated'
 """Its outcome while an episode lasts."""
 
+NOT_CONNECTED: Final = 'not connected'
+"""The outcome of a formula until the coordinator accepts it."""
+
+WAITING: Final = 'waiting'
+"""Its outcome from then on until its first state."""
+
+_OPEN: Final = frozenset({NOT_CONNECTED, WAITING, UNDECIDED})
+
 
 @dataclass(slots=True)
 class MonitoredFormula:
     """A formula and its outcome so far.
 
     Args:
-        outcome: `true`, `false`, `undecided`, or the name of an exit status; also HOLDS or VIOLATED
-            for a formula that is asked at every state.
+        outcome: NOT_CONNECTED, WAITING, `undecided`, `true`, `false`, or the name of an exit
+            status; also HOLDS or VIOLATED for a formula that is asked at every state.
         known_at: when the outcome was known, in nanoseconds; None while undecided.
         explanation: the reason, for people.
         waits_for: why no state comes, for people; empty while states come.
+        presumably_false: True if it is undecided, and would be false if no further state came.
+        has_states: True if it ever had a state, or a verdict.
         margin: the latest, if it is asked for.
         verdicts: of the present evaluation, for a formula that is asked at every state.
         has_failed: True if it was false once.
     """
 
     formula: RequestedFormula
-    outcome: str = UNDECIDED
+    outcome: str = NOT_CONNECTED
     known_at: int | None = None
     explanation: str = ''
     waits_for: str = ''
+    presumably_false: bool = False
+    has_states: bool = False
     margin: Margin | None = None
     verdicts: StandingVerdicts = field(default_factory=StandingVerdicts)
     has_failed: bool = False
@@ -47,9 +59,15 @@ class MonitoredFormula:
         return self.formula.name or self.formula.text
 
     @property
+    def status(self) -> str:
+        """The outcome, as tables show it."""
+        holds_so_far = self.outcome == UNDECIDED and not self.presumably_false
+        return 'holds so far' if holds_so_far else self.outcome
+
+    @property
     def is_decided(self) -> bool:
-        """True if there is an outcome."""
-        return self.outcome != UNDECIDED
+        """True if there is a verdict or an error."""
+        return self.outcome not in _OPEN
 
 
 def unexpected(

@@ -79,7 +79,7 @@ def _formula_row(monitored: MonitoredFormula, start: int) -> list[Cell]:
         style = _STYLES.get(monitored.outcome, _FAILED)
     if monitored.margin is not None:
         reason.append(f'{"; " if reason.plain else ""}margin {monitored.margin}', 'dim')
-    return [monitored.formula.name, Text(monitored.outcome, style), since, reason]
+    return [monitored.formula.name, Text(monitored.status, style), since, reason]
 
 
 def _state(verdict: PlanVerdict) -> Text:

@@ -13,6 +13,7 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 
 from dyknow_bringup.errors import BringupError
+from dyknow_bringup.ros.system_start import where_coordinators_are
 from dyknow_common import SECOND_NS, ExitCode, Verdict, duration_option, round_time
 from dyknow_common.executables import ERROR, FALSE, SUCCESS, describe, interruptible
 from dyknow_common.ros import start_ros
@@ -66,27 +67,12 @@ def _ask(chosen: argparse.Namespace) -> Answer:
         answer = cast('Answer', monitor.outcome.result())
         if answer.error is None or answer.error.code is not ExitCode.UNAVAILABLE:
             return answer
-        hint = _where_coordinators_are(node, chosen.coordinator)
+        hint = where_coordinators_are(node, chosen.coordinator)
         return replace(answer, error=BringupError(f'{answer.error}{hint}', answer.error.code))
     finally:
         executor.shutdown()
         node.destroy_node()
         rclpy.try_shutdown()
-
-
-def _where_coordinators_are(node: Node, name: str) -> str:
-    """Return what to do if the named coordinator is not on the ROS graph; empty if it is."""
-    services = [
-        service
-        for service, types in node.get_service_names_and_types()
-        if 'dyknow_interfaces/srv/EvaluateFormula' in types and node.count_services(service)
-    ]
-    found = sorted(service.rpartition('/')[0] for service in services)
-    if node.resolve_service_name(name) in found:
-        return ''
-    if found:
-        return f'; there are: {", ".join(found)} (choose one by --coordinator)'
-    return '; does DyKnow run, in this namespace and ROS domain? "dyknow up" starts it'
 
 
 class _Feedback:

@@ -5,7 +5,13 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
-from dyknow_bringup.demonstration.expectations import HOLDS, VIOLATED, MonitoredFormula
+from dyknow_bringup.demonstration.expectations import (
+    HOLDS,
+    NOT_CONNECTED,
+    VIOLATED,
+    WAITING,
+    MonitoredFormula,
+)
 from dyknow_bringup.resources import formulas_path
 from dyknow_bringup.simulation.scenario import UNDECIDED
 from dyknow_common import SECOND_NS, ExitCode, round_time
@@ -24,6 +30,8 @@ PASSING = (*RETRIED, ExitCode.CONSTRAINT_VIOLATION, ExitCode.TIMEOUT, ExitCode.I
 START_UP_NS = 10 * SECOND_NS
 """Time that the other nodes may take to start after the coordinator."""
 
+NOT_ACCEPTED = 'the coordinator has not accepted it yet'
+
 RETRY_DELAY_S = 0.5
 """Time until a formula is monitored again after an error worth retrying."""
 
@@ -35,8 +43,8 @@ class FormulaMonitor(DyKnowNode):
         formulas: to monitor; None: those of the file of the parameter `formulas`.
         on_change: called with every formula whose outcome has changed; None: it is logged.
         name: of the node.
-        wait: seconds to wait for the coordinator; None: as long as formulas are monitored.
-        retries: True to monitor a formula again after an error, until it has a verdict.
+        retries: True to monitor a formula again after an error, until it has a verdict. A formula
+            that never had a state is monitored again also otherwise, while nodes are missing.
     """
 
     def __init__(
@@ -45,7 +53,6 @@ class FormulaMonitor(DyKnowNode):
         on_change: Callable[[MonitoredFormula], None] | None = None,
         *,
         name: str = 'formula_monitor',
-        wait: float | None = None,
         retries: bool = False,
     ) -> None:
         super().__init__(name)
@@ -53,18 +60,17 @@ class FormulaMonitor(DyKnowNode):
         self._timeout = self.parameter(
             'timeout', 86_400.0, 'Seconds after which the monitoring of a formula ends.', (0.1, 1e9)
         )
-        coordinator = self.parameter(
+        self.coordinator = self.parameter(
             'coordinator', 'stream_reasoning_coordinator', 'Name of the coordinator node.'
         )
         requested = read_formulas(Path(path)) if formulas is None else formulas
         self._triggers = Triggers(self, requested)
         self.formulas = [MonitoredFormula(formula) for formula in requested]
-        self._wait = self._timeout if wait is None else wait
         self._retries = retries
         self._is_cancelled = False
         self._restarting: set[int] = set()
         self._on_change = on_change or self.log
-        self._client = FormulaClient(self, coordinator)
+        self._client = FormulaClient(self, self.coordinator)
         self._retry_until: int | None = None
         self._monitors: dict[int, Monitor] = {}
         for index in range(len(self.formulas)):
@@ -74,6 +80,16 @@ class FormulaMonitor(DyKnowNode):
     def warnings(self) -> tuple[str, ...]:
         """What the log has warned of at the start."""
         return self._triggers.warnings
+
+    @property
+    def is_connected(self) -> bool:
+        """True if the coordinator has accepted each formula once."""
+        return all(each.outcome != NOT_CONNECTED for each in self.formulas)
+
+    @property
+    def idle(self) -> list[MonitoredFormula]:
+        """The formulas that never had a state, and have no error that says why."""
+        return [each for each in self.formulas if not (each.has_states or each.is_decided)]
 
     @property
     def is_running(self) -> bool:
@@ -86,9 +102,15 @@ class FormulaMonitor(DyKnowNode):
         has_ended = all(monitor.outcome.done() for monitor in self._monitors.values())
         return has_ended and not self._restarting and self._triggers.is_idle
 
+    def explain_wait(self, hint: str) -> None:
+        """Report the formulas that are not connected, with what to do."""
+        for each in self.formulas:
+            if each.outcome == NOT_CONNECTED:
+                self._explain_wait(each, f'{NOT_ACCEPTED}{hint}')
+
     def cancel_all(self) -> None:
         """Cancel the monitoring of all formulas."""
-        self._is_cancelled, self._retries, self._retry_until = True, False, 0
+        self._is_cancelled, self._retry_until = True, 0
         self._restarting.clear()
         for monitor in self._monitors.values():
             monitor.cancel()
@@ -103,20 +125,21 @@ class FormulaMonitor(DyKnowNode):
     def log(self, monitored: MonitoredFormula) -> None:
         """Log the outcome of a formula: an alarm with the severity of the formula."""
         logger = self.get_logger()
-        text = f'{monitored.name}: {monitored.outcome} at {round_time(monitored.known_at or 0)}'
+        text = f'{monitored.name}: {monitored.outcome}'
+        text += '' if monitored.known_at is None else f' at {round_time(monitored.known_at)}'
         text += f': {monitored.explanation}' if monitored.explanation else ''
         # A formula that is not violated in its time ends with TIMEOUT. A logger of rclpy has one
         # severity for each call in the code.
         if monitored.outcome in {'true', HOLDS, UNDECIDED, ExitCode.TIMEOUT.name}:
             logger.info(text)
-        elif monitored.formula.severity is Severity.ERROR:
+        elif monitored.formula.severity is Severity.ERROR and monitored.is_decided:
             logger.error(text)
         else:
             logger.warning(text)
 
     def _start(self, index: int) -> None:
         monitored = self.formulas[index]
-        monitored.waits_for = 'the coordinator has not accepted it yet'
+        monitored.waits_for = NOT_ACCEPTED
         monitored.verdicts = StandingVerdicts()
         monitor = self._monitors[index] = self._client.monitor(
             monitored.formula.closed_text,
@@ -127,12 +150,16 @@ class FormulaMonitor(DyKnowNode):
             margin=monitored.formula.margin,
             record=monitored.formula.record,
             timeout=self._timeout,
-            wait=self._wait,
+            wait=self._timeout,
         )
         monitor.accepted.add_done_callback(lambda _: self._on_accept(monitored))
 
     def _on_accept(self, monitored: MonitoredFormula) -> None:
+        if self._is_cancelled:
+            return
         monitored.waits_for = ''
+        if monitored.outcome == NOT_CONNECTED:
+            monitored.outcome, monitored.explanation = WAITING, ''
         if self._retry_until is None:
             self._retry_until = self.now() + START_UP_NS
 
@@ -141,7 +168,9 @@ class FormulaMonitor(DyKnowNode):
         if self._monitors[index].outcome.done():
             return  # Feedback may arrive after the verdict.
         self._triggers.on_progress(monitored.formula, progress)
-        monitored.waits_for, monitored.margin = progress.waits_for, progress.margin
+        monitored.margin, monitored.presumably_false = progress.margin, progress.presumably_false
+        monitored.has_states |= progress.states_progressed > 0
+        self._explain_wait(monitored, progress.waits_for)
         outcome, verdicts = UNDECIDED, progress.episodes
         if verdicts is not None:
             self._follow(monitored, verdicts)
@@ -149,6 +178,13 @@ class FormulaMonitor(DyKnowNode):
             outcome = (VIOLATED if verdicts.is_violated else HOLDS) if is_known else UNDECIDED
         if progress.states_progressed and monitored.outcome != outcome:
             self._set(monitored, outcome, '')
+
+    def _explain_wait(self, monitored: MonitoredFormula, reason: str) -> None:
+        is_news = reason not in {'', monitored.waits_for}
+        monitored.waits_for = reason
+        if is_news and monitored.outcome in {NOT_CONNECTED, WAITING}:
+            monitored.explanation = reason
+            self._on_change(monitored)
 
     def _follow(self, monitored: MonitoredFormula, verdicts: StandingVerdicts) -> None:
         """Set the outcome at each begin and end of an episode."""
@@ -172,14 +208,19 @@ class FormulaMonitor(DyKnowNode):
         if answer.episodes is not None:
             self._follow(monitored, answer.episodes)
         if error is None:
+            monitored.has_states = True
             self._set(monitored, answer.verdict.name.lower(), answer.explanation)
         elif error.code is not ExitCode.CANCELLED or not self._is_cancelled:
             if not is_starting:
                 self._set(monitored, error.code.name, error.message)
-            if is_starting or (self._retries and error.code in PASSING):
+            if is_starting or self._is_retried(monitored, error.code):
                 self._restarting.add(index)
                 due = self.deadlines.after(RETRY_DELAY_S)
                 due.add_done_callback(lambda _: self._restart(index))
+
+    def _is_retried(self, monitored: MonitoredFormula, code: ExitCode) -> bool:
+        is_late = code is ExitCode.UNAVAILABLE and not monitored.has_states
+        return not self._is_cancelled and (is_late or (self._retries and code in PASSING))
 
     def _restart(self, index: int) -> None:
         if index in self._restarting:

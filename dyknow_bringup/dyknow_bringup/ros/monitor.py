@@ -16,22 +16,33 @@ import rclpy
 from rclpy.executors import SingleThreadedExecutor
 from rich.live import Live
 
-from dyknow_bringup.demonstration.expectations import HOLDS, VIOLATED, MonitoredFormula
+from dyknow_bringup.demonstration.expectations import (
+    HOLDS,
+    VIOLATED,
+    MonitoredFormula,
+)
 from dyknow_bringup.demonstration.tables import formula_table
 from dyknow_bringup.errors import BringupError
 from dyknow_bringup.ros.formula_monitor import FormulaMonitor
+from dyknow_bringup.ros.system_start import where_coordinators_are
 from dyknow_bringup.simulation.scenario import UNDECIDED
-from dyknow_common import SECOND_NS, duration_option
+from dyknow_common import SECOND_NS, ExitCode, duration_option, round_duration
 from dyknow_common.executables import ERROR, FALSE, SUCCESS, describe, interruptible
 from dyknow_common.ros import TICK_PERIOD_S, start_ros
 from dyknow_common.tables import Terminal
 from dyknow_configuration import RequestedFormula, read_robot, warn_of_notes
 
-COORDINATOR_TIMEOUT_S = 10.0
-"""Time to wait for the coordinator, which may just have been started."""
+NOTICE_S = 3.0
+"""Time without a connection after which a warning says what is waited for."""
 
 REFRESH_PERIOD_S = 0.25
 """The time between two tables on a terminal."""
+
+MAX_NAMED = 3
+"""The formulas that an error names."""
+
+FIRST_STATES_S = 10.0
+"""Time from the connection on in which the first states of all formulas may come."""
 
 END_TIMEOUT_S = 3.0
 """Time to wait until the coordinator has ended the evaluations."""
@@ -60,6 +71,7 @@ def monitor(options: argparse.Namespace) -> int:
         watch.end()
         if not options.json and not is_live:
             console.print(watch.table())
+        watch.check_states()
         return watch.code
 
 
@@ -68,30 +80,60 @@ class _MonitorRun:
 
     Args:
         monitor: the node.
-        duration: how long to run, in nanoseconds; None: until all formulas have ended.
+        wait: the longest wait for the coordinator, in nanoseconds; None: without end.
+        duration: how long to run, in nanoseconds, from when all formulas have had a state, at the
+            latest from FIRST_STATES_S after the connection; None: until all have ended.
     """
 
-    def __init__(self, monitor: FormulaMonitor, duration: int | None) -> None:
+    def __init__(self, monitor: FormulaMonitor, wait: int | None, duration: int | None) -> None:
         self._monitor = monitor
         self._executor = SingleThreadedExecutor()
         self._executor.add_node(monitor)
-        self._begin = monitor.now()
-        self._end = None if duration is None else time.monotonic() + duration / SECOND_NS
+        self._wait, self._duration = wait, duration
+        self._begin, self._begin_ns = time.monotonic(), monitor.now()
+        self._connected_at: float | None = None
+        self._started_at: float | None = None
 
     def tables(self) -> Iterator[Any]:
-        """Run, and yield the present table every REFRESH_PERIOD_S, and at the end."""
+        """Run, and yield the present table every REFRESH_PERIOD_S, and at the end.
+
+        Raises:
+            BringupError: UNAVAILABLE, if the coordinator is not found in time.
+        """
         due = 0.0
-        while not self._monitor.has_ended and (self._end is None or time.monotonic() < self._end):
+        while not (self._monitor.has_ended or self._is_over()):
             self._executor.spin_once(timeout_sec=TICK_PERIOD_S)
             if time.monotonic() > due:
                 due = time.monotonic() + REFRESH_PERIOD_S
                 yield self.table()
         yield self.table()
 
+    def _is_over(self) -> bool:
+        now = time.monotonic()
+        if self._connected_at is None:
+            if not self._monitor.is_connected:
+                self._check_wait(now - self._begin)
+                return False
+            self._connected_at = now
+        if self._started_at is None:
+            if self._monitor.idle and now - self._connected_at < FIRST_STATES_S:
+                return False
+            self._started_at = now
+        return self._duration is not None and now - self._started_at > self._duration / SECOND_NS
+
+    def _check_wait(self, waited_s: float) -> None:
+        name = self._monitor.coordinator
+        if self._wait is not None and waited_s > self._wait / SECOND_NS:
+            hint = where_coordinators_are(self._monitor, name)
+            text = f'not connected: {name} has not been found within {round_duration(self._wait)}'
+            raise BringupError(f'{text}{hint}', ExitCode.UNAVAILABLE)
+        if waited_s > NOTICE_S:
+            self._monitor.explain_wait(where_coordinators_are(self._monitor, name))
+
     def table(self) -> Any:
         """Return the table of all formulas."""
         now = self._monitor.now()
-        return formula_table(self._monitor.formulas, self._begin, now - self._begin)
+        return formula_table(self._monitor.formulas, self._begin_ns, now - self._begin_ns)
 
     def end(self) -> None:
         """End the evaluations."""
@@ -104,6 +146,18 @@ class _MonitorRun:
         """Leave the ROS graph."""
         self._executor.shutdown()
         self._monitor.destroy_node()
+
+    def check_states(self) -> None:
+        """Check that each formula had a state.
+
+        Raises:
+            BringupError: UNAVAILABLE, if one had none and no error says why.
+        """
+        idle = [f"'{each.name}' ({each.waits_for or each.outcome})" for each in self._monitor.idle]
+        if idle:
+            more = f', and {len(idle) - MAX_NAMED} more' if len(idle) > MAX_NAMED else ''
+            text = f'no state came for {", ".join(idle[:MAX_NAMED])}{more}'
+            raise BringupError(text, ExitCode.UNAVAILABLE)
 
     @property
     def code(self) -> int:
@@ -126,12 +180,11 @@ def _watching(
             formulas,
             lambda monitored: _report(node, monitored, as_json=options.json),
             name=f'dyknow_monitor_{os.getpid()}',
-            wait=None if options.retry else COORDINATOR_TIMEOUT_S,
             retries=options.retry,
         )
         for warning in node.warnings if is_live else ():
             sys.stderr.write(f'warning: {warning}\n')
-        watch = _MonitorRun(node, options.duration)
+        watch = _MonitorRun(node, options.wait, options.duration)
         try:
             yield watch
         finally:
@@ -163,17 +216,27 @@ def add_monitor_options(parser: argparse.ArgumentParser) -> None:
         parser,
         'Monitor the formulas of a robot.yaml with the running system, which "dyknow up '
         'robot.yaml" starts. A formula that is false is logged as a warning or an error, as its '
-        'severity says. Ends by Ctrl-C, or when all formulas have a verdict.',
+        'severity says. Waits for the system. Ends by Ctrl-C, or when all formulas have a verdict.',
         (
             'dyknow monitor robot.yaml',
             'dyknow monitor robot.yaml --retry',
-            'dyknow monitor robot.yaml --duration 60 --json',
+            'dyknow monitor robot.yaml --wait 30 --duration 60 --json',
         ),
-        '0 if no formula was false, 1 if one was, 2 for an error',
+        '0 if no formula was false, 1 if one was, 2 for an error or if no state came for a formula',
     )
     parser.add_argument('robot', type=Path, help='robot.yaml, which describes the robot')
     parser.add_argument(
-        '--duration', type=duration_option, metavar='TIME', help="such as 60 or '5 min'"
+        '--wait',
+        type=duration_option,
+        metavar='TIME',
+        help='for the system, such as 30, after which the exit code is 2 (default: without end)',
+    )
+    parser.add_argument(
+        '--duration',
+        type=duration_option,
+        metavar='TIME',
+        help="such as 60 or '5 min', from when all formulas have had a state; at the latest from "
+        f'{FIRST_STATES_S:g} s after the connection',
     )
     parser.add_argument(
         '--retry',

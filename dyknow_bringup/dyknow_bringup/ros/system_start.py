@@ -119,6 +119,21 @@ def wait_for_start(namespace: str, nodes: Collection[str], timeout: int) -> str:
         return str(start)
 
 
+def where_coordinators_are(node: Node, name: str) -> str:
+    """Return what to do if the named coordinator is not on the ROS graph; empty if it is."""
+    services = [
+        service
+        for service, types in node.get_service_names_and_types()
+        if 'dyknow_interfaces/srv/EvaluateFormula' in types and node.count_services(service)
+    ]
+    found = sorted(service.rpartition('/')[0] for service in services)
+    if node.resolve_service_name(name) in found:
+        return ''
+    if found:
+        return f'; there are: {", ".join(found)} (choose one by --coordinator)'
+    return '; does DyKnow run, in this namespace and ROS domain? "dyknow up" starts it'
+
+
 def _counted(number: str, things: str) -> str:
     """Return `1 ontology`, `2 ontologies`."""
     singular = 'ontology' if things == 'ontologies' else things.removesuffix('s')
