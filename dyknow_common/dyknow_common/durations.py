@@ -83,13 +83,23 @@ def format_duration(nanoseconds: int) -> str:
     return f'{nanoseconds} ns'
 
 
-def round_duration(nanoseconds: int) -> str:
-    """Return a duration for people to read, with at least three digits: `314 ms`, `12.3 s`."""
+def round_duration(nanoseconds: int, unlike: int | None = None) -> str:
+    """Return a duration for people to read, with at least three digits: `314 ms`, `12.3 s`.
+
+    It has more digits if its text would be that of `unlike`, another duration.
+    """
+    digits = 3
+    if unlike is not None and unlike != nanoseconds:
+        while _rounded(nanoseconds, digits) == _rounded(unlike, digits):
+            digits += 1
+    return _rounded(nanoseconds, digits)
+
+
+def _rounded(nanoseconds: int, digits: int) -> str:
     for unit in ('s', 'ms', 'us'):
         if abs(nanoseconds) >= NANOSECONDS[unit]:
             amount = Decimal(nanoseconds) / NANOSECONDS[unit]
-            digits = max(3, len(str(abs(int(amount)))))
-            return f'{amount:.{digits}g} {unit}'
+            return f'{amount:.{max(digits, len(str(abs(int(amount)))))}g} {unit}'
     return f'{nanoseconds} ns'
 
 

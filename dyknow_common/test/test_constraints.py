@@ -6,7 +6,7 @@ import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from dyknow_common import NO_CONSTRAINTS, DyKnowError, StreamConstraints
+from dyknow_common import NO_CONSTRAINTS, DyKnowError, StreamConstraints, round_duration
 
 optional = st.none() | st.integers(0, 5)
 some_constraints = st.builds(
@@ -86,3 +86,18 @@ def test_what_makes_no_sense(constraints: StreamConstraints) -> None:
 def test_a_part_may_make_sense_only_together() -> None:
     period = StreamConstraints(sample_period=5)
     assert period.merged(StreamConstraints(sample_period_deviation=1)).longest_period == 6
+
+
+@pytest.mark.parametrize(
+    ('observed', 'allowed', 'expected'),
+    [
+        (500_400_000, 500_000_000, '500.4 ms'),
+        (500_000_001, 500_000_000, '500.000001 ms'),
+        (500_400_000, 400_000_000, '500 ms'),
+        (500_000_000, 500_000_000, '500 ms'),
+    ],
+)
+def test_what_breaks_a_constraint_does_not_look_like_it(
+    observed: int, allowed: int, expected: str
+) -> None:
+    assert round_duration(observed, allowed) == expected

@@ -71,13 +71,13 @@ class FormulaGroup:
         self._formulas: dict[int, NamedFormula] = {}
         self._instances: dict[int, list[Instance]] = {}
         self._margins = GroupMargins(limits.node_limit)
+        self._counts: dict[str, int] = {}
         self.standing = StandingFormulas()
         """The formulas that are asked at every state."""
-        self._results = GroupResults(self._formulas, self._margins, self.standing)
+        self._results = GroupResults(self._formulas, self._counts, self._margins, self.standing)
         self._store = NodeStore(Chronology())
         self._max_nodes = _MAX_NODES
         self._domains: Domains = {}
-        self._counts: Counts = {}
         self._monitor: InstanceMonitor | None = None
         self._remainders: Remainders | None = None
 
@@ -185,7 +185,8 @@ class FormulaGroup:
             for formula_id, each in self._formulas.items()
         }
         self._margins.begin(domains)
-        self._domains, self._counts, self._sizes = domains, counts, sizes
+        self._domains, self._sizes = domains, sizes
+        self._counts.update(counts)
         self._monitor = InstanceMonitor(self._limits.node_limit)
         self._remainders = Remainders(self._monitor)
         self._results.histories = self._monitor.histories
@@ -386,8 +387,8 @@ class FormulaGroup:
         self._results.undecided.add(formula_id)
         if named.every_state:
             limit, margins = self._limits.node_limit, self._margins.standing(formula_id)
-            added = StandingFormula(formula_id, named, instances, histories, limit, margins)
-            self.standing.add(formula_id, added)
+            given = formula_id, named, self._counts, instances, histories, limit, margins
+            self.standing.add(formula_id, StandingFormula(*given))
         elif verdict := verdict_of(instances):
             self._results.known[formula_id] = verdict
         else:

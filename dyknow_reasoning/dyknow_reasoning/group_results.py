@@ -13,6 +13,7 @@ from dyknow_reasoning.language.formula import Formula
 from dyknow_reasoning.language.symbols import symbols_of
 from dyknow_reasoning.margins.group_margins import GroupMargins
 from dyknow_reasoning.progression.atoms import Values
+from dyknow_reasoning.progression.sizes import Counts
 from dyknow_reasoning.results import FormulaResult, NamedFormula
 from dyknow_reasoning.standing import StandingFormulas
 
@@ -22,6 +23,7 @@ class GroupResults:
 
     Args:
         formulas: of the group, by their ids.
+        counts: the number of objects of each sort.
         margins: of these formulas.
         standing: those that are asked at every state.
     """
@@ -29,6 +31,7 @@ class GroupResults:
     def __init__(
         self,
         formulas: Mapping[int, NamedFormula],
+        counts: Counts,
         margins: GroupMargins,
         standing: StandingFormulas,
     ) -> None:
@@ -41,6 +44,7 @@ class GroupResults:
         self.histories: Histories | None = None
         """What past operators look back to, which formulas with a result no longer do."""
         self._formulas = formulas
+        self._counts = counts
         self._margins = margins
         self._standing = standing
 
@@ -73,7 +77,7 @@ class GroupResults:
             else:
                 verdict = Verdict.TRUE if outcome.holds else Verdict.FALSE
                 formula = self._formulas[formula_id].formula
-                why = explain(formula, outcome, values, histories)
+                why = explain(formula, self._counts, outcome, values, histories)
                 results.append(self._decided(formula_id, verdict, valid_time, why))
         return results
 

@@ -29,6 +29,7 @@ from dyknow_reasoning.progression.atoms import Values
 from dyknow_reasoning.progression.gaps import Half, unknowable
 from dyknow_reasoning.progression.instances import Instance
 from dyknow_reasoning.progression.nodes import FALSE
+from dyknow_reasoning.progression.sizes import Counts
 from dyknow_reasoning.results import NamedFormula
 
 _CLEANUP_STATES: Final = 4096
@@ -83,6 +84,7 @@ class StandingFormula:
     Args:
         formula_id: its id in the group.
         named: the formula.
+        counts: the number of objects of each sort.
         instances: all of which must hold for it to hold.
         histories: those that it looks back to.
         node_limit: the most nodes of what remains of an instance.
@@ -93,6 +95,7 @@ class StandingFormula:
         self,
         formula_id: int,
         named: NamedFormula,
+        counts: Counts,
         instances: Sequence[Instance],
         histories: Histories,
         node_limit: int,
@@ -103,7 +106,7 @@ class StandingFormula:
         """Does the same as `progress`, and returns True, if look-ups suffice; else no effect."""
         self.margins = margins
         self._next_cleanup = _CLEANUP_STATES
-        self._named = named
+        self._formula, self._counts = named.formula, counts
         self._histories = histories
         self._is_false = any(instance.node is FALSE for instance in instances)
         self._looks_back = any(
@@ -196,7 +199,8 @@ class StandingFormula:
     def _reason(self, failure: Failure) -> VerdictReasons:
         if self._is_false:
             return VerdictReasons('it is false, whatever the states are')
-        return explain(self._named.formula, failure.verdict, failure.values, self._histories)
+        verdict, values = failure.verdict, failure.values
+        return explain(self._formula, self._counts, verdict, values, self._histories)
 
 
 @dataclass(frozen=True, slots=True)

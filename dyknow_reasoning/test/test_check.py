@@ -131,7 +131,10 @@ def test_json(trace: str, capsys: pytest.CaptureFixture[str]) -> None:
             'decided_at_ns': 0,
             'decided_at_state': 0,
             'states': 3,
-            'explanation': 'for x = uav1: Power[uav1] = 143 at 0.000 s is > 3',
+            'explanation': (
+                'for all 2 objects of UAV, decided last for x = uav1: '
+                'Power[uav1] = 143 at 0.000 s is > 3'
+            ),
             'error': None,
         },
         {

@@ -67,6 +67,7 @@ NOT_BEFORE = re.compile(rf"there is no state just before {TIME} at which '(?P<fo
 PAST_FLAG = re.compile(rf"'(?P<formula>.*)' is (?P<value>true|false) at {TIME}")
 PAST_KINDS = (Historically, Once, Previous, Since)
 CERTAIN = re.compile(r"'.*' is (true|false) whatever states follow")
+ALL = re.compile(r'for all (\d) objects of S, decided last for (.*)')
 AND = re.compile(r" and (?=(?:[^']*'[^']*')*[^']*$)")
 DUE = re.compile(
     r'(?P<reasons>.*) \((?P<operator>not until|until|always|eventually)(?P<interval>[\[(].*[\])])? '
@@ -163,7 +164,9 @@ class Judge:
             claimed = COMPARISONS[found['operator']]
             assert claimed(left, right) == (not found['negated'])
             actual = value(found['right'] or found[7], values)
-            assert claimed(value(found['left'], values), actual) == (not found['negated'])
+            left_actual = value(found['left'], values)
+            assert claimed(left_actual, actual) == (not found['negated'])
+            assert (left == right) == (left_actual == actual)
         elif found := FLAG.fullmatch(sentence):
             assert self.values_at(found[3])[found['name']] is (found[2] == 'true')
         else:
@@ -316,6 +319,15 @@ def judged(formula: Formula, domain: Sequence[str], trace: States) -> str | None
             whole = parse_formula(str(formula))
             why = result.explanation
             judge = Judge(grounded(whole, domain, {}), trace[:length], verdict)
+            if found := re.fullmatch(r'for none of (\d) objects of S, decided last: (.*)', why):
+                assert (verdict, int(found[1])) == (False, len(domain))
+                why = found[2]
+            if found := ALL.fullmatch(why):
+                assert (verdict, int(found[1])) == (True, len(domain))
+                instances = [of_instance(whole, name) for name in domain]
+                held = [holds(grounded(each, domain, {}), trace[:length], 0) for each in instances]
+                assert False not in held
+                why = f'for {found[2]}'
             if found := re.fullmatch(r'for u = (\w+): (.*)', why):
                 instance = of_instance(whole, found[1])
                 assert holds(grounded(instance, domain, {}), trace[:length], 0) in {verdict, None}

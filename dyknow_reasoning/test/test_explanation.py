@@ -129,7 +129,31 @@ MANY = (
         (
             'exists u in UAV: P[u]',
             {'P[uav1]': [False], 'P[uav2]': [False]},
-            'FALSE: P[uav1] is false at 10.000 s; P[uav2] is false at 10.000 s',
+            (
+                'FALSE: for none of 2 objects of UAV, decided last: '
+                'P[uav1] is false at 10.000 s; P[uav2] is false at 10.000 s'
+            ),
+        ),
+        (
+            'forall u in UAV: exists v in UAV: exists w in UAV: always P[v] and R[w, u]',
+            {
+                'P[uav1]': [True, False],
+                'P[uav2]': [False],
+                **{f'R[uav{i}, uav{j}]': [True] for i in (1, 2) for j in (1, 2)},
+            },
+            (
+                'FALSE: for u = uav1: for none of 4 choices of v in UAV, w in UAV, decided last: '
+                'P[uav1] is false at 10.100 s (always must hold since 10.000 s)'
+            ),
+        ),
+        (
+            'always[0, 100] forall x in UAV: forall y in UAV: D[x, y] > 10',
+            {f'D[uav{i}, uav{j}]': [11] * 3 for i in (1, 2) for j in (1, 2)},
+            (
+                'TRUE: for all 4 choices of x in UAV, y in UAV, decided last for '
+                "x = uav2, y = uav2: 'D[uav2, uav2] > 10' held at every state in "
+                '[10.000 s, 10.100 s]'
+            ),
         ),
         (
             'exists u in UAV: eventually P[u]',
@@ -139,7 +163,10 @@ MANY = (
         (
             'forall u in UAV: eventually P[u]',
             {'P[uav1]': [False, True], 'P[uav2]': [False, False, True]},
-            'TRUE: for u = uav2: P[uav2] is true at 10.200 s (eventually awaited since 10.000 s)',
+            (
+                'TRUE: for all 2 objects of UAV, decided last for u = uav2: '
+                'P[uav2] is true at 10.200 s (eventually awaited since 10.000 s)'
+            ),
         ),
         (
             'forall x in UAV: forall y in UAV: x != y -> always D[x, y] > 10',
@@ -274,6 +301,12 @@ SECOND = 1_000_000_000
             {'x': [0.3], 'y': [0.1 + 0.2]},
             1,
             'TRUE: x = 0.3 at 10.000 s is < y = 0.30000000000000004',
+        ),
+        (
+            'x <= 0.29',
+            {'x': [0.2899999999999]},
+            1,
+            'TRUE: x = 0.2899999999999 at 10.000 s is <= 0.29',
         ),
         ('x < 1', {'x': [0.1 + 0.2]}, 1, 'TRUE: x = 0.3 at 10.000 s is < 1'),
         (

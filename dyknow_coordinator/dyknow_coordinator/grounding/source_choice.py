@@ -123,7 +123,8 @@ def worst_fault(faults: Sequence[StateFault]) -> StateFault:
 def describe_violation(message: str, constraint: str, observed: int, allowed: int) -> str:
     """Return the description of a violation for clients; durations are in nanoseconds."""
     measured = (
-        f' ({constraint}: {round_duration(observed)} observed, {round_duration(allowed)} allowed)'
+        f' ({constraint}: {round_duration(observed, allowed)} observed, '
+        f'{round_duration(allowed, observed)} allowed)'
         if observed or allowed
         else f' ({constraint})'
     )

@@ -13,6 +13,7 @@ from functools import cached_property
 
 from dyknow_common import COMPARISONS, Value, format_time
 from dyknow_reasoning.execution import DecidingMoment, Histories, InstanceVerdict
+from dyknow_reasoning.explanation.choices import objects_text, scope_text
 from dyknow_reasoning.explanation.origins import windows_of_known_origin
 from dyknow_reasoning.explanation.past_facts import PastStates, past_fact, shortened_text
 from dyknow_reasoning.explanation.residual import (
@@ -62,6 +63,7 @@ from dyknow_reasoning.progression.nodes import (
     descendants,
     sides,
 )
+from dyknow_reasoning.progression.sizes import Counts
 
 _MAX_REASONS = 4
 _LITERALS = (Number, TextLiteral, Truth)
@@ -90,12 +92,17 @@ class VerdictReasons:
 
 
 def explain(
-    formula: Formula, verdict: InstanceVerdict, values: Values, histories: Histories
+    formula: Formula,
+    counts: Counts,
+    verdict: InstanceVerdict,
+    values: Values,
+    histories: Histories,
 ) -> VerdictReasons:
     """Return the reasons of a verdict.
 
     Args:
         formula: the formula.
+        counts: the number of objects of each sort.
         verdict: the verdict on the instance that decides the formula.
         values: the values of the deciding state.
         histories: those that the formula looks back to.
@@ -107,16 +114,10 @@ def explain(
     else:
         explainer = _Explainer(formula, moment, values, histories)
         why, windows = explainer.text(), explainer.windows
-    objects = objects_text(instance.binding)
-    why = f'for {objects}: {why}' if objects else why
+    why = f'{scope_text(formula, counts, instance.binding, holds=verdict.holds)}{why}'
     if instance.gap is not None:
         why = f'{why}; so it is whatever the states were that are missing {instance.gap}'
-    return VerdictReasons(why, objects, tuple(windows))
-
-
-def objects_text(binding: Mapping[str, str]) -> str:
-    """Return the text of a choice of objects: `u = uav1, v = uav2`."""
-    return ', '.join(f'{variable} = {name}' for variable, name in binding.items())
+    return VerdictReasons(why, objects_text(instance.binding), tuple(windows))
 
 
 class _Explainer:
@@ -321,11 +322,16 @@ class _Explainer:
             [_shown(*each, digits) for each in zip(terms, values, strict=True)]
             for digits in _DIGITS
         )
-        shown = next((each for each in choices if COMPARISONS[operator](*each) == holds), values)
+        # Values that differ must not look equal.
+        shown = next((each for each in choices if _order(*each) == _order(*values)), values)
         first, second = map(_with_value, terms, shown)
         if isinstance(atom.left, _LITERALS):
             operator, first, second = MIRRORED_COMPARISONS[operator], second, first
         return f'{first} at {time} is {"" if holds else "not "}{operator} {second}'
+
+
+def _order(left: Value, right: Value) -> tuple[bool, bool]:
+    return left == right, COMPARISONS['<='](left, right)
 
 
 def _with_value(term: Term, value: Value) -> str:

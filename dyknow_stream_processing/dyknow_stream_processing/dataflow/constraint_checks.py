@@ -74,9 +74,10 @@ class LeadOperator(Operator):
             return False
         lead = valid_time - now
         message = (
-            f'the sample valid at {round_time(valid_time)} is stamped {round_duration(lead)} ahead '
-            f'of the clock; max_lead is {format_duration(self._max_lead)}; synchronise the clocks, '
-            f'or give a stream of forecasts a longer max_lead'
+            f'the sample valid at {round_time(valid_time)} is stamped '
+            f'{round_duration(lead, self._max_lead)} ahead of the clock; max_lead is '
+            f'{format_duration(self._max_lead)}; synchronise the clocks, or '
+            'give a stream of forecasts a longer max_lead'
         )
         self._reject(Fault(ViolationKind.FUTURE, valid_time, message, lead, self._max_lead))
         return True
@@ -191,7 +192,8 @@ class ReorderOperator(Operator):
         if self._max_delay is not None and now - valid_time > self._max_delay:
             delay = now - valid_time
             message = (
-                f'the sample valid at {round_time(valid_time)} came {round_duration(delay)} late; '
+                f'the sample valid at {round_time(valid_time)} came '
+                f'{round_duration(delay, self._max_delay)} late; '
                 f'max_delay is {format_duration(self._max_delay)}'
             )
             kind = ViolationKind.MAX_DELAY

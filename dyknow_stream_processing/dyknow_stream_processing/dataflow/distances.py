@@ -131,7 +131,7 @@ class DistanceOperator(Operator):
 
     def _fault(self, valid_time: int, observed: int, allowed: int) -> Fault:
         message = (
-            f'the sample valid at {round_time(valid_time)} comes {round_duration(observed)} '
-            f'after its predecessor; {self._demand}'
+            f'the sample valid at {round_time(valid_time)} comes '
+            f'{round_duration(observed, allowed)} after its predecessor; {self._demand}'
         )
         return Fault(self._kind, valid_time, message, observed, allowed)
