@@ -92,15 +92,15 @@ def round_duration(nanoseconds: int, unlike: int | None = None) -> str:
     if unlike is not None and unlike != nanoseconds:
         while _rounded(nanoseconds, digits) == _rounded(unlike, digits):
             digits += 1
-    return _rounded(nanoseconds, digits)
+    return ' '.join(map(str, _rounded(nanoseconds, digits)))
 
 
-def _rounded(nanoseconds: int, digits: int) -> str:
+def _rounded(nanoseconds: int, digits: int) -> tuple[Decimal, str]:
     for unit in ('s', 'ms', 'us'):
         if abs(nanoseconds) >= NANOSECONDS[unit]:
             amount = Decimal(nanoseconds) / NANOSECONDS[unit]
-            return f'{amount:.{max(digits, len(str(abs(int(amount)))))}g} {unit}'
-    return f'{nanoseconds} ns'
+            return Decimal(f'{amount:.{max(digits, len(str(abs(int(amount)))))}g}'), unit
+    return Decimal(nanoseconds), 'ns'
 
 
 def format_time(nanoseconds: int) -> str:

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from functools import cached_property
+from itertools import islice
 from types import MappingProxyType
 from typing import Any, Final
 
@@ -99,6 +100,7 @@ class Language:
         """
         with self.errors_in(text):
             self._check_characters(text)
+            self._check_words(text)
             try:
                 return builder.transform(self._tree(text))
             except VisitError as error:
@@ -116,16 +118,21 @@ class Language:
             message = f'unexpected character {found[0]!r}; remove it'
             raise PositionedError(message, position_at(text, found.start()))
 
+    def _check_words(self, text: str) -> None:
+        """Refuse a text with too many words before the parser, which takes five times as long."""
+        if len(text) <= MAX_WORDS:
+            return
+        with suppress(UnexpectedCharacters):  # The parser refuses the text at the same place.
+            if word := next(islice(self._parser.lex(text), MAX_WORDS, None), None):
+                message = f'the {self.name} has more than {MAX_WORDS} words and symbols; split it'
+                raise PositionedError(message, TextPosition.of(word))
+
     def _tree(self, text: str) -> Tree[Token]:
         parser: Any = self._parser.parse_interactive(text)  # typed in part only
         last = None
         try:
-            for count, last in enumerate(parser.iter_parse(), start=1):
-                if count > MAX_WORDS:
-                    message = (
-                        f'the {self.name} has more than {MAX_WORDS} words and symbols; split it'
-                    )
-                    raise PositionedError(message, TextPosition.of(last))
+            for last in parser.iter_parse():
+                pass
             tree: Tree[Token] = parser.feed_eof(last)
         except UnexpectedToken as error:
             # The parser copies the values for each terminal that it tries.
