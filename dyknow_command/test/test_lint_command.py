@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import os
+import time
 from pathlib import Path
 
 import pytest
@@ -16,6 +18,9 @@ from dyknow_semantics import parse_annotations
 LINTED = Path(__file__).parent / 'linted'
 ROOT = Path(__file__).parent.parent.parent
 ROVER = ROOT / 'docs' / 'examples'
+
+LIMIT_S = 5.0
+"""The time of the processor in which each hostile file is refused."""
 
 
 def lint(capsys: pytest.CaptureFixture[str], *arguments: object) -> tuple[int, str]:
@@ -45,6 +50,52 @@ def test_findings(
     code, shown = lint(capsys, *files)
     assert code == 1
     assert shown == (LINTED / f'{name}.expected').read_text(encoding='utf-8')
+
+
+OBJECTS = ', '.join(f'r{number}' for number in range(100_000))
+WORDS = 'a > 1 and ' * 90_000
+
+
+@pytest.mark.parametrize('verb', ['lint', 'up', 'monitor'])
+@pytest.mark.parametrize(
+    ('content', 'reason'),
+    [
+        (None, 'cannot read the configuration in robot.yaml: it is no regular file'),
+        (Path('/dev/zero'), 'cannot read the configuration in robot.yaml: it is no regular file'),
+        (Path('/'), 'cannot read the configuration in robot.yaml: Is a directory'),
+        ('#' * 2**25, 'cannot read the configuration in robot.yaml: it has more than 16,777,216 '),
+        (f'objects: {{R: [{OBJECTS}]}}', 'robot.yaml:1:388865: more than 50000 values; split it'),
+        (f'formulas: [{{name: a, formula: {WORDS}}}]', 'has more than 200000 words and symbols'),
+    ],
+    ids=['pipe', 'device', 'folder', 'large', 'objects', 'words'],
+)
+def test_hostile_files(
+    verb: str,
+    content: Path | str | None,
+    reason: str,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    if content is None:
+        os.mkfifo('robot.yaml')
+    elif isinstance(content, Path):
+        Path('robot.yaml').symlink_to(content)
+    else:
+        Path('robot.yaml').write_text(content, encoding='utf-8')
+    begin = time.process_time()
+    assert dyknow_command.main([verb, 'robot.yaml']) in {1, 2}
+    assert time.process_time() - begin < LIMIT_S
+    printed = capsys.readouterr()
+    assert reason in printed.out + printed.err
+
+
+@pytest.mark.parametrize('name', ['a.owl', 'a.ssl', 'a.streams', 'a.bridges', 'a.txt'])
+def test_named_pipes(name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    os.mkfifo(tmp_path / name)
+    assert dyknow_command.main(['lint', str(tmp_path / name)]) == 2
+    assert capsys.readouterr().err.endswith(f'in {tmp_path / name}: it is no regular file\n')
 
 
 @pytest.mark.parametrize(

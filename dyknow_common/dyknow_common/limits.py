@@ -11,6 +11,9 @@ from typing import Any, Concatenate, Final, ParamSpec, TypeVar
 MAX_CHARACTERS: Final = 1_000_000
 """The length of a text."""
 
+MAX_FILE_BYTES: Final = 16 * 1024 * 1024
+"""The size of a file that is read as a whole: a recording is not."""
+
 MAX_WORDS: Final = 200_000
 """The number of words and symbols in a text, which bounds the time to parse it."""
 

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import os
+import stat
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final, TextIO, TypeVar
 
-from dyknow_common.errors import DyKnowError, ExitCode
+from dyknow_common.errors import DyKnowError, ExitCode, shortened
+from dyknow_common.limits import MAX_FILE_BYTES
 
 Content = TypeVar('Content')
 
@@ -40,6 +42,8 @@ class InlineText:
 def open_text(path: Path, content: str, error_class: type[DyKnowError]) -> Iterator[TextIO]:
     """Open a text file in UTF-8, with or without a byte order mark, to be read within the body.
 
+    It may be a pipe, and of any size: `read_text` is for files that are read as a whole.
+
     Args:
         path: of the file.
         content: the kind of content in error messages, such as `streams`.
@@ -48,22 +52,48 @@ def open_text(path: Path, content: str, error_class: type[DyKnowError]) -> Itera
     Raises:
         DyKnowError: of that class, if the file cannot be read (NOT_FOUND) or is not in UTF-8.
     """
-    try:
-        with path.open(encoding='utf-8-sig') as file:
-            yield file
-    except OSError as error:
-        message = f'cannot read the {content} in {path}: {error.strerror}'
-        raise error_class(message, ExitCode.NOT_FOUND) from None
-    except UnicodeDecodeError:
-        raise error_class(f'cannot read the {content} in {path}: it is not in UTF-8') from None
+    with _errors_of(path, content, error_class), path.open(encoding='utf-8-sig') as file:
+        yield file
 
 
 def read_text(path: Path | InlineText, content: str, error_class: type[DyKnowError]) -> str:
-    """Return the text of a file; arguments and errors are those of `open_text`."""
+    """Return the text of a file that a user has given, read in bounded time.
+
+    Arguments and errors are those of `open_text`. A folder, a pipe or a device cannot be read
+    (NOT_FOUND), nor a file with more than MAX_FILE_BYTES.
+    """
     if isinstance(path, InlineText):
         return path.text
-    with open_text(path, content, error_class) as file:
-        return file.read()
+    with _errors_of(path, content, error_class):
+        read = read_regular(path, MAX_FILE_BYTES)
+        if len(read) > MAX_FILE_BYTES:
+            reason = f'it has more than {MAX_FILE_BYTES:,} bytes; split it'
+            raise error_class(f'cannot read the {content} in {path}: {reason}')
+        return read.decode('utf-8-sig').replace('\r\n', '\n').replace('\r', '\n')
+
+
+def read_regular(path: Path, max_bytes: int) -> bytes:
+    """Return the content of a file, or its beginning: one byte more than a number of bytes.
+
+    Raises:
+        OSError: also if it is a folder, a pipe or a device, which is not read.
+    """
+    # Without a wait: a pipe may have no writer.
+    with open(path, 'rb', opener=lambda name, flags: os.open(name, flags | NO_WAIT)) as file:
+        if not stat.S_ISREG(os.fstat(file.fileno()).st_mode):
+            raise OSError(0, 'it is no regular file')
+        return file.read(max_bytes + 1)
+
+
+@contextmanager
+def _errors_of(path: Path, content: str, error_class: type[DyKnowError]) -> Iterator[None]:
+    try:
+        yield
+    except OSError as error:
+        message = f'cannot read the {content} in {shortened(path)}: {error.strerror}'
+        raise error_class(message, ExitCode.NOT_FOUND) from None
+    except UnicodeDecodeError:
+        raise error_class(f'cannot read the {content} in {path}: it is not in UTF-8') from None
 
 
 def read_file(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import defaultdict
 from collections.abc import Iterator
 from html import escape
 
@@ -35,13 +36,13 @@ def ontology_text(vocabulary: RobotVocabulary, name: str) -> str:
     for feature in vocabulary.features.values():
         above = 'Feature' if feature.arguments else 'NullaryFeature'
         lines += _class(feature, above, _signature(feature))
-    for object_ in sorted({each for sort in vocabulary.sorts.values() for each in sort.objects}):
+    sorts: defaultdict[str, list[str]] = defaultdict(list)
+    for sort in vocabulary.sorts.values():
+        for object_ in sort.objects:
+            sorts[object_].append(sort.name)
+    for object_, names in sorted(sorts.items()):
         lines.append(f'    <owl:NamedIndividual rdf:about="#{object_}">')
-        lines += [
-            f'        <rdf:type rdf:resource="#{sort.name}"/>'
-            for sort in vocabulary.sorts.values()
-            if object_ in sort.objects
-        ]
+        lines += [f'        <rdf:type rdf:resource="#{each}"/>' for each in names]
         lines.append('    </owl:NamedIndividual>')
     return '\n'.join([*lines, '</rdf:RDF>', ''])
 

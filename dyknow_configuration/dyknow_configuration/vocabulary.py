@@ -21,6 +21,9 @@ from dyknow_configuration.robot import RobotFeature, RobotSort, RobotVocabulary
 SORT_KEYS: Final = ('below', 'description')
 FEATURE_KEYS: Final = ('of', 'type', 'unit', 'below', 'description', 'from')
 
+MAX_OBJECTS: Final = 10_000
+"""The number of objects of a file, as many as a formula may have by default (`object_limit`)."""
+
 _ARTICLES: Final = {'sort': 'a', 'feature': 'a', 'object': 'an'}
 _NAME: Final = re.compile(r'[A-Za-z_][A-Za-z0-9_]*')
 _RESERVED: Final = FORMULA_WORDS | SSL_WORDS | FUNCTIONS
@@ -75,14 +78,21 @@ class _VocabularyReader:
         if 'objects' not in self._values:
             return
         listed = self._values['objects'].entries('a mapping from sorts to lists of objects')
+        count = 0
         for name, value in listed:
             sort = self._sort(name) if 'sorts' in self._values else self._name(name, 'sort')
             objects = value.items('a list of objects')
-            names = tuple(self._name(each, 'object') for each in objects)
-            for index, each in enumerate(objects):
-                if names[index] in names[:index]:
-                    raise each.error(f"'{names[index]}' is given twice; keep one")
-            self._sorts[sort] = replace(self._sorts.get(sort, RobotSort(sort)), objects=names)
+            names: dict[str, None] = {}
+            count += len(objects)
+            if count > MAX_OBJECTS:
+                raise value.error(f'the file lists more than {MAX_OBJECTS} objects; list fewer')
+            for each in objects:
+                object_ = self._name(each, 'object')
+                if object_ in names:
+                    raise each.error(f"'{object_}' is given twice; keep one")
+                names[object_] = None
+            known = self._sorts.get(sort, RobotSort(sort))
+            self._sorts[sort] = replace(known, objects=tuple(names))
 
     def _read_feature(self, key: YamlValue, value: YamlValue) -> None:
         stated = value.mapping(FEATURE_KEYS)

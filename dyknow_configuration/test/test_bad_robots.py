@@ -69,6 +69,14 @@ def test_too_much(tmp_path: Path, text: str, message: str) -> None:
         read_robot(path)
 
 
+def test_too_many_objects(tmp_path: Path) -> None:
+    path = tmp_path / 'robot.yaml'
+    path.write_text(f'{MANY}  S: [{", ".join(f"s{number}" for number in range(5_000))}]\n')
+    path.write_text(path.read_text().replace(MANY, MANY.replace('{R', '\n  R').replace(']}', ']')))
+    with pytest.raises(ConfigurationError, match=r'3:6: the file lists more than 10000 objects'):
+        read_robot(path)
+
+
 def test_a_bad_file_of_formulas_is_named(tmp_path: Path) -> None:
     (tmp_path / 'more.yaml').write_text("- {name: a, formula: 'always alway p q'}\n")
     (tmp_path / 'robot.yaml').write_text('formulas: more.yaml\n')

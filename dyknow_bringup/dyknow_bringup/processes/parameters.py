@@ -6,7 +6,9 @@ import re
 from pathlib import Path
 from typing import Final
 
+from dyknow_bringup.errors import BringupError
 from dyknow_bringup.processes.robot import temporary_folder
+from dyknow_common import read_text
 
 _NODE: Final = re.compile(
     r"""^(?P<quote>["']?)(?P<name>\w+)(?P=quote):(?=[ \t]*(?:\#[^\n]*)?\n"""
@@ -25,8 +27,8 @@ def for_any_namespace(path: Path) -> Path:
         path: of a file; where its names have a namespace or a wildcard, they remain.
     """
     try:
-        text = path.read_text(encoding='utf-8')
-    except (OSError, UnicodeDecodeError):
+        text = read_text(path, 'parameters', BringupError)
+    except BringupError:
         return path  # Checks of the configuration, or the nodes, say what is wrong with it.
     changed = _NODE.sub(r'/**/\g<name>:', text)
     if changed == text:

@@ -12,6 +12,7 @@ from pathlib import Path
 from dyknow_bringup.errors import BringupError
 from dyknow_bringup.processes.processes import SystemConfiguration
 from dyknow_bringup.resources import uav_robot_path
+from dyknow_common import read_text
 from dyknow_configuration import RobotConfiguration, read_robot, write_texts
 from dyknow_stream_processing import parse_specification, specifications_by_sink
 
@@ -52,7 +53,8 @@ def fleet_configuration(vehicles: Sequence[str]) -> SystemConfiguration:
 def requested_streams(configuration: SystemConfiguration) -> set[str]:
     """Return the names of the streams that a configuration requests."""
     specifications = (
-        parse_specification(path.read_text(encoding='utf-8')) for path in configuration.streams
+        parse_specification(read_text(path, 'streams', BringupError))
+        for path in configuration.streams
     )
     return {name for each in specifications for name in specifications_by_sink(each)}
 

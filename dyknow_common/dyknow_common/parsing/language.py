@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from functools import cached_property
@@ -129,11 +130,9 @@ class Language:
 
     def _tree(self, text: str) -> Tree[Token]:
         parser: Any = self._parser.parse_interactive(text)  # typed in part only
-        last = None
         try:
-            for last in parser.iter_parse():
-                pass
-            tree: Tree[Token] = parser.feed_eof(last)
+            last = deque(parser.iter_parse(), maxlen=1)
+            tree: Tree[Token] = parser.feed_eof(*last)
         except UnexpectedToken as error:
             # The parser copies the values for each terminal that it tries.
             parser.parser_state.value_stack[:] = [None] * len(parser.parser_state.value_stack)

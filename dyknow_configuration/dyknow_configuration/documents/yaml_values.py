@@ -32,6 +32,9 @@ from dyknow_configuration.errors import ConfigurationError
 
 Read = TypeVar('Read')
 
+MAX_VALUES: Final = 50_000
+"""The number of values of a file: keys, texts, lists and mappings."""
+
 _TAG: Final = 'tag:yaml.org,2002:'
 _MERGE: Final = _TAG + 'merge'
 _CONTROL: Final = re.compile('[\x00-\x08\x0b\x0c\x0e-\x1f\x7f\ud800-\udfff\ufffe\uffff]')
@@ -247,17 +250,37 @@ def read_yaml(path: Path) -> YamlValue:
         message = f'more than {MAX_CHARACTERS} characters; split it'
         raise document.error(message, position_at(text, MAX_CHARACTERS))
     with _yaml_errors(document):
-        node = yaml.compose(text, Loader=yaml.SafeLoader)
+        node = yaml.compose(text, Loader=_BoundedLoader)
     if node is None:
         mark = yaml.Mark(str(path), 0, 0, 0, None, 0)
         node = yaml.ScalarNode(_TAG + 'null', '', mark, mark)
     return YamlValue(document, node)
 
 
+class _TooManyValuesError(yaml.MarkedYAMLError):
+    pass
+
+
+class _BoundedLoader(yaml.SafeLoader):
+    """Composes at most MAX_VALUES values, which takes a second."""
+
+    _count = 0
+
+    def compose_node(self, parent: yaml.Node | None, index: int) -> yaml.Node | None:
+        self._count += 1
+        if self._count > MAX_VALUES:
+            event = self.peek_event()  # type: ignore[no-untyped-call]
+            raise _TooManyValuesError(problem_mark=event.start_mark)
+        return super().compose_node(parent, index)
+
+
 @contextmanager
 def _yaml_errors(document: YamlDocument) -> Iterator[None]:
     try:
         yield
+    except _TooManyValuesError as error:
+        position = position_at(document.text, error.problem_mark.index if error.problem_mark else 0)
+        raise document.error(f'more than {MAX_VALUES} values; split it', position) from None
     except yaml.MarkedYAMLError as error:
         mark = error.problem_mark or error.context_mark
         reason = f'not YAML: {error.problem or error.context}'

@@ -18,7 +18,7 @@ from rclpy.qos import DurabilityPolicy, QoSProfile
 from rclpy.serialization import deserialize_message
 from rclpy.task import Future
 
-from dyknow_common import DyKnowError, ExitCode, listed, round_duration
+from dyknow_common import DyKnowError, ExitCode, listed, read_text, round_duration
 from dyknow_common.ros import (
     LATCHED,
     DiagnosticsPublisher,
@@ -360,10 +360,7 @@ def _configuration(robot: str) -> Mapping[str, str]:
     """Return the text of a robot.yaml by its path; empty without one."""
     if not robot:
         return {}
-    try:
-        return {robot: Path(robot).read_text(encoding='utf-8')}
-    except (OSError, ValueError) as error:
-        raise DyKnowError(f'robot: cannot read {robot}: {error}', ExitCode.NOT_FOUND) from None
+    return {robot: read_text(Path(robot), 'configuration', DyKnowError)}
 
 
 def main() -> int:

@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import os
-import stat
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
 from dyknow_common import ExitCode, listed, shortened
-from dyknow_common.text_files import NO_WAIT
 from dyknow_semantics.errors import SemanticsError
 
 MAX_BYTES: Final = 16 * 1024 * 1024
@@ -90,19 +88,6 @@ class Access:
                 f"'{shortened(location)}' has, with its imports, more than "
                 f'{self.max_statements:,} statements; split it, or increase max_statements'
             )
-
-
-def read_regular(path: Path, max_bytes: int) -> bytes:
-    """Return the content of a file, or its beginning: one byte more than a number of bytes.
-
-    Raises:
-        OSError: also if it is a folder, a pipe or a device, which is not read.
-    """
-    # Without a wait: a pipe may have no writer.
-    with open(path, 'rb', opener=lambda name, flags: os.open(name, flags | NO_WAIT)) as file:
-        if not stat.S_ISREG(os.fstat(file.fileno()).st_mode):
-            raise OSError(0, 'it is no regular file')
-        return file.read(max_bytes + 1)
 
 
 def cannot_read(path: Path, error: OSError | ValueError) -> SemanticsError:

@@ -9,8 +9,9 @@ from typing import Final
 from urllib.parse import unquote, urlsplit
 
 from dyknow_common import ExitCode, shortened
+from dyknow_common.text_files import read_regular
 from dyknow_semantics.errors import SemanticsError
-from dyknow_semantics.ontology.documents.access import Access, cannot_read, read_regular
+from dyknow_semantics.ontology.documents.access import Access, cannot_read
 from dyknow_semantics.ontology.documents.downloads import download
 from dyknow_semantics.ontology.names import prefix_of
 from dyknow_semantics.ontology.vocabulary import UPPER_ONTOLOGY
