@@ -232,9 +232,15 @@ def test_samples_are_put_in_order_and_late_ones_dropped(client: Client, count: i
     assert recording.proxy.statistics.samples == 3
 
 
-def recorded_publisher(client: Client) -> tuple[Any, Recording]:
+def outside_sample(stamp: int, x: float) -> SampleMessage:
+    """A sample as a node without watermarks publishes it."""
+    field = Field(name='pose.pose.position.x', type='float', value=str(x))
+    return SampleMessage(valid_time=time_of(stamp), fields=[field])
+
+
+def recorded_publisher(client: Client, message_type: Any = Odometry) -> tuple[Any, Recording]:
     """A publisher, and what is recorded of the positions that it publishes."""
-    publisher = client.node.create_publisher(Odometry, '/a', RELIABLE)
+    publisher = client.node.create_publisher(message_type, '/a', RELIABLE)
     recording = Recording(
         client,
         'select pose.pose.position.x as x from "/a"',
@@ -244,11 +250,16 @@ def recorded_publisher(client: Client) -> tuple[Any, Recording]:
     return publisher, recording
 
 
-def test_samples_of_one_publisher_pass_at_once(client: Client) -> None:
-    publisher, recording = recorded_publisher(client)
+@pytest.mark.parametrize(
+    ('message_type', 'message'), [(Odometry, odometry), (SampleMessage, outside_sample)]
+)
+def test_samples_of_one_publisher_pass_at_once(
+    client: Client, message_type: Any, message: Callable[[int, float], Any]
+) -> None:
+    publisher, recording = recorded_publisher(client, message_type)
     now = client.node.get_clock().now().nanoseconds
     for x in (1, 3, 2, 4):
-        publisher.publish(odometry(now + x, float(x)))
+        publisher.publish(message(now + x, float(x)))
     client.spin_until(lambda: len(recording.samples) == 3, 'samples')
     assert recording.values('x') == [1.0, 3.0, 4.0]
     assert recording.proxy.drops == {'valid_time_order': 1}

@@ -66,10 +66,9 @@ def source_type(
 
 def _type_of_class(class_: Any, valid_time: str | None, publishers: int) -> SourceType:
     receipt_time = valid_time_reader(class_, valid_time) is None
-    if is_sample(class_):
-        # An engine publishes a merge as its samples come, and sends watermarks.
-        return SourceType(None, receipt_time)
-    return SourceType(scalar_fields(class_), receipt_time, has_ordered_stamps=publishers == 1)
+    # An engine publishes a merge as its samples come: its watermarks count, not its stamps.
+    fields = None if is_sample(class_) else scalar_fields(class_)
+    return SourceType(fields, receipt_time, has_ordered_stamps=publishers == 1)
 
 
 class TopicSources:
@@ -298,7 +297,7 @@ class _Source:
         self.dataflow.set_source_type(self.topic, self.type_)
 
     def on_publishers(self, count: int) -> None:
-        if self.type_ is not None and not self.is_sample:
+        if self.type_ is not None:
             type_ = replace(self.type_, has_ordered_stamps=count == 1)
             self.dataflow.set_source_type(self.topic, type_)
 
@@ -358,7 +357,7 @@ class _Source:
 
     def _is_checked(self, message: Any, now: int) -> bool:
         """Return True if an engine has made a sample, by a clock that is not ahead of this one."""
-        if not self.is_sample:
+        if not (self.is_sample and message.watermark):
             return False
         available_time = time_to_nanoseconds(message.available_time)
         return 0 < available_time <= now + self.dataflow.max_lead
