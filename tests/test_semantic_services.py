@@ -73,6 +73,9 @@ def test_concepts_and_instances_come_and_go(nodes: Nodes) -> None:
     nodes.obtain(ONTOLOGY, srv.ConceptDestroy, concept_name='Glider')
     answer = nodes.call(ONTOLOGY, srv.ConceptGetInstances, concept_name='Glider')
     assert_refused(answer.exit_status, MISSING, "'Glider'")
+    drag = {'concept_name': 'drag', 'parent_concepts': ['Feature']}
+    assert 'assumed that' in nodes.obtain(ONTOLOGY, srv.ConceptCreate, **drag).exit_status.message
+    nodes.obtain(ONTOLOGY, srv.ConceptDestroy, concept_name='drag')
 
 
 def test_an_ontology_is_loaded(nodes: Nodes, tmp_path: Path) -> None:

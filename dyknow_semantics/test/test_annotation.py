@@ -89,7 +89,8 @@ def test_words_keep_their_places() -> None:
 
 def test_concepts() -> None:
     assert parse_concept('Power') == Concept(feature('Power'))
-    assert parse_concept('Power[uav1]') == Concept(feature('Power', 'uav1'))
+    for text in ('Power[uav1]', 'Power(uav1)'):
+        assert parse_concept(text) == Concept(feature('Power', 'uav1'))
     assert parse_concept('XYDist[x, uav1] for every x in UAV') == Concept(
         feature('XYDist', 'x', 'uav1'), (Range('x', 'UAV'),)
     )

@@ -47,16 +47,13 @@ def test_the_tree_of_a_fleet(knowledge: Knowledge) -> None:
         == """\
 concepts
 ├── (sorts)
-│   ├── Machine: eye, rover, uav1, uav2
-│   │   ├── Camera: eye
-│   │   └── Vehicle: rover, uav1, uav2
-│   │       ├── Drone = UAV: uav1, uav2
-│   │       │   └── Observer: uav2
-│   │       └── UGV: rover
 │   └── Object: eye, rover, uav1, uav2
-│       ├── Camera: eye
-│       └── Vehicle: rover, uav1, uav2
-│           └── as above
+│       └── Machine: eye, rover, uav1, uav2
+│           ├── Camera: eye
+│           └── Vehicle: rover, uav1, uav2
+│               ├── Drone = UAV: uav1, uav2
+│               │   └── Observer: uav2
+│               └── UGV: rover
 └── (features)
     ├── Altitude = Height[Vehicle]: float in m
     │   ├── a carries Altitude[uav1]

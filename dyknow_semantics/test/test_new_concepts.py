@@ -8,10 +8,19 @@ from pathlib import Path
 import pytest
 
 from dyknow_common import FORMULA_WORDS, SSL_WORDS, ExitCode, ValueType
-from dyknow_semantics import ALL_TRIPLES, FeatureSignature, Ontology, SemanticsError
+from dyknow_semantics import (
+    ALL_TRIPLES,
+    FeatureSignature,
+    Ontology,
+    SemanticsError,
+    match,
+    parse_annotations,
+    parse_concept,
+)
 from dyknow_semantics.ontology.documents.access import Access
 from dyknow_semantics.ontology.documents.documents import read_text
-from dyknow_semantics.ontology.features import StatedSignature
+from dyknow_semantics.ontology.features import INHERITED, StatedSignature
+from dyknow_semantics.ontology.new_entities import assumed_signature
 
 ROOT = Path(__file__).parent.parent.parent
 GRAMMARS = {
@@ -60,6 +69,36 @@ def test_a_feature_with_its_signature(world: Ontology) -> None:
     world.create_concept('Formation', [], StatedSignature(places, 'boolean'))
     formation = FeatureSignature('Formation', places, ValueType.BOOLEAN)
     assert world.knowledge.feature('Formation') == formation
+
+
+def test_a_feature_of_the_paper_is_made_of_its_name_and_parent(world: Ontology) -> None:
+    world.create_concept('Buoy')
+    world.create_instance('buoy1', ['Buoy'])
+    signature, remark = assumed_signature('power', ['Feature'], INHERITED, world.knowledge)
+    assert "'power' has one argument of any sort, and float values without unit" in remark
+    world.create_concept('power', ['Feature'], signature)
+    power = FeatureSignature('power', ('Object',), ValueType.FLOAT)
+    assert world.knowledge.feature('power') == power
+    annotations = parse_annotations('stream a contains power(uav2) = x, power(buoy1) = y')
+    for concept in ('power(uav2)', 'power[buoy1]', 'power(b) for every b in Buoy'):
+        (found,) = match(parse_concept(concept), annotations, world.knowledge)
+        assert 'from a' in str(found.declaration)
+
+
+@pytest.mark.parametrize(
+    ('parents', 'stated'),
+    [
+        ([], INHERITED),
+        (['Altitude'], INHERITED),
+        (['NullaryFeature'], INHERITED),
+        (['Feature', 'Altitude'], INHERITED),
+        (['Feature'], StatedSignature(value_type='int')),
+    ],
+)
+def test_nothing_is_assumed_of_other_concepts(
+    world: Ontology, parents: list[str], stated: StatedSignature
+) -> None:
+    assert assumed_signature('F', parents, stated, world.knowledge) == (stated, '')
 
 
 def test_a_feature_inherits_what_it_does_not_state(world: Ontology) -> None:

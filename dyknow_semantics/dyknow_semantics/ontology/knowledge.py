@@ -45,6 +45,7 @@ class Knowledge:
 
     Concepts are ordered by subclasses, equivalent classes, and the parts of intersections and
     unions. Consequences of restrictions are known only if a reasoner has added them to the triples.
+    Each sort lies below `Object`, also if it is not stated.
 
     Methods accept short names, prefixed names and IRIs. They return the shortest unambiguous names,
     sorted unless stated otherwise, and raise SemanticsError (NOT_FOUND if the name is unknown,
@@ -66,7 +67,7 @@ class Knowledge:
             for iri, kind in index.by_predicate[vocabulary.TYPE]
             if kind == vocabulary.CLASS and _is_named(iri)
         }
-        self._taxonomy = Taxonomy(index.order())
+        self._taxonomy = self._with_sorts_below_object(list(index.order()))
         self._types = index.types_of_instances(self._concepts)
         self.prefixes = Prefixes(index.by_predicate[vocabulary.PREFIX])
         self.concept_names = Names('concept', self._concepts, self.prefixes)
@@ -190,6 +191,14 @@ class Knowledge:
         if iri in self._concepts:
             return self.concept_names.name(iri)
         return self.instance_names.name(iri) if iri in self._types else iri
+
+    def _with_sorts_below_object(self, order: list[tuple[str, str]]) -> Taxonomy:
+        """Return the order of concepts, in which each one that is no feature is a sort."""
+        taxonomy = Taxonomy(order)
+        others = {vocabulary.THING, vocabulary.NOTHING, *taxonomy.above(vocabulary.OBJECT)}
+        others |= taxonomy.below(vocabulary.FEATURE) | taxonomy.above(vocabulary.FEATURE)
+        sorts = sorted(self._concepts - others - taxonomy.below(vocabulary.OBJECT))
+        return Taxonomy([*order, *((sort, vocabulary.OBJECT) for sort in sorts)])
 
     def _unify(self, same: Taxonomy) -> dict[str, str]:
         """Give synonyms the same types. Return the representative of each synonym."""

@@ -21,7 +21,7 @@ from dyknow_semantics.errors import SemanticsError
 from dyknow_semantics.ontology.features import StatedSignature
 from dyknow_semantics.ontology.knowledge import Knowledge
 from dyknow_semantics.ontology.names import split_iri
-from dyknow_semantics.ontology.vocabulary import FEATURE, NULLARY_FEATURE
+from dyknow_semantics.ontology.vocabulary import FEATURE, NULLARY_FEATURE, OBJECT
 
 _CONCEPT: Final = re.compile(r'[A-Za-z_][A-Za-z0-9_]*')
 _INSTANCE: Final = re.compile(r'[A-Za-z_][A-Za-z0-9_.-]*')
@@ -120,6 +120,24 @@ def checked_parents(
             'or none; a sort has no argument sorts, value type or unit'
         )
     return iris or ((FEATURE,) if signature else ())
+
+
+def assumed_signature(
+    name: str, parents: Collection[str], stated: StatedSignature, knowledge: Knowledge
+) -> tuple[StatedSignature, str]:
+    """Return the signature of a new concept, and a sentence about what it assumes, or ''.
+
+    In the paper, a feature is made of its name and its parent `Feature` alone (section VI-A.3).
+
+    Raises:
+        SemanticsError: if a parent is unknown.
+    """
+    if stated or [*map(knowledge.concept_names.iri, parents)] != [FEATURE]:
+        return stated, ''
+    return StatedSignature((OBJECT,), ValueType.FLOAT), (
+        f"assumed that the feature '{name}' has one argument of any sort, and float values without "
+        'unit; to state others, give argument_sorts, value_type or unit, or a feature as parent'
+    )
 
 
 def checked_signature(

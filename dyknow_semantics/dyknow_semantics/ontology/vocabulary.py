@@ -42,6 +42,7 @@ ENTAILED_ONTOLOGY: Final = 'http://www.dyknow.org/entailed#'
 BRIDGES_ONTOLOGY: Final = 'http://www.dyknow.org/bridges#'
 """The ontology of the statements that bridge rules make about the present names."""
 
+OBJECT: Final = UPPER_ONTOLOGY + 'Object'
 FEATURE: Final = UPPER_ONTOLOGY + 'Feature'
 NULLARY_FEATURE: Final = UPPER_ONTOLOGY + 'NullaryFeature'
 ARGUMENT: Final = UPPER_ONTOLOGY + 'argument'

@@ -22,6 +22,7 @@ from dyknow_common.ros import RUNNING, DyKnowNode, run
 from dyknow_semantics.errors import SemanticsError
 from dyknow_semantics.ontology.features import StatedSignature
 from dyknow_semantics.ontology.knowledge import ALL_TRIPLES, TRIPLE_VARIABLES
+from dyknow_semantics.ontology.new_entities import assumed_signature
 from dyknow_semantics.ontology.ontology import Ontology
 from dyknow_semantics.ontology.reasoner import Reasoner, ReasonerProcess
 from dyknow_semantics.ros.inference import Inference
@@ -91,14 +92,13 @@ class OntologyManager(DyKnowNode):
             return None
         return ReasonerProcess(self._reasoner, limit_s, memory)
 
-    async def _create_concept(self, request: Any, _response: Any) -> None:
+    async def _create_concept(self, request: Any, response: Any) -> None:
+        name, parents = request.concept_name, tuple(request.parent_concepts)
         sorts = tuple(request.argument_sorts)
-        await self._inference.change(
-            self._ontology.create_concept,
-            request.concept_name,
-            tuple(request.parent_concepts),
-            StatedSignature(sorts, request.value_type, request.unit),
-        )
+        stated = StatedSignature(sorts, request.value_type, request.unit)
+        signature, remark = assumed_signature(name, parents, stated, self._ontology.knowledge)
+        await self._inference.change(self._ontology.create_concept, name, parents, signature)
+        response.exit_status.message = remark
 
     async def _destroy_concept(self, request: Any, _response: Any) -> None:
         await self._inference.change(self._ontology.destroy_concept, request.concept_name)
