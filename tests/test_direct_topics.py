@@ -87,10 +87,10 @@ class Bench:
     def publisher(self, topic: str = TOPIC, quality_of_service: QoSProfile = STREAM) -> Any:
         return DirectPublisher(self.sender, Int64, topic, quality_of_service)
 
-    def outsider(self, quality_of_service: QoSProfile = STREAM) -> list[int]:
+    def outsider(self, quality_of_service: QoSProfile = STREAM, topic: str = TOPIC) -> list[int]:
         values: list[int] = []
         self.client.node.create_subscription(
-            Int64, TOPIC, lambda message: values.append(message.data), quality_of_service
+            Int64, topic, lambda message: values.append(message.data), quality_of_service
         )
         return values
 
@@ -227,6 +227,28 @@ def test_the_middleware_gets_what_is_received_directly_at_the_end_of_the_callbac
     assert outside == []
     is_held = False
     bench.wait_for(lambda: outside == list(range(10)))
+
+
+def test_the_middleware_gets_what_waits_before_a_message_that_must_not_wait(bench: Bench) -> None:
+    """Otherwise, another process receives a state before the violation that it shows."""
+    Received(bench, quality_of_service=LATCHED_HISTORY)
+    latched, other = bench.publisher(quality_of_service=LATCHED_HISTORY), bench.publisher('/other')
+    outside = bench.outsider(LATCHED_HISTORY), bench.outsider(topic='/other')
+    bench.wait_for(lambda: other.get_subscription_count() == 1, 'the other subscriber')
+    is_held = True
+
+    def publish() -> None:
+        latched.publish(Int64(data=1))
+        other.publish(Int64(data=2))
+        while is_held:
+            time.sleep(0.01)
+
+    bench.executors[0].create_task(publish)
+    bench.executors[0].wake()
+    try:
+        bench.wait_for(lambda: outside == ([1], [2]))
+    finally:
+        is_held = False
 
 
 def test_a_publisher_that_ends_within_its_callback_loses_no_message(bench: Bench) -> None:

@@ -12,8 +12,10 @@ process, as the object that it is. It also publishes it on the middleware if any
 
 Messages on a latched topic are always published on the middleware, too: later subscribers need
 them. The middleware takes longer than the rest, and would delay the direct subscribers, so it gets
-a message that they receive only when the publisher's node has ended its callback. Other messages
-must not wait: a subscription would receive some that were published before it was created.
+a message that they receive only when the publisher's node has ended its callback, or publishes one
+that must not wait. The middleware gets the messages of a node in the order of their publication,
+too: a violation before the state that shows it. Other messages must not wait: a subscription would
+receive some that were published before it was created.
 
 A direct message has a number, as those of the middleware have, but numbers of its own.
 
@@ -54,6 +56,8 @@ class _Inbox:
 
     def __init__(self, node: Node) -> None:
         self._waiting: deque[Callable[[], None]] = deque()
+        self._unpublished: deque[tuple[DirectPublisher, Any]] = deque()
+        self._lock = Lock()
         self._wake = node.create_guard_condition(self._run, ReentrantCallbackGroup())
 
     @classmethod
@@ -69,6 +73,24 @@ class _Inbox:
             self._wake.trigger()
         except InvalidHandle:
             self._waiting.clear()  # The node is destroyed.
+
+    @property
+    def has_unpublished(self) -> bool:
+        """True if the middleware does not have all messages yet."""
+        return bool(self._unpublished)
+
+    def publish_later(self, publisher: DirectPublisher, message: Any) -> None:
+        """Give a message to the middleware after the callback that runs."""
+        self._unpublished.append((publisher, message))
+        if len(self._unpublished) == 1:
+            self.put(self.publish_waiting)
+
+    def publish_waiting(self) -> None:
+        """Give the messages to the middleware that it does not have yet, in their order."""
+        with self._lock:
+            while self._unpublished:
+                publisher, message = self._unpublished.popleft()
+                publisher.publish_outside(message)
 
     def _run(self) -> None:
         # Those that come meanwhile wake the node again, after its other callbacks.
@@ -226,9 +248,7 @@ class DirectPublisher:
         self._publisher = node.create_publisher(msg_type, topic, qos_profile)
         self._is_latched = qos_profile.durability is DurabilityPolicy.TRANSIENT_LOCAL
         self._is_for_others = self._is_latched
-        # Those that wait for the end of the callback.
-        self._unpublished: deque[Any] = deque()
-        self._lock = Lock()
+        self._inbox = _Inbox.of(node)
         self._number = 0
 
     def publish(self, message: Any) -> None:
@@ -237,11 +257,11 @@ class DirectPublisher:
         direct = _SUBSCRIPTIONS.of(self._key)
         for subscription in direct:
             subscription.put(message, self._number, self._sender)
-        if self._is_latched and (direct or self._unpublished):
-            self._unpublished.append(message)
-            if len(self._unpublished) == 1:
-                _Inbox.of(self._node).put(self._publish_waiting)
+        if self._is_latched and (direct or self._inbox.has_unpublished):
+            self._inbox.publish_later(self, message)
         elif self.is_for_others:
+            if self._inbox.has_unpublished:
+                self._inbox.publish_waiting()
             self._publisher.publish(self._to_message(message))
 
     @property
@@ -258,15 +278,12 @@ class DirectPublisher:
 
     def destroy(self) -> None:
         """End the publisher, after all its messages."""
-        self._publish_waiting()
+        self._inbox.publish_waiting()
         self._node.destroy_publisher(self._publisher)
 
-    def _publish_waiting(self) -> None:
-        """Publish the messages that the middleware does not have yet, in their order."""
-        with self._lock:
-            while self._unpublished:
-                message = self._unpublished.popleft()
-                try:
-                    self._publisher.publish(self._to_message(message))
-                except Exception as error:  # noqa: BLE001 - it would end the executor
-                    self._node.reject(self._key[1], f'it cannot be published: {error}')
+    def publish_outside(self, message: Any) -> None:
+        """Publish a message on the middleware; an error is counted and logged."""
+        try:
+            self._publisher.publish(self._to_message(message))
+        except Exception as error:  # noqa: BLE001 - it would end the executor
+            self._node.reject(self._key[1], f'it cannot be published: {error}')
