@@ -56,8 +56,21 @@ class Reference:
                 return False
             if found[1][2] or self.now - found[0] + found[1][3] > TIMEOUT:
                 return False
+            times = self.valid_times(name)
+            if name in FORMULAS and len(times) > 1 and times[-1] - times[-2] > TIMEOUT:
+                return False
         block = latest({'block'}, '')
         return block is None or not block[1][2]
+
+    def valid_times(self, formula: str) -> list[int]:
+        """The valid times of the states since the latest fault or interruption."""
+        times: list[int] = []
+        for time, (kind, name, _, age) in self.log:
+            if kind == 'interrupt' or (kind == 'fault' and name == formula):
+                times.clear()
+            elif kind == 'state' and name == formula:
+                times.append(time - age)
+        return times
 
     def look(self) -> None:
         was_open, self.is_open = self.is_open, self.is_well() and not self.is_latched
@@ -176,6 +189,23 @@ def test_a_message_that_was_received_while_the_gate_was_closed() -> None:
     gate.note_state('f', 5)
     assert gate.passes(6, age=1)
     assert not gate.passes(6, age=2)
+
+
+def test_a_state_that_ends_a_silence_does_not_open() -> None:
+    """The violation of its stream comes after it."""
+    gate = open_gate()
+    for now in (7, 8):
+        gate.note_node('n', now)
+    gate.note_state('f', 8)
+    assert not gate.passes(8)
+    assert gate.reason == 'f: the latest state comes 7 ns after its predecessor'
+    gate.note_fault('f', 9, 'the stream broke max_gap')
+    gate.note_state('f', 10)
+    assert gate.passes(10), 'the states of another stream begin'
+    gate.note_node('n', 16)
+    for now in (16, 17):
+        gate.note_state('f', now)
+    assert gate.passes(17), 'the states go on'
 
 
 def test_a_sign_of_life_that_has_waited_counts_from_its_receipt() -> None:

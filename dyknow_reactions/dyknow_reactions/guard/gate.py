@@ -10,6 +10,11 @@ which it holds, and each node of DyKnow has given a recent sign of life. With a 
     200 ms    a state, the formula does not hold  closed: Ahead[rover] is 0.2
     250 ms    a state, the formula holds          open; with a latch, latched until `reset`
     551 ms    (no state has come since)           closed: the latest state is older than 300 ms
+    700 ms    a state, the formula holds          closed: it comes 450 ms after its predecessor
+    800 ms    a state, the formula holds          open
+
+A state after a silence shows that its stream may have broken a constraint, whose violation is a
+message on another topic. So the states must have gone on before the gate opens.
 
 All times are those of one monotonic clock, in nanoseconds. Each method first closes the gate if
 something became too old before its time, so a latch does not depend on when it is looked at.
@@ -21,7 +26,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from enum import IntEnum
 
-from dyknow_common import format_duration
+from dyknow_common import format_duration, round_duration
 
 
 class GateState(IntEnum):
@@ -40,10 +45,12 @@ class _Known:
         time: at which the latest state was valid, or of the latest sign of life; None if there is
             none that counts.
         failure: why a formula does not hold, or cannot be asked; empty if it holds.
+        silence: the time between the latest two states, if it was longer than the timeout.
     """
 
     time: int | None = None
     failure: str = ''
+    silence: int = 0
 
 
 class Gate:
@@ -80,7 +87,9 @@ class Gate:
             age: the time since the state was valid: one that has waited may be out of date.
         """
         self.update(now)
-        self._formulas[formula] = _Known(now - age, failure)
+        time, predecessor = now - age, self._formulas[formula].time
+        silence = 0 if predecessor is None else time - predecessor
+        self._formulas[formula] = _Known(time, failure, silence if silence > self._timeout else 0)
         self.update(now)
 
     def note_fault(self, formula: str, now: int, reason: str) -> None:
@@ -158,4 +167,7 @@ class Gate:
                 return self._interruption or f'{name}: no {what} has come'
             if now - known.time > self._timeout:
                 return f'{name}: the latest {what} is older than {format_duration(self._timeout)}'
+            if known.silence:
+                distance = round_duration(known.silence)
+                return f'{name}: the latest {what} comes {distance} after its predecessor'
         return ''
