@@ -162,7 +162,8 @@ def publish(streams: int, rate: float, formulas: int) -> None:
     nodes = [DyKnowNode(each) for each in (*NEEDED, 'stream_processing_engine')]
     coordinator, manager = nodes[0], nodes[NEEDED.index(STREAM_MANAGER)]
     EvaluationsReport(coordinator, statuses)
-    StreamReportPublisher(manager, lambda: ['/stream_processing_engine'], reports)
+    engine = '/stream_processing_engine'
+    StreamReportPublisher(manager, lambda: [engine], reports, manager.now)
     writers = [SampleWriter() for _ in used]
     publishers = [
         nodes[-1].create_publisher(SampleMessage, f'/dyknow/streams/_states_{n}', STREAM)

@@ -68,11 +68,16 @@ def test_each_node_logs_what_it_has_loaded(tmp_path: Path) -> None:
         stream_reasoning_engine={},
     ) as nodes:
         expected = {
-            'stream_manager': 'ready: 2 streams from 1 file',
             'ontology_manager': 'ready: 3 concepts, 2 features, 1 object from 1 file',
             'stream_semantics_manager': 'ready: 2 annotations from 1 file',
             'stream_reasoning_engine': 'ready',
         }
+        assert not any('ready' in line for line in nodes.log('stream_manager')), 'no engine'
+        nodes.start('stream_processing_engine')
+        expected['stream_manager'] = 'ready: 2 streams from 1 file'
+        nodes.client.spin_until(
+            lambda: any('ready' in line for line in nodes.log('stream_manager')), 'its streams'
+        )
         for node, text in expected.items():
             lines = [line for line in nodes.log(node) if 'ready' in line]
             assert [line.partition(']: ')[2] for line in lines] == [text]

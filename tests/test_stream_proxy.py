@@ -367,6 +367,17 @@ def test_stamps_that_are_zero_negative_or_equal(client: Client, paused_s: int) -
     assert violation.valid_time == -5 * SECOND + begun % SECOND
 
 
+def test_topics_are_known_until_the_begin_of_a_pause(client: Client) -> None:
+    _, recording = recorded_publisher(client)
+    sources = recording.proxy._sources
+    client.spin_until(
+        lambda: client.node.get_clock().now().nanoseconds - sources.processed_until() < SECOND,
+        'no pause',
+    )
+    PAUSES.note_sign_of_life(time.monotonic_ns() - 5 * SECOND)
+    assert client.node.get_clock().now().nanoseconds - sources.processed_until() >= 5 * SECOND
+
+
 def test_the_field_of_the_valid_time_can_be_named(client: Client) -> None:
     publisher = client.node.create_publisher(TimeReference, '/a', RELIABLE)
     recording = Recording(client, 'select source from "/a"', valid_time='time_ref')

@@ -90,6 +90,7 @@ class SystemStart:
                 f'{refused} refused' if 'refused' in semantics else 'not checked yet',
                 _counted(streams['streams'], 'streams'),
                 *([f'{waiting} waiting'] if waiting else []),
+                *([] if streams['engines'] else ['no engine found yet']),
                 f'{streams["refused"]} refused',
             )
         )

@@ -169,9 +169,13 @@ class DyKnowNode(Node):
         """
         self.heartbeat.start()
         self._report_unknown_parameters()
-        self.get_logger().info(f'ready: {loaded_text(self._loaded)}' if self._loaded else 'ready')
+        self.log_ready()
         self._status = self.create_publisher(DiagnosticStatus, self.STATUS_TOPIC, STATUS)
         self._publish_status()
+
+    def log_ready(self) -> None:
+        """Log that it is ready, and what it has loaded; a node that needs others does so later."""
+        self.get_logger().info(f'ready: {loaded_text(self._loaded)}' if self._loaded else 'ready')
 
     def _report_unknown_parameters(self) -> None:
         """Warn of given parameters that the node does not have; ROS ignores them silently."""

@@ -31,7 +31,7 @@ class NodeState:
 
 
 def has_loaded(statuses: Mapping[str, Mapping[str, str]]) -> bool:
-    """Return True if the nodes that load files have checked all of them.
+    """Return True if the nodes that load files have checked all of them, and an engine is found.
 
     Args:
         statuses: the values of the status of each node, by the type of the node.
@@ -39,7 +39,8 @@ def has_loaded(statuses: Mapping[str, Mapping[str, str]]) -> bool:
     semantics = statuses.get('stream_semantics_manager', {})
     streams = statuses.get('stream_manager', {})
     # An annotation is checked against the ontology; a stream waits for an engine.
-    return 'refused' in semantics and streams.get('waiting') == ''
+    is_placed = streams.get('waiting') == '' and bool(streams.get('engines'))
+    return 'refused' in semantics and is_placed
 
 
 def diagnose_node(state: NodeState) -> Diagnosis:

@@ -49,6 +49,10 @@ class StreamsMirror:
         self._moved_before: dict[str, str] = {}
         self.engines: tuple[str, ...] = ()
         """The stream processing engines that run."""
+        self.known_until = 0
+        """The time until which the messages of all topics are known, in nanoseconds."""
+        self.heard_at = 0
+        """The time of the wall clock at which that was reported, in nanoseconds."""
         self._on_change = on_change
         node.create_subscription(
             StreamStatusArray,
@@ -86,6 +90,10 @@ class StreamsMirror:
 
     def _on_report(self, message: Any) -> None:
         self.engines = tuple(message.engines)
+        known_until = time_to_nanoseconds(message.stamp)
+        if known_until != self.known_until:
+            self.known_until = known_until
+            self.heard_at = self._node.wall_clock.now().nanoseconds
         texts = {each.specification for each in message.streams}
         self._moved_before = {
             text: moved for text, moved in self._moved_before.items() if text in texts

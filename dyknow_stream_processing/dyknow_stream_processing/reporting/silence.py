@@ -7,10 +7,14 @@ from dataclasses import dataclass, replace
 from difflib import get_close_matches
 from typing import Final
 
+from dyknow_common import SECOND_NS
 from dyknow_stream_processing.reporting.stream_report import StreamReport, StreamState
 
 SILENT_PERIODS: Final = 3
 """The least number of seconds after which a stream without new samples counts as silent."""
+
+MAX_LAG_NS: Final = SECOND_NS
+"""The time for which messages may wait in a node that keeps up."""
 
 MAX_NAME: Final = 200
 """Longer names of topics are not compared: that takes quadratic time."""

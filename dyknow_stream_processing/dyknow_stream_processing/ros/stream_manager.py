@@ -54,6 +54,8 @@ MAX_STREAMS = 5000
 class StreamManager(DyKnowNode):
     """Node that keeps the registry of streams and places new ones on engines."""
 
+    _is_ready = False
+
     def __init__(self) -> None:
         super().__init__('stream_manager')
         memory = self.parameter(
@@ -85,7 +87,9 @@ class StreamManager(DyKnowNode):
             partial(parse_beside, Background(self)),
             self._on_change,
         )
-        self._report_publisher = StreamReportPublisher(self, self._engines.ready, self._reports)
+        self._report_publisher = StreamReportPublisher(
+            self, self._engines.ready, self._reports, self._engines.known_until
+        )
         self.serve(StreamCreateFromSpec, self._create)
         self.serve(StreamDestroy, self._destroy)
         self.serve(ListStreams, self._list)
@@ -167,6 +171,7 @@ class StreamManager(DyKnowNode):
         if states != self._states.get(name):
             self._states[name] = states
             self._report_publisher.publish_soon()
+            self._update_status()
         is_settled = self._placement.is_settled(name)
         if not is_settled or self._registry.waiting() or self._placement.conflicts:
             self._placement.reconcile_soon()
@@ -212,7 +217,15 @@ class StreamManager(DyKnowNode):
         self._report_publisher.publish_soon()
         self._update_status()
 
+    def log_ready(self) -> None:
+        """Log once that there is an engine, and each stream is made or refused."""
+        is_placed = all(stream.failed for stream in self._registry.waiting())
+        if not self._is_ready and is_placed and self._engines.ready():
+            self._is_ready = True
+            super().log_ready()
+
     def _update_status(self) -> None:
+        self.log_ready()
         unplaced = self._registry.waiting()
         waiting = [stream.name for stream in unplaced if not stream.failed]
         failed = [stream.name for stream in unplaced if stream.failed]

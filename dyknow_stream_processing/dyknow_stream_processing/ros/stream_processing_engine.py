@@ -114,8 +114,9 @@ class StreamProcessingEngine(DyKnowNode):
         self._waiting = WaitingStreams(self, self._dataflow, self._sources)
         self._outputs: dict[str, _Output] = {}
         self._background = Background(self)
+        name, processed_until = self.get_fully_qualified_name(), self._sources.processed_until
         self._report_publisher = StreamReportPublisher(
-            self, lambda: [self.get_fully_qualified_name()], self._reports, self._end_period
+            self, lambda: [name], self._reports, processed_until, self._end_period
         )
         self._warning = Throttle(WARNING_PERIOD_S)
         self._notice = Throttle(WARNING_PERIOD_S)

@@ -2,21 +2,23 @@
 
 from __future__ import annotations
 
-import time
-from collections.abc import Iterable
+from collections.abc import Sequence
 from typing import Final
 
-from dyknow_common import SECOND_NS
+from dyknow_common import SECOND_NS, format_duration
 from dyknow_common.ros import LogOnce
 from dyknow_coordinator.grounding.source_choice import silent_topics
 from dyknow_coordinator.ros.context import CoordinatorContext
 from dyknow_coordinator.ros.evaluation.evaluation_group import EvaluationGroup, EvaluationGroups
-from dyknow_stream_processing.ros import PAUSES
 
 PERIOD_S: Final = 0.5
 
 WAITING_LIMIT_S: Final = 3.0
 """Time that a new state stream has for its first state before its evaluations are waiting."""
+
+
+REPORT_LIMIT_NS: Final = 5 * SECOND_NS
+"""Time without a new report on the topics, which come each second, before operators are told."""
 
 
 class SilenceMonitor:
@@ -26,6 +28,14 @@ class SilenceMonitor:
     evaluations are waiting, clients and operators are told why, and the log has a warning. A stream
     with a `sample_period` and no bound of its delay, which no violation ends, fails them if it is
     silent for that much longer.
+
+    Silence counts until the time that the engines have reported, not until now: an engine, the
+    stream manager or this node may not run for a while, and then messages wait, unreported.
+
+        0.0 s  an engine reports a message of a topic
+        0.2 s  the computer is too busy for the engine; messages of the topic wait
+        6.0 s  the topics are known until 0.0 s: a warning says so, and none is silent
+        6.5 s  the engine processes the messages, and reports
 
     Args:
         limit_s: a topic is silent after this time without a message.
@@ -37,6 +47,7 @@ class SilenceMonitor:
         self._context = context
         self._groups = groups
         self._limit_s = limit_s
+        self._limit_ns = round(limit_s * SECOND_NS)
         self._first_seen: dict[str, int] = {}
         self._log = LogOnce()
         context.node.create_timer(PERIOD_S, self._check, clock=context.node.wall_clock)
@@ -54,10 +65,8 @@ class SilenceMonitor:
         stream = known.get(group.states.stream.name)
         if stream is None:
             return
-        since, now = self._first_seen[stream.name], self._context.node.now()
-        # What was received during a pause of this process is reported after it.
-        paused = PAUSES.delay(now - since, time.monotonic_ns())
-        oldest = now - paused - round(self._limit_s * SECOND_NS)
+        since = self._first_seen[stream.name]
+        oldest = self._context.streams.known_until - self._limit_ns
         for silent in silent_topics(group.states.chosen, known, stream.received, since, oldest):
             group.states.replace_silent(
                 silent.sources,
@@ -65,15 +74,27 @@ class SilenceMonitor:
                 is_overdue=silent.is_overdue,
             )
 
-    def _report_waiting(self, groups: Iterable[EvaluationGroup]) -> None:
+    def _report_waiting(self, groups: Sequence[EvaluationGroup]) -> None:
         latest_start_s = self._context.wall_time_s() - WAITING_LIMIT_S
         for group in groups:
             is_due = group.states.stream.created_at_s <= latest_start_s
             group.set_waiting(group.states.waits_for if is_due else '')
-        waiting = (
+        waiting = [
             f'no state comes for {group.titles}: {group.waits_for}'
             for group in groups
             if group.waits_for
-        )
+        ]
+        if any(group.states.chosen for group in groups) and self._is_outdated():
+            waiting.append(
+                f'nothing was reported about topics for {format_duration(REPORT_LIMIT_NS)}, so '
+                'none of them is taken for silent: this node, the stream manager or an engine was '
+                'stopped, or the computer is too busy for them'
+            )
         for text in self._log.new(waiting):
             self._context.node.get_logger().warning(text)
+
+    def _is_outdated(self) -> bool:
+        """Return True if the latest report is old; simulated time may stand still, or be fast."""
+        streams = self._context.streams
+        age = self._context.wall_time() - streams.heard_at
+        return age > REPORT_LIMIT_NS and streams.known_until < self._context.node.now()

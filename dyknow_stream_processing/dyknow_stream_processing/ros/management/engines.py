@@ -18,7 +18,14 @@ from dyknow_interfaces.msg import StreamStatusArray
 from dyknow_interfaces.srv import ListStreams, StreamCreateFromSpec, StreamDestroy
 
 from dyknow_common import SECOND_NS, DyKnowError
-from dyknow_common.ros import LATCHED, NODE_TYPE, DyKnowNode, RemoteNode, only_owner
+from dyknow_common.ros import (
+    LATCHED,
+    NODE_TYPE,
+    DyKnowNode,
+    RemoteNode,
+    only_owner,
+    time_to_nanoseconds,
+)
 from dyknow_stream_processing.management.namespaces import Namespaces
 from dyknow_stream_processing.reporting.stream_report import StreamReport
 from dyknow_stream_processing.ros.messages.stream_report_messages import report_from_message
@@ -65,6 +72,7 @@ class Engines:
         self._candidates: dict[str, RemoteNode] = {}
         self._found_at: dict[str, int] = {}
         self._reports: dict[str, dict[str, StreamReport]] = {}
+        self._known_until: dict[str, int] = {}
         # Engines of this process exist by now: the first of them need not wait for a period.
         node.deadlines.after(0.0).add_done_callback(lambda _: self._discover())
         node.create_timer(discovery_period_s, self._discover, clock=node.wall_clock)
@@ -90,6 +98,10 @@ class Engines:
     def reports(self, name: str) -> Mapping[str, StreamReport]:
         """Return the latest reports of an engine, by stream name."""
         return self._reports.get(name, {})
+
+    def known_until(self) -> int:
+        """Return the time until which all engines have reported their topics, in nanoseconds."""
+        return min((self._known_until[name] for name in self.ready()), default=self._node.now())
 
     def discard_report(self, name: str, stream: str) -> None:
         """Discard the report of a stream that an engine has just made or destroyed."""
@@ -178,6 +190,7 @@ class Engines:
     def _on_message(self, name: str, message: Any) -> None:
         if self._type(name) != ENGINE_TYPE:
             return  # Another kind of node has taken its name.
+        self._known_until[name] = time_to_nanoseconds(message.stamp)
         self._reports[name] = {each.name: report_from_message(each) for each in message.streams}
         if self.remotes[name].alive:
             self._on_report(name)

@@ -38,7 +38,8 @@ from dyknow_stream_processing.ros.management.engines import Engines
 from dyknow_stream_processing.ros.management.keyed_lock import KeyedLock
 
 ENGINE_TIMEOUT_NS: Final = 3 * SECOND_NS
-"""Time that a new stream waits for an engine to be there."""
+FIRST_ENGINE_TIMEOUT_NS: Final = 10 * SECOND_NS
+"""Times that a new stream waits for an engine: a system that starts may be busy."""
 
 POLL_PERIOD_S: Final = 0.05
 """Time between two checks for one."""
@@ -305,7 +306,8 @@ class Placement:
     async def _wait_for_engine(self) -> None:
         """Wait until an engine is ready, at most for the timeout."""
         clock = self._node.wall_clock
-        deadline = clock.now().nanoseconds + ENGINE_TIMEOUT_NS
+        deadline = clock.now().nanoseconds
+        deadline += ENGINE_TIMEOUT_NS if self._engines.remotes else FIRST_ENGINE_TIMEOUT_NS
         while not self._engines.ready() and clock.now().nanoseconds < deadline:
             await self._node.deadlines.after(POLL_PERIOD_S)
 

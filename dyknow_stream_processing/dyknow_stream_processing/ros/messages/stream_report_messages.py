@@ -52,6 +52,8 @@ class StreamReportPublisher:
     Args:
         engines: returns the names of the stream processing engines that are alive.
         reports: returns the report of each stream.
+        known_until: returns the time until which all messages of the topics are in the reports, in
+            nanoseconds. A node that has not run, or has not yet processed them, knows less.
         on_period_end: is called before each periodic report.
     """
 
@@ -60,11 +62,13 @@ class StreamReportPublisher:
         node: DyKnowNode,
         engines: Callable[[], Iterable[str]],
         reports: Callable[[], Iterable[StreamReport]],
+        known_until: Callable[[], int],
         on_period_end: Callable[[], None] = lambda: None,
     ) -> None:
         self._node = node
         self._engines = engines
         self._reports = reports
+        self._known_until = known_until
         self._on_period_end = on_period_end
         self._due = False
         self._cost_s = 0.0
@@ -85,10 +89,11 @@ class StreamReportPublisher:
     def _publish(self) -> None:
         self._due = False
         began = time.monotonic()
+        stamp = nanoseconds_to_time(self._known_until())
         reports = sorted(self._reports(), key=lambda report: report.name)
         self._publisher.publish(
             StreamStatusArray(
-                stamp=self._node.get_clock().now().to_msg(),
+                stamp=stamp,
                 engines=sorted(self._engines()),
                 streams=[report_to_message(report) for report in reports],
             )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections import deque
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
@@ -28,6 +29,7 @@ from dyknow_stream_processing.ros.messages.message_types import (
 )
 from dyknow_stream_processing.ros.messages.sample_messages import sample_fields
 from dyknow_stream_processing.ros.topics.node_topics import NodeTopics
+from dyknow_stream_processing.ros.topics.process_pauses import PAUSES
 from dyknow_stream_processing.ros.topics.publications import TopicNames, find_publication
 from dyknow_stream_processing.sample import Sample, WholeMessage
 from dyknow_stream_processing.violation import Violation, ViolationKind
@@ -132,6 +134,17 @@ class TopicSources:
             return False
         self._advance(now)
         return True
+
+    def processed_until(self) -> int:
+        """Do the work that is due; return the time until which all messages are processed.
+
+        It is earlier than now while messages wait, or may not be there yet after a pause of the
+        process; in nanoseconds.
+        """
+        self.catch_up()
+        now = self._node.get_clock().now().nanoseconds
+        paused = PAUSES.unsettled_for(time.monotonic_ns()) or 0
+        return int(max(now - max(paused, self._topics.lag(now)), 0))
 
     def lag(self) -> int:
         """Return for how long the oldest message has waited, in nanoseconds."""

@@ -6,9 +6,14 @@ from collections import defaultdict
 from collections.abc import Sequence
 from typing import Final
 
+from dyknow_common import format_duration
 from dyknow_common.ros import DyKnowNode, LogOnce
 from dyknow_stream_processing.dataflow.dataflow import Dataflow
-from dyknow_stream_processing.reporting.silence import ActivityMeter, joined_reasons
+from dyknow_stream_processing.reporting.silence import (
+    MAX_LAG_NS,
+    ActivityMeter,
+    joined_reasons,
+)
 from dyknow_stream_processing.reporting.stream_report import is_hidden
 from dyknow_stream_processing.ros.topics.clock_watch import ClockWatch
 from dyknow_stream_processing.ros.topics.topic_sources import TopicSources
@@ -27,6 +32,7 @@ class WaitingStreams:
         self._clock = ClockWatch(node)
         self._meters: dict[str, ActivityMeter] = {}
         self._topic_reasons: dict[str, str] = {}
+        self._backlog = ''
         self._log = LogOnce()
 
     def add(self, name: str) -> None:
@@ -39,6 +45,9 @@ class WaitingStreams:
 
     def end_period(self) -> None:
         """End a second of the wall clock, and warn of new reasons."""
+        # Otherwise, a topic would be taken for silent whose messages wait for this node.
+        lag = self._node.now() - self._sources.processed_until()
+        self._backlog = self._lag_reason() if lag > MAX_LAG_NS else ''
         self._clock.end_period()
         self._topic_reasons.clear()
         waiting: defaultdict[str, list[str]] = defaultdict(list)
@@ -69,11 +78,19 @@ class WaitingStreams:
         samples = self._dataflow.statistics(name).samples
         if not self._meters[name].is_silent(samples):
             return ()
+        if self._backlog:
+            return (self._backlog,)
         clock = self._clock.reason()
         found = self._dataflow.waits_for(name, self._clock.since, self._topic_reason)
         reasons = tuple(filter(None, (clock, *found)))
         # A topic whose publishers keep their messages may be silent.
         return reasons if reasons or samples else ('no sample has come yet',)
+
+    def _lag_reason(self) -> str:
+        return (
+            f'{self._node.get_fully_qualified_name()} has not run, or cannot keep up: it is more '
+            f'than {format_duration(MAX_LAG_NS)} behind its topics'
+        )
 
     def _topic_reason(self, topic: str) -> str:
         # The graph is asked once a second: many streams may be made of one topic.
