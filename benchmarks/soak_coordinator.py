@@ -125,7 +125,7 @@ def _left(system: RunningSystem, evaluations: Sequence[Any]) -> dict[str, Any]:
         statuses = evaluations[-1].evaluations if evaluations else []
         return {
             'streams': sorted(system.streams() ^ {f'{name}_power' for name in system.batteries}),
-            'groups': _groups(system),
+            'groups': groups_of(system),
             'evaluations': sum(each.phase != EvaluationStatus.ENDED for each in statuses),
         }
 
@@ -136,7 +136,7 @@ def _left(system: RunningSystem, evaluations: Sequence[Any]) -> dict[str, Any]:
     return left()
 
 
-def _groups(system: RunningSystem) -> list[str]:
+def groups_of(system: RunningSystem) -> list[str]:
     """Return the formula groups, which the engine names when it refuses to destroy another one."""
     answer = system.client.call(
         FormulaGroupDestroy, f'{REASONER}/formula_group_destroy', formula_group_id=-1

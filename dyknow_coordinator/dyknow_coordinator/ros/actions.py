@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Awaitable, Callable, Iterator
 from contextlib import contextmanager
-from typing import Any
+from typing import Any, Final
 
 from rclpy.action import ActionServer, CancelResponse
 from rclpy.qos import QoSProfile
@@ -12,6 +12,13 @@ from rclpy.qos import QoSProfile
 from dyknow_common import DyKnowError, ExitCode
 from dyknow_common.ros import SERVICE, DyKnowNode, RCLError, snake_case
 from dyknow_coordinator.ros.client_watch import ClientWatch
+
+RESULT_TIMEOUT_S: Final = 30
+"""Time for which a client may ask for the result of a goal that has ended.
+
+Until then, rclpy keeps the goal, whose formula may have a million characters. Its default is 15
+minutes.
+"""
 
 
 class CancellingActionServer:
@@ -40,6 +47,7 @@ class CancellingActionServer:
             result_service_qos_profile=SERVICE,
             cancel_service_qos_profile=SERVICE,
             feedback_pub_qos_profile=QoSProfile(depth=SERVICE.depth),
+            result_timeout=RESULT_TIMEOUT_S,
         )
         service = f'{node.get_fully_qualified_name()}/{self._name}/_action/get_result'
         ClientWatch(node, service, self._on_clients_gone)
