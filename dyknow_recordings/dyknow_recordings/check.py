@@ -148,6 +148,12 @@ def _add_times(parser: argparse.ArgumentParser) -> None:
 
 def _add_outputs(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
+        '--strict',
+        action='store_true',
+        help='end with exit code 2 if there is a note: damage, faults of the recording or of the '
+        'configuration',
+    )
+    parser.add_argument(
         '--json', action='store_true', help='print a line of JSON for each recording'
     )
     parser.add_argument(
@@ -194,7 +200,7 @@ def check(options: argparse.Namespace) -> int:
         if _draws(options):
             raise RecordingError('--topics draws nothing; leave out --html and --png')
         return _list_topics(options)
-    status = ExitStatus(options.undecided)
+    status = ExitStatus(options.undecided, is_strict=options.strict)
     try:
         outputs = AllOutputs([*_outputs(options), status])
     except DyKnowError as error:
@@ -341,6 +347,8 @@ def _list_topics(options: argparse.Namespace) -> int:
     for path in options.recording:
         try:
             with open_recording(path, message_types(options)) as recording:
+                if options.strict and recording.faults:
+                    code = ERROR
                 if options.json:
                     print_document(topics_document(recording))
                 else:

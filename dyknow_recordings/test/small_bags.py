@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import sqlite3
 import struct
 from collections.abc import Iterable, Sequence
+from contextlib import closing
 from pathlib import Path
 from typing import Any
 from zlib import crc32
@@ -122,8 +124,8 @@ def channel(key: int, schema_key: int, topic: str, serialisation: str = 'cdr') -
     return record(4, body + struct.pack('<I', 0))
 
 
-def stored(key: int, time: int, data: bytes) -> bytes:
-    return record(5, struct.pack('<HIQQ', key, 0, time, time) + data)
+def stored(key: int, time: int, data: bytes, sequence: int = 0) -> bytes:
+    return record(5, struct.pack('<HIQQ', key, sequence, time, time) + data)
 
 
 def chunk(
@@ -144,8 +146,60 @@ def index(key: int, count: int) -> bytes:
     return record(7, struct.pack('<HI', key, 16 * count) + bytes(16 * count))
 
 
+HEADER = MAGIC + record(1, text('ros2') + text(''))
+
+
 def mcap(*records: bytes) -> bytes:
     """Return a file without a summary."""
-    header = record(1, text('ros2') + text(''))
     footer = record(15, bytes(4)) + record(2, bytes(20))
-    return MAGIC + header + b''.join(records) + footer + MAGIC
+    return HEADER + b''.join(records) + footer + MAGIC
+
+
+def indexed_mcap(
+    definitions: bytes, chunks: Sequence[tuple[bytes, tuple[int, int], dict[int, int]]]
+) -> bytes:
+    """Return a file as recorders write it: with indices, statistics and a checksum of them.
+
+    Args:
+        definitions: records of schemas and channels.
+        chunks: the record of each, its first and last time, and its messages by channel.
+    """
+    data, indices = HEADER, b''
+    total: dict[int, int] = {}
+    for content, times, counts in chunks:
+        place = struct.pack('<QQQQ', *times, len(data), len(content))
+        indices += record(8, place + struct.pack('<IQ', 0, 0) + text('') + bytes(16))
+        data += content + b''.join(index(key, count) for key, count in counts.items())
+        for key, count in counts.items():
+            total[key] = total.get(key, 0) + count
+    data += record(15, bytes(4))
+    entries = b''.join(struct.pack('<HQ', *each) for each in total.items())
+    span = min(times[0] for _, times, _ in chunks), max(times[1] for _, times, _ in chunks)
+    numbers = struct.pack('<QHIIII', sum(total.values()), 1, len(total), 0, 0, len(chunks))
+    statistics = record(11, numbers + struct.pack('<QQI', *span, len(entries)) + entries)
+    summary = definitions + indices + statistics
+    footer = struct.pack('<BQQQ', 2, 20, len(data), 0)
+    return data + summary + footer + struct.pack('<I', crc32(summary + footer)) + MAGIC
+
+
+def database(path: Path, rows: Iterable[tuple[int, bytes | None]], definition: str) -> None:
+    """Write a file of the storage format sqlite3, with messages of one topic, `/x`."""
+    with closing(sqlite3.connect(path)) as file:
+        file.executescript(
+            'PRAGMA page_size = 512;'
+            'CREATE TABLE topics (id INTEGER PRIMARY KEY, name TEXT, type TEXT,'
+            ' serialization_format TEXT, offered_qos_profiles TEXT);'
+            'CREATE TABLE message_definitions (id INTEGER PRIMARY KEY, topic_type TEXT,'
+            ' encoding TEXT, encoded_message_definition TEXT, type_description_hash TEXT);'
+            'CREATE TABLE messages (id INTEGER PRIMARY KEY, topic_id INTEGER, timestamp INTEGER,'
+            ' data BLOB);'
+            'CREATE INDEX timestamp_idx ON messages (timestamp ASC);'
+            "INSERT INTO topics VALUES (1, '/x', 'made_up/msg/Number', 'cdr', '');"
+        )
+        file.execute(
+            "INSERT INTO message_definitions VALUES (1, 'made_up/msg/Number', 'ros2msg', ?, '')",
+            [definition],
+        )
+        query = 'INSERT INTO messages (topic_id, timestamp, data) VALUES (1, ?, ?)'
+        file.executemany(query, rows)
+        file.commit()

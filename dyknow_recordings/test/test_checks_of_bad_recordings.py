@@ -94,7 +94,8 @@ def test_a_file_that_ends_within_a_chunk(
     path = tmp_path / 'cut.mcap'
     path.write_bytes(data[: len(data) // 2])
     code, document, text = check(path, 'always "/odom".pose.pose.position.z < 900', capsys)
-    assert code == 0
+    assert code == 2
+    assert 'the file ends early' in document['formulas'][0]['error']['message']
     assert document['formulas'][0]['states'] > 10
     assert any('ends' in note for note in document['notes'])
     assert document['notes'][0] in text.replace('\n', ' ')
@@ -158,7 +159,7 @@ def test_stamps_at_zero(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> N
 def test_messages_that_are_too_short(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     rows = [stored(1, START + n * SECOND_NS, number(n)[: 8 - n]) for n in range(3)]
     code, document, _ = check(file(tmp_path, NUMBER, *rows), 'always "/x".x < 5', capsys)
-    assert (code, document['formulas'][0]['states']) == (0, 1)
+    assert (code, document['formulas'][0]['states']) == (2, 1)
     assert 'a message is shorter than its type' in document['notes'][0]
 
 

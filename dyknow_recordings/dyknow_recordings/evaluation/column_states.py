@@ -24,8 +24,6 @@ import numpy as np
 
 from dyknow_common import SECOND_NS
 from dyknow_recordings.evaluation.columns.series import (
-    BEGINNING,
-    END,
     ColumnStream,
     NeededMessages,
     NeedsDataflowError,
@@ -37,6 +35,7 @@ from dyknow_recordings.evaluation.state_group import SILENCE_LIMIT_NS, GroupStre
 from dyknow_recordings.evaluation.streams import RecordedStreams
 from dyknow_recordings.evaluation.topic_history import TopicHistory
 from dyknow_recordings.reading.columns import MessageColumns
+from dyknow_recordings.reading.lost_messages import BEGINNING, END
 from dyknow_recordings.reading.recording import RecordedFields
 from dyknow_stream_processing import TickKey
 

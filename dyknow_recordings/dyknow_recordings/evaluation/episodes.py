@@ -11,7 +11,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from dyknow_common import DyKnowError, Margin, Value, Verdict
+from dyknow_common import DyKnowError, ExitCode, Margin, Value, Verdict
 from dyknow_coordinator import with_unit
 from dyknow_reasoning import (
     FormulaGroup,
@@ -23,6 +23,7 @@ from dyknow_recordings.evaluation.grounding import GroundedFormula
 from dyknow_recordings.evaluation.observation import EvaluationObserver
 from dyknow_recordings.evaluation.results import Episode, StateGap
 from dyknow_recordings.evaluation.standing_episodes import StandingEpisodes
+from dyknow_recordings.reading.lost_messages import LostMessages
 from dyknow_stream_processing import Violation
 
 FIRST_BEGIN: Final = -(1 << 63)
@@ -115,6 +116,7 @@ class EpisodeGroup:
         }
         self._is_asked_again = any(each.every is not Every.FIRST for each in formulas)
         self._states = 0
+        self._losses: list[LostMessages] = []
         self._owners: dict[int, FormulaEpisodes] = {}
         # The ids of the formulas that have seen no state yet.
         self._fresh: set[int] = set()
@@ -222,6 +224,35 @@ class EpisodeGroup:
             if each.gaps:
                 each.gaps[-1] = replace(each.gaps[-1], before=before)
 
+    def lose(self, lost: LostMessages, *, is_final: bool) -> None:
+        """Note that states are missing after the latest one, or before the first.
+
+        Args:
+            lost: the messages that they would be made of.
+            is_final: True if other states may be wrong, too: then the formulas fail.
+        """
+        self._losses.append(lost)
+        for each in self._running:
+            if is_final or each.open_episodes.keys() & self._fresh:
+                self._fail(each, self._loss())
+
+    @property
+    def has_losses(self) -> bool:
+        """True if states are missing as messages are lost."""
+        return bool(self._losses)
+
+    def _loss(self) -> RecordingError:
+        more = f' (and {len(self._losses) - 1} more)' if len(self._losses) > 1 else ''
+        return RecordingError(
+            f'the verdict depends on {self._losses[0]}{more}', ExitCode.CONSTRAINT_VIOLATION
+        )
+
+    def _with_loss(self, error: DyKnowError | None) -> DyKnowError | None:
+        """Return an error that also names the messages that are lost."""
+        if error is None or not self._losses or error.message == self._loss().message:
+            return error
+        return RecordingError(f'{error.message}; {self._loss().message}', error.code)
+
     def add_violation(self, violation: Violation) -> None:
         """Record a violation in the streams of the states."""
         for each in self._running:
@@ -238,7 +269,12 @@ class EpisodeGroup:
             self._fail(each, error)
 
     def finish(self) -> None:
-        """Record what remains of the undecided episodes."""
+        """Record what remains of the undecided episodes: errors, if messages are lost."""
+        for each in self._running if self._losses else ():
+            is_standing = each in self._standing
+            found = self._standing[each].episodes() if is_standing else each.episodes
+            if all(episode.verdict is not Verdict.FALSE for episode in found):
+                self._fail(each, self._loss())
         for each in self.formulas:
             if not each.has_ended:
                 each.states = self._states
@@ -269,7 +305,7 @@ class EpisodeGroup:
                 result.verdict,
                 result.decided_at,
                 result.explanation,
-                result.error,
+                self._with_loss(result.error),
                 objects=result.objects,
                 windows=result.windows,
                 margin=_margin_of(formula, result.margin),
@@ -281,6 +317,7 @@ class EpisodeGroup:
                 self._end(formula)
 
     def _fail(self, formula: FormulaEpisodes, error: DyKnowError) -> None:
+        error = self._with_loss(error) or error
         formula.error = error
         if formula in self._standing:
             formula.episodes = self._standing[formula].episodes(error)

@@ -16,6 +16,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from contextlib import closing
 from dataclasses import dataclass
+from operator import attrgetter
 from typing import Final
 
 from dyknow_common import NANOSECONDS, SECOND_NS, DyKnowError, ExitCode
@@ -37,7 +38,14 @@ from dyknow_recordings.evaluation.state_group import StateGroup
 from dyknow_recordings.evaluation.streams import RecordedStreams
 from dyknow_recordings.evaluation.vocabulary import NO_FILES, MonitoringFiles
 from dyknow_recordings.reading.columns import MessageColumns
-from dyknow_recordings.reading.recording import RecordingReader, batches, rows_of
+from dyknow_recordings.reading.lost_messages import BEGINNING, LostMessages
+from dyknow_recordings.reading.recording import (
+    RecordingReader,
+    batches,
+    rows_of,
+    split,
+    without,
+)
 
 SILENCE_PERIOD_NS: Final = 500 * NANOSECONDS['ms']
 """The period in which silent topics are looked for."""
@@ -117,6 +125,12 @@ class RecordingEvaluation:
         self._groups = self._make_groups()
         self._running = [group for group in self._groups if not group.has_ended]
         self._has_started = False
+        self._losses: list[LostMessages] = []
+        self._losses_to_come: list[LostMessages] = []
+        # Those that may have begun, but not ended.
+        self._open_losses: list[LostMessages] = []
+        # The log time up to which all messages have been progressed.
+        self._reached = BEGINNING
         self._next_look = max(recording.start_time, start.begin)
 
     def run(self) -> RecordingReport:
@@ -126,12 +140,15 @@ class RecordingEvaluation:
         if self._running:
             self._advance(start)
             for batch in batches(recording.columns(self._fields)):
-                self._progress(batch)
+                self._take(batch)
                 if not self._running:
                     break
             else:
                 self._columns.resume()
                 self._react(end)
+                self._find_losses()
+                for lost in self._losses_to_come:
+                    self._lose(lost, max(start, min(lost.first, end + 1)))
                 self._advance(end)
         for group in self._groups:
             group.finish(start, end)
@@ -142,6 +159,42 @@ class RecordingEvaluation:
             formulas=tuple(self._report(each) for each in self._requests),
             notes=(*self._vocabulary_notes, *self._streams.notes, *map(str, recording.faults)),
         )
+
+    def _take(self, batch: Sequence[MessageColumns]) -> None:
+        """Progress over a batch, and over the losses that begin before its end."""
+        self._find_losses()
+        end = max(int(part.log_times[-1]) for part in batch)
+        if self._open_losses:
+            start = min(int(part.log_times[0]) for part in batch)
+            self._open_losses = [each for each in self._open_losses if each.last >= start]
+            for lost in self._open_losses:
+                batch = without(batch, lost)
+        while self._losses_to_come and self._losses_to_come[0].first <= end and self._running:
+            lost = self._losses_to_come.pop(0)
+            before, after = split(batch, lost.first)
+            if before:
+                self._progress(before)
+            self._columns.resume()
+            self._lose(lost, max(lost.first, self._recording.start_time))
+            batch = without(after, lost)
+        if batch and self._running:
+            self._progress(batch)
+        self._reached = end
+
+    def _find_losses(self) -> None:
+        new = [each for each in self._recording.losses if each not in self._losses]
+        if new:
+            self._losses += new
+            self._losses_to_come = sorted([*self._losses_to_come, *new], key=attrgetter('first'))
+
+    def _lose(self, lost: LostMessages, now: int) -> None:
+        """Begin the streams anew that are made of messages that are lost from now on."""
+        self._advance(now)
+        self._open_losses.append(lost)
+        self._streams.forget(lost.topics)
+        for group in self._running:
+            group.lose(lost, now, is_late=lost.first <= self._reached)
+        self._react(now)
 
     def _progress(self, batch: Sequence[MessageColumns]) -> None:
         """Progress over a batch, as columns if that gives the same results."""
@@ -233,6 +286,9 @@ class RecordingEvaluation:
                 group.check_silence(now)
             else:
                 group.start(now)
+                for lost in self._losses:
+                    if lost not in self._losses_to_come:
+                        group.lose(lost, now)
         self._has_started = True
         self._react(now)
 

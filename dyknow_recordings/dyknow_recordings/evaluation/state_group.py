@@ -31,6 +31,7 @@ from dyknow_coordinator import (
 )
 from dyknow_recordings.evaluation.episodes import EpisodeGroup
 from dyknow_recordings.evaluation.streams import RecordedStreams
+from dyknow_recordings.reading.lost_messages import END, LostMessages
 from dyknow_stream_processing import Sample, Violation
 
 SILENCE_LIMIT_NS: Final = 5 * SECOND_NS
@@ -189,6 +190,29 @@ class StateGroup:
             self._faults.clear()
             self._destroy()
 
+    def lose(self, lost: LostMessages, now: int, *, is_late: bool = False) -> None:
+        """Note a gap if messages are lost that the states are made of.
+
+        Args:
+            lost: the messages; the streams that are made of their topics have begun anew.
+            now: the log time, in nanoseconds.
+            is_late: True if there are states that lack these messages.
+        """
+        if not self._stream or not lost.concerns(self._streams.topics(self._stream)):
+            return
+        self._created_at = now
+        if self._latest is not None and not self._is_in_gap:
+            self.episodes.gap(self._latest)
+            self._is_in_gap = True
+        if lost.last >= self._begin:
+            is_final = is_late or self._streams.has_memory(self._stream)
+            self.episodes.lose(lost, is_final=is_final)
+            if self._streams.reorders(self._stream):
+                # Messages that are lost may be stamped later than those that come first.
+                lead = self._streams.dataflow.max_lead
+                self._begin = min(lost.last, END - lead) + lead
+        self._on_fault()
+
     def check_silence(self, now: int) -> None:
         """Replace the sources of topics that have been silent for too long."""
         if not self._stream:
@@ -219,7 +243,7 @@ class StateGroup:
         if self._silence is not None:
             text = _description(self._silence[1])
             self.episodes.fail(CoordinationError(text, ExitCode.CONSTRAINT_VIOLATION))
-        elif self._is_in_gap:
+        elif self._is_in_gap and not self.episodes.has_losses:
             reason = self._streams.waits_for(self._stream, start - 1) or 'no state has come since'
             error = self._latest_error
             self.episodes.fail(CoordinationError(f'{error.message}; {reason}', error.code))

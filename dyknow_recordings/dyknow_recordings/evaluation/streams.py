@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import defaultdict
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from collections.abc import Set as AbstractSet
 
 import numpy as np
 
@@ -20,7 +21,9 @@ from dyknow_stream_processing import (
     ALL,
     SAMPLE_TYPE,
     SILENT_PERIODS,
+    STATELESS_UNITS,
     WHOLE,
+    Call,
     Dataflow,
     PartialFields,
     Sample,
@@ -36,6 +39,7 @@ from dyknow_stream_processing import (
     nearest_topics,
     parse_specification,
     read_streams,
+    subterms,
     unknown_stream,
 )
 
@@ -170,6 +174,26 @@ class RecordedStreams:
         self.dataflow.destroy(name)
         self._connect()
 
+    def forget(self, topics: AbstractSet[str] | None) -> None:
+        """Begin all streams that are made of some topics anew; of any topics if None."""
+        names = {name for each in self.dataflow.names() for name in self.dataflow.topics(each)}
+        found = {name for name in names if topics is None or self.absolute(name) in topics}
+        self.dataflow.forget(found)
+
+    def has_memory(self, name: str) -> bool:
+        """Return True if the samples of a stream depend on more than the latest messages."""
+        calls = (each for each in subterms(self.dataflow.term(name)) if isinstance(each, Call))
+        return any(self._units.get(each.unit) not in STATELESS_UNITS for each in calls)
+
+    def reorders(self, name: str) -> bool:
+        """Return True if a `max_delay` puts messages in order that a stream is made of."""
+        parts = subterms(self.dataflow.term(name))
+        return any(each.constraints.max_delay is not None for each in parts)
+
+    def topics(self, name: str) -> AbstractSet[str]:
+        """Return the absolute names of the topics that a stream is made of."""
+        return set(map(self.absolute, self.dataflow.topics(name)))
+
     def push(self, recorded: RecordedFields) -> None:
         """Process a message at the time of its recording."""
         topic, now, content = recorded.topic, recorded.log_time, self._topics[recorded.topic]
@@ -249,8 +273,7 @@ class RecordedStreams:
 
     def received(self, name: str) -> dict[str, int]:
         """Return when the latest message of each topic of a stream was received, in ns; or 0."""
-        topics = map(self.absolute, self.dataflow.topics(name))
-        return {topic: self._received.get(topic, 0) for topic in topics}
+        return {topic: self._received.get(topic, 0) for topic in self.topics(name)}
 
     def waits_for(self, name: str, since: int, span: tuple[int, int] | None = None) -> str:
         """Return why a stream has had no samples since a time.

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,3 +35,18 @@ class MessageColumns:
     values: Mapping[str, NDArray[np.generic]]
     positions: NDArray[np.int64]
     absent: Mapping[str, Mapping[int, str]] = field(default_factory=dict)
+
+    def rows(self, found: NDArray[np.bool_]) -> MessageColumns:
+        """Return the messages for which a vector of shape (n,) is True."""
+        numbers = {row: number for number, row in enumerate(np.flatnonzero(found).tolist())}
+        return replace(
+            self,
+            log_times=self.log_times[found],
+            stamps=None if self.stamps is None else self.stamps[found],
+            values={path: column[found] for path, column in self.values.items()},
+            positions=self.positions[found],
+            absent={
+                path: {numbers[row]: reason for row, reason in rows.items() if row in numbers}
+                for path, rows in self.absent.items()
+            },
+        )

@@ -16,12 +16,16 @@ from dyknow_common import SECOND_NS, ExitCode, ValueType, format_time, round_dur
 from dyknow_recordings.errors import RecordingError
 from dyknow_recordings.reading.columns import MessageColumns
 from dyknow_recordings.reading.contents import TopicContent
+from dyknow_recordings.reading.lost_messages import BEGINNING, END, LostMessages, lost_runs
 
 MAX_SILENCE_NS: Final = 3600 * SECOND_NS
 """The longest time without a message that is no fault."""
 
 MAX_STEP_BACK_NS: Final = SECOND_NS
 """The longest step back of the log time that is no fault: recorders write from several threads."""
+
+_MAX_LOSSES: Final = 100
+"""The most losses that are told apart: what follows is lost together."""
 
 MAX_TIME: Final = 2**63
 """All times in nanoseconds are below."""
@@ -81,6 +85,8 @@ class FaultCounter:
     """Faults in the order in which they are found first."""
 
     def __init__(self) -> None:
+        self.losses: list[LostMessages] = []
+        """The messages that are lost by these faults."""
         self._counts: Counter[tuple[str, str]] = Counter()
         self._details: dict[tuple[str, str], str] = {}
 
@@ -95,6 +101,69 @@ class FaultCounter:
         """
         self._counts[place, reason] += count
         self._details.setdefault((place, reason), f', first {detail}' if detail else '')
+
+    def lose(
+        self,
+        place: str,
+        reason: str,
+        count: int = 1,
+        *,
+        topics: Collection[str] | None = None,
+        first: int = BEGINNING,
+        last: int = END,
+    ) -> None:
+        """Count a fault by which messages are lost; see `add` and `LostMessages`."""
+        self.add(place, reason, count)
+        self._note(topics, first, last, f'{place}: {reason}')
+
+    def _note(self, topics: Collection[str] | None, first: int, last: int, reason: str) -> None:
+        if len(self.losses) >= _MAX_LOSSES - 1:
+            if len(self.losses) == _MAX_LOSSES and first >= self.losses[-1].first:
+                return
+            topics, last, reason = None, END, f'{reason}, and more from there on'
+            del self.losses[_MAX_LOSSES - 1 :]
+        names = None if topics is None else frozenset(topics)
+        first = min(max(first, BEGINNING), END)
+        self.losses.append(LostMessages(names, first, min(max(first, last), END), reason))
+
+    def lost_rows(
+        self,
+        place: str,
+        reason: str,
+        topic: str,
+        times: NDArray[np.int64],
+        lost: NDArray[np.bool_],
+    ) -> None:
+        """Note messages that are lost, which are counted among the faults already.
+
+        Args:
+            place: in the reason.
+            reason: why they are lost.
+            topic: of the messages.
+            times: the log times of messages in nanoseconds, in order; of shape (n,).
+            lost: True for those that are lost; of shape (n,).
+        """
+        for first, last in lost_runs(times, lost):
+            self._note({topic}, first, last, f'{place}: {reason}')
+
+    def miscounted(
+        self, place: str, topics: Collection[str] | None, found: int, stated: int, source: str
+    ) -> None:
+        """Count a number of messages that is another one than the recording states.
+
+        Args:
+            place: the file or folder.
+            topics: of the messages; None if they are unknown.
+            found: the number of messages.
+            stated: the number that is stated.
+            source: where.
+        """
+        name = 'the file' if topics is None else f"topic '{min(topics)}'"
+        reason = f'{name} has {found} messages, and {stated} by the {source}'
+        if stated > found:
+            self.lose(place, reason, topics=topics)
+        else:
+            self.add(place, reason)
 
     @property
     def faults(self) -> tuple[RecordingFault, ...]:
@@ -160,6 +229,15 @@ class RecordingReader(ABC):
         place = f"topic '{topic}'"
         faults = (*self._reading.faults, *self._opening.faults)
         return next((each.reason for each in faults if each.place == place), '')
+
+    @property
+    def losses(self) -> Sequence[LostMessages]:
+        """The messages that are known to be lost, as far as the latest reading has found them.
+
+        A loss is known before messages with a later log time are read, with the exception of
+        messages that were recorded far out of order.
+        """
+        return [*self._opening.losses, *self._reading.losses]
 
     @property
     @abstractmethod
@@ -274,6 +352,27 @@ def batches(columns: Iterator[MessageColumns]) -> Iterator[Sequence[MessageColum
         if max(int(each.positions[-1]) for each in batch) + 1 == next_position + waiting:
             yield batch
             next_position, waiting, batch = next_position + waiting, 0, []
+
+
+def split(
+    batch: Sequence[MessageColumns], time: int
+) -> tuple[Sequence[MessageColumns], Sequence[MessageColumns]]:
+    """Return the messages of a batch before a log time, and the others."""
+    early = [part.log_times < time for part in batch]
+    return _selected(batch, early), _selected(batch, [~rows for rows in early])
+
+
+def without(batch: Sequence[MessageColumns], lost: LostMessages) -> Sequence[MessageColumns]:
+    """Return a batch without the messages among which others are lost."""
+    if not any(lost.concerns((part.topic,)) for part in batch):
+        return batch
+    return _selected(batch, [~lost.surrounds(part.topic, part.log_times) for part in batch])
+
+
+def _selected(
+    batch: Sequence[MessageColumns], found: Sequence[NDArray[np.bool_]]
+) -> Sequence[MessageColumns]:
+    return [part.rows(rows) for part, rows in zip(batch, found, strict=True) if rows.any()]
 
 
 def rows_of(batch: Sequence[MessageColumns]) -> Iterator[RecordedFields]:

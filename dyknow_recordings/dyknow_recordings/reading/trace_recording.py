@@ -112,19 +112,20 @@ class TraceRecording(RecordingReader):
 def _until_fault(
     states: Iterator[RecordedState], path: Path, faults: FaultCounter
 ) -> Iterator[RecordedState]:
-    is_first = True
+    latest: int | None = None
     try:
         for state in states:
             yield state
-            is_first = False
+            latest = state.valid_time
     except ReasoningError as error:
-        if is_first:
+        if latest is None:
             raise RecordingError(f'{path}: {error}', error.code) from None
-        faults.add(str(path), f'the rest of the file is left out: {error}')
+        faults.lose(str(path), f'the rest of the file is left out: {error}', first=latest + 1)
     except UnicodeDecodeError:
-        if is_first:
+        if latest is None:
             raise
-        faults.add(str(path), 'the rest of the file is left out: it is not in UTF-8')
+        reason = 'the rest of the file is left out: it is not in UTF-8'
+        faults.lose(str(path), reason, first=latest + 1)
 
 
 def _column(states: Sequence[RecordedState], path: str) -> NDArray[np.generic]:

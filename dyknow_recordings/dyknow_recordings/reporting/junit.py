@@ -49,6 +49,8 @@ class JUnitReport:
     def add(self, report: RecordingReport) -> None:
         """Add the suite of a recording."""
         suite = _suite(report.recording, [self._case(each, report) for each in report.formulas])
+        for number, note in enumerate(report.notes, start=1):
+            suite.add_property(f'note {number}', _valid(note))
         for formula in report.formulas:
             if formula.margin is not None:
                 # The schema has properties of suites, and none of test cases.

@@ -105,15 +105,18 @@ class ExitStatus:
 
     Args:
         judgement: of undecided formulas.
+        is_strict: True if each note is an error.
     """
 
-    def __init__(self, judgement: Judgement) -> None:
+    def __init__(self, judgement: Judgement, *, is_strict: bool) -> None:
         self._judgement = judgement
+        self._is_strict = is_strict
         self.code = SUCCESS
 
     def add(self, report: RecordingReport) -> None:
         """Regard the results of a recording."""
-        self.code = max(self.code, self._judgement.exit_code((report,)))
+        is_error = self._is_strict and report.notes
+        self.code = max(self.code, ERROR if is_error else self._judgement.exit_code((report,)))
 
     def add_failure(self, recording: str | None, error: DyKnowError) -> None:  # noqa: ARG002
         """Regard a recording that could not be checked."""

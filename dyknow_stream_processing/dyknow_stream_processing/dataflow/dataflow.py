@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Set as AbstractSet
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Final
@@ -258,6 +259,22 @@ class Dataflow:
         self._reset()
         for stream in self._streams.values():
             stream.restart(self._scheduler, self._graph.connect(stream.resolved.term))
+        self._graph.set_ticks(ticks)
+        self._graph.sweep()
+
+    def forget(self, topics: AbstractSet[str]) -> None:
+        """Begin all streams that are made of some topics anew, as messages of these are missing.
+
+        Periodic ticks stay where they are.
+        """
+        ticks = self.ticks()
+        found = [each for each in self._streams.values() if not topics.isdisjoint(each.topics)]
+        for each in found:
+            each.detach()
+        self._graph.sweep()
+        for each in found:
+            each.operators.clear()
+            each.attach(self._graph.connect(each.resolved.term))
         self._graph.set_ticks(ticks)
         self._graph.sweep()
 

@@ -12,13 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dyknow_recordings.evaluation.topic_history import TopicHistory
+from dyknow_recordings.reading.lost_messages import BEGINNING, END
 from dyknow_stream_processing import TickKey
-
-BEGINNING: Final = -(1 << 63)
-"""A time before all others, in nanoseconds."""
-
-END: Final = (1 << 63) - 1
-"""A time after all others."""
 
 Times = NDArray[np.int64]
 Columns = Mapping[str, NDArray[np.generic]]

@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 from dyknow_common import StreamConstraints
 from dyknow_recordings.evaluation.columns.conditions import satisfied
 from dyknow_recordings.evaluation.columns.series import (
-    BEGINNING,
     Columns,
     ColumnStream,
     NeededMessages,
@@ -24,6 +23,7 @@ from dyknow_recordings.evaluation.columns.series import (
     Times,
 )
 from dyknow_recordings.evaluation.topic_history import TopicHistory
+from dyknow_recordings.reading.lost_messages import BEGINNING
 from dyknow_stream_processing import Condition, UnitCall
 
 

@@ -14,7 +14,8 @@ from numpy.typing import NDArray
 
 from dyknow_common import ExitCode, ValueType
 from dyknow_recordings.errors import RecordingError
-from dyknow_recordings.reading.bags.bag_files import open_files, recorded_distro
+from dyknow_recordings.reading.bags.bag_files import open_files
+from dyknow_recordings.reading.bags.bag_metadata import METADATA, BagMetadata, recorded_distro
 from dyknow_recordings.reading.bags.merging import merged
 from dyknow_recordings.reading.bags.storage import StoredChannel
 from dyknow_recordings.reading.columns import MessageColumns
@@ -72,7 +73,7 @@ class Bag(RecordingReader):
         super().__init__(path)
         self._stack = ExitStack()
         try:
-            self._files = open_files(path, self._opening, self._stack)
+            self._files, metadata = open_files(path, self._opening, self._stack)
         except BaseException:
             self._stack.close()
             raise
@@ -83,6 +84,7 @@ class Bag(RecordingReader):
         self._channels = list(counts)
         self._numbers = {channel: number for number, channel in enumerate(self._channels)}
         self._topics = _topics(counts)
+        self._compare(metadata)
         for topic, channels in self._by_topic().items():
             names = dict.fromkeys(each.definition.name for each in channels if counts[each])
             if len(names) > 1:
@@ -160,6 +162,14 @@ class Bag(RecordingReader):
         spans = [file.span for file in self._files if file.span is not None]
         return (min(span[0] for span in spans), max(span[1] for span in spans)) if spans else None
 
+    def _compare(self, metadata: BagMetadata) -> None:
+        """Compare the numbers of messages with those in the metadata of the bag."""
+        known = list(self._opening.losses)
+        for topic, stated in metadata.counts.items():
+            found = sum(each.message_count for each in self._topics if each.name == topic)
+            if stated != found and not any(each.concerns({topic}) for each in known):
+                self._opening.miscounted(str(self.path), {topic}, found, stated, METADATA)
+
     def _by_topic(self) -> dict[str, list[StoredChannel]]:
         found: dict[str, list[StoredChannel]] = {}
         for channel in self._channels:
@@ -198,7 +208,8 @@ class Bag(RecordingReader):
         for file in self._files:
             file.faults = self._reading
         sources = [file.blocks(channels, self._numbers) for file in self._files]
-        return merged(sources, str(self.path), self._reading)
+        topics = [each.topic for each in self._channels]
+        return merged(sources, str(self.path), topics, self._reading)
 
     def _messages(self, channels: Collection[StoredChannel]) -> Iterator[RecordedMessage]:
         for batch in self._batches(channels):
@@ -273,8 +284,18 @@ class _ChannelReader:
         if self._decoder is not None:
             unreadable = self._decoder.decode(messages, fields, WHOLE)
             found = {**found, 'a message cannot be decoded': unreadable} if unreadable else found
+        topic = self._channel.topic
         for reason, count in found.items():
-            faults.add(f"topic '{self._channel.topic}'", f'{reason}, {name}{self._by}', count)
+            faults.add(f"topic '{topic}'", f'{reason}, {name}{self._by}', count)
+        if found:
+            reason = next(iter(found))
+            faults.lost_rows(
+                f"topic '{topic}'",
+                f'{reason}, {name}{self._by}',
+                topic,
+                messages.times,
+                ~fields.intact,
+            )
         return fields
 
     def part(

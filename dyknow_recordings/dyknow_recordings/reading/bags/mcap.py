@@ -8,10 +8,11 @@ from __future__ import annotations
 
 import mmap
 from collections import Counter
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import partial
+from itertools import pairwise
 from pathlib import Path
 from struct import Struct
 from struct import error as struct_error
@@ -21,23 +22,23 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dyknow_recordings.errors import RecordingError
+from dyknow_recordings.reading.bags.mcap_definitions import McapDefinitions
 from dyknow_recordings.reading.bags.mcap_records import (
     MCAP_MAGIC,
     MESSAGE_RECORD,
     RECORD,
-    U16,
     UNKNOWN_CODES,
     ChunkContent,
     McapCode,
     chunk_content,
     chunk_times,
-    read_string,
-    read_strings,
     records,
 )
-from dyknow_recordings.reading.bags.storage import StoredChannel, offered_quality
+from dyknow_recordings.reading.bags.mcap_summary import read_summary
+from dyknow_recordings.reading.bags.sequence_numbers import SequenceNumbers
+from dyknow_recordings.reading.bags.storage import StoredChannel
+from dyknow_recordings.reading.lost_messages import BEGINNING
 from dyknow_recordings.reading.messages.cdr_cursor import SerialisedMessages
-from dyknow_recordings.reading.messages.definitions import TypeDefinition
 from dyknow_recordings.reading.messages.message_types import LATEST
 from dyknow_recordings.reading.messages.stored_messages import (
     MessageBuffer,
@@ -49,10 +50,9 @@ from dyknow_recordings.reading.recording import MAX_TIME, FaultCounter, count_st
 _LARGEST_BLOCK: Final = 1 << 22
 _FORGOTTEN_BYTES: Final = 1 << 26
 _INDEX_HEADER: Final = Struct('<HI')
-_CHUNK_OFFSETS: Final = Struct('<QQQ')
-_FOOTER_OFFSETS: Final = Struct('<QQI')
 _ENTRY_SIZE: Final = 16
 _MESSAGE_SIZE: Final = MESSAGE_RECORD.size - RECORD.size
+_SEQUENCE_OFFSET: Final = 2
 _TIME_OFFSET: Final = 6
 _ERRORS: Final = (struct_error, IndexError, ValueError)
 """Raised where a record is shorter than its content."""
@@ -96,19 +96,26 @@ class McapFile:
         self._name = name
         self.faults = faults
         self.default_distro = LATEST
-        self._schemas: dict[int, TypeDefinition] = {}
-        self._channels: dict[int, StoredChannel] = {}
+        self._definitions = McapDefinitions()
+        self._channels = self._definitions.channels
         self._chunks: list[_Chunk] = []
         self._known: set[int] = set()
         self._read_bytes = 0
+        # The chunk that the next records of indices belong to.
+        self._indexed: _Chunk | None = None
+        # The reason why all messages after those that were found are lost.
+        self._end_fault = ''
+        self._sequences = SequenceNumbers()
         with path.open('rb') as file:
             start = file.read(len(MCAP_MAGIC))
             if start != MCAP_MAGIC:
                 reason = 'is no MCAP file' if start else 'is empty'
                 raise RecordingError(f'{name}: the file {reason}; was it copied completely?')
             self._data: MessageBuffer = mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ)
+        self._summary = read_summary(self._data)
         self._scan()
         self._count()
+        self._compare()
         self._chunks.sort(key=lambda chunk: chunk.start)
 
     def close(self) -> None:
@@ -124,16 +131,22 @@ class McapFile:
         }
         table = np.full(1 << 16, -1, np.int64)
         table[list(ids)] = list(ids.values())
+        self._sequences = SequenceNumbers()
         for chunk in self._chunks:
             if not chunk.counts.keys().isdisjoint(ids):
                 yield chunk.start, partial(self._messages, chunk, table)
 
     def _scan(self) -> None:
         """Find the chunks and channels; then the chunks that only the index still knows."""
+        if not self._summary.is_intact:
+            self.faults.add(self._name, 'the index at the end of the file is damaged')
         self._scan_from(len(MCAP_MAGIC))
-        for offset in sorted(self._indexed_chunks()):
+        for offset in sorted(self._summary.chunks):
             if offset not in self._known:
                 self._scan_from(offset)
+        for chunk in self._chunks:
+            if chunk.is_record:
+                self._check_times(chunk)
 
     def _scan_from(self, position: int) -> None:
         """Read records up to damage, or to a chunk that is known already."""
@@ -141,7 +154,8 @@ class McapFile:
         while position + RECORD.size <= end:
             code, size = RECORD.unpack_from(self._data, position)
             begin, stop = position + RECORD.size, position + RECORD.size + size
-            is_end = code == McapCode.FOOTER and size == _FOOTER_OFFSETS.size
+            is_end = code == McapCode.FOOTER and stop + len(MCAP_MAGIC) == end
+            is_end = is_end or (code == McapCode.DATA_END and not self._summary.is_intact)
             if is_end or position in self._known:
                 return
             if code in UNKNOWN_CODES or stop > end:
@@ -171,58 +185,36 @@ class McapFile:
                 with suppress(*_ERRORS):
                     self._add_chunk(position + RECORD.size, end)
         damaged = f'byte {position} and those after it are damaged'
-        self.faults.add(
-            self._name, 'the file ends early, within the recording' if is_cut else damaged
-        )
+        fault = 'the file ends early, within the recording' if is_cut else damaged
+        has_index = self._summary.chunks and all(each.is_record for each in self._chunks)
+        if has_index and self._summary.is_intact:
+            self.faults.add(self._name, fault)
+        else:
+            self._end_fault = fault
 
-    def _indexed_chunks(self) -> list[int]:
-        """Return the positions of chunks by the index at the end of the file, if there is one."""
-        footer = len(self._data) - len(MCAP_MAGIC) - _FOOTER_OFFSETS.size
-        if footer < 0 or self._data[-len(MCAP_MAGIC) :] != MCAP_MAGIC:
-            return []
-        position, _, _ = _FOOTER_OFFSETS.unpack_from(self._data, footer)
-        offsets = []
-        while len(MCAP_MAGIC) <= position < footer - RECORD.size:
-            code, size = RECORD.unpack_from(self._data, position)
-            begin = position + RECORD.size
-            if code == McapCode.CHUNK_INDEX and begin + _CHUNK_OFFSETS.size <= footer:
-                offsets.append(_CHUNK_OFFSETS.unpack_from(self._data, begin)[2])
-            position = begin + size
-        return [offset for offset in offsets if offset < footer]
+    def _check_times(self, chunk: _Chunk) -> None:
+        """Read a chunk on opening if the index states other times than its header."""
+        position = chunk.begin - RECORD.size
+        start, stop = self._summary.chunks.get(position, (chunk.start, chunk.stop))
+        if (start, stop) != (chunk.start, chunk.stop):
+            chunk.start, chunk.stop = min(start, chunk.start), max(stop, chunk.stop)
+            chunk.is_counted = False
 
     def _read_record(self, code: int, begin: int, stop: int) -> None:
+        if code == McapCode.MESSAGE_INDEX:
+            if self._indexed is not None:
+                channel, size = _INDEX_HEADER.unpack_from(self._data, begin)
+                self._indexed.counts[channel] += size // _ENTRY_SIZE
+                self._indexed.is_counted = True
+            return
+        self._indexed = None
         if code in {McapCode.SCHEMA, McapCode.CHANNEL}:
-            self._define(code, self._data[begin:stop])
+            self._definitions.read(code, self._data[begin:stop])
         elif code == McapCode.CHUNK:
             self._add_chunk(begin, stop)
-        elif code == McapCode.MESSAGE_INDEX and self._chunks and self._chunks[-1].is_record:
-            channel, size = _INDEX_HEADER.unpack_from(self._data, begin)
-            self._chunks[-1].counts[channel] += size // _ENTRY_SIZE
-            self._chunks[-1].is_counted = True
+            self._indexed = self._chunks[-1]
         elif code == McapCode.MESSAGE:
             self._add_message(begin - RECORD.size, stop)
-
-    def _define(self, code: int, record: bytes) -> None:
-        (key,) = U16.unpack_from(record, 0)
-        if code == McapCode.SCHEMA:
-            name, position = read_string(record, 2)
-            encoding, position = read_string(record, position)
-            text, _ = read_string(record, position)
-            self._schemas.setdefault(key, TypeDefinition(name, encoding, text))
-            return
-        (schema,) = U16.unpack_from(record, 2)
-        topic, position = read_string(record, 4)
-        serialisation, position = read_string(record, position)
-        metadata = read_strings(record, position)
-        self._channels.setdefault(
-            key,
-            StoredChannel(
-                topic,
-                self._schemas.get(schema, TypeDefinition('unknown')),
-                serialisation,
-                offered_quality(metadata.get('offered_qos_profiles', '')),
-            ),
-        )
 
     def _add_chunk(self, begin: int, stop: int) -> None:
         start, end = chunk_times(self._data, begin)
@@ -241,9 +233,10 @@ class McapFile:
     def _count(self) -> None:
         """Count the messages; chunks without an index, and those with new channels, are read."""
         for chunk in self._chunks:
-            if not chunk.is_counted or not chunk.counts.keys() <= self._channels.keys():
+            is_counted = chunk.is_counted and (self._summary.is_intact or not chunk.is_record)
+            if not is_counted or not chunk.counts.keys() <= self._channels.keys():
                 self._read_chunk(chunk)
-        total: Counter[int] = sum((each.counts for each in self._chunks), Counter())
+        total = self._total = sum((each.counts for each in self._chunks), Counter[int]())
         self.counts: dict[StoredChannel, int] = {}
         for key, channel in self._channels.items():
             self.counts[channel] = self.counts.get(channel, 0) + total[key]
@@ -254,6 +247,34 @@ class McapFile:
             count_steps_back(np.array(times, np.int64), self._name, self.faults)
             self.span = (min(each.start for each in filled), max(each.stop for each in filled))
 
+    def _compare(self) -> None:
+        """Note what the summary states and is not there; and what a file that ends early lacks."""
+        known = len(self.faults.losses)
+        if self._end_fault:
+            self.faults.lose(self._name, self._end_fault, first=self._first_after_end())
+        if not self._summary.is_intact:
+            return
+        for position, (start, stop) in self._summary.chunks.items():
+            if position not in self._known:
+                place, reason = f'{self._name}, byte {position}', 'a chunk is damaged: it is lost'
+                self.faults.lose(place, reason, first=start, last=stop)
+        if len(self.faults.losses) > known:
+            return
+        for key, stated in self._summary.counts.items():
+            if stated != self._total[key]:
+                channel = self._channels.get(key)
+                topics = None if channel is None else {channel.topic}
+                self.faults.miscounted(self._name, topics, self._total[key], stated, 'statistics')
+
+    def _first_after_end(self) -> int:
+        """Return the log time before which no message is lost at the end of the file."""
+        reached, longest_step_back = BEGINNING, 0
+        for chunk in self._chunks:
+            longest_step_back = max(longest_step_back, reached - chunk.start)
+            if chunk.counts:
+                reached = max(reached, chunk.stop + 1)
+        return reached - longest_step_back
+
     def _read_chunk(self, chunk: _Chunk) -> None:
         """Read the channels in a chunk, count its messages, and correct its times."""
         counts: Counter[int] = Counter()
@@ -262,13 +283,16 @@ class McapFile:
         for code, begin, stop in records(content.data, content.begin, content.end):
             if code in {McapCode.SCHEMA, McapCode.CHANNEL}:
                 with suppress(*_ERRORS):
-                    self._define(code, content.data[begin:stop])
+                    self._definitions.read(code, content.data[begin:stop])
             elif code == McapCode.MESSAGE and stop - begin >= MESSAGE_RECORD.size - RECORD.size:
                 start = begin - RECORD.size
                 _, _, channel, _, time, _ = MESSAGE_RECORD.unpack_from(content.data, start)
                 counts[channel] += 1
                 times.append(time)
         chunk.counts = counts
+        is_short = times and max(times) < chunk.stop
+        if fault := content.fault or ('lacks the last of its messages' if is_short else ''):
+            self._lose(chunk, fault, times)
         if times:
             chunk.start, chunk.stop = min(times), max(times)
 
@@ -292,21 +316,24 @@ class McapFile:
             if code == message and size >= _MESSAGE_SIZE:
                 found.append(position)
             position = stop
-        if position != end:
-            self._damaged(chunk, 'ends within a record: the rest of it is lost', 1)
         self._forget_pages(chunk)
         positions = np.array(found, np.int64)
         if len(positions) == 0:
+            self._check_content(chunk, content, positions, is_whole=position == end)
             return StoredMessages.of((), (), ())
         values = SerialisedMessages(data, '<').values
-        channels = numbers[values('u2', positions + header)]
-        positions, channels = positions[channels >= 0], channels[channels >= 0]
+        keys = values('u2', positions + header).astype(np.int64)
         times = values('i8', positions + header + _TIME_OFFSET).astype(np.int64)
+        self._check_content(chunk, content, times, is_whole=position == end)
+        sequence = values('u4', positions + header + _SEQUENCE_OFFSET).astype(np.int64)
+        self._sequences.check(keys, times, sequence, self._channels, self.faults)
+        wanted = numbers[keys] >= 0
+        positions, channels, times = positions[wanted], numbers[keys[wanted]], times[wanted]
         sizes = values('i8', positions + 1).astype(np.int64) - _MESSAGE_SIZE
-        starts = positions + header + _MESSAGE_SIZE
-        messages = StoredMessages(data, times, channels, starts, sizes)
+        messages = StoredMessages(data, times, channels, positions + MESSAGE_RECORD.size, sizes)
         if (times < 0).any():
-            self._damaged(chunk, 'has messages without a time', int((times < 0).sum()))
+            place, reason = self._place(chunk), 'a chunk has messages without a time'
+            self.faults.lose(place, reason, int((times < 0).sum()), topics=self._topics_of(chunk))
             return messages.rows(times >= 0)
         return messages
 
@@ -323,13 +350,44 @@ class McapFile:
         """Return the records of a chunk."""
         if not chunk.is_record:
             return ChunkContent(self._data, chunk.begin, chunk.end)
-        content = chunk_content(self._data, chunk.begin, chunk.end)
-        if content.fault:
-            lost = chunk.counts.total() if content.is_lost else 1
-            self._damaged(chunk, content.fault, lost or 1)
-        return content
+        return chunk_content(self._data, chunk.begin, chunk.end)
 
-    def _damaged(self, chunk: _Chunk, reason: str, count: int) -> None:
-        self.faults.add(
-            f'{self._name}, byte {chunk.begin - RECORD.size}', f'a chunk {reason}', count
-        )
+    def _check_content(
+        self, chunk: _Chunk, content: ChunkContent, times: NDArray[np.int64], *, is_whole: bool
+    ) -> None:
+        """Note that messages of a chunk are lost, given the times of those that were found."""
+        stated = chunk.counts.total()
+        if content.fault:
+            self._lose(chunk, content.fault, times.tolist())
+        elif len(times) != stated:
+            self._lose(chunk, f'has {len(times)} messages, and {stated} by its index', ())
+        elif not is_whole:
+            self._lose(chunk, 'ends within a record: the rest of it is lost', times.tolist())
+
+    def _topics_of(self, chunk: _Chunk) -> set[str] | None:
+        """Return the topics that a chunk has by its index; None without one."""
+        if not (chunk.is_counted and self._summary.is_intact):
+            return None
+        return {self._channels[key].topic for key in chunk.counts if key in self._channels}
+
+    def _lose(self, chunk: _Chunk, reason: str, times: Sequence[int]) -> None:
+        """Note that a chunk has lost messages: after those with some times if these are in order.
+
+        Args:
+            chunk: the chunk.
+            reason: why they are lost.
+            times: of the messages at its begin that are intact, in nanoseconds.
+        """
+        if self._end_fault and chunk.end == len(self._data):
+            self.faults.add(self._place(chunk), f'a chunk {reason}')
+            return  # All that follows is lost, too.
+        first = chunk.start
+        if times and all(earlier <= later for earlier, later in pairwise(times)):
+            first = times[-1] + 1
+        count = max(chunk.counts.total() - len(times), 1)
+        topics, last = self._topics_of(chunk), max(chunk.stop, *times, first)
+        reason = f'a chunk {reason}'
+        self.faults.lose(self._place(chunk), reason, count, topics=topics, first=first, last=last)
+
+    def _place(self, chunk: _Chunk) -> str:
+        return f'{self._name}, byte {chunk.begin - RECORD.size}'

@@ -8,7 +8,7 @@ from __future__ import annotations
 import sys
 from collections.abc import Iterator
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import IntEnum
 from struct import Struct
 from struct import error as struct_error
@@ -18,6 +18,7 @@ from zlib import crc32
 from lz4 import frame as lz4
 
 from dyknow_common import shortened
+from dyknow_recordings.reading.bags.storage import MAX_BLOCK_BYTES
 from dyknow_recordings.reading.messages.stored_messages import MessageBuffer
 
 if sys.version_info >= (3, 14):
@@ -42,6 +43,8 @@ U32: Final = Struct('<I')
 U64: Final = Struct('<Q')
 
 _CHUNK_HEADER: Final = Struct('<QQQI')
+_INCOMPLETE: Final = 'is incomplete: some of its messages are lost'
+_LARGER: Final = 'holds more bytes than it states: some of its messages are lost'
 _DECOMPRESSORS: Final = {b'zstd': zstd.ZstdDecompressor, b'lz4': lz4.LZ4FrameDecompressor}
 
 
@@ -55,6 +58,7 @@ class McapCode(IntEnum):
     CHUNK = 0x06
     MESSAGE_INDEX = 0x07
     CHUNK_INDEX = 0x08
+    STATISTICS = 0x0B
     DATA_END = 0x0F
 
 
@@ -73,11 +77,6 @@ class ChunkContent:
     begin: int
     end: int
     fault: str = ''
-
-    @property
-    def is_lost(self) -> bool:
-        """True if no record can be read."""
-        return self.begin == self.end
 
 
 def records(data: MessageBuffer, position: int, end: int) -> Iterator[tuple[int, int, int]]:
@@ -115,26 +114,36 @@ def chunk_content(data: MessageBuffer, begin: int, end: int) -> ChunkContent:
     except struct_error:
         return ChunkContent(b'', 0, 0, 'has no header: its messages are lost')
     position += U64.size
-    end = min(position + stored, end)
-    content = ChunkContent(data, position, end)
+    is_cut = position + stored > end
+    content = ChunkContent(data, position, min(position + stored, end))
     if compression:
         if compression not in _DECOMPRESSORS:
             name = shortened(str(compression, 'utf-8', 'replace'))
             reason = f'is compressed by {name}, not by zstd or lz4: its messages are lost'
             return ChunkContent(b'', 0, 0, reason)
-        content = _decompressed(data[position:end], compression, size)
-    if checksum and content.end - content.begin == size and not _is_intact(content, checksum):
-        return ChunkContent(b'', 0, 0, 'is damaged: its messages are lost')
-    return content
+        if size > MAX_BLOCK_BYTES:
+            limit = f'more than the limit of {MAX_BLOCK_BYTES >> 20} MiB'
+            reason = f'has {size} bytes without its compression, {limit}: its messages are lost'
+            return ChunkContent(b'', 0, 0, reason)
+        content = _decompressed(data[position : content.end], compression, size)
+    if content.fault:
+        return content
+    length = content.end - content.begin
+    if checksum and (length == size or not is_cut):
+        is_whole = _is_intact(content, checksum)
+        return content if is_whole else ChunkContent(b'', 0, 0, 'is damaged: its messages are lost')
+    fault = _LARGER if length > size else _INCOMPLETE
+    return content if length == size else replace(content, fault=fault)
 
 
 def _decompressed(data: bytes, compression: bytes, size: int) -> ChunkContent:
     decompressor = _DECOMPRESSORS[compression]()
     content = b''
-    with suppress(zstd.ZstdError, RuntimeError, OverflowError, MemoryError):
+    with suppress(zstd.ZstdError, RuntimeError):
         content = decompressor.decompress(data, size)
-    fault = 'is incomplete: some of its messages are lost' if len(content) != size else ''
-    return ChunkContent(content, 0, len(content), fault)
+        if len(content) == size and not decompressor.eof and decompressor.decompress(b'', 1):
+            return ChunkContent(content, 0, size, _LARGER)
+    return ChunkContent(content, 0, len(content))
 
 
 def _is_intact(content: ChunkContent, checksum: int) -> bool:

@@ -17,13 +17,17 @@ _BATCH_MESSAGES: Final = 1 << 15
 
 
 def merged(
-    sources: Sequence[Iterator[StoredBlock]], place: str, faults: FaultCounter
+    sources: Sequence[Iterator[StoredBlock]],
+    place: str,
+    topics: Sequence[str],
+    faults: FaultCounter,
 ) -> Iterator[StoredMessages]:
     """Yield the messages in batches; no message is earlier than one of the batches before.
 
     Args:
         sources: the blocks of each file, in the order of their first times.
         place: the recording, in the faults.
+        topics: those of the channels, by their numbers.
         faults: where faults are counted.
     """
     upcoming = [(block[0], number, block[1]) for number, block in _firsts(sources)]
@@ -33,7 +37,7 @@ def merged(
     while upcoming:
         while upcoming and not _is_full(pending):
             _, number, read = heapq.heappop(upcoming)
-            block = _without_compression(read(), place, faults)
+            block = _without_compression(read(), place, topics, faults)
             count_steps_back(block.times, place, faults)
             pending.append(block)
             following = next(sources[number], None)
@@ -42,7 +46,8 @@ def merged(
         messages = joined(pending)
         late = 0 if reached is None else int(np.searchsorted(messages.times, reached))
         if late:
-            faults.add(place, 'a message is in the wrong part of the file: it is left out', late)
+            reason = 'a message is in the wrong part of the file: it is left out'
+            _lose(messages.rows(slice(late)), place, reason, topics, faults)
         end = int(np.searchsorted(messages.times, upcoming[0][0])) if upcoming else len(messages)
         pending = [messages.rows(slice(max(late, end), None))]
         batch = messages.rows(slice(late, end))
@@ -69,12 +74,23 @@ def _firsts(sources: Sequence[Iterator[StoredBlock]]) -> Iterator[tuple[int, Sto
             yield number, block
 
 
-def _without_compression(block: StoredMessages, place: str, faults: FaultCounter) -> StoredMessages:
+def _lose(
+    messages: StoredMessages, place: str, reason: str, topics: Sequence[str], faults: FaultCounter
+) -> None:
+    lacking = {topics[number] for number in np.unique(messages.channels).tolist()}
+    first, last = int(messages.times.min()), int(messages.times.max())
+    faults.lose(place, reason, len(messages), topics=lacking, first=first, last=last)
+
+
+def _without_compression(
+    block: StoredMessages, place: str, topics: Sequence[str], faults: FaultCounter
+) -> StoredMessages:
     if not next(block.contents(), b'').startswith(ZSTD_MAGIC):
         return block
     plain = [decompressed(data) for data in block.contents()]
     rows = [row for row, data in enumerate(plain) if data is not None]
     if len(rows) < len(block):
-        faults.add(place, 'the compression of a message is damaged', len(block) - len(rows))
+        lost = block.rows([row for row, data in enumerate(plain) if data is None])
+        _lose(lost, place, 'the compression of a message is damaged', topics, faults)
     found = [data for data in plain if data is not None]
     return StoredMessages.of(block.times[rows], block.channels[rows], found)

@@ -15,9 +15,11 @@ from numpy.typing import NDArray
 
 from dyknow_recordings.errors import RecordingError
 from dyknow_recordings.reading.bags.storage import (
+    MAX_BLOCK_BYTES,
     StoredChannel,
     offered_quality,
 )
+from dyknow_recordings.reading.lost_messages import BEGINNING, END
 from dyknow_recordings.reading.messages.definitions import TypeDefinition
 from dyknow_recordings.reading.messages.message_types import LATEST
 from dyknow_recordings.reading.messages.stored_messages import StoredBlock, StoredMessages
@@ -28,6 +30,7 @@ SQLITE_MAGIC: Final = b'SQLite format 3\0'
 _BLOCK_SIZE: Final = 4096
 _BLOCK_BYTES: Final = 1 << 18
 _PAGE_SIZE_AT: Final = 16
+_TABLES: Final = ('messages', 'topics', 'message_definitions')
 _SMALLEST_PAGE: Final = 512
 _ERRORS: Final = (sqlite3.Error, LookupError, UnicodeDecodeError)
 """Raised where a damaged database has other tables than a bag."""
@@ -52,6 +55,7 @@ def _open(path: Path) -> sqlite3.Connection:
     has_log = path.with_name(f'{path.name}-wal').exists()
     options = '?mode=ro' if has_log else '?mode=ro&immutable=1'
     database = sqlite3.connect(f'{path.absolute().as_uri()}{options}', uri=True)
+    database.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, MAX_BLOCK_BYTES)
     database.text_factory = lambda text: str(text, 'utf-8', 'replace')
     return database
 
@@ -102,6 +106,7 @@ class SqliteFile:
         return self._ordered_blocks(ids)
 
     def _read_channels(self) -> dict[int, StoredChannel]:
+        self._check_tables()
         definitions: dict[str, TypeDefinition] = {}
         # Bags of ROS 2 Humble and before have no definitions.
         self.default_distro = 'humble'
@@ -125,6 +130,16 @@ class SqliteFile:
             for row in self._rows('SELECT * FROM topics')
         }
 
+    def _check_tables(self) -> None:
+        """Check that the tables are tables: a view may have any number of rows."""
+        names = ', '.join(map(repr, _TABLES))
+        query = f'SELECT name, sql FROM sqlite_master WHERE LOWER(name) IN ({names})'
+        for name, text in self._database.execute(query):
+            if not str(text).startswith('CREATE TABLE'):
+                raise RecordingError(
+                    f"{self._name}: '{name}' is no table; no bag has such a database"
+                )
+
     def _rows(self, query: str) -> list[dict[str, Any]]:
         cursor = self._database.execute(query)
         names = [column[0] for column in cursor.description]
@@ -136,12 +151,23 @@ class SqliteFile:
             kind = np.dtype([('topic', np.int64), ('time', np.int64)])
             found = np.fromiter(self._database.execute(query), kind)
             # Reading in order uses the index of times.
-            self._database.execute('SELECT COUNT(timestamp) FROM messages').fetchone()
+            query = 'SELECT COUNT(timestamp) FROM messages'
+            (indexed,) = self._database.execute(query).fetchone()
+            if indexed != len(found):
+                self._is_damaged = True
+                self.faults.miscounted(self._name, None, len(found), indexed, 'index of the times')
         except (*_ERRORS, TypeError, ValueError) as error:
             self._is_damaged = True
-            self.faults.add(self._name, f'the database is damaged: {error}')
-            found = self._readable_messages()
+            reason = f'the database is damaged: {error}'
+            found, first = self._readable_messages()
+            if first is None:
+                self.faults.add(self._name, reason)
+            else:
+                self.faults.lose(self._name, reason, first=first)
         counts = Counter(found['topic'].tolist())
+        if unknown := counts.keys() - self._channels.keys():
+            reason = 'a message is of no topic'
+            self.faults.lose(self._name, reason, sum(counts[each] for each in unknown))
         self.counts: dict[StoredChannel, int] = {}
         for key, channel in self._channels.items():
             self.counts[channel] = self.counts.get(channel, 0) + counts[key]
@@ -152,20 +178,22 @@ class SqliteFile:
     def _ordered_blocks(self, ids: Mapping[int, int]) -> Iterator[StoredBlock]:
         marks = ', '.join('?' * len(ids))
         query = f'SELECT timestamp, topic_id, data FROM messages WHERE topic_id IN ({marks})'
+        latest = BEGINNING
         try:
             cursor = self._database.execute(f'{query} ORDER BY timestamp', list(ids))
             count = 1
             while rows := cursor.fetchmany(count):
                 yield from self._block(rows, ids)
+                latest = max(latest, *(row[0] + 1 for row in rows if type(row[0]) is int))
                 size = sum(len(row[-1] or b'') for row in rows)
                 count = min(max(1, _BLOCK_BYTES * len(rows) // (size + 1)), 4 * count, _BLOCK_SIZE)
         except sqlite3.Error as error:
             reason = f'the database is damaged, the rest of it is lost: {error}'
-            self.faults.add(self._name, reason)
+            self.faults.lose(self._name, reason, first=latest)
 
     def _salvaged_blocks(self, ids: Mapping[int, int]) -> Iterator[StoredBlock]:
         """Read each message by its number, in the order of their times."""
-        found = self._readable_messages()
+        found, _ = self._readable_messages()
         found = found[np.isin(found['topic'], list(ids))]
         found = found[np.argsort(found['time'], kind='stable')]
         for start in range(0, len(found), _BLOCK_SIZE):
@@ -177,23 +205,29 @@ class SqliteFile:
                         (time, topic, data) for (data,) in self._database.execute(query, [row])
                     ]
                 except sqlite3.Error:
-                    self.faults.add(self._name, 'a message cannot be read')
+                    rows.append((time, topic, None))
             yield from self._block(rows, ids)
 
-    def _readable_messages(self) -> NDArray[np.void]:
-        """Return the number, time and topic of the messages up to the first damage."""
+    def _readable_messages(self) -> tuple[NDArray[np.void], int | None]:
+        """Return the number, time and topic of the messages up to the first damage.
+
+        Return also the log time from which on messages may be lost; None if none are.
+        """
         found: list[tuple[int, int, int]] = []
+        first, longest_step_back, reached = None, 0, BEGINNING
         try:
             query = 'SELECT id, timestamp, topic_id FROM messages NOT INDEXED'
-            found.extend(
-                row
-                for row in self._database.execute(query)
-                if all(isinstance(value, int) for value in row)
-            )
+            for row in self._database.execute(query):
+                if all(type(value) is int for value in row):
+                    found.append(row)
+                    longest_step_back = max(longest_step_back, reached - row[1])
+                    reached = max(reached, row[1] + 1)
+                else:
+                    first = BEGINNING
         except sqlite3.Error:
-            pass  # The caller has reported the damage.
+            first = reached - longest_step_back if first is None else first
         kind = [('id', np.int64), ('time', np.int64), ('topic', np.int64)]
-        return np.array(found, np.dtype(kind))
+        return np.array(found, np.dtype(kind)), first
 
     def _block(self, rows: list[Any], ids: Mapping[int, int]) -> Iterator[StoredBlock]:
         found = rows
@@ -202,10 +236,21 @@ class SqliteFile:
             found = [row for row in rows if _is_whole(row)]
             times, keys, data = zip(*found, strict=True) if found else ((), (), ())
         if len(found) < len(rows):
-            reason = 'a message has no time or no data'
-            self.faults.add(self._name, reason, len(rows) - len(found))
+            self._lose([row for row in rows if not _is_whole(row)])
         if found:
             yield times[0], partial(StoredMessages.of, times, [ids[key] for key in keys], data)
+
+    def _lose(self, rows: list[Any]) -> None:
+        times = [time for time, _, _ in rows if type(time) is int and 0 <= time < MAX_TIME]
+        is_known = len(times) == len(rows)
+        self.faults.lose(
+            self._name,
+            'a message has no time or no data',
+            len(rows),
+            topics={self._channels[key].topic for _, key, _ in rows},
+            first=min(times) if is_known else BEGINNING,
+            last=max(times) if is_known else END,
+        )
 
 
 def _is_whole(row: tuple[Any, Any, Any]) -> bool:

@@ -24,6 +24,10 @@ ZSTD_MAGIC: Final = b'\x28\xb5\x2f\xfd'
 """The first bytes of a compressed message or file; no message in CDR begins with these."""
 
 
+MAX_BLOCK_BYTES: Final = 256 << 20
+"""The largest chunk or message without its compression: it is in memory at once."""
+
+
 @dataclass(frozen=True, slots=True)
 class StoredChannel:
     """The messages of a topic with one type, as one publisher has serialised them.
@@ -66,11 +70,13 @@ class StorageFile(Protocol):
 
 
 def decompressed(message: bytes) -> bytes | None:
-    """Return a message without its compression; None if it is damaged."""
+    """Return a message without its compression; None if it is damaged or too large."""
+    decompressor = zstd.ZstdDecompressor()
     try:
-        return zstd.decompress(message)
+        plain = decompressor.decompress(message, MAX_BLOCK_BYTES)
     except zstd.ZstdError:
         return None
+    return plain if decompressor.eof else None
 
 
 def decompress_file(source: Path, target: Path) -> bool:

@@ -1,0 +1,87 @@
+"""The metadata of a bag: its files, and the numbers of its messages."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path, PurePath
+from typing import Any, Final
+
+import yaml
+
+from dyknow_recordings.reading.recording import FaultCounter
+
+METADATA: Final = 'metadata.yaml'
+
+_DAMAGE: Final = (
+    yaml.YAMLError, ValueError, LookupError, TypeError, AttributeError, RecursionError
+)  # fmt: skip
+"""Raised where the metadata is damaged."""
+
+_LOADER: Final = getattr(yaml, 'CSafeLoader', yaml.SafeLoader)
+
+
+@dataclass(frozen=True, slots=True)
+class BagMetadata:
+    """The metadata of a bag; empty if there is none.
+
+    Args:
+        files: the names of its files, each once.
+        counts: the number of messages by topic.
+    """
+
+    files: tuple[str, ...] = ()
+    counts: Mapping[str, int] = field(default_factory=dict)
+
+
+def read_metadata(folder: Path, faults: FaultCounter) -> BagMetadata:
+    """Return the metadata in the folder of a bag; what is wrong with it is a fault."""
+    try:
+        information = _information(folder)
+        # Early versions give the path from the folder above.
+        files = [PurePath(path).name for path in information['relative_file_paths']]
+    except OSError:
+        reason = f'{METADATA} is missing'
+    except _DAMAGE:
+        reason = f'{METADATA} is damaged'
+    else:
+        names = tuple(dict.fromkeys(files))
+        if len(names) < len(files):
+            faults.add(str(folder), f'{METADATA} names a file again', len(files) - len(names))
+        return BagMetadata(names, _counts(information))
+    faults.add(str(folder), f'{reason}: the bag is read without it')
+    return BagMetadata()
+
+
+def recorded_distro(path: Path, known: Collection[str]) -> str:
+    """Return the distribution of ROS 2 that the metadata of a bag names; empty if none is known.
+
+    Args:
+        path: of its folder, or of its file.
+        known: the distributions.
+    """
+    folder = path if path.is_dir() else path.parent
+    try:
+        found = _information(folder)
+        names = [PurePath(each).name for each in found['relative_file_paths']]
+        distro = found.get('ros_distro')
+    except (OSError, *_DAMAGE):
+        return ''
+    return distro if distro in known and (path == folder or path.name in names) else ''
+
+
+def _information(folder: Path) -> Any:
+    text = (folder / METADATA).read_text(encoding='utf-8')
+    # The safe loaders are those of PyYAML; that in C takes a tenth of the time.
+    return yaml.load(text, _LOADER)['rosbag2_bagfile_information']  # noqa: S506
+
+
+def _counts(information: Mapping[str, Any]) -> Mapping[str, int]:
+    counts: Counter[str] = Counter()
+    try:
+        for each in information['topics_with_message_count']:
+            counts[str(each['topic_metadata']['name'])] += int(each['message_count'])
+    except (LookupError, TypeError, ValueError):
+        return {}
+    return counts

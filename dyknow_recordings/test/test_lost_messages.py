@@ -1,0 +1,406 @@
+"""Recordings with known damage: no verdict depends on messages that are lost."""
+
+from __future__ import annotations
+
+import json
+import struct
+from collections.abc import Callable
+from contextlib import redirect_stdout
+from pathlib import Path
+from typing import Any
+
+import pytest
+from backports import zstd
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from small_bags import (
+    START,
+    channel,
+    chunk,
+    database,
+    indexed_mcap,
+    mcap,
+    schema,
+    stored,
+)
+
+from dyknow_common import NANOSECONDS
+from dyknow_recordings.check import main
+
+STEP = 100 * NANOSECONDS['ms']
+DEFINITION = 'int32 x\n'
+NUMBER = schema(1, 'made_up/msg/Number', DEFINITION) + channel(1, 1, '/x')
+COUNT, PER_CHUNK = 40, 10
+EARLY, LOST, LATE = 4, 17, 33
+"""The numbers of the messages with the values 2, 9 and 3; the others have the value 1."""
+
+VALUES = {EARLY: 2, LOST: 9, LATE: 3}
+DEPENDS = 'the verdict depends on messages that are lost'
+Records = list[bytes]
+
+
+def payload(number: int) -> bytes:
+    return b'\0\1\0\0' + struct.pack('<i', VALUES.get(number, 1))
+
+
+def messages(*, with_sequence: bool = False) -> Records:
+    return [
+        stored(1, START + number * STEP, payload(number), number + 1 if with_sequence else 0)
+        for number in range(COUNT)
+    ]
+
+
+def file_of(
+    records: Records,
+    compression: str = '',
+    *,
+    checksum: bool = True,
+    change: Callable[[bytes], bytes] = bytes,
+) -> bytes:
+    """A file of chunks, the second of which is changed; `change` keeps its length."""
+    chunks = []
+    for first in range(0, COUNT, PER_CHUNK):
+        part = records[first : first + PER_CHUNK]
+        times = START + first * STEP, START + (first + PER_CHUNK - 1) * STEP
+        content = chunk([NUMBER, *part], times, compression, checksum=checksum)
+        if first == PER_CHUNK:
+            content = change(content)
+        chunks.append((content, times, {1: sum(map(bool, part))}))
+    return indexed_mcap(NUMBER, chunks)
+
+
+def with_byte(at: int, value: int = 0xFF) -> Callable[[bytes], bytes]:
+    """Return a change of one byte."""
+
+    def change(data: bytes) -> bytes:
+        changed = bytearray(data)
+        changed[at] ^= value
+        return bytes(changed)
+
+    return change
+
+
+def with_fewer_bytes(data: bytes) -> bytes:
+    """State half of the size that a chunk has without compression."""
+    (size,) = struct.unpack_from('<Q', data, 25)
+    return data[:25] + struct.pack('<Q', size // 2) + data[33:]
+
+
+def swallowing(data: bytes) -> bytes:
+    """Let the record before the violation end with the chunk."""
+    at = data.index(stored(1, START + (LOST - 1) * STEP, payload(LOST - 1)))
+    return data[: at + 1] + struct.pack('<Q', len(data) - at - 9) + data[at + 9 :]
+
+
+def cut_content(data: bytes) -> bytes:
+    """Leave out the end of the content of a chunk, which is compressed."""
+    head, content = data[:53], data[53:]
+    half = content[: len(content) // 2]
+    body = head[9:45] + struct.pack('<Q', len(half)) + half
+    return struct.pack('<BQ', 6, len(body)) + body
+
+
+def short_message() -> Records:
+    records = messages()
+    records[LOST] = stored(1, START + LOST * STEP, payload(LOST)[:6])
+    return records
+
+
+def missing_numbers() -> Records:
+    records = messages(with_sequence=True)
+    records[LOST] = b''
+    return records
+
+
+MCAP: dict[str, tuple[Callable[[], bytes], str]] = {
+    'a wrong checksum': (lambda: file_of(messages(), change=with_byte(100)), 'is damaged'),
+    'cut zstd': (lambda: file_of(messages(), 'zstd', change=cut_content), 'is damaged'),
+    'cut zstd without checksum': (
+        lambda: file_of(messages(), 'zstd', checksum=False, change=cut_content),
+        'is incomplete',
+    ),
+    'flipped zstd': (lambda: file_of(messages(), 'zstd', change=with_byte(-20)), 'is damaged'),
+    'flipped lz4': (lambda: file_of(messages(), 'lz4', change=with_byte(-20)), 'is damaged'),
+    'unknown compression': (
+        lambda: file_of(messages(), 'zstd', change=lambda data: data.replace(b'zstd', b'zst9')),
+        'is compressed by zst9, not by zstd or lz4',
+    ),
+    'fewer bytes than it holds': (
+        lambda: file_of(messages(), 'zstd', checksum=False, change=with_fewer_bytes),
+        'holds more bytes than it states',
+    ),
+    'a record that swallows others': (
+        lambda: file_of(messages(), checksum=False, change=swallowing),
+        'has 7 messages, and 10 by its index',
+    ),
+    'no chunk': (lambda: file_of(messages(), change=with_byte(0)), 'a chunk is damaged'),
+    'a short message': (lambda: file_of(short_message()), 'a message is shorter than its type'),
+    'sequence numbers': (
+        lambda: file_of(missing_numbers()),
+        'a message is missing by the sequence numbers',
+    ),
+}
+
+
+def check(
+    path: Path, formula: str, capsys: pytest.CaptureFixture[str], *options: str
+) -> tuple[int, dict[str, Any], list[str]]:
+    """Return the exit code, the document of the formula, and the notes."""
+    code = main([str(path), '--formula', formula, '--json', *options])
+    (line,) = capsys.readouterr().out.splitlines()
+    document = json.loads(line)
+    assert document['error'] is None
+    return code, document['formulas'][0], document['notes']
+
+
+def check_lost(path: Path, reason: str, capsys: pytest.CaptureFixture[str]) -> None:
+    """Check formulas over a recording that has lost the violation."""
+    for formula in ('always "/x".x < 5', 'always[0 s, 2 s] "/x".x < 5', 'eventually "/x".x > 5'):
+        code, found, notes = check(path, formula, capsys)
+        assert (code, found['outcome']) == (2, 'error'), formula
+        error = found['error'] or found['episodes'][0]['error']
+        assert DEPENDS in error['message']
+        assert reason in error['message']
+        assert 'between 17000000' in error['message'] or 'from 17000000' in error['message']
+        assert any(reason in note for note in notes)
+    for every in ('state', '"/x".x = 2'):
+        code, found, _ = check(path, 'always "/x".x < 5', capsys, '--every', every)
+        assert (code, found['outcome']) == (2, 'error'), every
+        assert reason in found['error']['message']
+
+
+def check_kept(path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Check formulas that are certain in spite of the damage."""
+    for formula, outcome in (
+        ('always "/x".x != 2', 'false'),
+        ('eventually "/x".x = 2', 'true'),
+        ('always[0 s, 800 ms] "/x".x < 5', 'true'),
+        ('always "/x".x != 3', 'false'),
+        ('eventually "/x".x = 3', 'true'),
+    ):
+        code, found, _ = check(path, formula, capsys)
+        assert (code, found['outcome']) == (int(outcome == 'false'), outcome), formula
+
+
+@pytest.mark.parametrize('kind', MCAP)
+def test_damage_of_an_mcap_file(
+    tmp_path: Path, kind: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / 'a.mcap'
+    path.write_bytes(file_of(messages()))
+    code, found, notes = check(path, 'always "/x".x < 5', capsys, '--strict')
+    assert (code, found['outcome'], notes) == (1, 'false', [])
+    build, reason = MCAP[kind]
+    path.write_bytes(build())
+    check_lost(path, reason, capsys)
+    check_kept(path, capsys)
+
+
+def test_a_chunk_that_states_fewer_bytes_and_has_no_compression(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """It can be read, but which of the sizes is right is not known."""
+    path = tmp_path / 'a.mcap'
+    path.write_bytes(file_of(messages(), checksum=False, change=with_fewer_bytes))
+    code, _, notes = check(path, 'always "/x".x < 5', capsys)
+    assert (code, len(notes)) == (1, 1)
+    assert 'holds more bytes than it states' in notes[0]
+    assert check(path, 'always "/x".x < 10', capsys)[0] == 2
+
+
+def rows() -> list[tuple[int, bytes | None]]:
+    """Return messages for a database, padded so that ten of them fill a page."""
+    return [(START + number * STEP, payload(number) + bytes(24)) for number in range(COUNT)]
+
+
+def without_data(path: Path) -> None:
+    lacking = rows()
+    lacking[LOST] = (lacking[LOST][0], None)
+    database(path, lacking, DEFINITION)
+
+
+def with_a_destroyed_page(path: Path) -> None:
+    database(path, rows(), DEFINITION)
+    data = bytearray(path.read_bytes())
+    page = data.index(payload(LOST)) // 512 * 512
+    data[page : page + 512] = b'\xff' * 512
+    path.write_bytes(data)
+
+
+def with_damaged_compression(path: Path) -> None:
+    packed = [(time, zstd.compress(data or b'')) for time, data in rows()]
+    packed[LOST] = packed[LOST][0], packed[LOST][1][:-3]
+    database(path, packed, DEFINITION)
+
+
+DATABASES: dict[str, tuple[Callable[[Path], None], str]] = {
+    'no data': (without_data, 'a message has no time or no data'),
+    'a destroyed page': (with_a_destroyed_page, 'the database is damaged'),
+    'compression': (with_damaged_compression, 'the compression of a message is damaged'),
+}
+
+
+@pytest.mark.parametrize('kind', DATABASES)
+def test_damage_of_a_database(
+    tmp_path: Path, kind: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / 'a.db3'
+    database(path, rows(), DEFINITION)
+    code, found, notes = check(path, 'always "/x".x < 5', capsys)
+    assert (code, found['outcome'], notes) == (1, 'false', [])
+    build, reason = DATABASES[kind]
+    path.unlink()
+    build(path)
+    check_lost(path, reason, capsys)
+
+
+def folder_of(folder: Path, files: dict[str, bytes], counts: int) -> Path:
+    folder.mkdir()
+    listed = ', '.join(files)
+    (folder / 'metadata.yaml').write_text(
+        f'rosbag2_bagfile_information:\n  relative_file_paths: [{listed}]\n'
+        '  topics_with_message_count:\n'
+        f'    - {{topic_metadata: {{name: /x}}, message_count: {counts}}}\n'
+    )
+    for name, content in files.items():
+        if content:
+            (folder / name).write_bytes(content)
+    return folder
+
+
+def part(first: int, last: int) -> bytes:
+    times = START + first * STEP, START + (last - 1) * STEP
+    return mcap(NUMBER, chunk(messages()[first:last], times), b'')
+
+
+def test_a_file_that_is_missing(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    files = {'a.mcap': part(0, 10), 'b.mcap': b'', 'c.mcap': part(20, 40)}
+    path = folder_of(tmp_path / 'bag', files, COUNT)
+    check_lost(path, 'the file b.mcap is missing', capsys)
+    check_kept(path, capsys)
+
+
+@pytest.mark.parametrize('source', ['metadata.yaml', 'statistics'])
+@pytest.mark.parametrize('difference', [-1, 1])
+def test_counts_that_do_not_match(
+    tmp_path: Path, source: str, difference: int, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """It is not known where messages are missing; some more do no harm."""
+    file = tmp_path / 'a.mcap'
+    if source == 'statistics':
+        data = bytearray(file_of(messages(), checksum=False))
+        at = data.rindex(struct.pack('<HQ', 1, COUNT))
+        struct.pack_into('<Q', data, at + 2, COUNT + difference)
+        data[-12:-8] = bytes(4)
+        file.write_bytes(data)
+    else:
+        file = folder_of(tmp_path / 'bag', {'a.mcap': file_of(messages())}, COUNT + difference)
+    code, found, notes = check(file, 'always "/x".x < 10', capsys)
+    reason = f"topic '/x' has 40 messages, and {COUNT + difference} by the {source}"
+    assert any(reason in note for note in notes)
+    if difference < 0:
+        assert (code, found['outcome']) == (0, 'undecided')
+        return
+    for formula in ('always "/x".x < 10', 'always "/x".x < 5', 'eventually "/x".x > 5'):
+        code, found, _ = check(file, formula, capsys)
+        assert code == 2
+        assert f'{DEPENDS} at an unknown time: ' in found['error']['message']
+        assert reason in found['error']['message']
+
+
+@pytest.mark.parametrize('size', [-9, -200, -600, -1200])
+def test_a_recording_that_ends_early(
+    tmp_path: Path, size: int, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """It is no pass, unless only the index is cut."""
+    path, report = tmp_path / 'a.mcap', tmp_path / 'out.xml'
+    path.write_bytes(file_of(messages())[:size])
+    code, found, notes = check(path, 'always "/x".x < 10', capsys, '--junit', str(report))
+    text = report.read_text()
+    if size >= -200:
+        assert (code, found['outcome']) == (0, 'undecided')
+        assert 'the index at the end of the file is damaged' in notes[0]
+    else:
+        assert (code, found['outcome']) == (2, 'error')
+        assert 'the file ends early, within the recording' in found['error']['message']
+        assert '<error ' in text
+    assert '<property name="note 1" value="' in text
+    # What was certain before is.
+    assert check(path, 'always "/x".x < 5', capsys)[1]['outcome'] == 'false'
+    assert check(path, 'eventually "/x".x = 9', capsys)[1]['outcome'] == 'true'
+    assert check(path, 'eventually "/x".x = 9', capsys, '--strict')[0] == 2
+
+
+def test_topics_that_have_lost_nothing(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Sequence numbers name the topic; those that a writer counts over all topics do not count."""
+    other = channel(2, 1, '/y')
+    for is_shared in (False, True):
+        pairs: Records = []
+        for number in (n for n in range(COUNT) if n != LOST):
+            time, value = START + number * STEP, payload(number)
+            sequence = 3 * number + 1 if is_shared else number + 1
+            pairs.append(stored(1, time, value, sequence))
+            if number % 10 == 0:
+                pairs.append(stored(2, time, value, sequence + 1 if is_shared else number // 10))
+        path = tmp_path / 'a.mcap'
+        times = START, START + (COUNT - 1) * STEP
+        path.write_bytes(mcap(NUMBER, other, chunk(pairs, times)))
+        assert check(path, 'always "/y".x < 5', capsys)[0] == 0
+        assert check(path, 'always "/x".x < 5', capsys)[0] == (0 if is_shared else 2)
+
+
+SYNC = 'stream s = sync(select x from "/x", select x as y from "/y"); sink s'
+
+
+def test_no_state_holds_a_value_from_before_the_gap(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The last value of /x is not taken for the one that was lost."""
+    streams = tmp_path / 's.streams'
+    streams.write_text(SYNC)
+    path = tmp_path / 'a.mcap'
+    records = []
+    for number in range(COUNT):
+        value = payload(number)[: 6 if number == 10 else 8]
+        if number % 10 == 0:
+            records.append(stored(1, START + number * STEP, value))
+        records.append(stored(2, START + number * STEP + 1, payload(number)))
+    path.write_bytes(mcap(NUMBER, channel(2, 1, '/y'), *records))
+    code, found, _ = check(path, 'always s.y < 3', capsys, '--streams', str(streams))
+    assert (code, found['outcome']) == (1, 'false')
+    (gap,) = found['gaps']
+    assert gap['after_ns'] < START + 10 * STEP
+    assert gap['before_ns'] >= START + 20 * STEP
+    # The violation of /y in the gap is no violation of a state that is known.
+    assert found['episodes'][0]['decided_at_ns'] == START + LATE * STEP + 1
+
+
+@settings(max_examples=60)
+@given(
+    st.lists(st.tuples(st.integers(8, 5000), st.integers(1, 255)), min_size=1, max_size=4),
+    st.none() | st.integers(9, 5000),
+    st.sampled_from(['', 'zstd', 'lz4']),
+)
+def test_random_damage_never_makes_a_verdict_true(
+    tmp_path_factory: pytest.TempPathFactory,
+    changes: list[tuple[int, int]],
+    cut: int | None,
+    compression: str,
+) -> None:
+    """All formulas are false over the whole recording."""
+    data = bytearray(file_of(messages(), compression))
+    if cut is not None:
+        del data[cut % len(data) :]
+    else:
+        for place, value in changes:
+            data[place % len(data)] ^= value
+    path = tmp_path_factory.mktemp('damage') / 'a.mcap'
+    path.write_bytes(data)
+    formulas = ('always "/x".x < 5', 'always[0 s, 2 s] "/x".x < 5', 'not eventually "/x".x = 9')
+    with path.with_suffix('.json').open('w') as output, redirect_stdout(output):
+        code = main([str(path), '--json', *(w for each in formulas for w in ('--formula', each))])
+    document = json.loads(path.with_suffix('.json').read_text())
+    assert code in {1, 2}
+    if document['error'] is None:
+        outcomes = [each['outcome'] for each in document['formulas']]
+        assert set(outcomes) <= {'false', 'error'}, document
