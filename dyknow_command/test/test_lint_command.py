@@ -19,8 +19,8 @@ LINTED = Path(__file__).parent / 'linted'
 ROOT = Path(__file__).parent.parent.parent
 ROVER = ROOT / 'docs' / 'examples'
 
-LIMIT_S = 5.0
-"""The time of the processor in which each hostile file is refused."""
+LIMIT_S = 30
+"""Seconds of the processor: far more than each takes, and less than one without a limit would."""
 
 
 def lint(capsys: pytest.CaptureFixture[str], *arguments: object) -> tuple[int, str]:
@@ -77,6 +77,8 @@ def test_hostile_files(
     capsys: pytest.CaptureFixture[str],
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
+    if verb != 'lint':
+        pytest.importorskip('rclpy')
     monkeypatch.chdir(tmp_path)
     if content is None:
         os.mkfifo('robot.yaml')
