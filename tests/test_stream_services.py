@@ -150,6 +150,7 @@ def test_stamps_ahead_of_the_clock(engine: Nodes) -> None:
             Sample(
                 valid_time=time_of(now + lead * SECOND),
                 available_time=time_of(now + available * SECOND if available == 30 else available),
+                watermark=[time_of(now)] if available else [],
                 fields=[Field(type='int', name='x', value=str(number))],
             )
         )
