@@ -74,5 +74,6 @@ def test_verdicts_in_spite_of_losses_are_those_without(
     for one, other in zip(found.formulas, expected.formulas, strict=True):
         if Outcome.ERROR not in {one.outcome, other.outcome}:
             assert one.outcome == other.outcome, one.formula
-            decided = [each.decided_at for each in (*one.episodes, *other.episodes)]
-            assert len(set(decided)) == 1, one.formula
+            (episode,), (first,) = one.episodes, other.episodes
+            # A state that would have decided earlier may be missing.
+            assert (episode.decided_at or 0) >= (first.decided_at or 0), one.formula
