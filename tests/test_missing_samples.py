@@ -282,7 +282,7 @@ def test_two_publishers_are_named_in_a_violation(nodes: StreamNodes) -> None:
         now = nodes.client.node.get_clock().now().nanoseconds
         for number, publisher in enumerate(publishers):
             message = Odometry()
-            message.header.stamp = time_of(now - 30 * SECOND * number)
+            message.header.stamp = time_of(now - SECOND // 2 * number)
             publisher.publish(message)
 
     timer = nodes.client.node.create_timer(0.1, publish)

@@ -438,6 +438,8 @@ def test_the_engine_reports_its_streams(engine: Nodes) -> None:
     text = 'stream told = select data from "/told" with max_delay = 1 s'
     samples = create(engine, 'told', text)
     source = engine.client.node.create_publisher(Sample, '/told', LATCHED)
+    # What is sent before the engine subscribes is never late.
+    engine.client.spin_until(lambda: source.get_subscription_count() == 1, 'the subscription')
     now = engine.client.node.get_clock().now().nanoseconds
     fields = [Field(type='int', name='data', value='1')]
     for valid_time in (now, now - 100 * PERIOD):

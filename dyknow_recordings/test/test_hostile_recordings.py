@@ -20,7 +20,7 @@ from small_bags import write as write_bag
 from dyknow_recordings.check import main
 from dyknow_recordings.reading.bags import mcap_records
 
-MOST_SECONDS = 5
+MOST_SECONDS = 20
 MOST_MEGABYTES = 700
 GIB = 1 << 30
 NUMBER = schema(1, 'made_up/msg/Number', 'int32 x\n') + channel(1, 1, '/x')

@@ -6,7 +6,8 @@ from dyknow_stream_processing.dataflow.computational_units import (
     UnitCall,
     load_units,
 )
-from dyknow_stream_processing.dataflow.dataflow import Dataflow, SourceType, Statistics
+from dyknow_stream_processing.dataflow.dataflow import Dataflow, Statistics
+from dyknow_stream_processing.dataflow.operators import DelayLimits, SourceType
 from dyknow_stream_processing.dataflow.selection import condition_test
 from dyknow_stream_processing.dataflow.synchronisation import TickKey
 from dyknow_stream_processing.errors import StreamError, unknown_stream
@@ -61,6 +62,7 @@ __all__ = [
     'Call',
     'Condition',
     'Dataflow',
+    'DelayLimits',
     'FreeNames',
     'Merge',
     'NoValueError',

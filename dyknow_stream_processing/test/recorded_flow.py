@@ -28,6 +28,7 @@ class Flow:
         remark: Callable[[Iterable[str]], str] = lambda _: '',
     ) -> None:
         self.receipt_topics: set[str] = set()
+        self.sent_topics: set[str] = set()
         self.ordered_topics: set[str] = set()
         self.types: dict[str, Mapping[str, ValueType]] = {}
         units = load_units() if units is None else units
@@ -54,13 +55,14 @@ class Flow:
         now: float | None = None,
         *,
         is_checked: bool = False,
+        is_initial: bool = False,
         watermark: float | None = None,
         **fields: Value,
     ) -> None:
         available_time = valid_time if now is None else now
         promise = None if watermark is None else _ns(watermark)
         sample = Sample(_ns(valid_time), _ns(available_time), fields, promise)
-        self.dataflow.push(topic, sample, is_checked=is_checked)
+        self.dataflow.push(topic, sample, is_checked=is_checked, is_initial=is_initial)
 
     def feed(self, topic: str, valid_times: Iterable[float]) -> None:
         for valid_time in valid_times:
@@ -96,9 +98,10 @@ class Flow:
 
     def _source_type(self, topic: str) -> SourceType | None:
         receipt_time, is_ordered = topic in self.receipt_topics, topic in self.ordered_topics
-        if topic not in self.types and not receipt_time and not is_ordered:
+        is_sent = topic in self.sent_topics
+        if topic not in self.types and not (receipt_time or is_ordered or is_sent):
             return None
-        return SourceType(self.types.get(topic), receipt_time, is_ordered)
+        return SourceType(self.types.get(topic), receipt_time, is_ordered, is_sent)
 
 
 def _ns(milliseconds: float) -> int:

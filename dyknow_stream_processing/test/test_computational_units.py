@@ -110,8 +110,8 @@ def test_distance_synchronises_its_inputs(flow: Flow) -> None:
 def test_each_use_of_a_class_is_an_instance_of_its_own(flow: Flow) -> None:
     text = 'compunit v: float rate_of_change(x: float); '
     flow.create(text + 'sink merge(rate_of_change("a"), rate_of_change("b"))')
-    for topic, times in (('a', [0, 1000]), ('b', [0, 1000])):
-        for time in times:
+    for time in (0, 1000):
+        for topic in 'ab':
             flow.push(topic, time, 1000 + time, x=float(time))
     assert flow.take() == [(1000, {'v': 1000.0}), (1000, {'v': 1000.0})]
 

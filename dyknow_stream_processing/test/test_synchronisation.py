@@ -9,12 +9,19 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 
 from dyknow_common import NO_CONSTRAINTS
-from dyknow_stream_processing import Dataflow, Sample, SourceType, parse_specification
+from dyknow_stream_processing import (
+    Dataflow,
+    DelayLimits,
+    Sample,
+    SourceType,
+    parse_specification,
+)
 
 Event = tuple[int, int, int]  # now, input, valid time
 Output = tuple[int, int, tuple[int, ...]]  # now, tick, the number of the sample of each input
 END = 60
 SELECT = 'select'
+LIMITS = DelayLimits(stamped=7, sent=4)
 
 
 @dataclass
@@ -23,6 +30,7 @@ class NaiveInput:
 
     max_delay: int | None = None
     receipt_time: bool = False
+    sent_time: bool = False
     modulus: int = 1
     max_lead: int | None = None
     is_ordered: bool = False
@@ -42,9 +50,15 @@ class NaiveInput:
             if valid_time < self.newest:
                 return
             self.newest = valid_time
-        too_late = self.max_delay is not None and now - valid_time > self.max_delay
+        allowed = self.max_delay
+        if allowed is None:
+            allowed = LIMITS.sent if self.sent_time else LIMITS.stamped
+        if now - valid_time > allowed:
+            return
         newest = max((time for time, _ in self.seen), default=valid_time)
-        if not too_late and (self.max_delay is not None or valid_time >= newest):
+        if self.sent_time and self.max_delay is None:
+            valid_time = max(valid_time, newest)
+        if self.max_delay is not None or valid_time >= newest:
             self.seen.append((valid_time, number))
 
     def delivered(self, now: int) -> list[tuple[int, int]]:
@@ -66,7 +80,8 @@ class NaiveInput:
         overtaken = self.max_delay is None and any(time > tick for time, _ in self.delivered(now))
         if overtaken or any(time >= tick for time, _ in self.passing(now)):
             return True
-        lag = 0 if self.receipt_time else self.max_delay
+        lag = LIMITS.sent if self.sent_time and self.max_delay is None else self.max_delay
+        lag = 0 if self.receipt_time else lag
         return lag is not None and now > tick + lag
 
 
@@ -112,9 +127,9 @@ def run(
 
     def source_type(topic: str) -> SourceType:
         source = inputs[int(topic)]
-        return SourceType(None, source.receipt_time, source.is_ordered)
+        return SourceType(None, source.receipt_time, source.is_ordered, source.sent_time)
 
-    dataflow = Dataflow({}, source_type)
+    dataflow = Dataflow({}, source_type, delays=LIMITS)
 
     def on_sample(sample: Sample) -> None:
         numbers = tuple(int(sample.fields[f'n{port}']) for port in range(len(inputs)))
@@ -143,6 +158,7 @@ def situations(
         NaiveInput(
             max_delay=draw(st.none() | st.integers(0, 8)),
             receipt_time=draw(st.booleans()),
+            sent_time=draw(st.booleans()),
             modulus=draw(st.sampled_from([1, 1, 2, 3])),
             max_lead=draw(st.none() | st.integers(0, 4)),
             is_ordered=draw(st.booleans()),
@@ -151,7 +167,7 @@ def situations(
     ]
     for each in inputs:
         if each.receipt_time:
-            each.max_delay = None
+            each.max_delay, each.sent_time = None, False
     arrivals = draw(st.lists(st.tuples(st.integers(0, 40), st.integers(-6, 10)), max_size=25))
     ports = st.integers(0, len(inputs) - 1)
     events = []

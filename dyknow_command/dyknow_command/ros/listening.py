@@ -59,7 +59,14 @@ class _Listener:
         """Return the stamp of a message in nanoseconds; None if it has none."""
         return None if self._stamp is None else self._stamp(message)
 
-    def on_message(self, message: Any, now: int) -> None:
+    def on_message(
+        self,
+        message: Any,
+        now: int,
+        sent_at: int,  # noqa: ARG002
+        *,
+        is_initial: bool,  # noqa: ARG002
+    ) -> None:
         """Keep the times and values of a message."""
         if len(self._receipts) >= MAX_MESSAGES:
             return

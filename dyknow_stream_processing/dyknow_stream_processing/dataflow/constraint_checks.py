@@ -21,7 +21,7 @@ and one valid at 26 is dropped with a violation. A topic without `max_lead` has 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from heapq import heappop, heappush
 from itertools import count
 from typing import Final
@@ -35,6 +35,7 @@ from dyknow_common import (
 )
 from dyknow_stream_processing.dataflow.operators import (
     NO_PROMISE,
+    DelayLimits,
     Operator,
     SourceOperator,
     Wiring,
@@ -84,12 +85,29 @@ class LeadOperator(Operator):
 
 
 class OrderOperator(LeadOperator):
-    """Filter that also drops each sample that is older than its predecessor."""
+    """Filter that also drops each sample that is too late, or older than its predecessor.
+
+    Messages of several publishers may arrive out of the order in which they were sent; each then
+    counts as sent with the latest one. With times of sending, the clock makes a time certain.
+
+    Args:
+        max_lead: the lead in nanoseconds up to which a sample is passed on.
+        is_default: see `LeadOperator`.
+        delays: the delays up to which a sample is passed on.
+    """
 
     _sorts = True
 
-    def __init__(self, wiring: Wiring, max_lead: int, is_default: bool) -> None:  # noqa: FBT001
+    def __init__(
+        self,
+        wiring: Wiring,
+        max_lead: int,
+        is_default: bool,  # noqa: FBT001
+        delays: DelayLimits,
+    ) -> None:
         super().__init__(wiring, max_lead, is_default)
+        self._topic = _source_of(self.inputs[0])
+        self._delays, self._least_delay = delays, min(delays)
         self._latest = BEGINNING
 
     def receive(
@@ -100,15 +118,44 @@ class OrderOperator(LeadOperator):
         watermark: int,
         now: int,
     ) -> None:
-        """Pass a sample on unless it is too far ahead, or a later one has been passed on."""
+        """Pass a sample on unless it is too far ahead, too late, or a later one was passed on."""
         if valid_time - now > self._max_lead and self._reject_ahead(valid_time, now):
             return
+        if now - valid_time > self._least_delay and self._reject_late(valid_time, now):
+            return
         if valid_time < self._latest:
-            mend = 'with a max_delay and reorder = true, samples are put in order'
-            self._reject(_out_of_order(valid_time, self._latest, mend))
-        else:
-            self._latest = valid_time
-            self._emit(valid_time, fields, watermark if self.vouched else valid_time, now)
+            if not self._topic.has_sent_times:
+                mend = 'with a max_delay and reorder = true, samples are put in order'
+                self._reject(_out_of_order(valid_time, self._latest, mend))
+                return
+            valid_time = self._latest
+        self._latest = valid_time
+        self._emit(valid_time, fields, watermark if self.vouched else valid_time, now)
+
+    def certain_at(self, valid_time: int) -> int | None:
+        """Return the time at which no message is on its way that was sent until then."""
+        if valid_time > self.watermark and self._topic.has_sent_times:
+            return valid_time + self._delays.sent + 1
+        return super().certain_at(valid_time)
+
+    def certain_until(self, now: int) -> int:
+        """Return the time until which all messages that were sent have been received."""
+        certain = super().certain_until(now)
+        return max(certain, now - self._delays.sent - 1) if self._topic.has_sent_times else certain
+
+    def _reject_late(self, valid_time: int, now: int) -> bool:
+        """Reject a sample that is later than its source allows; return False if it is not."""
+        delay, allowed = now - valid_time, self._topic.allowed_delay(self._delays)
+        if delay <= allowed:
+            return False
+        how = 'it was sent' if self._topic.has_sent_times else 'its stamp'
+        message = (
+            f'the sample valid at {round_time(valid_time)} came {round_duration(delay)} after '
+            f'{how}; without a max_delay at most {format_duration(allowed)} is taken for true: '
+            f'state a larger max_delay if its way takes so long, or set the clock of its sender'
+        )
+        self._reject(Fault(ViolationKind.MAX_DELAY, valid_time, message, delay, allowed))
+        return True
 
 
 class ArrivalOperator(LeadOperator):
@@ -189,8 +236,12 @@ class ReorderOperator(Operator):
         promised = self._promised
         if watermark > promised:
             self._promised = watermark
-        if self._max_delay is not None and now - valid_time > self._max_delay:
-            delay = now - valid_time
+        delay = now - valid_time
+        if (
+            self._max_delay is not None
+            and delay > self._max_delay
+            and not any(each.is_initial for each in _sources_of(self))
+        ):
             message = (
                 f'the sample valid at {round_time(valid_time)} came '
                 f'{round_duration(delay, self._max_delay)} late; '
@@ -311,6 +362,14 @@ def _source_of(operator: Operator) -> SourceOperator:
     while not isinstance(operator, SourceOperator):
         (operator,) = operator.inputs
     return operator
+
+
+def _sources_of(operator: Operator) -> Iterator[SourceOperator]:
+    """Yield all sources of an operator."""
+    if isinstance(operator, SourceOperator):
+        yield operator
+    for each in operator.inputs:
+        yield from _sources_of(each)
 
 
 def _out_of_order(valid_time: int, predecessor: int, mend: str) -> Fault:

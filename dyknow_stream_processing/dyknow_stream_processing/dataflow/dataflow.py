@@ -9,9 +9,15 @@ from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Final
 
-from dyknow_common import NANOSECONDS, ExitCode, StreamConstraints, Value, ValueType
+from dyknow_common import NANOSECONDS, ExitCode, StreamConstraints, Value
 from dyknow_stream_processing.dataflow.operator_graph import OperatorGraph
-from dyknow_stream_processing.dataflow.operators import Operator
+from dyknow_stream_processing.dataflow.operators import (
+    DEFAULT_DELAYS,
+    UNKNOWN_TYPE,
+    DelayLimits,
+    Operator,
+    SourceType,
+)
 from dyknow_stream_processing.dataflow.scheduler import BEGINNING, Scheduler
 from dyknow_stream_processing.dataflow.synchronisation import TickKey
 from dyknow_stream_processing.dataflow.waiting import waiting_reasons
@@ -27,21 +33,6 @@ DEFAULT_MAX_LEAD: Final = 100 * NANOSECONDS['ms']
 """The time by which stamps may be ahead of the clock where a stream gives no `max_lead`."""
 
 _NO_TICKS: Final[Mapping[TickKey, int]] = {}
-
-
-@dataclass(frozen=True, slots=True)
-class SourceType:
-    """The type of a topic.
-
-    Args:
-        fields: the fields with their types; `None` if they are unknown before samples arrive.
-        receipt_time: True if the valid time of a sample is the time of its receipt.
-        has_ordered_stamps: True if its messages are stamped in order, as one publisher does.
-    """
-
-    fields: Mapping[str, ValueType] | None
-    receipt_time: bool
-    has_ordered_stamps: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,6 +58,7 @@ class Dataflow:
         source_type: returns the type of a topic; `None` if it is unknown.
         max_lead: of topics for which a stream gives none, in nanoseconds.
         remark: returns the end of a violation's message, given the topics of the stream at fault.
+        delays: of topics for which a stream gives no `max_delay`.
     """
 
     def __init__(
@@ -75,8 +67,10 @@ class Dataflow:
         source_type: Callable[[str], SourceType | None],
         max_lead: int = DEFAULT_MAX_LEAD,
         remark: Callable[[Iterable[str]], str] = lambda _: '',
+        delays: DelayLimits = DEFAULT_DELAYS,
     ) -> None:
         self.max_lead = max_lead
+        self.delays = delays
         self._units = units
         self._source_type = source_type
         self._remark = remark
@@ -86,7 +80,7 @@ class Dataflow:
     def _reset(self) -> None:
         self._scheduler = Scheduler()
         self._graph = OperatorGraph(
-            self._scheduler, self._units, self._source_details, self.max_lead
+            self._scheduler, self._units, self._type_of, self.max_lead, self.delays
         )
 
     def create(
@@ -183,10 +177,11 @@ class Dataflow:
     def set_source_type(self, topic: str, source_type: SourceType) -> None:
         """Set the type of a topic that was unknown or has changed since streams were created."""
         for source in self._graph.sources.get(topic, ()):
-            source.set_receipt_time(receipt_time=source_type.receipt_time)
-            source.has_ordered_stamps = source_type.has_ordered_stamps
+            source.set_type(source_type)
 
-    def push(self, topic: str, sample: Sample, *, is_checked: bool = False) -> None:
+    def push(
+        self, topic: str, sample: Sample, *, is_checked: bool = False, is_initial: bool = False
+    ) -> None:
         """Process a sample of a topic.
 
         Args:
@@ -195,12 +190,19 @@ class Dataflow:
                 one of a stream that another engine vouches for.
             is_checked: True if another engine has checked its stamps: it may then be further ahead
                 of the clock than `max_lead`, unless a stream gives a `max_lead` by itself.
+            is_initial: True if it was sent before the topic was subscribed to: a publisher keeps
+                it for late subscribers. It is the value since its stamp, and never late.
         """
         scheduler = self._scheduler
         scheduler.run(sample.available_time)
         for source in self._graph.sources.get(topic, ()):
             source.push(
-                sample.valid_time, sample.fields, scheduler.now, is_checked, sample.watermark
+                sample.valid_time,
+                sample.fields,
+                scheduler.now,
+                is_checked,
+                sample.watermark,
+                is_initial,
             )
         scheduler.run(scheduler.now)
 
@@ -299,9 +301,8 @@ class Dataflow:
         source = self._source_type(topic)
         return None if source is None else source.fields
 
-    def _source_details(self, topic: str) -> tuple[bool, bool]:
-        source = self._source_type(topic)
-        return (source.receipt_time, source.has_ordered_stamps) if source else (False, False)
+    def _type_of(self, topic: str) -> SourceType:
+        return self._source_type(topic) or UNKNOWN_TYPE
 
 
 @dataclass(eq=False)

@@ -22,9 +22,11 @@ from dyknow_stream_processing.dataflow.constraint_checks import (
 )
 from dyknow_stream_processing.dataflow.distances import DistanceOperator, Distances
 from dyknow_stream_processing.dataflow.operators import (
+    DelayLimits,
     MergeOperator,
     Operator,
     SourceOperator,
+    SourceType,
     Wiring,
 )
 from dyknow_stream_processing.dataflow.scheduler import Scheduler
@@ -74,22 +76,24 @@ class OperatorGraph:
     Args:
         scheduler: wakes the operators.
         units: the computational units by name.
-        source_type: returns if the valid times of a topic are the times of receipt, and if its
-            stamps are in order.
+        source_type: returns the type of a topic.
         max_lead: of topics for which a stream gives none, in nanoseconds.
+        delays: of topics for which a stream gives no `max_delay`.
     """
 
     def __init__(
         self,
         scheduler: Scheduler,
         units: Mapping[str, Unit],
-        source_type: Callable[[str], tuple[bool, bool]],
+        source_type: Callable[[str], SourceType],
         max_lead: int,
+        delays: DelayLimits,
     ) -> None:
         self._scheduler = scheduler
         self._units = units
         self._source_type = source_type
         self._max_lead = max_lead
+        self._delays = delays
         self._operators: dict[Hashable, Operator] = {}
         self.sources: Mapping[str, tuple[SourceOperator, ...]] = {}
         """The source operators of each topic."""
@@ -194,15 +198,15 @@ class OperatorGraph:
     def _topic(
         self, name: str, label: str, *, may_be_late: bool, arrival: _ArrivalChecks
     ) -> Operator:
-        has_receipt_time, has_ordered_stamps = self._source_type(name)
-        source = self._operator(SourceOperator, label, [], has_receipt_time)
-        # No detail of the operator: streams share it, also those made before the type was known.
-        cast('SourceOperator', source).has_ordered_stamps = has_ordered_stamps
+        type_ = self._source_type(name)
+        source = self._operator(SourceOperator, label, [], type_.receipt_time)
+        # Streams share the operator, also those made before the type was known.
+        cast('SourceOperator', source).set_type(type_)
         max_lead = arrival.max_lead
         limit = (self._max_lead, True) if max_lead is None else (max_lead, False)
         if may_be_late:
             return self._operator(ArrivalOperator, label, [source], *limit, arrival.reorder)
-        return self._operator(OrderOperator, label, [source], *limit)
+        return self._operator(OrderOperator, label, [source], *limit, self._delays)
 
     def _built_in(self, term: BuiltInSource, label: str, arrival: _ArrivalChecks) -> Operator:
         topic = term.inputs[0]

@@ -22,9 +22,9 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
-from typing import ClassVar, Final, Protocol
+from typing import ClassVar, Final, NamedTuple, Protocol
 
-from dyknow_common import Value, format_time
+from dyknow_common import NANOSECONDS, SECOND_NS, Value, ValueType, format_time
 from dyknow_stream_processing.dataflow.scheduler import BEGINNING, Scheduler
 from dyknow_stream_processing.violation import Fault, Violation, ViolationKind
 
@@ -49,6 +49,42 @@ class StreamObserver(Protocol):
 
     def report_fault(self, operator: Operator, fault: Fault) -> None:
         """Report a violation that an operator has detected."""
+
+
+@dataclass(frozen=True, slots=True)
+class SourceType:
+    """The type of a topic.
+
+    Args:
+        fields: the fields with their types; `None` if they are unknown before samples arrive.
+        receipt_time: True if the valid time of a sample is the time of its receipt.
+        has_ordered_stamps: True if its messages are stamped in order, as one publisher does.
+        sent_time: True if the valid time of a sample is the time at which it was sent.
+    """
+
+    fields: Mapping[str, ValueType] | None
+    receipt_time: bool
+    has_ordered_stamps: bool = False
+    sent_time: bool = False
+
+
+class DelayLimits(NamedTuple):
+    """The `max_delay` of topics for which a stream gives none, in nanoseconds.
+
+    Args:
+        stamped: of topics whose messages are stamped.
+        sent: of topics whose valid times are the times of sending. Once it has passed, the clock
+            makes a time certain; a stamp may have any delay, so it never does for stamped topics.
+    """
+
+    stamped: int = SECOND_NS
+    sent: int = 100 * NANOSECONDS['ms']
+
+
+DEFAULT_DELAYS: Final = DelayLimits()
+
+UNKNOWN_TYPE: Final = SourceType(None, receipt_time=False)
+"""The type of a topic before it is published."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -196,8 +232,12 @@ class SourceOperator(Operator):
         self.timed = self._receipt_time = receipt_time
         self.has_ordered_stamps = False
         """True as long as no sample is stamped earlier than its predecessor."""
+        self.has_sent_times = False
+        """True if valid times are the times at which messages were sent."""
         self.is_checked = False
         """True while a sample is pushed whose stamps another engine has checked."""
+        self.is_initial = False
+        """True while a sample is pushed that was sent before anybody here could receive it."""
         self._latest_receipt = BEGINNING
 
     def push(
@@ -207,9 +247,10 @@ class SourceOperator(Operator):
         now: int,
         is_checked: bool,  # noqa: FBT001 - a keyword costs time at each sample
         watermark: int | None,
+        is_initial: bool,  # noqa: FBT001
     ) -> None:
         """Pass a sample on, with the watermark that its engine gave it, or without a promise."""
-        self.is_checked = is_checked
+        self.is_checked, self.is_initial = is_checked, is_initial
         promise = NO_PROMISE
         if watermark is not None:
             if valid_time < self.watermark:
@@ -240,11 +281,18 @@ class SourceOperator(Operator):
         is_timed = self._receipt_time and not self.vouched
         return max(self.watermark, now - 1) if is_timed else self.watermark
 
-    def set_receipt_time(self, *, receipt_time: bool) -> None:
-        """Set `receipt_time` once the type of the topic is known, or has changed."""
-        self._receipt_time = receipt_time
-        if receipt_time:
+    def set_type(self, type_: SourceType) -> None:
+        """Set the type of the topic once it is known, or has changed."""
+        self._receipt_time = type_.receipt_time
+        self.has_ordered_stamps, self.has_sent_times = type_.has_ordered_stamps, type_.sent_time
+        if type_.receipt_time or type_.sent_time:
             self.become_timed()
+
+    def allowed_delay(self, limits: DelayLimits) -> int:
+        """Return the delay from which a sample that is being pushed is too late, nanoseconds."""
+        if self.vouched or self.is_checked or self.is_initial or self._receipt_time:
+            return END
+        return limits.sent if self.has_sent_times else limits.stamped
 
     def certain_at(self, valid_time: int) -> int | None:
         """Return the next nanosecond for times of receipt, as a past one cannot occur again."""

@@ -30,9 +30,9 @@ from dyknow_stream_processing.ros.topics.publications import (
     find_publication,
     next_request,
     publishers_of,
+    source_type,
 )
 from dyknow_stream_processing.ros.topics.sequence_gaps import SequenceGaps
-from dyknow_stream_processing.ros.topics.topic_sources import source_type
 
 __all__ = [
     'PAUSES',

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any, Final
 
@@ -27,6 +27,7 @@ from dyknow_common.ros import (
 )
 from dyknow_stream_processing.dataflow.computational_units import load_units
 from dyknow_stream_processing.dataflow.dataflow import DEFAULT_MAX_LEAD, Dataflow
+from dyknow_stream_processing.dataflow.operators import DEFAULT_DELAYS, DelayLimits
 from dyknow_stream_processing.errors import StreamError
 from dyknow_stream_processing.language.sinks import sink_message
 from dyknow_stream_processing.language.specification import (
@@ -34,6 +35,7 @@ from dyknow_stream_processing.language.specification import (
     Specification,
 )
 from dyknow_stream_processing.language.term_sizes import check_rates
+from dyknow_stream_processing.language.type_rules import Unit
 from dyknow_stream_processing.management.naming import check_name
 from dyknow_stream_processing.reporting.stream_report import (
     NO_FLOW,
@@ -46,8 +48,8 @@ from dyknow_stream_processing.reporting.stream_report import (
 from dyknow_stream_processing.ros.messages.sample_messages import SampleWriter
 from dyknow_stream_processing.ros.messages.stream_report_messages import StreamReportPublisher
 from dyknow_stream_processing.ros.stream_limits import StreamLimits, parse_beside
-from dyknow_stream_processing.ros.topics.publications import publishers_remark
-from dyknow_stream_processing.ros.topics.topic_sources import TopicSources, source_type
+from dyknow_stream_processing.ros.topics.publications import publishers_remark, source_type
+from dyknow_stream_processing.ros.topics.topic_sources import TopicSources
 from dyknow_stream_processing.ros.topics.violation_relay import VIOLATIONS_SUFFIX, violations_topic
 from dyknow_stream_processing.ros.topics.waiting_streams import WaitingStreams
 from dyknow_stream_processing.ros.topics.watermark_topics import WatermarkPublisher
@@ -94,22 +96,11 @@ class StreamProcessingEngine(DyKnowNode):
         )
         if fault := topic_fault(self, f'{self._prefix}/name', VIOLATIONS_SUFFIX):
             raise StreamError(f"stream_prefix '{self._prefix}' cannot be used: {fault}")
-        max_lead = self.parameter(
-            'default_max_lead',
-            DEFAULT_MAX_LEAD / SECOND_NS,
-            'Seconds by which stamps may be ahead of the clock where a stream gives no max_lead.',
-            (0.0, 3600.0),
-        )
         self._limits = StreamLimits(self, MAX_STREAMS)
         units = load_units()
         self.set_loaded({'computational units': len(units)})
         self.set_status(RUNNING)
-        self._dataflow = Dataflow(
-            units,
-            lambda topic: source_type(self, topic),
-            round(max_lead * SECOND_NS),
-            lambda topics: publishers_remark(self, topics),
-        )
+        self._dataflow = self._new_dataflow(units)
         self._sources = TopicSources(self, self._dataflow)
         self._waiting = WaitingStreams(self, self._dataflow, self._sources)
         self._outputs: dict[str, _Output] = {}
@@ -126,6 +117,38 @@ class StreamProcessingEngine(DyKnowNode):
         self.serve(ListStreams, self._list)
         # Report an empty list too: only engines that have reported are given streams.
         self._report_publisher.publish_soon()
+
+    def _new_dataflow(self, units: Mapping[str, Unit]) -> Dataflow:
+        max_lead = self._limit(
+            'default_max_lead',
+            DEFAULT_MAX_LEAD,
+            'Seconds by which stamps may be ahead of the clock where a stream gives no max_lead.',
+        )
+        delays = DelayLimits(
+            self._limit(
+                'default_max_delay',
+                DEFAULT_DELAYS.stamped,
+                'Seconds by which messages may come later than their stamps where a stream gives '
+                'no max_delay.',
+            ),
+            self._limit(
+                'default_transport_delay',
+                DEFAULT_DELAYS.sent,
+                'Seconds by which messages without stamps may come later than they were sent where '
+                'a stream gives no max_delay.',
+            ),
+        )
+        return Dataflow(
+            units,
+            lambda topic: source_type(self, topic),
+            max_lead,
+            lambda topics: publishers_remark(self, topics),
+            delays,
+        )
+
+    def _limit(self, name: str, default_ns: int, description: str) -> int:
+        seconds: float = self.parameter(name, default_ns / SECOND_NS, description, (0.0, 3600.0))
+        return round(seconds * SECOND_NS)
 
     async def _create(self, request: Any, response: Any) -> None:
         spec = request.spec

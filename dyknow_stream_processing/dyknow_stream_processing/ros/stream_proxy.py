@@ -12,14 +12,15 @@ from rclpy.qos import QoSProfile
 
 from dyknow_common import NO_CONSTRAINTS, StreamConstraints
 from dyknow_stream_processing.dataflow.computational_units import load_units
-from dyknow_stream_processing.dataflow.dataflow import Dataflow, SourceType, Statistics
+from dyknow_stream_processing.dataflow.dataflow import Dataflow, Statistics
+from dyknow_stream_processing.dataflow.operators import SourceType
 from dyknow_stream_processing.errors import StreamError
 from dyknow_stream_processing.language.parsing import parse_specification
 from dyknow_stream_processing.language.required_fields import total_demand
 from dyknow_stream_processing.language.resolution import resolve
 from dyknow_stream_processing.language.sinks import sink_message
-from dyknow_stream_processing.ros.topics.publications import publishers_remark
-from dyknow_stream_processing.ros.topics.topic_sources import TopicSources, source_type
+from dyknow_stream_processing.ros.topics.publications import publishers_remark, source_type
+from dyknow_stream_processing.ros.topics.topic_sources import TopicSources
 from dyknow_stream_processing.sample import Sample
 from dyknow_stream_processing.violation import Violation
 
@@ -31,7 +32,7 @@ class StreamProxy:
     """A stream within a node, made of topics of any type.
 
     Topics may appear, disappear and come back with other publishers at any time. The valid time of
-    a sample is the stamp of the message's header, or the time of receipt if it has none.
+    a sample is the stamp of the message's header, or the time of sending if it has none.
 
     Args:
         node: the node that subscribes; its clock gives the available times.

@@ -49,6 +49,7 @@ class ColumnTerms:
         absolute: returns the absolute name of a topic.
         has_stamp: returns True if the messages of a topic, by its absolute name, have a stamp.
         max_lead: of topics for which a stream gives none, in nanoseconds.
+        max_delay: of such topics too.
     """
 
     def __init__(
@@ -57,9 +58,10 @@ class ColumnTerms:
         absolute: Callable[[str], str],
         has_stamp: Callable[[str], bool],
         max_lead: int,
+        max_delay: int,
     ) -> None:
         self._units, self._absolute = units, absolute
-        self._has_stamp, self._max_lead = has_stamp, max_lead
+        self._has_stamp, self._max_lead, self._max_delay = has_stamp, max_lead, max_delay
         self._known: dict[Term, ColumnStream | None] = {}
 
     def stream(self, term: Term) -> ColumnStream | None:
@@ -112,7 +114,11 @@ class ColumnTerms:
         if all(each is None for each in leads[: len(checked)]):
             given.append(self._max_lead)
         return TopicStream(
-            topic, has_stamp=self._has_stamp(topic), max_lead=min(given), steps=steps
+            topic,
+            has_stamp=self._has_stamp(topic),
+            max_lead=min(given),
+            default_max_delay=self._max_delay,
+            steps=steps,
         )
 
     def _inputs(self, term: Sync | Merge) -> list[ColumnStream] | None:

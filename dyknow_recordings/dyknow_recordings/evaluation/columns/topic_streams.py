@@ -89,6 +89,7 @@ class TopicStream(ColumnStream):
         topic: its absolute name.
         has_stamp: True if its messages have a stamp.
         max_lead: by which stamps may be ahead of the log time, in nanoseconds.
+        default_max_delay: by which they may be behind it if no step gives a `max_delay`.
         steps: the first one is the reference to the topic.
     """
 
@@ -98,9 +99,11 @@ class TopicStream(ColumnStream):
         *,
         has_stamp: bool,
         max_lead: int,
+        default_max_delay: int,
         steps: tuple[SelectionStep | FunctionStep, ...],
     ) -> None:
         self.topic, self.has_stamp, self.max_lead, self.steps = topic, has_stamp, max_lead, steps
+        self._default_max_delay = default_max_delay
         self.inputs = ()
         self.fields = None
         for step in steps:
@@ -120,6 +123,9 @@ class TopicStream(ColumnStream):
         history = received.of(self.topic)
         times, columns, log_times = history.valid_times, history.values, history.log_times
         if len(history) and (times - log_times).max() > self.max_lead:
+            raise NeedsDataflowError(self.topics)
+        is_late = len(history) and (log_times - times).max() > self._default_max_delay
+        if is_late and self.max_delay is None:
             raise NeedsDataflowError(self.topics)
         delay: int | None = None if self.has_stamp else 0
         for step in self.steps:

@@ -23,8 +23,15 @@ class MessageListener(Protocol):
     def valid_time(self, message: Any) -> int | None:
         """Return the stamp of a message in nanoseconds; None if it has none."""
 
-    def on_message(self, message: Any, now: int) -> None:
-        """Receive a message, and the time of its receipt in nanoseconds."""
+    def on_message(self, message: Any, now: int, sent_at: int, *, is_initial: bool) -> None:
+        """Receive a message.
+
+        Args:
+            message: the message.
+            now: the time of its receipt in nanoseconds.
+            sent_at: the time at which it was sent, by the clock of its sender; 0 if unknown.
+            is_initial: True if it was sent before the topic was subscribed to.
+        """
 
     def on_watermark(self, watermark: int, now: int) -> None:
         """Receive a watermark of the engine whose stream the topic is; nanoseconds."""

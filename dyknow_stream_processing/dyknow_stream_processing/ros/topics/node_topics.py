@@ -213,13 +213,14 @@ class NodeTopics:
 def _in_time(messages: Iterable[ReceivedMessage], began: int) -> Iterator[ReceivedMessage]:
     """Give messages the earliest times, from the begin of a pause on, at which they may have come.
 
-    The stamps of a topic may be missing or out of order; its messages stay in order.
+    A message without a stamp cannot have come before it was sent. The messages of a topic stay in
+    order, whatever their stamps are.
     """
     latest: dict[TopicFeed, int] = {}
     for message in messages:
         feed, time_ns = message.feed, message.receipt_time
         stamps = (each.valid_time(message.message) for each in feed.listeners)
-        if (stamp := next(stamps, None)) is not None:
+        if stamp := next(stamps, None) or message.sent_at:
             time_ns = min(time_ns, max(stamp, began))
         latest[feed] = max(time_ns, latest.get(feed, time_ns))
         yield message._replace(receipt_time=latest[feed])

@@ -18,9 +18,16 @@ from rclpy.qos import (
 )
 
 from dyknow_common import SECOND_NS, shortened
-from dyknow_common.ros import topic_fault
+from dyknow_common.ros import is_time_simulated, topic_fault
+from dyknow_stream_processing.dataflow.operators import SourceType
 from dyknow_stream_processing.errors import StreamError
 from dyknow_stream_processing.reporting.silence import nearest_topics, several_publishers
+from dyknow_stream_processing.ros.messages.message_types import (
+    is_sample,
+    message_class,
+    scalar_fields,
+    valid_time_reader,
+)
 
 QUEUE_DEPTH: Final = 1000
 """The number of messages of a topic that may wait for the node."""
@@ -169,3 +176,42 @@ class TopicNames:
         if names != self._names:
             self._names = names
             self._nearest.clear()
+
+
+def source_type(
+    node: Node, topic: str, message_type: Any = None, valid_time: str | None = None
+) -> SourceType | None:
+    """Return the type of a topic, from its publishers; None if it has none yet.
+
+    Args:
+        node: the node that reads the graph.
+        topic: its name, relative to the node.
+        message_type: the message class, if it is already known.
+        valid_time: the field that holds the valid time; by default the stamp of the header.
+
+    Raises:
+        StreamError: if the publishers have several types, the type is not installed, or it lacks
+            the field.
+    """
+    publishers = 0
+    if message_type is None:
+        publication = find_publication(node, topic)
+        if publication is None:
+            return None
+        message_type = message_class(publication.type_name)
+        publishers = len(publication.publishers)
+    return type_of_class(node, message_type, valid_time, publishers)
+
+
+def type_of_class(node: Node, class_: Any, valid_time: str | None, publishers: int) -> SourceType:
+    """Return the type of a topic whose messages are of a class."""
+    is_stamped = valid_time_reader(class_, valid_time) is not None
+    # Times of sending are those of the clocks of computers.
+    is_simulated = is_time_simulated(node)
+    return SourceType(
+        # An engine publishes a merge as its samples come: its watermarks count, not its stamps.
+        None if is_sample(class_) else scalar_fields(class_),
+        receipt_time=not is_stamped and is_simulated,
+        has_ordered_stamps=publishers == 1,
+        sent_time=not is_stamped and not is_simulated,
+    )

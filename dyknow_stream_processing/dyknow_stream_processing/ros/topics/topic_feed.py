@@ -55,12 +55,14 @@ class TopicsOfNode(Protocol):
 
 
 class ReceivedMessage(NamedTuple):
-    """A message with the number its publisher gave it, and the time of its receipt."""
+    """A message with the number its publisher gave it, and the times of its receipt and sending."""
 
     feed: TopicFeed
     message: Any
     number: int | None
     receipt_time: int
+    sent_at: int
+    """By the clock of the sender; 0 if it is unknown."""
 
 
 @dataclass(eq=False, slots=True)
@@ -82,6 +84,7 @@ class TopicFeed:
     fault: str = ''
     refusal: str = ''
     latest_receipt: int = 0
+    subscribed_at: int = 0
 
     def __post_init__(self) -> None:
         self.gaps = SequenceGaps(lambda: publishers_of(self.node, self.topic), self._on_gap)
@@ -164,8 +167,11 @@ class TopicFeed:
         if self.is_stream and not self._admits(message.message):
             self._drop(ViolationKind.SOURCE, 1)
             return
+        is_initial = self.is_latched and 0 < message.sent_at < self.subscribed_at
         for listener in self.listeners:
-            listener.on_message(message.message, message.receipt_time)
+            listener.on_message(
+                message.message, message.receipt_time, message.sent_at, is_initial=is_initial
+            )
         self._pass_watermark_on(message.receipt_time)
 
     def _admits(self, sample: Any) -> bool:
@@ -245,6 +251,7 @@ class TopicFeed:
             )
             self.relay.refresh()
         self.topics.watermarks.refresh()
+        self.subscribed_at = self._now()
         self.subscription = self.node.create_subscription(
             class_,
             self.topic,
@@ -265,12 +272,13 @@ class TopicFeed:
     def _received(self, message: Any, info: Any, now: int) -> ReceivedMessage:
         # Some middleware does not give the time of receipt, and none gives it in simulated time.
         received = info.get('received_timestamp') or now
+        sent_at = info.get('source_timestamp') or 0
         if self.topics.is_time_simulated:
-            received = now
+            received, sent_at = now, 0
         # A message that was sent again may have been received after its successor.
         self.latest_receipt = min(max(self.latest_receipt, received), now)
         number = info.get('publication_sequence_number')
-        return ReceivedMessage(self, message, number, self.latest_receipt)
+        return ReceivedMessage(self, message, number, self.latest_receipt, sent_at)
 
     def _on_gap(self, count: int) -> None:
         self.has_gap = True

@@ -15,7 +15,8 @@ from rclpy.qos import QoSProfile
 
 from dyknow_common import Value, round_duration
 from dyknow_common.ros import Throttle, time_to_nanoseconds
-from dyknow_stream_processing.dataflow.dataflow import Dataflow, SourceType
+from dyknow_stream_processing.dataflow.dataflow import Dataflow
+from dyknow_stream_processing.dataflow.operators import SourceType
 from dyknow_stream_processing.errors import StreamError
 from dyknow_stream_processing.language.required_fields import WHOLE, Demand
 from dyknow_stream_processing.reporting.silence import TopicState, topic_reason
@@ -23,14 +24,16 @@ from dyknow_stream_processing.reporting.stream_report import SourceReport
 from dyknow_stream_processing.ros.messages.conversions import extractor
 from dyknow_stream_processing.ros.messages.message_types import (
     is_sample,
-    message_class,
-    scalar_fields,
     valid_time_reader,
 )
 from dyknow_stream_processing.ros.messages.sample_messages import sample_fields
 from dyknow_stream_processing.ros.topics.node_topics import NodeTopics
 from dyknow_stream_processing.ros.topics.process_pauses import PAUSES
-from dyknow_stream_processing.ros.topics.publications import TopicNames, find_publication
+from dyknow_stream_processing.ros.topics.publications import (
+    TopicNames,
+    find_publication,
+    type_of_class,
+)
 from dyknow_stream_processing.sample import Sample, WholeMessage
 from dyknow_stream_processing.violation import Violation, ViolationKind
 
@@ -39,38 +42,6 @@ WARNING_PERIOD_S: Final = 60.0
 
 MAX_HELD: Final = 1000
 """The number of samples that may wait for the next step of simulated time."""
-
-
-def source_type(
-    node: Node, topic: str, message_type: Any = None, valid_time: str | None = None
-) -> SourceType | None:
-    """Return the type of a topic, from its publishers; None if it has none yet.
-
-    Args:
-        node: the node that reads the graph.
-        topic: its name, relative to the node.
-        message_type: the message class, if it is already known.
-        valid_time: the field that holds the valid time; by default the stamp of the header.
-
-    Raises:
-        StreamError: if the publishers have several types, the type is not installed, or it lacks
-            the field.
-    """
-    publishers = 0
-    if message_type is None:
-        publication = find_publication(node, topic)
-        if publication is None:
-            return None
-        message_type = message_class(publication.type_name)
-        publishers = len(publication.publishers)
-    return _type_of_class(message_type, valid_time, publishers)
-
-
-def _type_of_class(class_: Any, valid_time: str | None, publishers: int) -> SourceType:
-    receipt_time = valid_time_reader(class_, valid_time) is None
-    # An engine publishes a merge as its samples come: its watermarks count, not its stamps.
-    fields = None if is_sample(class_) else scalar_fields(class_)
-    return SourceType(fields, receipt_time, has_ordered_stamps=publishers == 1)
 
 
 class TopicSources:
@@ -263,6 +234,7 @@ class _Arrival(NamedTuple):
     message: Any
     valid_time: int
     time: int
+    is_initial: bool
 
 
 @dataclass(eq=False, slots=True)
@@ -300,7 +272,7 @@ class _Source:
         self.class_, self.extract, self.type_ = class_, None, None
         self.is_sample = is_sample(class_)
         try:
-            self.type_ = _type_of_class(class_, self.valid_time_field, 0)
+            self.type_ = type_of_class(self.node, class_, self.valid_time_field, 0)
         except StreamError as error:
             self.fault = f'messages of {self.topic} cannot be used: {error}'
             raise
@@ -317,22 +289,24 @@ class _Source:
     def valid_time(self, message: Any) -> int | None:
         return None if self.read_valid_time is None else self.read_valid_time(message) or None
 
-    def on_message(self, message: Any, now: int) -> None:
+    def on_message(self, message: Any, now: int, sent_at: int, *, is_initial: bool) -> None:
         self.received += 1
         self.latest = now
         if self.extract is None:
             return  # The type cannot be used, which is logged.
-        valid_time = now if self.read_valid_time is None else self.read_valid_time(message)
+        unstamped = sent_at or now
+        valid_time = unstamped if self.read_valid_time is None else self.read_valid_time(message)
         if valid_time <= 0:
             if valid_time < 0:
                 self._reject(valid_time, now, 'it is stamped with a time before 1970')
                 return
             if self.zero_warning.is_due():
                 self.node.get_logger().warning(
-                    f"topic '{self.topic}' leaves its stamps at zero: the time of receipt is used"
+                    f"topic '{self.topic}' leaves its stamps at zero: the time at which the "
+                    'message was sent is used'
                 )
-            valid_time = now
-        self.arrive(_Arrival(self, message, valid_time, now))
+            valid_time = unstamped
+        self.arrive(_Arrival(self, message, valid_time, now, is_initial))
 
     def push(self, arrival: _Arrival, now: int) -> None:
         """Push a sample into the dataflow, with the fields that it needs now."""
@@ -347,7 +321,12 @@ class _Source:
             self._reject(valid_time, now, str(error))
             return
         self.fault = ''
-        self.dataflow.push(self.topic, sample, is_checked=self._is_checked(message, now))
+        self.dataflow.push(
+            self.topic,
+            sample,
+            is_checked=self._is_checked(message, now),
+            is_initial=arrival.is_initial,
+        )
         self.schedule()
 
     def on_watermark(self, watermark: int, now: int) -> None:
