@@ -483,3 +483,23 @@ def test_a_jump_of_years_ends() -> None:
     early = RecordedSample(0, '/a', TYPE, 1, {'p': 1.0})
     source = recording([early, *series('/a', steps(0, 1))])
     assert check(source, 'always "/a".p < 5').outcome is Outcome.UNDECIDED
+
+
+@pytest.mark.parametrize(
+    ('delay', 'has_clock', 'outcome'),
+    [(0.9, False, 'undecided'), (2.0, False, Outcome.ERROR), (2.0, True, 'undecided')],
+)
+def test_stamps_of_a_clock_that_lags(
+    delay: float,
+    has_clock: bool,  # noqa: FBT001
+    outcome: str,
+) -> None:
+    """In a simulation, stamps are of another clock than the times of recording."""
+    messages = [sample('/a', time - delay, delay=delay, p=1) for time in steps(3, 9)]
+    if has_clock:
+        clock = RecordedSample(at(9), '/clock', 'rosgraph_msgs/msg/Clock', None, {'x': 1})
+        messages.append(clock)
+    report = check(recording(messages), 'always "/a".p < 5')
+    assert report.outcome == outcome, report
+    if outcome is Outcome.ERROR:
+        assert 'came 2 s after its stamp' in str(report.error)
