@@ -47,6 +47,7 @@ from dyknow_bringup.simulation.fleet import vehicle_names
 from dyknow_bringup.simulation.missions import load_mission
 from dyknow_common import BlackBoxOptions, Verdict
 from dyknow_configuration import read_robot
+from dyknow_coordinator import Answer
 from dyknow_coordinator.ros import FormulaClient
 from page_client import open_page, post
 from policies import GraphRecorder, Use, rules
@@ -166,6 +167,14 @@ class Commands:
                 )
 
 
+def keep_asking(client: FormulaClient, is_over: threading.Event) -> list[Answer]:
+    """Ask again and again: the node that waits is on the graph for a moment only."""
+    answers = [client.evaluate_blocking(FORMULA, wait=LIMIT)]
+    while not is_over.is_set():
+        answers.append(client.evaluate_blocking(FORMULA, wait=LIMIT))
+    return answers
+
+
 @contextmanager
 def asking(enclave: str, domain: int) -> Iterator[None]:
     """A node that uses the whole client, and has the answers at the end."""
@@ -177,15 +186,19 @@ def asking(enclave: str, domain: int) -> Iterator[None]:
         reported = node.executor.create_task(monitor.started, plan.actions[0].name)
         answered = node.executor.create_task(partial(client.evaluate, FORMULA, wait=LIMIT))
         monitored = client.monitor(FORMULA, wait=LIMIT, record=BlackBoxOptions()).outcome
+        is_over = threading.Event()
         with ThreadPoolExecutor() as threads:
-            waited = threads.submit(client.evaluate_blocking, FORMULA, wait=LIMIT)
-            yield
+            waited = threads.submit(keep_asking, client, is_over)
+            try:
+                yield
+            finally:
+                is_over.set()
         end = time.monotonic() + LIMIT
         while not (reported.done() and answered.done() and monitored.done()):
             assert time.monotonic() < end, 'the report of an action, and two verdicts'
             time.sleep(POLL)
         reported.result()
-        for answer in (waited.result(), answered.result(), monitored.result()):
+        for answer in (*waited.result(), answered.result(), monitored.result()):
             assert answer.verdict is Verdict.TRUE, answer
 
 

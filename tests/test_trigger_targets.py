@@ -191,7 +191,7 @@ def test_the_monitor_refuses_and_warns(robot: Client, tmp_path: Path) -> None:
     assert f'the service /alarm has the type {BOOL}, not {EMPTY}' in done.stderr
     assert f'dyknow: {tmp_path}/robot.yaml:2:' in done.stderr
     formula(tmp_path, f'{{false: {{call: {{service: /alarms, type: {BOOL}}}}}}}')
-    done = output_of([*line, '--duration', '1'], environment)
+    done = output_of([*line, '--wait', '1'], environment)
     assert 'no node is known to offer the service /alarms' in done.stderr
 
 

@@ -7,7 +7,7 @@ from dyknow_stream_processing.dataflow.computational_units import (
     load_units,
 )
 from dyknow_stream_processing.dataflow.dataflow import Dataflow, Statistics
-from dyknow_stream_processing.dataflow.operators import DelayLimits, SourceType
+from dyknow_stream_processing.dataflow.operators import OTHER_CLOCK_NS, DelayLimits, SourceType
 from dyknow_stream_processing.dataflow.selection import condition_test
 from dyknow_stream_processing.dataflow.synchronisation import TickKey
 from dyknow_stream_processing.errors import StreamError, unknown_stream
@@ -52,6 +52,7 @@ from dyknow_stream_processing.violation import Violation, ViolationKind
 
 __all__ = [
     'ALL',
+    'OTHER_CLOCK_NS',
     'SAMPLE_TYPE',
     'SILENT_PERIODS',
     'STATELESS_UNITS',

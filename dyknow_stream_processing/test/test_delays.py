@@ -50,9 +50,16 @@ def test_a_sample_that_is_later_than_the_default(
     (violation,) = flow.violations
     assert violation.message.endswith(
         f'came 2 s after {how}; without a max_delay at most {allowed} is taken for true: state a '
-        'larger max_delay if its way takes so long, or set the clock of its sender'
+        'larger max_delay if its way takes so long, set the clock of its sender, or replay a '
+        'recording with its clock'
     )
     assert flow.drops == {'max_delay': 1}
+
+
+def test_the_clock_of_a_replayed_recording_says_nothing_about_delays(flow: Flow) -> None:
+    flow.create('select s from "speed"')
+    flow.push('speed', 0, 25 * 3_600_000, s=1)
+    assert (flow.times(), flow.broken()) == ([0], [])
 
 
 def test_a_stated_max_delay_counts_instead(flow: Flow) -> None:

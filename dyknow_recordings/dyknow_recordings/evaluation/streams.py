@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections import defaultdict
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from collections.abc import Set as AbstractSet
-from typing import Final
 
 import numpy as np
 
@@ -17,7 +16,7 @@ from dyknow_recordings.evaluation.columns.series import ColumnStream
 from dyknow_recordings.evaluation.topic_history import TopicHistory, history_of
 from dyknow_recordings.reading.columns import MessageColumns
 from dyknow_recordings.reading.contents import TopicContent
-from dyknow_recordings.reading.recording import MAX_TIME, RecordedFields
+from dyknow_recordings.reading.recording import RecordedFields
 from dyknow_stream_processing import (
     ALL,
     SAMPLE_TYPE,
@@ -26,7 +25,6 @@ from dyknow_stream_processing import (
     WHOLE,
     Call,
     Dataflow,
-    DelayLimits,
     PartialFields,
     Sample,
     SourceType,
@@ -44,8 +42,6 @@ from dyknow_stream_processing import (
     subterms,
     unknown_stream,
 )
-
-_CLOCK_TYPE: Final = 'rosgraph_msgs/msg/Clock'
 
 
 class RecordedStreams:
@@ -70,9 +66,6 @@ class RecordedStreams:
         self._fault_of = fault_of
         self._units = load_units()
         self._requested = {each.name: each for each in read_streams(files)}
-        # The stamps of a simulation are of another clock than the times of its recording.
-        is_simulated = any(each.message_type == _CLOCK_TYPE for each in topics.values())
-        self._delays = DelayLimits(stamped=MAX_TIME) if is_simulated else DelayLimits()
         self.dataflow = self._new_dataflow()
         self._faults: dict[str, str] = {}
         self._consumers: Mapping[str, Collection[str]] = {}
@@ -85,7 +78,7 @@ class RecordedStreams:
             self.absolute,
             self.has_stamp,
             self.dataflow.max_lead,
-            self._delays.stamped,
+            self.dataflow.delays.stamped,
         )
         self.known = self._known_streams()
 
@@ -307,7 +300,7 @@ class RecordedStreams:
         return topic if topic.startswith('/') or topic in self._topics else f'/{topic}'
 
     def _new_dataflow(self) -> Dataflow:
-        return Dataflow(self._units, self._source_type, delays=self._delays)
+        return Dataflow(self._units, self._source_type)
 
     def _source_type(self, topic: str) -> SourceType | None:
         content = self._topics.get(self.absolute(topic))

@@ -35,6 +35,7 @@ from dyknow_common import (
 )
 from dyknow_stream_processing.dataflow.operators import (
     NO_PROMISE,
+    OTHER_CLOCK_NS,
     DelayLimits,
     Operator,
     SourceOperator,
@@ -146,13 +147,14 @@ class OrderOperator(LeadOperator):
     def _reject_late(self, valid_time: int, now: int) -> bool:
         """Reject a sample that is later than its source allows; return False if it is not."""
         delay, allowed = now - valid_time, self._topic.allowed_delay(self._delays)
-        if delay <= allowed:
+        if delay <= allowed or delay > OTHER_CLOCK_NS:
             return False
         how = 'it was sent' if self._topic.has_sent_times else 'its stamp'
         message = (
             f'the sample valid at {round_time(valid_time)} came {round_duration(delay)} after '
             f'{how}; without a max_delay at most {format_duration(allowed)} is taken for true: '
-            f'state a larger max_delay if its way takes so long, or set the clock of its sender'
+            f'state a larger max_delay if its way takes so long, set the clock of its sender, or '
+            f'replay a recording with its clock'
         )
         self._reject(Fault(ViolationKind.MAX_DELAY, valid_time, message, delay, allowed))
         return True

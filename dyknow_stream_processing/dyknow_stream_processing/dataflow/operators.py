@@ -83,6 +83,12 @@ class DelayLimits(NamedTuple):
 
 DEFAULT_DELAYS: Final = DelayLimits()
 
+OTHER_CLOCK_NS: Final = 24 * 3600 * SECOND_NS
+"""The delay from which on stamps are of another clock: of a replayed recording, of a simulation.
+
+They say nothing about delays. No `sync` can join them with present ones: it holds too few samples.
+"""
+
 UNKNOWN_TYPE: Final = SourceType(None, receipt_time=False)
 """The type of a topic before it is published."""
 

@@ -24,7 +24,7 @@ from dyknow_recordings.evaluation.columns.series import (
 )
 from dyknow_recordings.evaluation.topic_history import TopicHistory
 from dyknow_recordings.reading.lost_messages import BEGINNING
-from dyknow_stream_processing import Condition, UnitCall
+from dyknow_stream_processing import OTHER_CLOCK_NS, Condition, UnitCall
 
 
 @dataclass(frozen=True, slots=True)
@@ -124,8 +124,9 @@ class TopicStream(ColumnStream):
         times, columns, log_times = history.valid_times, history.values, history.log_times
         if len(history) and (times - log_times).max() > self.max_lead:
             raise NeedsDataflowError(self.topics)
-        is_late = len(history) and (log_times - times).max() > self._default_max_delay
-        if is_late and self.max_delay is None:
+        delays = log_times - times
+        is_late = (delays > self._default_max_delay) & (delays <= OTHER_CLOCK_NS)
+        if self.max_delay is None and is_late.any():
             raise NeedsDataflowError(self.topics)
         delay: int | None = None if self.has_stamp else 0
         for step in self.steps:
