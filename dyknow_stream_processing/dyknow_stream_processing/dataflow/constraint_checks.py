@@ -149,10 +149,10 @@ class OrderOperator(LeadOperator):
         delay, allowed = now - valid_time, self._topic.allowed_delay(self._delays)
         if delay <= allowed or delay > OTHER_CLOCK_NS:
             return False
-        how = 'it was sent' if self._topic.has_sent_times else 'its stamp'
+        after = 'after it was sent' if self._topic.has_sent_times else 'after its stamp'
         message = (
-            f'the sample valid at {round_time(valid_time)} came {round_duration(delay)} after '
-            f'{how}; without a max_delay at most {format_duration(allowed)} is taken for true: '
+            f'the sample valid at {round_time(valid_time)} came {round_duration(delay)} '
+            f'{after}; without a max_delay at most {format_duration(allowed)} is taken for true: '
             f'state a larger max_delay if its way takes so long, set the clock of its sender, or '
             f'replay a recording with its clock'
         )
