@@ -78,3 +78,10 @@ def test_what_was_sent_before_the_subscription_is_never_late(flow: Flow, constra
     assert flow.take() == [(0, {'s': 1})]
     flow.push('speed', 1, 3_600_001, s=2)
     assert flow.broken() == [('max_delay', 1)]
+
+
+def test_what_another_topic_sends_later_may_be_late(flow: Flow) -> None:
+    flow.create('merge("speed", "height") with max_delay = 5 s')
+    flow.push('speed', 0, 3_600_000, x=1, is_initial=True)
+    flow.push('height', 1, 3_600_001, x=2)
+    assert flow.broken() == [('max_delay', 1)]

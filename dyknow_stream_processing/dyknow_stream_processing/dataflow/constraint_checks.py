@@ -21,7 +21,7 @@ and one valid at 26 is dropped with a violation. A topic without `max_lead` has 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from heapq import heappop, heappush
 from itertools import count
 from typing import Final
@@ -59,7 +59,7 @@ class LeadOperator(Operator):
         self.limit: tuple[int | bool | None, ...] = (max_lead, is_default)
         """The arguments, for an equal check."""
         self._max_lead = max_lead
-        self._source = _source_of(self.inputs[0]) if is_default else None
+        self._source = _sources_of(self)[0] if is_default else None
 
     def receive(
         self, port: int, valid_time: int, fields: Mapping[str, Value], watermark: int, now: int
@@ -107,7 +107,7 @@ class OrderOperator(LeadOperator):
         delays: DelayLimits,
     ) -> None:
         super().__init__(wiring, max_lead, is_default)
-        self._topic = _source_of(self.inputs[0])
+        (self._topic,) = _sources_of(self)
         self._delays, self._least_delay = delays, min(delays)
         self._latest = BEGINNING
 
@@ -182,7 +182,7 @@ class ArrivalOperator(LeadOperator):
         super().__init__(wiring, max_lead, is_default)
         self.limit = (max_lead, is_default, reorder)
         self._reorder = reorder
-        self._topic = _source_of(self.inputs[0])
+        (self._topic,) = _sources_of(self)
         self._latest = BEGINNING
 
     def receive(
@@ -225,6 +225,7 @@ class ReorderOperator(Operator):
         super().__init__(wiring)
         self.timed = self.timed or max_delay is not None
         self._max_delay = max_delay
+        self._sources = _sources_of(self)
         self._min_gap = 2 * (shortest_period or 0)
         self._held: list[tuple[int, int, Mapping[str, Value]]] = []
         self._serial = count()
@@ -242,7 +243,7 @@ class ReorderOperator(Operator):
         if (
             self._max_delay is not None
             and delay > self._max_delay
-            and not any(each.is_initial for each in _sources_of(self))
+            and not any(each.is_initial for each in self._sources)
         ):
             message = (
                 f'the sample valid at {round_time(valid_time)} came '
@@ -359,19 +360,12 @@ class BoundsOperator(Operator):
         self.promise(port, watermark, now)
 
 
-def _source_of(operator: Operator) -> SourceOperator:
-    """Return the source of an operator that selects from a single one."""
-    while not isinstance(operator, SourceOperator):
-        (operator,) = operator.inputs
-    return operator
-
-
-def _sources_of(operator: Operator) -> Iterator[SourceOperator]:
-    """Yield all sources of an operator."""
+def _sources_of(operator: Operator) -> tuple[SourceOperator, ...]:
+    """Return all sources of an operator, each once."""
     if isinstance(operator, SourceOperator):
-        yield operator
-    for each in operator.inputs:
-        yield from _sources_of(each)
+        return (operator,)
+    found = (source for each in operator.inputs for source in _sources_of(each))
+    return tuple(dict.fromkeys(found))
 
 
 def _out_of_order(valid_time: int, predecessor: int, mend: str) -> Fault:

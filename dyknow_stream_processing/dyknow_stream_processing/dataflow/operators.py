@@ -256,7 +256,7 @@ class SourceOperator(Operator):
         is_initial: bool,  # noqa: FBT001
     ) -> None:
         """Pass a sample on, with the watermark that its engine gave it, or without a promise."""
-        self.is_checked, self.is_initial = is_checked, is_initial
+        self.is_checked = is_checked
         promise = NO_PROMISE
         if watermark is not None:
             if valid_time < self.watermark:
@@ -270,8 +270,10 @@ class SourceOperator(Operator):
             if latest <= valid_time < now:
                 # The clock has made all earlier times certain, before this sample was processed.
                 valid_time = now
+        self.is_initial = is_initial
         for consumer, port in self.consumers:
             consumer.receive(port, valid_time, fields, promise, now)
+        self.is_initial = False  # Later samples of other sources are not.
 
     def vouch(self, watermark: int, now: int) -> None:
         """Pass a watermark of another engine on, which it has sent without a sample."""
