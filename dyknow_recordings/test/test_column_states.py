@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import Any
 from unittest import mock
 
@@ -15,7 +14,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from recorded import TYPE, ListedSamples, RecordedSample, at, recording, sample
 
-from dyknow_common import SECOND_NS, ExitCode
+from dyknow_common import SECOND_NS, ExitCode, InlineText
 from dyknow_configuration import RequestedFormula
 from dyknow_recordings.errors import RecordingError
 from dyknow_recordings.evaluation import evaluation
@@ -207,14 +206,7 @@ def shown(report: RecordingReport) -> list[Any]:
     ]
 
 
-@pytest.fixture(scope='module')
-def files() -> Iterator[MonitoringFiles]:
-    with TemporaryDirectory() as folder:
-        path = Path(folder, 'a.streams')
-        path.write_text(STREAMS)
-        yield MonitoringFiles(streams=(path,))
-
-
+FILES = MonitoringFiles(streams=(InlineText('a.streams', STREAMS),))
 BATCHES = st.sampled_from([1, 2, 5, 17, 1000])
 PUBLISHERS = st.sampled_from([None, 1, 2])
 SOME = st.lists(st.sampled_from(FORMULAS + STREAM_FORMULAS), min_size=1, max_size=6, unique=True)
@@ -223,20 +215,18 @@ SOME = st.lists(st.sampled_from(FORMULAS + STREAM_FORMULAS), min_size=1, max_siz
 @settings(max_examples=25, deadline=None)
 @given(MESSAGES, BATCHES, SOME, st.sampled_from(STARTS), PUBLISHERS)
 def test_plain_recordings(
-    files: MonitoringFiles,
     drawn: Drawn,
     batch: int,
     formulas: list[str],
     start: EpisodeStart,
     publishers: int | None,
 ) -> None:
-    compare(made(drawn), batch, formulas, start, files, publishers)
+    compare(made(drawn), batch, formulas, start, FILES, publishers)
 
 
 @settings(max_examples=30, deadline=None)
 @given(MESSAGES, st.data(), BATCHES, SOME, st.sampled_from(STARTS), PUBLISHERS)
 def test_recordings_with_faults(
-    files: MonitoringFiles,
     drawn: Drawn,
     data: st.DataObject,
     batch: int,
@@ -247,7 +237,7 @@ def test_recordings_with_faults(
     for _ in range(data.draw(st.integers(1, 3))):
         row = data.draw(st.integers(0, len(drawn) - 1))
         drawn[row] = (*drawn[row][:4], data.draw(st.sampled_from(ODD)))
-    compare(made(drawn), batch, formulas, start, files, publishers)
+    compare(made(drawn), batch, formulas, start, FILES, publishers)
 
 
 class TwoStreams(NoVocabulary):
@@ -368,13 +358,13 @@ def steady_recording() -> list[RecordedSample]:
 
 
 @pytest.mark.parametrize('formula', [each for each in STREAM_FORMULAS if 'average' not in each])
-def test_streams_that_are_made_as_columns(files: MonitoringFiles, formula: str) -> None:
+def test_streams_that_are_made_as_columns(formula: str) -> None:
     weak = formula.replace('< ', '< 10')
-    assert compare(steady_recording(), 30, [weak], files=files) >= 3
+    assert compare(steady_recording(), 30, [weak], files=FILES) >= 3
 
 
-def test_streams_with_a_memory_are_not_made_as_columns(files: MonitoringFiles) -> None:
-    assert not compare(steady_recording(), 64, ['always average.mean < 9'], files=files)
+def test_streams_with_a_memory_are_not_made_as_columns() -> None:
+    assert not compare(steady_recording(), 64, ['always average.mean < 9'], files=FILES)
 
 
 @pytest.mark.parametrize(
@@ -454,9 +444,9 @@ REGRESSIONS = {
 
 @pytest.mark.parametrize('name', REGRESSIONS)
 @pytest.mark.parametrize('batch', [1, 2, 1000])
-def test_regressions(files: MonitoringFiles, name: str, batch: int) -> None:
+def test_regressions(name: str, batch: int) -> None:
     drawn, formulas, every = REGRESSIONS[name]
-    compare(made(drawn), batch, formulas, EpisodeStart(every=every), files)
+    compare(made(drawn), batch, formulas, EpisodeStart(every=every), FILES)
 
 
 @pytest.mark.parametrize('batch', [1, 2])

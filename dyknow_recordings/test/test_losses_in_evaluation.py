@@ -2,22 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from itertools import chain
-from pathlib import Path
-from tempfile import TemporaryDirectory
 
-import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from recorded import recording
 from test_column_states import (
     BATCHES,
+    FILES,
     FORMULAS,
     MESSAGES,
     PUBLISHERS,
     STREAM_FORMULAS,
-    STREAMS,
     Drawn,
     made,
 )
@@ -25,15 +21,6 @@ from test_column_states import (
 from dyknow_configuration import RequestedFormula
 from dyknow_recordings.evaluation.evaluation import evaluate_recording
 from dyknow_recordings.evaluation.results import Outcome
-from dyknow_recordings.evaluation.vocabulary import MonitoringFiles
-
-
-@pytest.fixture(scope='module')
-def stream_files() -> Iterator[MonitoringFiles]:
-    with TemporaryDirectory() as folder:
-        path = Path(folder, 'a.streams')
-        path.write_text(STREAMS)
-        yield MonitoringFiles(streams=(path,))
 
 
 @settings(max_examples=40)
@@ -46,7 +33,6 @@ def stream_files() -> Iterator[MonitoringFiles]:
     PUBLISHERS,
 )
 def test_verdicts_in_spite_of_losses_are_those_without(
-    stream_files: MonitoringFiles,
     drawn: Drawn,
     span: tuple[int, int],
     topics: set[str] | None,
@@ -67,10 +53,10 @@ def test_verdicts_in_spite_of_losses_are_those_without(
     if {each.topic for each in left} < {each.topic for each in whole}:
         return
     requested = [RequestedFormula(each) for each in formulas]
-    expected = evaluate_recording(recording(whole, batch, publishers), requested, stream_files)
+    expected = evaluate_recording(recording(whole, batch, publishers), requested, FILES)
     damaged = recording(left, batch, publishers)
     damaged._opening.lose('place', 'reason', topics=topics, first=first, last=last)
-    found = evaluate_recording(damaged, requested, stream_files)
+    found = evaluate_recording(damaged, requested, FILES)
     for one, other in zip(found.formulas, expected.formulas, strict=True):
         if Outcome.ERROR not in {one.outcome, other.outcome}:
             assert one.outcome == other.outcome, one.formula

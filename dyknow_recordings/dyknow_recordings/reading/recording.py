@@ -147,7 +147,14 @@ class FaultCounter:
             self._note({topic}, first, last, f'{place}: {reason}')
 
     def miscounted(
-        self, place: str, topics: Collection[str] | None, found: int, stated: int, source: str
+        self,
+        place: str,
+        topics: Collection[str] | None,
+        found: int,
+        stated: int,
+        source: str,
+        *,
+        more_is_damage: bool = False,
     ) -> None:
         """Count a number of messages that is another one than the recording states.
 
@@ -157,10 +164,11 @@ class FaultCounter:
             found: the number of messages.
             stated: the number that is stated.
             source: where.
+            more_is_damage: True if damage may have made a message of what was something else.
         """
         name = 'the file' if topics is None else f"topic '{min(topics)}'"
         reason = f'{name} has {found} messages, and {stated} by the {source}'
-        if stated > found:
+        if stated > found or more_is_damage:
             self.lose(place, reason, topics=topics)
         else:
             self.add(place, reason)

@@ -7,18 +7,15 @@ from typing import Any, Final
 from pyulog import ULog
 
 from dyknow_recordings.errors import RecordingError
-
-MAX_VALUES: Final = 1 << 16
-"""The values of one message of each topic, together; a record has fewer bytes."""
-
-_MAX_TEXT: Final = 1 << 24
-"""The characters of the names of all columns."""
+from dyknow_recordings.reading.messages.layouts import MAX_TEXT, MAX_VALUES
 
 _MAX_NESTING: Final = 32
 
 
 class BoundedLog(ULog):  # type: ignore[misc]
     """A log of PX4 whose formats have a limited size.
+
+    MAX_VALUES is that of one message of each topic, together; MAX_TEXT that of the names of all.
 
     Raises:
         RecordingError: naming a format that is too large, or contains itself.
@@ -38,7 +35,7 @@ class BoundedLog(ULog):  # type: ignore[misc]
             raise RecordingError(f"the format '{name[:80]}' has more than {MAX_VALUES} values")
         if self._values > MAX_VALUES:
             raise RecordingError(f'the messages of all topics have more than {MAX_VALUES} values')
-        if self._text > _MAX_TEXT:
+        if self._text > MAX_TEXT:
             raise RecordingError(f"the names of values in the format '{name[:80]}' are too long")
         return ULog._MessageAddLogged(data, header, formats)  # noqa: SLF001 - overridden here
 

@@ -122,11 +122,7 @@ class TopicStream(ColumnStream):
         """Return the samples of all messages, unless one breaks a constraint."""
         history = received.of(self.topic)
         times, columns, log_times = history.valid_times, history.values, history.log_times
-        if len(history) and (times - log_times).max() > self.max_lead:
-            raise NeedsDataflowError(self.topics)
-        delays = log_times - times
-        is_late = (delays > self._default_max_delay) & (delays <= OTHER_CLOCK_NS)
-        if self.max_delay is None and is_late.any():
+        if self._breaks_bounds(log_times - times):
             raise NeedsDataflowError(self.topics)
         delay: int | None = None if self.has_stamp else 0
         for step in self.steps:
@@ -145,6 +141,16 @@ class TopicStream(ColumnStream):
             if not _keeps(limits, times, log_times, history, received.end, delay):
                 raise NeedsDataflowError(self.topics)
         return Series(times, columns, self._horizon(times, history, received.end))
+
+    def _breaks_bounds(self, delays: Times) -> bool:
+        """Return True if a message is too far ahead of its log time, or too late."""
+        if not len(delays):
+            return False
+        if delays.min() < -self.max_lead:
+            return True
+        if self.max_delay is not None or delays.max() <= self._default_max_delay:
+            return False
+        return bool(((delays > self._default_max_delay) & (delays <= OTHER_CLOCK_NS)).any())
 
     def _horizon(self, times: Times, history: TopicHistory, end: int) -> int:
         """Return the valid time up to which no sample can come any more, or need be waited for."""

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from dyknow_common import ExitCode, ValueType
 from dyknow_recordings.errors import RecordingError
 from dyknow_recordings.reading.bags.bag_files import open_files
-from dyknow_recordings.reading.bags.bag_metadata import METADATA, BagMetadata, recorded_distro
+from dyknow_recordings.reading.bags.bag_metadata import METADATA, BagMetadata, distro_beside
 from dyknow_recordings.reading.bags.merging import merged
 from dyknow_recordings.reading.bags.storage import StoredChannel
 from dyknow_recordings.reading.columns import MessageColumns
@@ -90,8 +90,9 @@ class Bag(RecordingReader):
             if len(names) > 1:
                 self._opening.add(f"topic '{topic}'", f'it changes its type: {", ".join(names)}')
         if not types.distro and any(not each.definition.text for each in counts):
-            distro = recorded_distro(path, DISTROS) or self._files[0].default_distro
-            types = replace(types, distro=distro)
+            distro = metadata.distro if path.is_dir() else distro_beside(path)
+            known = distro if distro in DISTROS else self._files[0].default_distro
+            types = replace(types, distro=known)
         self._types = types
         self._unreadable: dict[str, str] = {}
         self._is_open = True

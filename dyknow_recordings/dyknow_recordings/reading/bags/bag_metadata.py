@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Collection, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path, PurePath
 from typing import Any, Final
@@ -29,10 +29,12 @@ class BagMetadata:
     Args:
         files: the names of its files, each once.
         counts: the number of messages by topic.
+        distro: the distribution of ROS 2 of its recorder, such as `humble`; empty if unknown.
     """
 
     files: tuple[str, ...] = ()
     counts: Mapping[str, int] = field(default_factory=dict)
+    distro: str = ''
 
 
 def read_metadata(folder: Path, faults: FaultCounter) -> BagMetadata:
@@ -49,26 +51,19 @@ def read_metadata(folder: Path, faults: FaultCounter) -> BagMetadata:
         names = tuple(dict.fromkeys(files))
         if len(names) < len(files):
             faults.add(str(folder), f'{METADATA} names a file again', len(files) - len(names))
-        return BagMetadata(names, _counts(information))
+        return BagMetadata(names, _counts(information), _distro(information))
     faults.add(str(folder), f'{reason}: the bag is read without it')
     return BagMetadata()
 
 
-def recorded_distro(path: Path, known: Collection[str]) -> str:
-    """Return the distribution of ROS 2 that the metadata of a bag names; empty if none is known.
-
-    Args:
-        path: of its folder, or of its file.
-        known: the distributions.
-    """
-    folder = path if path.is_dir() else path.parent
+def distro_beside(path: Path) -> str:
+    """Return the distribution that the metadata beside a file of a bag names, or an empty text."""
     try:
-        found = _information(folder)
+        found = _information(path.parent)
         names = [PurePath(each).name for each in found['relative_file_paths']]
-        distro = found.get('ros_distro')
     except (OSError, *_DAMAGE):
         return ''
-    return distro if distro in known and (path == folder or path.name in names) else ''
+    return _distro(found) if path.name in names else ''
 
 
 def _information(folder: Path) -> Any:
@@ -85,3 +80,7 @@ def _counts(information: Mapping[str, Any]) -> Mapping[str, int]:
     except (LookupError, TypeError, ValueError):
         return {}
     return counts
+
+
+def _distro(information: Mapping[str, Any]) -> str:
+    return str(information.get('ros_distro') or '')

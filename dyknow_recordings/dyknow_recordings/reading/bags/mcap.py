@@ -260,11 +260,15 @@ class McapFile:
                 self.faults.lose(place, reason, first=start, last=stop)
         if len(self.faults.losses) > known:
             return
-        for key, stated in self._summary.counts.items():
-            if stated != self._total[key]:
+        counts = self._summary.counts
+        for key in sorted(counts.keys() | self._total.keys()) if counts else ():
+            found, stated = self._total[key], counts.get(key, 0)
+            if found != stated:
                 channel = self._channels.get(key)
                 topics = None if channel is None else {channel.topic}
-                self.faults.miscounted(self._name, topics, self._total[key], stated, 'statistics')
+                self.faults.miscounted(
+                    self._name, topics, found, stated, 'statistics', more_is_damage=True
+                )
 
     def _first_after_end(self) -> int:
         """Return the log time before which no message is lost at the end of the file."""

@@ -17,6 +17,7 @@ from typing import Final
 from rosbags.typesys import Stores, get_typestore
 
 from dyknow_common import ExitCode
+from dyknow_common.text_files import read_regular
 from dyknow_recordings.errors import RecordingError
 from dyknow_recordings.reading.messages.definitions import (
     MAX_DEFINITION,
@@ -122,8 +123,7 @@ def _members_in(path: Path | None, name: str) -> Members | None:
 @cache
 def _types_in(path: Path, name: str) -> Mapping[str, Members]:
     try:
-        with path.open('rb') as file:
-            content = file.read(MAX_DEFINITION + 1)
+        content = read_regular(path, MAX_DEFINITION)
     except OSError as error:
         raise RecordingError(f'{path}: cannot be read: {error.strerror}') from None
     text = str(content, 'utf-8', 'replace')
